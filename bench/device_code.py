@@ -71,7 +71,9 @@ class Lanes(ctypes.Structure):
     )
 
 
-FLOWN = np.dtype([("seed", "<u8"), ("events", "<u4"), ("digest", "S65"), ("_", "V3")])
+FLOWN = np.dtype(
+    [("seed", "<u8"), ("events", "<u4"), ("digest", "S65"), ("trajectory", "S65"), ("_", "V2")]
+)
 """`soter_flight`."""
 
 

@@ -48,6 +48,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("surveillance.md", "The surveillance drone"),
             ("mountain_car.md", "The mountain car"),
             ("results.md", "Results"),
+            ("newcomers.md", "Newcomers"),
             ("architecture.md", "The house"),
             ("decisions.md", "Decisions"),
         ),

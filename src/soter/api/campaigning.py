@@ -19,19 +19,20 @@ from soter.api.files import require_writable
 from soter.api.given import end_of, mistake, time_ns
 from soter.campaign.arms import OURS, PAPER, arms_of
 from soter.campaign.fleet import Fleet
-from soter.campaign.flying import fly
+from soter.campaign.flying import flights_of, fly
 from soter.campaign.lateness import kept
 from soter.campaign.page import write_page
 from soter.campaign.parquet import write_parquet
 from soter.campaign.ray_flying import cluster, require_ray
 from soter.campaign.result import Result, result_of
 from soter.campaign.store import About, Store
-from soter.campaign.troubles import ORDER, occurred
+from soter.campaign.troubles import ORDER, blames, occurred
+from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError
 from soter.simulate.params import changed
 from soter.simulate.settings import seed_value
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.campaign.arms import Arm
     from soter.campaign.flight import Flight
@@ -89,6 +90,8 @@ class Campaign:
     """What goes wrong, as it was written, and which assumption it keeps; "": none."""
     occurred: Mapping[str, int | None] = field(default_factory=dict)
     """How often each of them was there in all flights; None: always."""
+    diagnostics: tuple[Diagnostic, ...] = ()
+    """Warnings: what these flights are no evidence of."""
 
 
 def campaign(
@@ -110,31 +113,29 @@ def campaign(
 
     Flight k is the run of seed `seed` + k, so `soter run --seed` flies it again. `workers`:
     threads; "local", which is the default: one a core; "ray": the cores of a Ray cluster. The
-    results are the same. `output`: the folder; a campaign of
-    the same program, system, time, parameters and seed goes on where it stopped, and may be made
-    longer. `arms`: also fly `ac`, `paper`, `swept` on these seeds, each in a folder of its own
-    below; `lateness_s`: how long this machine is measured for the paper's rules. `saves`: count
-    saves, flying AC on for so long (seconds, or text) where it was taken off. SoterError U001 for
-    wrong figures, U003 for extern nodes, D006 for the folder, D007 and D018 for the cluster.
+    results are the same. `output`: the folder; a campaign of the same program, system, time,
+    parameters and seed goes on where it stopped, and may be made longer. `arms`: also fly `ac`,
+    `paper`, `swept` on these seeds, each in a folder of its own below; `lateness_s`: how long this
+    machine is measured for the paper's rules. `saves`: count saves, flying AC on for so long
+    (seconds, or text) where it was taken off. SoterError U001 for wrong figures, C006 for a system
+    that judges nothing, U003 for extern nodes, D006 for the folder, D007, D018 for the cluster.
     """
     began = time.perf_counter()
     flat, core = bindings.system, bindings.core
     until_ns = end_of(flat, until)
     count = _count(hours, flights, until_ns)
     threads = _threads(workers)
-    horizon_ns = time_ns("saves", saves) or 0
-    if saves is not None and horizon_ns <= 0:
-        raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
+    horizon_ns = _horizon(saves)
     about = _about(flat, path, until_ns, seed, horizon_ns)
     folder = Path(output) if output is not None else _folder(path, about)
     fleet = Fleet(flat, until_ns, core=core, horizon_ns=horizon_ns)
+    _require_judged(flat)
     lateness, others = _others(flat, arms, folder, lateness_s)
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
         other = Fleet(arm.system, until_ns, core=core)
-        own = replace(
-            _about(arm.system, path, until_ns, seed, 0), arm=arm.name, lateness=_of(lateness)
-        )
+        own = _about(arm.system, path, until_ns, seed, 0)
+        own = replace(own, arm=arm.name, lateness=_of(lateness))
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", own))
     flown = []
     with ExitStack() as held:
@@ -160,7 +161,46 @@ def campaign(
         forced=tuple(f"{m.name} to {m.forced.upper()}" for m in flat.modules if m.forced),
         faults=_faults(flat),
         occurred=occurred(flat, [f.seed for f in ours.flights], until_ns),
+        diagnostics=tuple(_warnings(flat, ours.result)),
     )
+
+
+def _horizon(saves: float | str | None) -> int:
+    """How far AC is flown on, ns; 0: not at all. SoterError U001."""
+    horizon_ns = time_ns("saves", saves) or 0
+    if saves is not None and horizon_ns <= 0:
+        raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
+    return horizon_ns
+
+
+def _require_judged(flat: System) -> None:
+    """SoterError C006 where flights could not tell anything."""
+    if not flat.properties and not flat.measures:
+        raise SoterError((_unjudged(flat, Severity.ERROR),))
+
+
+def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
+    """What somebody might take these flights for, and what they are not."""
+    if not flat.properties:
+        yield _unjudged(flat, Severity.WARNING)
+    if r.distinct < r.flights:
+        what = (
+            f"all {r.flights:,} flights are copies of one: nothing in them is left to chance"
+            if r.distinct == 1
+            else f"{r.flights - r.distinct:,} of {r.flights:,} flights are copies of others"
+        )
+        of = "one flight" if r.distinct == 1 else f"{r.distinct:,} flights"
+        note = f"bounds are no closer than those of {of}"
+        helps = ("`choose`, inputs, disturbances and faults make flights differ",)
+        yield Diagnostic("C007", what, notes=(note,), helps=helps, severity=Severity.WARNING)
+
+
+def _unjudged(flat: System, severity: Severity) -> Diagnostic:
+    what = f"system `{flat.name}` has no property: no flight of it can be violated"
+    helps = ["say what shall hold: `always CONDITION;` in the system"]
+    if severity is Severity.ERROR:
+        helps.append("to measure only: `measure NAME = EXPRESSION in [a, b] / BINS every T;`")
+    return Diagnostic("C006", what, helps=tuple(helps), severity=severity)
 
 
 def _threads(workers: int | str | None) -> int:
@@ -240,13 +280,20 @@ def _flown(
     finally:
         store.close()
     wanted = store.flights[:count]
+
+    def again(other: System, numbers: Sequence[int]) -> Iterator[Flight]:
+        compiled = Fleet(other, fleet.until_ns)
+        for some in flights_of(compiled, numbers, about.first_seed, workers):
+            yield from some
+
+    bad = [f for f in wanted if f.violations]
     return FlownArm(
         name=name,
         text=text,
         system=fleet.system,
         folder=folder,
         flights=tuple(wanted),
-        result=result_of(wanted, fleet.system),
+        result=result_of(wanted, fleet.system, blames(fleet.system, bad, again)),
         flown=max(count - before, 0),
         wall_s=time.perf_counter() - began,
     )
@@ -305,15 +352,21 @@ def figures(found: Campaign) -> dict[str, Any]:
 def _figures(r: Result) -> dict[str, Any]:
     counted = r.modules and r.modules[0].saves is not None
     return {
-        "hours": r.hours_aloft if r.hours_aloft is not None else r.hours,
+        "hours": r.hours_told,
+        "hours_of": "all" if r.hours_aloft is None else "aloft",
         "hours_flown": r.hours,
         "km": r.km,
         "flights": r.flights,
+        "distinct_flights": r.distinct,
+        "properties": r.properties,
         "violations": r.violations,
-        "violations_per_hour": list(r.per_hour),
+        "violations_per_hour": [_number(x) for x in r.per_hour],
+        "violations_basis": r.per_hour_basis,
         "flights_violated": r.flights_violated,
         "violated_per_flight": list(r.per_flight),
         "violated_inside": r.violated_inside,
+        "violated_outside": r.flights_violated - r.violated_inside,
+        "excused": {text: {"flights": n, "met": met} for text, n, met in r.excused},
         "disengagements": sum(m.disengagements for m in r.modules),
         "episodes": sum(m.episodes for m in r.modules),
         "saves": sum(m.saves or 0 for m in r.modules) if counted else None,
@@ -324,7 +377,8 @@ def _figures(r: Result) -> dict[str, Any]:
                 "ac_share": m.ac_share,
                 "disengagements": m.disengagements,
                 "episodes": m.episodes,
-                "episodes_per_hour": list(m.per_hour),
+                "episodes_per_hour": [_number(x) for x in m.per_hour],
+                "episodes_basis": m.basis,
                 "gate_faults": m.gate_faults,
                 "saves": m.saves,
                 "precautions": m.precautions,
@@ -348,9 +402,11 @@ def _figures(r: Result) -> dict[str, Any]:
                 "seed": f.seed,
                 "first_s": f.first_s,
                 "what": list(f.broken),
-                "outside": list(met),
+                "outside": list(blame.met),
+                "clean_without": blame.clean_without,
+                "needed": list(blame.needed),
             }
-            for f, met in zip(r.worst, r.outside, strict=True)
+            for f, blame in zip(r.worst, r.blames, strict=True)
         ],
         "digest": r.digest,
     }

@@ -91,17 +91,25 @@ class Flyer:
             records, at = got.states.view(self.dtype), 0
             for k in range(done):
                 count = int(flights[k].events)
-                digest = self.ffi.string(flights[k].digest).decode("ascii")
                 own = got.events[at : at + count]
                 at += count
-                flown = self._flight(left[k], flights[k].seed, own, records[k][0], digest)
+                hashes = (flights[k].digest, flights[k].trajectory)
+                digests = [self.ffi.string(h).decode("ascii") for h in hashes]
+                flown = self._flight(left[k], flights[k].seed, own, records[k][0], digests)
                 found.append(replace(flown, **got.more(k)))
             if done < len(left):
                 room *= 4
                 self._own.room = room
         return found
 
-    def _flight(self, number: int, seed: int, events: Any, last: Any, digest: str) -> Flight:  # noqa: ANN401 - records
+    def _flight(
+        self,
+        number: int,
+        seed: int,
+        events: Any,  # noqa: ANN401 - records
+        last: Any,  # noqa: ANN401 - a record
+        digests: Sequence[str],
+    ) -> Flight:
         recipe, modules = self.recipe, range(len(self.recipe.forced))
         broken = [
             text
@@ -127,7 +135,8 @@ class Flyer:
             violations=int(last["header"]["violations"]),
             first_s=float(bad.min()) / 1e9 if len(bad) else None,
             broken=tuple(broken),
-            digest=digest,
+            digest=digests[0],
+            trajectory=digests[1],
         )
 
     def _start(self, module: int) -> int | None:

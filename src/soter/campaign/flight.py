@@ -31,7 +31,8 @@ class Flight:
     `all_ac_s`: how long all modules were in AC at once. `violations`: onsets by property,
     `latched`: components, both by name with how many; `first_s`: the first of them. `saves` and
     `precautions`: of its episodes, where AC would have done harm and where not; none where they are
-    not counted. `looks`: one for each measure of the system.
+    not counted. `looks`: one for each measure of the system. `trajectory`: SHA-256 of what
+    happened, without the seed: flights that have the same one are copies of each other.
     """
 
     number: int
@@ -46,6 +47,7 @@ class Flight:
     first_s: float | None
     broken: tuple[str, ...]
     digest: str
+    trajectory: str
     saves: tuple[int, ...] = ()
     precautions: tuple[int, ...] = ()
     looks: tuple[Look, ...] = ()

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from contextlib import AbstractContextManager
 
     from soter.campaign.fleet import Fleet
@@ -37,7 +37,7 @@ class Asked(Protocol):
 class Crew(Protocol):
     """Those that fly one recipe."""
 
-    def __call__(self, numbers: range, first_seed: int, /) -> Asked:
+    def __call__(self, numbers: Sequence[int], first_seed: int, /) -> Asked:
         """Ask for the flights of these numbers."""
 
 
@@ -60,11 +60,17 @@ def fly(
     progress: Callable[[float], None],
 ) -> None:
     """Fly what is not there yet of `count` flights, in order; what is done stands in the store."""
-    first = store.about.first_seed
     todo = range(len(store.flights), count)
-    batches = deque(
-        range(k, min(k + fleet.at_once, count)) for k in range(todo.start, count, fleet.at_once)
-    )
+    for flights in flights_of(fleet, todo, store.about.first_seed, workers):
+        store.add(flights)
+        progress(len(store.flights) / count)
+
+
+def flights_of(
+    fleet: Fleet, numbers: Sequence[int], first_seed: int, workers: int | Workers
+) -> Iterator[list[Flight]]:
+    """The flights of these numbers, a batch at a time, in that order."""
+    batches = deque(numbers[k : k + fleet.at_once] for k in range(0, len(numbers), fleet.at_once))
     waiting: deque[Asked] = deque()
     cores = workers if isinstance(workers, int) else workers.cores
     crew = _threads(fleet, workers) if isinstance(workers, int) else workers.crew(fleet.recipe)
@@ -72,9 +78,8 @@ def fly(
         try:
             while batches or waiting:
                 while batches and len(waiting) < AHEAD * cores:
-                    waiting.append(ask(batches.popleft(), first))
-                store.add(waiting.popleft().result())
-                progress(len(store.flights) / count)
+                    waiting.append(ask(batches.popleft(), first_seed))
+                yield waiting.popleft().result()
         finally:
             for f in waiting:
                 f.cancel()

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.campaign import tables
-from soter.campaign.words import interval
+from soter.campaign.statistics import FLIGHTS
+from soter.campaign.words import an_hour, guilt, interval, verdict
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.campaign import CampaignPage, Histogram, Section, campaign_main
 from soter.report.errors import ReportError
@@ -19,7 +20,7 @@ from soter.report.html import write_document
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.campaign.result import Measured
+    from soter.campaign.result import Measured, Result
     from soter.campaign.tables import CampaignLike
 
 SAVE = (
@@ -27,11 +28,18 @@ SAVE = (
     "decision module off and the same draws, violates a property within the horizon; any other is "
     "a precaution. Disengagements of a module within 2 s are one episode, judged at its first."
 )
+SPREAD = (
+    "Intervals are 95 %. Of rates: exact (Garwood) where the counts of the flights pass the "
+    "dispersion test of Poisson's distribution or there are none, else by flight (betting, "
+    "Waudby-Smith and Ramdas), which takes no distribution for granted. Of shares: Clopper and "
+    "Pearson."
+)
 RESTS_ON = (
     "Virtual time: every step takes none, unless the program or a fault says otherwise.",
     "The plants of the program are the world: what they do not model is not flown.",
     "Whether a module is proved is not asked here: `soter verify` says.",
-    "Rates are of independent flights; intervals are exact (Poisson, binomial), 95 %.",
+    "Seeds make independent flights; copies of a flight make no bound closer.",
+    SPREAD,
     SAVE,
 )
 
@@ -48,13 +56,13 @@ def write_page(found: CampaignLike, program: str, path: Path) -> Path:
 def page_of(found: CampaignLike, program: str) -> CampaignPage:
     """The page as data."""
     r = found.result
-    hours = r.hours if r.hours_aloft is None else r.hours_aloft
     way = "" if r.km is None else f", {r.km:,.0f} km"
-    headline = f"{r.violations} violations in {hours:,.1f} h{way}"
+    aloft = "" if r.hours_aloft is None else " aloft"
+    headline = f"{verdict(r)} in {r.hours_told:,.1f} h{aloft}{way}"
     return CampaignPage(
         title=f"{Path(program).name}: {found.system}, {r.flights:,} flights",
         headline=headline,
-        verdict="bad" if r.violations else "good",
+        verdict="bad" if r.violations else "good" if r.properties else "",
         sections=tuple(_sections(found, Path(program).name)),
         histograms=tuple(_histogram(m) for m in r.measures),
     )
@@ -62,19 +70,18 @@ def page_of(found: CampaignLike, program: str) -> CampaignPage:
 
 def _sections(found: CampaignLike, program: str) -> Iterator[Section]:
     r = found.result
-    rates = f"Violations an hour, 95 %: {interval(*r.per_hour)}"
     system = f"--system {found.system} --until {found.until_s:g}s --seed {found.first_seed}"
     says = [
         f"{r.hours:,.2f} h in {r.flights:,} flights of {found.until_s:g} s.",
         f"Again: soter campaign {program} {system} --flights {r.flights}",
         f"Flight K of it, looked at: soter run {program} {system} --flight K --report"
         + (" (of an arm: --arm NAME)" if found.arms else ""),
-        f"{rates}; violated flights, 95 %: {interval(*r.per_flight)}.",
+        *_bounds(r),
     ]
     if found.forced:
         says.append(f"Forced, so that nothing protects them: {', '.join(found.forced)}.")
     if r.violations and found.faults:
-        says.append(f"Violated and met no fault outside before: {r.violated_inside} flights.")
+        says.append(f"{guilt(r)}.")
     says.append(f"Program {found.program_sha256}; digest of all flights {r.digest}.")
     yield Section("What was flown", tuple(says), *tables.broken(found))
     control = []
@@ -92,6 +99,17 @@ def _sections(found: CampaignLike, program: str) -> Iterator[Section]:
         if rows:
             yield Section(title, texts, head, rows)
     yield Section("What this rests on", RESTS_ON)
+
+
+def _bounds(r: Result) -> Iterator[str]:
+    if r.properties:
+        by = " by flight" if r.per_hour_basis == FLIGHTS else ""
+        yield (
+            f"Violations {an_hour(r)}, 95 %: {interval(*r.per_hour)}{by}; violated flights, "
+            f"95 %: {interval(*r.per_flight)}."
+        )
+    if r.distinct < r.flights:
+        yield f"{r.flights - r.distinct:,} of the flights are copies of others."
 
 
 def _histogram(m: Measured) -> Histogram:

@@ -1,23 +1,42 @@
-"""Exact intervals for counts: how often something happens, from how often it did.
+"""Intervals for counts: how often something happens, from how often it did.
 
-Purpose: Poisson rates and binomial shares with a two-sided confidence, by bisection on the exact
-sums (Garwood 1936; Clopper and Pearson 1934).
-Non-goals: approximations, anything that needs a distribution's table.
+Purpose: exact intervals of Poisson rates (Garwood 1936) and of shares (Clopper and Pearson 1934),
+from regularized incomplete gamma and beta functions; for what does not scatter as a Poisson count
+does, intervals by flight that take no distribution for granted (Waudby-Smith and Ramdas 2024).
+Non-goals: what is counted (`result.py`).
 """
 
 from __future__ import annotations
 
-from math import exp, inf, lgamma, log
+from collections import Counter
+from dataclasses import dataclass
+from math import exp, fsum, inf, lgamma, log, log1p, sqrt
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable, Sequence
 
 CONFIDENCE = 0.95
+POISSON, FLIGHTS = "poisson", "flights"
+"""What an interval rests on: counts that scatter as Poisson's do, or independent flights alone."""
+STAKES = tuple(2.0**-k for k in range(16))
+"""Shares of the capital that bets put at stake (`_mean`)."""
+STEPS = 200
+TERMS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Interval:
+    """What a rate per hour lies in; `basis`: POISSON or FLIGHTS."""
+
+    low: float
+    high: float
+    basis: str
 
 
 def rate(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """What the rate per unit of `amount` lies in, for `count` events; (0, inf) of no amount.
+    """What a Poisson rate per unit of `amount` lies in, for `count` events; (0, inf) of no amount.
 
     Where nothing happened the bound is one-sided: all of what may be missed lies above.
     """
@@ -26,9 +45,10 @@ def rate(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[flo
     missed = 1.0 - confidence
     if count == 0:
         return 0.0, -log(missed) / amount
-    low = _solved(lambda m: 1.0 - _poisson(count - 1, m), missed / 2, rising=True, high=count)
-    high = _solved(lambda m: _poisson(count, m), missed / 2, rising=False, high=10.0 * count + 50.0)
-    return low / amount, high / amount
+    return (
+        _gamma_quantile(count, missed / 2) / amount,
+        _gamma_quantile(count + 1, 1.0 - missed / 2) / amount,
+    )
 
 
 def share(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -39,37 +59,198 @@ def share(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, f
     if count in (0, of):
         bound = missed ** (1.0 / of)
         return (0.0, 1.0 - bound) if count == 0 else (bound, 1.0)
-    low = _solved(lambda p: 1.0 - _binomial(count - 1, of, p), missed / 2, rising=True, high=1.0)
-    high = _solved(lambda p: _binomial(count, of, p), missed / 2, rising=False, high=1.0)
-    return low, high
-
-
-def _solved(f: Callable[[float], float], value: float, *, rising: bool, high: float) -> float:
-    """Where a monotone function takes a value, in [0, high]."""
-    low = 0.0
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        if (f(middle) < value) == rising:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
-
-
-def _poisson(most: int, mean: float) -> float:
-    """P(X <= most)."""
-    if mean <= 0.0:
-        return 1.0
-    return min(1.0, sum(exp(k * log(mean) - mean - lgamma(k + 1)) for k in range(most + 1)))
-
-
-def _binomial(most: int, of: int, p: float) -> float:
-    """P(X <= most)."""
-    if p <= 0.0 or p >= 1.0:
-        return 1.0 if p <= 0.0 or most >= of else 0.0
-    whole = lgamma(of + 1)
-    terms = (
-        exp(whole - lgamma(k + 1) - lgamma(of - k + 1) + k * log(p) + (of - k) * log(1.0 - p))
-        for k in range(most + 1)
+    return (
+        _beta_quantile(count, of - count + 1, missed / 2),
+        _beta_quantile(count + 1, of - count, 1.0 - missed / 2),
     )
-    return min(1.0, sum(terms))
+
+
+# ---------------------------------------------------------------- by flight
+
+
+def interval_of(
+    counts: Sequence[int],
+    hours: Sequence[float],
+    *,
+    most: int,
+    kinds: Sequence[Hashable] | None = None,
+) -> Interval:
+    """What the rate per hour lies in, of counts (n,) in flights of so many hours (n,).
+
+    Garwood's where the dispersion test of Fisher passes or nothing happened, else by flight: with
+    at most `most` in one. `kinds` (n,): flights of the same kind are copies, and the interval is
+    that of one flight a kind as well, whichever reaches farther.
+    """
+    found = _interval(counts, hours, most)
+    if kinds is None or len(set(kinds)) == len(kinds):
+        return found
+    first = {kind: k for k, kind in reversed(list(enumerate(kinds)))}.values()
+    own = _interval([counts[k] for k in first], [hours[k] for k in first], most)
+    basis = POISSON if found.basis == own.basis == POISSON else FLIGHTS
+    return Interval(min(found.low, own.low), max(found.high, own.high), basis)
+
+
+def share_of(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[float, float]:
+    """What the share of flights that are so lies in; copies as in `interval_of`."""
+    low, high = share(sum(bad), len(bad))
+    own = dict(zip(kinds, bad, strict=True))
+    if len(own) == len(bad):
+        return low, high
+    other = share(sum(own.values()), len(own))
+    return min(low, other[0]), max(high, other[1])
+
+
+def scatters_as_poisson(counts: Sequence[int], hours: Sequence[float]) -> bool:
+    """Whether the dispersion test (Fisher 1950, two-sided, 5 %) passes; never of one flight."""
+    total, amount = sum(counts), fsum(hours)
+    if len(counts) < 2 or total == 0 or amount <= 0.0:
+        return False
+    if any(c and h <= 0.0 for c, h in zip(counts, hours, strict=True)):
+        return False
+    pairs = [(c, total * h / amount) for c, h in zip(counts, hours, strict=True) if h > 0.0]
+    if len(pairs) < 2:
+        return False
+    spread = fsum((c - mean) ** 2 / mean for c, mean in pairs)
+    below = _gamma_below((len(pairs) - 1) / 2, spread / 2)
+    missed = 1.0 - CONFIDENCE
+    return missed / 2 <= below <= 1.0 - missed / 2
+
+
+def _interval(counts: Sequence[int], hours: Sequence[float], most: int) -> Interval:
+    amount = fsum(hours)
+    if amount <= 0.0:
+        return Interval(0.0, inf, FLIGHTS)
+    total = sum(counts)
+    # of no events the bound holds of violated flights, too, whatever a flight's own distribution:
+    # -log(missed) / n is no less than Clopper's and Pearson's 1 - missed ** (1 / n)
+    if total == 0 or scatters_as_poisson(counts, hours):
+        return Interval(*rate(total, amount), POISSON)
+    low, high = _mean(counts, most)
+    return Interval(low * len(counts) / amount, high * len(counts) / amount, FLIGHTS)
+
+
+def _mean(counts: Sequence[int], most: int) -> tuple[float, float]:
+    """What the mean of independent counts in [0, most] lies in, whatever their distribution.
+
+    By betting (Waudby-Smith and Ramdas 2024): were the mean m, capital that is staked on each
+    flight, the share c of it that may be lost, would grow 40 times with a chance of 1 in 40 at
+    most (Ville). A mean is excluded where the capital, spread evenly over STAKES, did.
+    """
+    of = max(most, *counts, 1)
+    table = [(value / of, n) for value, n in Counter(counts).items()]
+    mean = fsum(x * n for x, n in table) / len(counts)
+    goal = log(2.0 * len(STAKES) / (1.0 - CONFIDENCE))
+
+    def capital(factor: Callable[[float], float]) -> float:
+        """Log of what became of 1; `factor`: what a flight of x gains for each unit at stake."""
+        logs = [fsum(n * _log(1.0 + c * factor(x)) for x, n in table) for c in STAKES]
+        top = max(logs)
+        return top + log(fsum(exp(v - top) for v in logs)) if top > -inf else -inf
+
+    low = _reached(0.0, mean, lambda m: capital(lambda x: x / m - 1.0) >= goal)
+    high = _reached(1.0, mean, lambda m: capital(lambda x: (m - x) / (1.0 - m)) >= goal)
+    return low * of, high * of
+
+
+def _log(x: float) -> float:
+    return log(x) if x > 0.0 else -inf
+
+
+def _reached(end: float, mean: float, excluded: Callable[[float], bool]) -> float:
+    """The last mean, from `mean` towards `end`, that is not excluded, but for rounding outwards."""
+    inner, outer = mean, end
+    for _ in range(STEPS):
+        middle = 0.5 * (inner + outer)
+        if middle in (inner, outer):
+            break
+        if excluded(middle):
+            outer = middle
+        else:
+            inner = middle
+    return outer
+
+
+# ---------------------------------------------------------------- incomplete gamma and beta
+
+
+def _gamma_below(a: float, x: float) -> float:
+    """P(a, x), the regularized lower incomplete gamma function, by its series."""
+    if x <= 0.0:
+        return 0.0
+    if x > a + 40.0 * sqrt(a) + 400.0:
+        return 1.0  # what is missing has no place in a double
+    term = total = 1.0
+    k = a
+    while term > 1e-16 * total:
+        k += 1.0
+        term *= x / k
+        total += term
+    return min(1.0, total * exp(a * log(x) - x - lgamma(a + 1.0)))
+
+
+def _gamma_quantile(a: float, p: float) -> float:
+    """Where P(a, x) is p; it begins at Wilson and Hilferty's guess."""
+    z = NormalDist().inv_cdf(p)
+    guess = a * max(1.0 - 1.0 / (9.0 * a) + z / (3.0 * sqrt(a)), 1e-3) ** 3
+    return _solved(
+        lambda x: _gamma_below(a, x) - p,
+        lambda x: exp((a - 1.0) * log(x) - x - lgamma(a)),
+        guess,
+        a + 40.0 * sqrt(a) + 400.0,
+    )
+
+
+def _beta_below(a: float, b: float, x: float) -> float:
+    """I_x(a, b), the regularized incomplete beta function, by its continued fraction."""
+    if x <= 0.0 or x >= 1.0:
+        return 0.0 if x <= 0.0 else 1.0
+    if x > (a + 1.0) / (a + b + 2.0):
+        return 1.0 - _beta_below(b, a, 1.0 - x)
+    tiny, c = 1e-300, 1.0
+    d = 1.0 / (1.0 - (a + b) * x / (a + 1.0) or tiny)
+    found, factor = d, 0.0
+    for m in range(1, TERMS):
+        if abs(factor - 1.0) < 1e-15:
+            break
+        for up in (
+            m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m)),
+            -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0)),
+        ):
+            d = 1.0 / (1.0 + up * d or tiny)
+            c = 1.0 + up / c or tiny
+            factor = c * d
+            found *= factor
+    return found * exp(_log_beta_density(a, b, x) + log(x) + log1p(-x)) / a
+
+
+def _log_beta_density(a: float, b: float, x: float) -> float:
+    whole = lgamma(a + b) - lgamma(a) - lgamma(b)
+    return whole + (a - 1.0) * log(x) + (b - 1.0) * log1p(-x)
+
+
+def _beta_quantile(a: float, b: float, p: float) -> float:
+    """Where I_x(a, b) is p."""
+    return _solved(
+        lambda x: _beta_below(a, b, x) - p,
+        lambda x: exp(_log_beta_density(a, b, x)),
+        a / (a + b),
+        1.0,
+    )
+
+
+def _solved(
+    f: Callable[[float], float], slope: Callable[[float], float], guess: float, high: float
+) -> float:
+    """The zero of a rising function in (0, high): Newton's steps, bisection where they leave."""
+    low, x = 0.0, guess
+    for _ in range(STEPS):
+        value = f(x)
+        low, high = (x, high) if value < 0.0 else (low, x)
+        rise = slope(x)
+        new = x - value / rise if rise > 0.0 else low
+        if not low < new < high:
+            new = 0.5 * (low + high)
+        if abs(new - x) <= 1e-13 * x:
+            return new
+        x = new
+    return x

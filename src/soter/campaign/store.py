@@ -42,7 +42,7 @@ WORDS = {
 COUNTED = ("ac_s", "disengagements", "episodes", "gate_faults")
 SAVED = ("saves", "precautions")
 LOOKED = ("count", "sum", "least", "most", "histogram")
-SCHEMA = 3
+SCHEMA = 4
 LOCK = "campaign.lock"
 
 
@@ -131,7 +131,7 @@ class Store:
         by_module = [f"{m}.{p}" for m in self.about.modules for p in self._parts()]
         looks = [f"{m}.{p}" for m in self.about.measures for p in LOOKED]
         fixed = ["number", "seed", "seconds", "violations", "first_s", "all_ac_s"]
-        return [*fixed, *by_module, *looks, "broken", "digest", "line"]
+        return [*fixed, *by_module, *looks, "broken", "digest", "trajectory", "line"]
 
     def _parts(self) -> tuple[str, ...]:
         return (*COUNTED, *(SAVED if self.about.horizon_ns else ()))
@@ -174,6 +174,7 @@ class Store:
                 first_s=float(row["first_s"]) if row["first_s"] else None,
                 broken=tuple(json.loads(row["broken"])) if row["broken"] else (),
                 digest=_digest(row["digest"]),
+                trajectory=_digest(row["trajectory"]),
                 saves=self._saved(row, "saves"),
                 precautions=self._saved(row, "precautions"),
                 looks=tuple(_look(row, m) for m in self.about.measures),
@@ -236,7 +237,7 @@ def _row(f: Flight) -> list[object]:
     for look in f.looks:
         told += [look.count, repr(look.sum), repr(look.least), repr(look.most)]
         told.append(" ".join(map(str, look.bins)))
-    cells = [*fixed, *told, json.dumps(f.broken) if f.broken else "", f.digest]
+    cells = [*fixed, *told, json.dumps(f.broken) if f.broken else "", f.digest, f.trajectory]
     return [*cells, _checked(map(str, cells))]
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
-from soter.campaign.words import interval
+from soter.campaign.statistics import FLIGHTS
+from soter.campaign.words import an_hour, interval
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -96,16 +97,25 @@ def broken(found: CampaignLike) -> Table:
 def worst(found: CampaignLike) -> Table:
     """The first flights that were violated."""
     rows = tuple(
-        (f"{f.number}", f"{f.seed}", f"{f.first_s or 0.0:.3f}", "; ".join(f.broken), "; ".join(met))
-        for f, met in zip(found.result.worst, found.result.outside, strict=True)
+        (
+            f"{f.number}",
+            f"{f.seed}",
+            f"{f.first_s or 0.0:.3f}",
+            "; ".join(f.broken),
+            "; ".join(blame.met),
+            {None: "not flown", True: "clean", False: "violated"}[blame.clean_without],
+        )
+        for f, blame in zip(found.result.worst, found.result.blames, strict=True)
     )
-    return ("flight", "seed", "at s", "what", "faults outside before"), rows
+    head = ("flight", "seed", "at s", "what", "faults outside before", "without them")
+    return head, rows
 
 
 def modules(found: CampaignLike) -> Table:
     """Who was in control."""
     saves = found.horizon_s > 0
-    head = ("module", "AC share", "takeovers", "episodes", "an hour, 95 %", "gate faults")
+    hourly = f"{an_hour(found.result)}, 95 %"
+    head = ("module", "AC share", "takeovers", "episodes", hourly, "gate faults")
     more = ("saves", "precautions") if saves else ()
     return (*head, *more), tuple(_module(m, saves=saves) for m in found.result.modules)
 
@@ -113,7 +123,8 @@ def modules(found: CampaignLike) -> Table:
 def _module(m: Module, *, saves: bool) -> Row:
     row = (m.name, f"{m.ac_share:.2%}", f"{m.disengagements:,}", f"{m.episodes:,}")
     more = (f"{m.saves:,}", f"{m.precautions:,}") if saves else ()
-    return (*row, interval(*m.per_hour), f"{m.gate_faults:,}", *more)
+    often = interval(*m.per_hour) + (" by flight" if m.basis == FLIGHTS else "")
+    return (*row, often, f"{m.gate_faults:,}", *more)
 
 
 def measures(found: CampaignLike) -> Table:
@@ -140,11 +151,14 @@ def arms(found: CampaignLike) -> Table:
 
 
 def faults(found: CampaignLike) -> Table:
-    """What was declared to go wrong."""
+    """What was declared to go wrong, and which violated flights that excuses."""
+    excused = {text: f"{n:,} of {met:,} that met it" for text, n, met in found.result.excused}
     rows = tuple(
-        (_times(found.occurred[t]), t, f"inside: {w}" if w else "outside") for t, w in found.faults
+        (_times(found.occurred[t]), t, f"inside: {w}" if w else "outside", excused.get(t, ""))
+        for t, w in found.faults
     )
-    return ("times", "fault", "of what proofs assume"), rows
+    head = ("times", "fault", "of what proofs assume", "violated flights, clean without it alone")
+    return (head, rows) if excused else (head[:3], tuple(row[:3] for row in rows))
 
 
 def _times(count: int | None) -> str:

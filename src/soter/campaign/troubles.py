@@ -1,29 +1,81 @@
 """Which faults a flight met: inside of what proofs assume, or outside; how often each was there.
 
-Purpose: whether a violation is a defect, or had an excuse that was declared before the flight. All
-of it follows from the seeds, so nothing is kept for it.
+Purpose: whether a violation is a defect, or had an excuse that was declared before the flight: a
+fault outside that it met before, without which the same flight is clean. All of it follows from the
+seeds, so nothing is kept for it.
 Non-goals: what faults do (`semantics/chance/faults.py`).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.program.flatten.derived import only_inside, without_faults
 from soter.semantics.chance.faults import begins
 from soter.semantics.chance.random_draws import GOLDEN, fnv
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     import numpy.typing as npt
 
+    from soter.campaign.flight import Flight
     from soter.program.model.system import Component, Fault, System
 
     Words = npt.NDArray[np.uint64]
 
 ORDER = "order any"
+
+
+@dataclass(frozen=True)
+class Blame:
+    """Whose fault a violated flight is.
+
+    `met`: faults outside of what proofs assume, as they were written, that were there before its
+    first violation; `clean_without`: whether the same flight without any fault outside violates
+    nothing; None: it met none, and was not flown again. `needed`: of those that it met each without
+    which alone it is clean; none, where several of them do the same harm.
+    """
+
+    met: tuple[str, ...]
+    clean_without: bool | None
+    needed: tuple[str, ...] = ()
+
+    @property
+    def excused(self) -> bool:
+        """Whether what it met made the violation."""
+        return self.clean_without is True
+
+
+def blames(
+    system: System,
+    bad: Sequence[Flight],
+    again: Callable[[System, Sequence[int]], Iterable[Flight]],
+) -> dict[int, Blame]:
+    """Of each violated flight, by its number. `again` flies numbers of another system."""
+    met = {f.number: tuple(outside(system, f.seed, _first_ns(f))) for f in bad}
+
+    def clean(other: System, numbers: Sequence[int]) -> set[int]:
+        return {f.number for f in again(other, numbers) if not f.violations} if numbers else set()
+
+    excused = clean(only_inside(system), [n for n, texts in met.items() if texts])
+    needed: dict[int, list[str]] = {n: list(met[n]) for n in excused if len(met[n]) == 1}
+    for text in sorted({t for n in excused - needed.keys() for t in met[n]}):
+        shuffled = system.shuffled and text != ORDER
+        numbers = sorted(n for n in excused if len(met[n]) > 1 and text in met[n])
+        for n in clean(without_faults(system, (text,), shuffled=shuffled), numbers):
+            needed.setdefault(n, []).append(text)
+    return {
+        n: Blame(texts, n in excused if texts else None, tuple(needed.get(n, ())))
+        for n, texts in met.items()
+    }
+
+
+def _first_ns(f: Flight) -> int:
+    return round((f.seconds if f.first_s is None else f.first_s) * 1e9)
 
 
 def outside(system: System, seed: int, until_ns: int) -> list[str]:

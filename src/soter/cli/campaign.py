@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.campaign.words import interval
 from soter.cli.terminal.loaded import loaded
 from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, at_least_one, seed
@@ -100,7 +99,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         console.say(f"written {page}")
     code = VIOLATED if found.result.violations else FINE
     fields = {"file": args.file, "program_sha256": program.sha256, **figures(found)}
-    return Outcome(code, program.diagnostics, fields)
+    return Outcome(code, (*program.diagnostics, *found.diagnostics), fields)
 
 
 def _workers(text: str) -> int | str:
@@ -112,7 +111,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _say(found: Campaign, console: Console) -> None:
-    from soter.campaign import tables  # noqa: PLC0415 - only here
+    from soter.campaign import tables, words  # noqa: PLC0415 - only here
 
     r = found.result
     console.say(
@@ -124,13 +123,11 @@ def _say(found: Campaign, console: Console) -> None:
     if aloft or way:
         console.say(", ".join([*aloft, *way]))
     console.say()
-    verdict = console.paint("good" if not r.violations else "bad", f"{r.violations} violations")
-    console.say(f"{verdict}; with 95 % confidence {interval(*r.per_hour)} an hour")
+    colour = "bad" if r.violations else "good" if r.properties else ""
+    painted, limits = console.paint(colour, words.verdict(r)), words.bound(r)
+    console.say(painted + (f"; with 95 % confidence {limits}" if limits else ""))
     if r.violations and found.faults:
-        console.say(
-            f"{r.flights_violated} flights, {r.violated_inside} of which met no fault before "
-            "that is outside of what proofs assume"
-        )
+        console.say(words.guilt(r))
     for what, count in r.broken:
         console.say(f"  {count} x {what}")
     for f in r.worst:

@@ -26,6 +26,8 @@ OF_THE_VERIFIER = {c for c in all_codes() if c[0] == "R"}
 
 NOT_STATIC = {
     # code: why no text alone reaches it
+    "C006": "a campaign of a system without properties",
+    "C007": "flights of a campaign that are copies",
     "D006": "the operating system refuses to write",
     "D007": "a package is not installed",
     "D008": "a folder holds what is not ours",

@@ -83,6 +83,8 @@ def again(
     chosen = _chosen(rows, most)
     if not chosen:
         return Again(goal, total, "no flight was flown again")
+    if not program.flat(flat.name, params).properties:
+        return Again(goal, total, "the system has no property: its flights are judged by nothing")
     from soter.campaign.fleet import Fleet  # noqa: PLC0415 - compiles
 
     first, until_ns = int(about["first_seed"]), int(about["until_ns"])

@@ -186,7 +186,17 @@ typedef struct {
   soter_look* looks;
   uint32_t* bins;
   soter_saves* saves; /* NULL: they are not counted */
+  soter_sha256* trajectory;
 } soter_places;
+
+/* A state, but for what every seed has of its own: copies of a flight have the same ones. */
+static void soter_add_state(soter_sha256* s, const void* state, size_t size) {
+  soter_header h = *(const soter_header*)state;
+  h.seed = 0;
+  h.seed_key = 0;
+  soter_sha256_add(s, &h, sizeof h);
+  soter_sha256_add(s, (const uint8_t*)state + sizeof h, size - sizeof h);
+}
 
 /* One flight; false where its events do not fit, or an extern is due. */
 static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* o,
@@ -194,6 +204,8 @@ static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* 
   uint32_t due = 0;
   int64_t since = -1; /* the last time of which looks know */
   int64_t look = 0;   /* when the next of them is due */
+  int64_t sample = 0;
+  const int64_t apart = o->until_ns / SOTER_SAMPLES + 1;
   soter_start(p, at->state, seed);
   const soter_header* const h = soter_header_of(at->state);
   (void)memcpy(at->before, at->state, p->state_size);
@@ -212,6 +224,10 @@ static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* 
       look = soter_measure_all(o->measured, at->state, since, at->looks, at->bins);
       since = h->ct;
     }
+    if (h->ct >= sample) {
+      soter_add_state(at->trajectory, at->state, p->state_size);
+      sample = (h->ct / apart + 1) * apart;
+    }
     if (at->saves != NULL && e->used != first) {
       soter_judge(p, o, e, first, at->pre, at->work, at->saves);
     }
@@ -228,12 +244,15 @@ static size_t soter_bins(const soter_measured* all) {
 }
 
 static void soter_flown(const soter_program* p, soter_flight* flight, const soter_event* events,
-                        size_t count, const void* state) {
+                        size_t count, const void* state, soter_sha256* trajectory) {
   soter_sha256 s;
   soter_sha256_start(&s);
   soter_sha256_add(&s, events, count * sizeof *events);
   soter_sha256_add(&s, state, p->state_size);
   soter_sha256_end(&s, flight->digest);
+  soter_add_state(trajectory, state, p->state_size);
+  soter_sha256_add(trajectory, events, count * sizeof *events);
+  soter_sha256_end(trajectory, flight->trajectory);
   flight->events = (uint32_t)count;
 }
 
@@ -250,6 +269,8 @@ uint32_t soter_batch(const soter_program* p, soter_flight* flights, uint32_t cou
   for (uint32_t k = 0; k < count; k++) {
     const size_t first = e.used;
     soter_saves saves;
+    soter_sha256 trajectory;
+    soter_sha256_start(&trajectory);
     for (uint32_t i = 0; i < SOTER_BATCH_MODULES; i++) {
       saves.last[i] = SOTER_NEVER;
     }
@@ -263,12 +284,13 @@ uint32_t soter_batch(const soter_program* p, soter_flight* flights, uint32_t cou
         .looks = order->looks + (size_t)k * order->measured->count,
         .bins = order->histogram + (size_t)k * bins,
         .saves = order->horizon_ns > 0 ? &saves : NULL,
+        .trajectory = &trajectory,
     };
     if (!soter_fly(p, flights[k].seed, order, &at, &e)) {
       *used = first;
       return k;
     }
-    soter_flown(p, &flights[k], order->events + first, e.used - first, at.state);
+    soter_flown(p, &flights[k], order->events + first, e.used - first, at.state, &trajectory);
   }
   *used = e.used;
   return count;

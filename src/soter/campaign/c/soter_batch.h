@@ -51,10 +51,13 @@ typedef struct {
   double sum, least, most;
 } soter_look;
 
+#define SOTER_SAMPLES 16 /* states of a flight, evenly over it, that its trajectory is known by */
+
 typedef struct {
-  uint64_t seed;   /* in */
-  uint32_t events; /* out: how many of the events are its own */
-  char digest[65]; /* out: SHA-256 of its events and its last state */
+  uint64_t seed;       /* in */
+  uint32_t events;     /* out: how many of the events are its own */
+  char digest[65];     /* out: SHA-256 of its events and its last state */
+  char trajectory[65]; /* out: SHA-256 of samples and the last state without the seed, and events */
 } soter_flight;
 
 #define SOTER_BATCH_MODULES 64U /* of a program whose saves are counted, at most */

@@ -321,6 +321,22 @@ def faultless(system: System) -> System:
     )
 
 
+def without_faults(system: System, gone: Collection[str], *, shuffled: bool) -> System:
+    """Without these faults, as they were written; `shuffled`: in an order that is drawn."""
+    left = [f for f in system.faults if f.text not in gone]
+    faults = waiting(system.modules, left, shuffled=shuffled)
+    return replace(system, faults=faults, shuffled=shuffled)
+
+
+def only_inside(system: System) -> System:
+    """Without the faults, as they were written, that are outside of what proofs assume for anybody.
+
+    Nodes step in the deployed order.
+    """
+    gone = {f.text for f in system.faults if f.inside is None}
+    return without_faults(system, gone, shuffled=False)
+
+
 def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False) -> System:
     """With more that goes wrong; `shuffled`: in an order that is drawn."""
     any_order = system.shuffled or shuffled

@@ -1,0 +1,77 @@
+"""docs/results.md: which sentence is said depends on what was flown (bench/results.py)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from bench import results
+
+from soter import load
+
+if TYPE_CHECKING:
+    from soter.api.campaigning import Campaign
+
+ROOT = Path(__file__).resolve().parents[3]
+CART = ROOT / "examples" / "wall" / "cart.soter"
+INSIDE, OUTSIDE = (
+    "stuck SafeCart.Fast at 400 per 1h for 1s",
+    "late SafeCart.dm by 900ms at 900 per 1h",
+)
+
+
+def campaign(folder: Path, faults: str) -> Campaign:
+    head, tail = CART.read_text(encoding="utf-8").split("system Protected", 1)
+    said = f"until 30s;\n  faults {{ {faults} }}" if faults else "until 30s;"
+    path = folder / "cart.soter"
+    path.write_text(f"{head}system Protected{tail.replace('until 30s;', said, 1)}")
+    return load(path).campaign("Protected", flights=30, until="20s", output=folder / "c")
+
+
+@pytest.mark.parametrize(
+    ("faults", "said"),
+    [
+        ("", "Nothing was declared to go wrong"),
+        (f"{INSIDE};", "1 faults were declared, all of them inside"),
+        (f"{INSIDE}; {OUTSIDE};", "1 of them inside of what the proofs assume and 1 outside:"),
+    ],
+)
+def test_faults_are_called_inside_where_all_of_them_are(
+    faults: str,
+    said: str,
+    tmp_path: Path,
+) -> None:
+    found = campaign(tmp_path, faults)
+    assert said in results.declared(found)
+    assert ("all of them" in results.declared(found)) == (faults == f"{INSIDE};")
+    outside = [row for row in results.table(found) if "outside" in row]
+    assert len(outside) == (OUTSIDE in faults)
+
+
+def test_what_is_said_of_violations_is_what_was_flown(tmp_path: Path) -> None:
+    found = campaign(tmp_path, f"{OUTSIDE};")
+    flat = load(tmp_path / "cart.soter").flat("Protected")
+    text, r = results.judged(found, flat), found.result
+    assert r.violations > 0
+    assert f"{r.violations} violations in" in text
+    assert f"{r.flights_violated} of them are clean when they are flown again" in text
+    assert "`always Clear(c.truth)`" in text
+    assert results.broken(found)[2] == f"| {r.violations} | `always Clear(c.truth)` |"
+
+
+def test_flights_that_are_others_when_run_again_are_told() -> None:
+    assert "all to the digest" in results.introduction([True, True])
+    assert "1 of them NOT to the digest" in results.introduction([True, False])
+
+
+def test_the_page_calls_inside_what_its_own_tables_do() -> None:
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    sections = re.split(r"^###? ", page, flags=re.MULTILINE)
+    said = [s for s in sections if "faults were declared" in s]
+    assert len(said) == 2
+    for section in said:
+        outside = re.findall(r"\| outside( \||$)", section)
+        assert ("all of them inside" in section) == (not outside)
+    assert len(re.findall(r"all of them inside", page)) == 1
