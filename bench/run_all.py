@@ -104,8 +104,8 @@ BENCHMARKS = (
         "Go-to legs that PX4 flew",
         ("bench/real_logs.py",),
         "40 of 1,678 legs, positions every 0.1 s, judged by the module of goto.soter in tubes "
-        "around the planned line (docs/real-logs.md); velocity is derived from the past alone. With `--data DIR` all "
-        "of them.",
+        "around the planned line (docs/real-logs.md); velocity is derived, from the past alone. "
+        "With `--data DIR` all of them.",
     ),
     Benchmark(
         "The rhythm that the drone follows worst",

@@ -180,7 +180,9 @@ def test_a_velocity_from_positions_is_within_its_stated_error(tmp_path: Path) ->
 
 def test_nothing_that_comes_later_counts(tmp_path: Path) -> None:
     """A log that ends earlier is judged the same up to its end: a monitor knows the past only."""
-    rows = [[k / 10, 4.0 + 4.5 * math.sin(k / 4) + 0.2 * math.sin(2.1 * k)] for k in range(80)]
+    times = [k / 10 for k in range(80)]
+    places = [4.0 + 4.5 * math.sin(k / 4) + 0.2 * math.sin(2.1 * k) for k in range(80)]
+    rows: list[list[object]] = [[t, x] for t, x in zip(times, places, strict=True)]
     fields = {"x": "x", "v": {"slope": "x", "window": "0.4s"}}
     mapping = {**CART_MAP, "topics": {"motion": {"fields": fields, "between": "linear"}}}
     program = load(CART)
@@ -193,7 +195,7 @@ def test_nothing_that_comes_later_counts(tmp_path: Path) -> None:
     whole = judged(len(rows))
     assert len(whole) > 8
     for count in range(10, len(rows)):
-        assert judged(count) == [c for c in whole if c[0] <= rows[count - 1][0] + 1e-9], count
+        assert judged(count) == [c for c in whole if c[0] <= times[count - 1] + 1e-9], count
 
 
 @pytest.mark.parametrize("window_s", [0.1, 0.4, 1.0])

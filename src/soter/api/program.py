@@ -98,7 +98,6 @@ class Program:
 
     def check(self, params: Params = None, *, times: str | Path | None = None) -> CheckReport:
         """What is known of a sound program, else SoterError; `times`: of `soter measure`."""
-        self._require_sound()
         values = self._values(params)
         flat = {n: system_of(self._checked, n, values, exact=False) for n in self.systems}
         return check_report(self.path, self._checked, flat, self._bound, times)
@@ -246,7 +245,7 @@ class Program:
         """
         from soter.api.deploying import build  # noqa: PLC0415 - see the docstring
 
-        fresh = system_of(self._checked, system, self._values(params))
+        fresh = self.declared(system, params)
         completed = partial(self._completed, system, params, progress)
         how: dict[str, Any] = {"cert": cert, "progress": progress}
         return build(target, Path(output), fresh, completed, self._bindings, **how)
@@ -387,7 +386,6 @@ class Program:
         from soter.reach.advise import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.reach.command import modules_of, problems_of  # noqa: PLC0415 - the same
 
-        self._require_sound()
         chosen = modules_of(self._checked, module, system, self._values(params))
         found = advise_all(problems_of(chosen), factors, levels, progress)
         if report is not None and found:
@@ -478,12 +476,11 @@ class Program:
 
     def declared(self, system: str | None = None, params: Params = None) -> System:
         """The same as it is declared: predicates that are to be computed are not."""
-        self._require_sound()
         return system_of(self._checked, system, self._values(params))
 
     def diagram(self, system: str | None = None, params: Params = None) -> Diagram:
         """The picture of a system: nodes, topics, modules and plants; `svg`, `write(path)`."""
-        return diagram_of(system_of(self._checked, system, self._values(params)))
+        return diagram_of(self.declared(system, params))
 
     @property
     def bound(self) -> Mapping[str, object]:

@@ -62,13 +62,15 @@ def _tables(
 ) -> list[Table]:
     """The tables of the DM that the certificate has, which the re-checker compared with its sets.
 
-    None where one of them is no table of cells.
+    None where one of them is no table of cells, or there is no such view.
     """
     import numpy as np  # noqa: PLC0415 - only then
 
     from soter.reach.tables.tables import PER_BYTE, Table  # noqa: PLC0415 - needs NumPy
 
-    (entry,) = [e for e in entries if str(e.get("view", "")) == str(problem.view or "")]
+    entry = next((e for e in entries if e.get("view", "") == problem.view), None)
+    if entry is None:
+        return []
     numbers = {s.name: i for i, s in enumerate(problem.quantities.states)}
     found = []
     for each in entry["tables"]:
