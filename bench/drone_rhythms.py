@@ -194,7 +194,8 @@ def rows_of(done: list[tuple[Place, int, Worst]]) -> tuple[list[tuple[str, ...]]
     groups: dict[tuple[str, int], list[tuple[Place, Worst]]] = {}
     for where, aim, worst in done:
         groups.setdefault((where.name, aim), []).append((where, worst))
-    rows, exceeded = [], 0
+    rows: list[tuple[str, ...]] = []
+    exceeded = 0
     for (name, aim), found in groups.items():
         where, worst = max(found, key=lambda x: float(x[1].missed[aim]))
         whole = aim < AXES
