@@ -405,7 +405,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=int, default=60, help="of a flight (60)")
     chosen = parser.parse_args()
     bounds = [derived(place) for place in PLACES]
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (b.place, "xyz"[i], f"{b.counted[i]:.4f}", f"{b.residual:.4f}", f"{b.left[i]:.4f}")
         for b in bounds
         for i in range(3)

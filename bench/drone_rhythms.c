@@ -21,7 +21,7 @@ typedef drone_vehicle_iris_Reference reference;
 
 /* A rhythm, one row of an array of doubles: for each axis the side that comes first, and the spells
  * after which it changes, in s; then the leg that is flown, the next one, and from when on. */
-enum { SPELLS = 6, ROW = 3 * (1 + SPELLS) + 3 };
+enum { SPELLS = 8, ROW = 3 * (1 + SPELLS) + 3 };
 
 /* What an axis' filter gives with u held for t: single and double integral of a. */
 typedef struct {

@@ -5,7 +5,8 @@ AC may ask for anything, so this looks for the reversals of full set-points that
 worst: at random, in even and in growing spells (resonances, chirps), alone and on all axes at
 once, then bred from the worst, generation after generation; for every axis by |d|, and by the rest
 that `drone_bound.py` does not derive, beside what it leaves for it. The vehicle is the generated C
-of `drone_vehicle.soter`. Exit code 1 where either is exceeded.
+of `drone_vehicle.soter`. Exit code 1 where D is exceeded; a rest beyond what is left says that the
+two worst cases together explain more than D, not that a flight does.
 Non-goals: a proof; flights as they are flown (`drone_conformance.py`).
 """
 
@@ -42,11 +43,11 @@ from bench.drone_bound import Bound, derived  # noqa: E402 - needs the path
 
 VEHICLE, LOOP, BUILT = HERE / "drone_vehicle.soter", HERE / "drone_rhythms.c", "rhythms.so"
 PLACES = ("laps", "corridors")
-SPELLS, AXES, LEGS = 6, 3, 3
+SPELLS, AXES, LEGS = 8, 3, 3
 COLUMNS = AXES * (1 + SPELLS)
-STEPS = 300
-"""Of a rhythm's 1.5 s."""
-LONGEST_S = 1.5
+STEPS = 500
+"""Of a rhythm's 2.5 s: the nose turns by degrees, over several reversals."""
+LONGEST_S = 2.5
 POPULATION, PARENTS, GENERATIONS = 8_000, 200, 16
 CHANGED, SHARED = 0.35, 0.3
 """Probabilities: that a spell of a parent is changed, that a rhythm's axes change together."""
@@ -126,7 +127,7 @@ def drawn(rng: np.random.Generator, count: int) -> Floats:
     axes = found[:, :COLUMNS].reshape(count, AXES, 1 + SPELLS)
     axes[:, :, 0] = rng.choice([-1.0, 1.0], (count, AXES))
     spells = rng.exponential(0.25, (count, AXES, SPELLS))
-    first = rng.uniform(0.02, 0.5, (count, AXES, 1))
+    first = rng.uniform(0.02, 0.8, (count, AXES, 1))
     growing = first * rng.uniform(0.6, 1.7, (count, AXES, 1)) ** np.arange(SPELLS)
     kind = rng.integers(0, 3, count)
     spells[kind == 1] = np.broadcast_to(first, spells.shape)[kind == 1]
@@ -189,25 +190,27 @@ def spelled(axis: Floats) -> str:
 
 
 def rows_of(done: list[tuple[Place, int, Worst]]) -> tuple[list[tuple[str, ...]], int]:
-    """A row for each place and aim, and how many are beyond their bounds."""
+    """A row for each place and aim, and how many are beyond D."""
     groups: dict[tuple[str, int], list[tuple[Place, Worst]]] = {}
     for where, aim, worst in done:
         groups.setdefault((where.name, aim), []).append((where, worst))
-    rows, exceeded = [], 0
+    rows: list[tuple[str, ...]] = []
+    exceeded = 0
     for (name, aim), found in groups.items():
         where, worst = max(found, key=lambda x: float(x[1].missed[aim]))
-        wind = where.wind if aim < AXES else 0.0
+        whole = aim < AXES
+        wind = where.wind if whole else 0.0
         most, bound = wind + float(worst.missed[aim]), wind + where.bounds[aim]
-        exceeded += most > bound
+        exceeded += whole and most > bound
         axes = worst.rhythm[:COLUMNS].reshape(AXES, 1 + SPELLS)
         rows.append(
             (
                 name,
-                ("|d| " if aim < AXES else "rest ") + "xyz"[aim % AXES],
+                ("|d| " if whole else "rest ") + "xyz"[aim % AXES],
                 f"{most:.3f}",
                 f"{bound:.3f}",
                 f"{most / bound:.1%}",
-                "EXCEEDED" if most > bound else "ok",
+                "ok" if most <= bound else "EXCEEDED" if whole else "not left",
                 ", ".join(spelled(a) for a in axes),
             )
         )
@@ -215,7 +218,7 @@ def rows_of(done: list[tuple[Place, int, Worst]]) -> tuple[list[tuple[str, ...]]
 
 
 def main() -> int:
-    """Search for every figure of every place; exit code 1 where a bound is exceeded."""
+    """Search for every figure of every place; exit code 1 where D is exceeded."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--sequences", type=int, default=10_000_000, help="in all (10,000,000)")
     parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
