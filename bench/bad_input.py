@@ -93,9 +93,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="bad_input_") as work:
         os.environ["SOTER_CACHE"] = str(Path(work) / "cache")
         sample = Path(work) / "sample"
-        samples(sample)
-        names = [*formats(), OPTIONS]
-        names = given.only.split(",") if given.only else names
+        names = given.only.split(",") if given.only else [*formats(), OPTIONS]
+        samples(sample, names)
         one = partial(
             trials, count=given.count, seed=given.seed, sample=sample, work=Path(work) / "tried"
         )

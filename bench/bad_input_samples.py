@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from random import Random
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -84,6 +84,17 @@ test T { system S; horizon 100ms; }
 system Clean { c: Count; node Chooser; until 100ms; always n < 30; }
 test C { system Clean; horizon 100ms; }
 """
+MADE = {
+    "times": ("measure track.soter --samples 100 --until 200ms -o times.json", ""),
+    "log_mcap": ("run track.soter --until 500ms --engine interp --log log.mcap", ""),
+    "trace": ("test violated.soter --test T", ".soter/*.trace.json"),
+    "counterexample": ("verify refuted.soter", ".soter/*.counterexample.json"),
+    "certificate": ("verify track.soter --cert proof", ""),
+    "campaign": ("campaign track.soter --flights 3 --until 1s --arms paper -o camp", ""),
+    "test_report": ("test violated.soter --test T --json", ""),
+    "checkpoint": ("test violated.soter --test C --max-states 20 --checkpoint check", ""),
+}
+"""Format -> the command that writes its file, and where else it looks for it."""
 SAFE = "safe abs(position) < WALL;"
 LATE = " ttf abs(position) > 9.9999; safer abs(position) < 9.99;"
 LSP_URI = "file:///tmp/a.soter"
@@ -162,15 +173,19 @@ def formats() -> dict[str, Format]:
         Format("map_json", ("map.json",), _words("monitor track.soter log.csv --map map.json")),
         Format(
             "trace",
-            ("violation.trace.json",),
+            ("T.trace.json",),
             _words(
-                "replay violation.trace.json",
-                "replay violation.trace.json --html out.html",
-                "replay violation.trace.json --mcap out.mcap",
-                "replay violation.trace.json --json",
+                "replay T.trace.json",
+                "replay T.trace.json --html out.html",
+                "replay T.trace.json --mcap out.mcap",
+                "replay T.trace.json --json",
             ),
         ),
-        Format("counterexample", ("counterexample.json",), _words("replay counterexample.json")),
+        Format(
+            "counterexample",
+            ("Guard.counterexample.json",),
+            _words("replay Guard.counterexample.json"),
+        ),
         Format(
             "certificate",
             ("proof/manifest.json", "proof/SEAL", "proof/program/track.soter", *SETS),
@@ -227,8 +242,8 @@ def seal(folder: Path) -> None:
     (proof / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
 
 
-def samples(folder: Path) -> None:
-    """Make the folder: programs, and what commands wrote of them."""
+def samples(folder: Path, names: Sequence[str]) -> None:
+    """Make the folder: programs, and what commands wrote of them for the formats of these names."""
     folder.mkdir(parents=True)
     wall = ROOT / "examples" / "wall"
     text = (wall / "shuttle.soter").read_text(encoding="utf-8")
@@ -246,22 +261,13 @@ def samples(folder: Path) -> None:
     (folder / "map.toml").write_text(MAP)
     (folder / "log.csv").write_text(POSITIONS)
     _others(folder)
-    for words in (
-        "verify track.soter --cert proof",
-        "verify refuted.soter",
-        "measure track.soter --samples 100 --until 200ms -o times.json",
-        "run track.soter --until 500ms --log log.mcap",
-        "campaign track.soter --flights 3 --until 1s --arms paper -o camp",
-        "test violated.soter --test T -o tests",
-        "test violated.soter --test C --max-states 20 --checkpoint check",
-    ):
-        _soter(folder, words)
-    (folder / "report.json").write_bytes(_soter(folder, "test violated.soter --test T --json"))
-    shutil.copy(next((folder / "tests").glob("*.trace.json")), folder / "violation.trace.json")
-    found = next((folder / ".soter").glob("*.counterexample.json"))
-    shutil.copy(found, folder / "counterexample.json")
-    shutil.rmtree(folder / ".soter")
-    shutil.rmtree(folder / "tests")
+    for name in MADE if OPTIONS in names else [n for n in MADE if n in names]:
+        said = _soter(folder, MADE[name][0])
+        if name == "test_report":
+            (folder / "report.json").write_bytes(said)
+        for found in folder.glob(MADE[name][1] or "none"):
+            shutil.move(found, folder / found.name.split("-")[-1])
+        shutil.rmtree(folder / ".soter", ignore_errors=True)
 
 
 def _others(folder: Path) -> None:
