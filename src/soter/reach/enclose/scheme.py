@@ -43,9 +43,7 @@ STIFF = (
     "the error of the plant's scheme is not bounded: rate x step of {names} is {size:.3g}, at "
     "{step:.3g} s a step"
 )
-STIFF_HINT = (
-    "a shorter step of the plant: `substeps`, or a shorter period (W019 says where it diverges)"
-)
+STIFF_HINT = "shorter steps of the plant, rate x step below 1: `substeps`, or a shorter period"
 
 
 def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
