@@ -84,7 +84,7 @@ def _scale(z: Floats) -> tuple[Floats, float] | None:
         if np.all(np.isfinite(d)) and np.all(d > 0.5):
             size = float((z @ d / d).max(initial=0.0)) * UP
             if size < 1.0:
-                return d, size
+                return np.asarray(d, dtype=np.float64), size
     return None
 
 
