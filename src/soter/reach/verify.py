@@ -12,14 +12,14 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.phase import phase
-from soter.program.meaning.stability import diverging
 from soter.program.model.durations import show_ns
 from soter.reach.claims import claims
 from soter.reach.claims.case import Case, Clock
 from soter.reach.claims.entered import not_entered
+from soter.reach.claims.followed import scheme_of
 from soter.reach.claims.lawful import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.reach.claims.levels import deploy, levels
-from soter.reach.claims.published import narrowed
+from soter.reach.claims.published import say_narrowed
 from soter.reach.claims.recovery import in_time, recover
 from soter.reach.claims.refine import refined, said_refined
 from soter.reach.claims.results import (
@@ -33,14 +33,12 @@ from soter.reach.claims.results import (
     ModuleResult,
 )
 from soter.reach.enclose.forms import Forms, library_of
-from soter.reach.enclose.scheme import STIFF_HINT
 from soter.reach.grid.sets import UnboundedError
 from soter.reach.induction.problem import InductionProblem
 from soter.reach.induction.verify import verify_by_induction
 from soter.reach.methods import in_order, method_of
 from soter.reach.problem.extract import cases
 from soter.reach.problem.modes import said
-from soter.reach.problem.problem import SCHEME
 from soter.reach.time.timing import DELAYS, in_words
 from soter.reach.undecided.patience import recover_at_last
 from soter.reach.undecided.vacuity import at_the_start, vacuity
@@ -100,7 +98,7 @@ def verify_module(
     for claim in CLAIMS:
         result.findings[claim] = _finding(problem, done, claim)
     result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
-    _scheme(problem, result, done)
+    scheme_of(result, done)
     _together(problem, done)
     _handed_over(problem, result, done)
     _waits(problem, result.findings["P2b"])
@@ -119,7 +117,7 @@ def verify_module(
         _refute(problem, result)
     if refute if explain is None else explain:
         _diagnose(done, result)
-    _published(result, done)
+    say_narrowed(result, done, CLAIMS)
     result.seconds = time.perf_counter() - began
     return result
 
@@ -276,27 +274,6 @@ def _assume(problem: Problem, prelude: tuple[str, ...]) -> None:
         problem.assumptions.append("error bounds of the prelude's functions: tested, not proved")
 
 
-def _scheme(problem: Problem, result: ModuleResult, done: list[Case]) -> None:
-    """For linear flows the simulator's scheme is part of the proof: one assumption less.
-
-    Of others it is assumed; not where it diverges, as that is known to be wrong.
-    """
-    if all(_follows_scheme(c) for c in done):
-        problem.assumptions = [a for a in problem.assumptions if a != SCHEME]
-    finding = result.findings["P2a"]
-    if SCHEME not in problem.assumptions or finding.verdict != PROVED:
-        return
-    states = zip(problem.quantities.states, problem.states, strict=True)
-    within = {(s.owner, s.member, s.path): (r.low, r.high) for s, r in states}
-    for c in problem.system.components:
-        own = {(name, path): r for (owner, name, path), r in within.items() if owner == c.index}
-        for d in diverging(problem.system, c, own):
-            finding.verdict = UNDECIDED
-            finding.text = f"the scheme of {c.name} makes {', '.join(d.names)} diverge: a step "
-            finding.text += f"multiplies by {d.growth:.3g}"
-            finding.hint = STIFF_HINT
-
-
 def _together(problem: Problem, done: list[Case]) -> None:
     """A proof may have one acting time for all commands that move its group: an assumption."""
     if problem.times.jitter_sc == 0:
@@ -373,27 +350,6 @@ def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Findi
     finding.text = f"the law keeps C from K_fs: {kept:,} of {of:,} cells; K lies in it; "
     finding.text += f"each lease ends at most {lease} after its release"
     return finding
-
-
-def _published(result: ModuleResult, done: list[Case]) -> None:
-    """What plants cannot publish is no part of C: said, and where something is open as a help."""
-    texts = narrowed(result.problem, done[0].forms)
-    if not texts:
-        return
-    result.notes += (
-        f"C is no more than what plants can publish, as they stop there: {', '.join(texts)}",
-    )
-    for finding in (result.findings[c] for c in CLAIMS):
-        if finding.verdict == UNDECIDED:
-            wider = f"a wider set ({texts[0]}: a plant stops there)"
-            finding.hint = f"{finding.hint}; or {wider}" if finding.hint else wider
-
-
-def _follows_scheme(case: Case) -> bool:
-    """Whether the simulator's steps are solutions of every group's model."""
-    if len(case.proofs) < len(case.problem.groups):
-        return False
-    return all(p.covers_scheme for p in case.proofs)
 
 
 def _static(problem: Problem, result: ModuleResult) -> None:

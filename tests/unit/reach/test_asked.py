@@ -10,6 +10,7 @@ import pytest
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_to_prove
 from soter.reach.attack import blame
+from soter.reach.attack.refute import refute
 from soter.reach.command import verify
 from soter.reach.problem.extract import extract
 from soter.reach.verify import verify_module
@@ -62,7 +63,7 @@ def test_what_is_not_asked_is_never_refuted(monkeypatch: pytest.MonkeyPatch) -> 
         "drives pos = x; state x: float; der x = speed;",
         "drives pos = x; state x: float; state v: float; der x = v; der v = 40.0 * (speed - v);",
     ).replace("/ 120;", "/ 60, c.v in [-2.0, 2.0] / 8;")
-    monkeypatch.setattr(blame, "refute", partial(blame.refute, budget_s=0.1))
+    monkeypatch.setattr(blame, "refute", partial(refute, budget_s=0.1))
     flat = system_to_prove(check_file("asked.soter", coasting), "Lane")
     found = verify_module(extract(flat, flat.modules[0]), explain=False)
     assert found.findings["P2a"].verdict == "undecided"

@@ -83,7 +83,8 @@ def test_time_to_return_is_told(cart: ModuleResult) -> None:
 def test_linear_plants_cover_the_simulators_scheme(cart: ModuleResult) -> None:
     assert not any("scheme" in a for a in cart.problem.assumptions)
     euler = result_of(changed(("state x: float", "integrate euler;\n  state x: float")))
-    assert any("scheme" in a for a in euler.problem.assumptions)
+    assert not any("scheme" in a for a in euler.problem.assumptions)
+    assert "scheme" not in euler.assumed
 
 
 WRONG = {

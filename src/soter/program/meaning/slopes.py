@@ -186,7 +186,7 @@ def arithmetic(op: str, a: Slope, b: Slope) -> Slope:
     if op == "*":
         return times(a, b)
     if op == "/" and not b.by and (b.low > 0.0 or b.high < 0.0):
-        return times(a, Slope(*sorted((1.0 / b.low, 1.0 / b.high))))
+        return times(a, Slope(1.0 / b.high, 1.0 / b.low))
     return Slope(*ANY, dict.fromkeys([*a.by, *b.by], ANY))
 
 

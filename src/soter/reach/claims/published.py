@@ -11,12 +11,15 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from soter.program.model.types import leaves
+from soter.reach.claims.results import UNDECIDED
 from soter.reach.enclose.inputs import paths
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from soter.program.model.system import Bound
+    from soter.reach.claims.case import Case
+    from soter.reach.claims.results import ModuleResult
     from soter.reach.enclose.forms import Forms
     from soter.reach.problem.problem import Problem
 
@@ -39,6 +42,20 @@ def narrowed(problem: Problem, forms: Forms) -> list[str]:
         if not (Fraction(low) - off >= bound.low and Fraction(high) + off <= bound.high):
             found.append(f"`{name}` takes only [{bound.low:.6g}, {bound.high:.6g}]")
     return found
+
+
+def say_narrowed(result: ModuleResult, done: Sequence[Case], claims: Iterable[str]) -> None:
+    """What plants cannot publish is no part of C: said, and where something is open as a help."""
+    texts = narrowed(result.problem, done[0].forms)
+    if not texts:
+        return
+    result.notes += (
+        f"C is no more than what plants can publish, as they stop there: {', '.join(texts)}",
+    )
+    for finding in (result.findings[c] for c in claims):
+        if finding.verdict == UNDECIDED:
+            wider = f"a wider set ({texts[0]}: a plant stops there)"
+            finding.hint = f"{finding.hint}; or {wider}" if finding.hint else wider
 
 
 def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float]]:

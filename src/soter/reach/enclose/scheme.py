@@ -43,9 +43,7 @@ STIFF = (
     "the error of the plant's scheme is not bounded: rate x step of {names} is {size:.3g}, at "
     "{step:.3g} s a step"
 )
-STIFF_HINT = (
-    "a shorter step of the plant: `substeps`, or a shorter period (W019 says where it diverges)"
-)
+STIFF_HINT = "shorter steps of the plant, rate x step below 1: `substeps`, or a shorter period"
 
 
 def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
@@ -86,7 +84,7 @@ def _scale(z: Floats) -> tuple[Floats, float] | None:
         if np.all(np.isfinite(d)) and np.all(d > 0.5):
             size = float((z @ d / d).max(initial=0.0)) * UP
             if size < 1.0:
-                return d, size
+                return np.asarray(d, dtype=np.float64), size
     return None
 
 

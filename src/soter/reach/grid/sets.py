@@ -154,9 +154,11 @@ class GridGroup(GridModel):
     ) -> Bools:
         """C: cells on all of which `safe` (with `hint` also `core`) is true.
 
-        And on which plants can publish what they drive. In the grid's shape.
+        And on which plants can publish what they drive, where the unit says when. In the grid's
+        shape.
         """
-        cells = self.definitely("constraint", ranges=ranges)
+        named = self.library.symbol("constraint") != self.library.ffi.NULL
+        cells = self.definitely("constraint" if named else "safe", ranges=ranges)
         return cells & self.definitely("core", ranges=ranges) if hint else cells
 
     # ------------------------------------------------------------ K
