@@ -44,7 +44,7 @@ def errors_of(model: Model, tables: PolytopeTables) -> list[arb]:
     return found
 
 
-WORK_MAX = 1_500_000
+WORK_MAX = 1_000_000
 """Of all claims about a group, in half-spaces times pieces of time times states: a minute or so."""
 
 
