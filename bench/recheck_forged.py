@@ -142,11 +142,14 @@ def _overstated(made: Forged, found: dict[str, Any], code: int) -> str:
     """What was confirmed and is not so; empty where all of it is."""
     for label, module in found["modules"].items():
         name = label.removeprefix(module["system"] + ".").split(" as ")[0]
-        if module["otherwise"] and code == FINE and not made.defaults:
-            return f"values that the program does not set: {module['otherwise']}"
+        sets = f"system {module['system']} {{ set" in made.text
+        if sets and module["otherwise"] and code == FINE:
+            return f"other values than the system sets: {module['otherwise']}"
         values = tuple(sorted(module["parameters"].items()))
         claim: Claim = (module["system"], name, values)
         confirmed = {c for c in module["confirmed"] if c not in ("P1a", "P1b")}
+        if "recover never" in made.text:
+            confirmed.discard("P2b")  # nobody asks for it there: it may hold all the same
         missed = confirmed - proved_of(made.text, claim)
         if missed:
             missed -= proved_of(finer(made.text), claim)

@@ -123,8 +123,6 @@ class Forged:
     base: Base
     folder: Path
     name: str = ""
-    defaults: bool = False
-    """Whether parameters have other values than their defaults, which no system sets."""
     manifest: dict[str, Any] = field(init=False)
     contents: dict[str, bytes] = field(init=False)
     text: str = field(init=False)
@@ -361,10 +359,9 @@ def _system_of_another(made: Forged, dice: Dice) -> None:
 def _parameters(made: Forged, dice: Dice) -> None:
     value = dice.choice([0.5, 0.9, 1.0, 1.9, 2.5, 4.0, 8.9, 100.0])
     names = re.findall(r"param (\w+)", made.text) or ["GAIN"]
-    made.name = f"{names[0]} = {value}"
     params: Any = {names[0]: dice.choice([value.hex(), value.hex(), value, str(value)])}
     made.manifest["params"] = dice.choice([params, params, params, {}, [], {"M.GAIN": value.hex()}])
-    made.defaults = True
+    made.name = json.dumps(made.manifest["params"])
     if dice.random() < 0.5 and "system T" in made.text:
         made.entry(dice)["system"] = "T"
         made.name += " in T"
@@ -405,8 +402,9 @@ def _more_instants(made: Forged, group: dict[str, Any], dice: Dice) -> None:
         made.name = "multipliers of 2^24 rows"
     else:
         end = group["instants"][how][-1]
-        group["instants"][how] = [end * k // 9999 for k in range(10_000)]
-        made.name = f"10,000 instants of {how}"
+        many = dice.choice([1_000, 10_000])
+        group["instants"][how] = [end * k // (many - 1) for k in range(many)]
+        made.name = f"{many:,} instants of {how}"
 
 
 def _sizes(made: Forged, dice: Dice) -> None:

@@ -44,16 +44,31 @@ def errors_of(model: Model, tables: PolytopeTables) -> list[arb]:
     return found
 
 
-WORK_MAX = 1_500_000
-"""Of one claim, in rows times pieces of time times states: a minute, or a few."""
+WORK_MAX = 1_000_000
+"""Of all claims about a group, in half-spaces times pieces of time times states: a minute or so."""
 
 
-def affordable(what: str, rows: int, pieces: int, states: int) -> None:
-    """NotRecheckedError where so many rows over so many pieces of time are too much work."""
-    if rows * pieces * states > WORK_MAX:
+def affordable(tables: PolytopeTables) -> None:
+    """NotRecheckedError where the sets and instants of a group are more work than is done.
+
+    Every half-space is carried over every piece of time of each claim, and those of Q over as many
+    holds as it takes to get there.
+    """
+    count = {name: len(found) for name, found in tables.instants.items()}
+    n = len(tables.states)
+
+    def faces(*sets: HalfSpaces | None) -> int:
+        return sum(len(p.rows) + 2 * n for p in sets if p is not None)
+
+    home = faces(tables.home)
+    pieces = count["hold"] * (faces(tables.core) + home + 2 * n + faces(tables.target))
+    pieces += count["hold"] * home * tables.periods
+    pieces += faces(tables.core) * (count["R"] + count["start"])
+    pieces += faces(*tables.levels, *tables.carried) * count["window"]
+    if pieces * n > WORK_MAX:
         raise NotRecheckedError(
-            f"{what}: {rows:,} half-spaces of {states} states over {pieces:,} pieces of time "
-            "are more work than is done"
+            f"polytopes of {n} states ask for {pieces:,} half-spaces times pieces of time: more "
+            "work than is done"
         )
 
 
@@ -66,6 +81,7 @@ class PolytopeCheck:
     def __init__(self, model: Model, tables: PolytopeTables, delays_ns: tuple[int, int]) -> None:
         if model.facts.kind != "flow":
             raise NotRecheckedError("a polytope group of a map")
+        affordable(tables)
         self.model, self.tables, self.delays_ns = model, tables, delays_ns
         box = list(zip(tables.constraint.low, tables.constraint.high, strict=True))
         if box != [model.extents[s] for s in tables.states]:
@@ -101,8 +117,6 @@ class PolytopeCheck:
 
     def _hold(self, which: str) -> Hold:
         rate = self.tables.rates[which]
-        faces = max(len(p.rows) for p in (self.tables.core, self.tables.home) if p is not None)
-        affordable("a hold", faces, len(self.tables.instants["hold"]), self.flow.n)
         if rate.shape != (len(self.law.controls),):
             raise RejectedError("the rates of a polytope group are not one for each control")
         period = self.model.facts.times["delta_ns"]
@@ -160,8 +174,6 @@ class PolytopeCheck:
         self._kept("Q", self._hold("Q"), home, inside, given)
         hold = self._hold("K")
         faces, ends = home.faces
-        pieces = tables.periods * len(tables.instants["hold"])
-        affordable("the way to Q", len(faces), pieces, self.flow.n)
         row, loss = in_balls(faces), [ZERO] * len(faces)
         for _ in range(tables.periods):
             row, more = hold.after(row)
@@ -182,7 +194,6 @@ class PolytopeCheck:
         self._boxed_in(f"{what} in C", start, self.tables.constraint)
         bounded = Bounded(start)
         faces, ends = inner
-        affordable(what, len(faces), len(instants), self.flow.n)
         for row, loss in Free(self.flow, instants).everywhere(in_balls(faces)):
             limits = [a - b for a, b in zip(ends, loss, strict=True)]
             bounded.require(what, row, limits, None if given is None else next(given))

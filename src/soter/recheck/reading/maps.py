@@ -46,7 +46,10 @@ def atom_of(x: Linear) -> int:
 
 
 def map_step(model: Model, members: Sequence[int]) -> Step:
-    """One period of SC: so many steps of the map under one command."""
+    """One period of SC: so many steps of the map under one command.
+
+    NotRecheckedError where they are too many.
+    """
     terms, states = model.new_terms()
     commands = model.commands(terms, states)
     count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
@@ -68,7 +71,10 @@ def map_step(model: Model, members: Sequence[int]) -> Step:
 
 
 def map_free(model: Model, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
-    """Steps of the map under any commands, as many as the time has."""
+    """Steps of the map under any commands, as many as the time has.
+
+    NotRecheckedError where they are too many.
+    """
     period = model.facts.plants[0].period_ns
     if time_ns > PHASE_MAX * period:
         raise NotRecheckedError(f"more than {PHASE_MAX:,} steps of the map under any command")
