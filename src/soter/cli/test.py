@@ -275,7 +275,7 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     lines = [_headline(test, console), console.paint(muted, _figures(test))]
     lines += [console.paint("yellow", test.dear)] if test.dear else []
     lines += _checkpoint(test, console)
-    lines += ["", *_coverage(test, console), *_vacuous(test, console), *_robustness(test, console)]
+    lines += ["", *_coverage(test, console), *_robustness(test, console)]
     if test.replayed is not None:
         lines += ["", *_trace(test, console)]
     for other in test.others:
@@ -344,7 +344,7 @@ def _figures(test: TestResult) -> str:
 
 
 def _coverage(test: TestResult, console: Console) -> list[str]:
-    """How much was reached, and the names of what was not."""
+    """How much was reached, the names of what was not, and what of the test says nothing."""
     from soter.report.visible import visible  # noqa: PLC0415 - needs NumPy
 
     parts = [(name, part) for name, part in test.coverage.parts() if part.total]
@@ -356,14 +356,7 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
         rest = len(part.unreached) - UNREACHED_SHOWN
         if rest > 0:
             lines.append(console.paint("muted", f"         and {rest} more {name}"))
-    return lines
-
-
-def _vacuous(test: TestResult, console: Console) -> list[str]:
-    """What of the test says nothing."""
-    from soter.report.visible import visible  # noqa: PLC0415 - needs NumPy
-
-    return [console.paint("yellow", f"vacuous  {visible(v.text)}") for v in test.vacuous]
+    return lines + [console.paint("yellow", f"vacuous  {visible(v.text)}") for v in test.vacuous]
 
 
 def _robustness(test: TestResult, console: Console) -> list[str]:
