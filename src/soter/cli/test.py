@@ -293,7 +293,9 @@ def _headline(test: TestResult, console: Console) -> str:
     if test.verdict == "exhausted":
         said = f"every execution was covered, none violates a property{test.for_ever}"
         cannot = sum(v.cannot_fail for v in test.vacuous)
-        said += f"; {cannot} of its properties cannot fail" if cannot else ""
+        none = cannot >= test.coverage.properties.reached
+        words = "none of its properties can" if none else f"{cannot} of its properties cannot"
+        said += f"; {words} fail" if cannot else ""
     elif test.unshown:
         said = f"{said}\n{test.not_shown}"
     elif test.verdict == "bound":

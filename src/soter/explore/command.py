@@ -166,7 +166,7 @@ def explore_test(
             found = search.run()
             coverage = search.coverage()
             says_nothing = vacuous_parts(system, search, coverage, found, told.replaced)
-            short_of = short_of_test(system, search, coverage, says_nothing)
+            short_of = short_of_test(system, search, coverage)
             verdict, bound = verdict_of(found, options, short_of)
             result = TestResult(
                 name=plan_of(system).name,
@@ -239,7 +239,7 @@ def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None
     known, others = [found.broken], []
     while True:
         found = search.run(tuple(known))
-        short_of = short_of_test(result.system, search, search.coverage(), result.vacuous)
+        short_of = short_of_test(result.system, search, search.coverage())
         verdict, bound = verdict_of(found, result.options, short_of)
         if verdict != VIOLATED:
             result.others_bound = bound

@@ -67,11 +67,9 @@ def vacuous_parts(
     return vacuous.of_test(system, search.met(), never, replaced, ended=ended)
 
 
-def short_of_test(
-    system: System, search: Search, coverage: Coverage, says_nothing: Sequence[Vacuous]
-) -> str | None:
+def short_of_test(system: System, search: Search, coverage: Coverage) -> str | None:
     """What an exhaustive search of a test does not cover; None where it is every execution."""
-    if coverage.properties.reached <= sum(v.cannot_fail for v in says_nothing):
+    if not coverage.properties.reached:
         return UNJUDGED
     if assumptions.undriven(system):
         return UNDRIVEN
