@@ -275,7 +275,7 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     lines = [_headline(test, console), console.paint(muted, _figures(test))]
     lines += [console.paint("yellow", test.dear)] if test.dear else []
     lines += _checkpoint(test, console)
-    lines += ["", *_coverage(test, console), *_vacuous(test, console), *_robustness(test, console)]
+    lines += ["", *_coverage(test, console), *_robustness(test, console)]
     if test.replayed is not None:
         lines += ["", *_trace(test, console)]
     for other in test.others:
@@ -293,7 +293,9 @@ def _headline(test: TestResult, console: Console) -> str:
     if test.verdict == "exhausted":
         said = f"every execution was covered, none violates a property{test.for_ever}"
         cannot = sum(v.cannot_fail for v in test.vacuous)
-        said += f"; {cannot} of its properties cannot fail" if cannot else ""
+        none = cannot >= test.coverage.properties.reached
+        words = "none of its properties can" if none else f"{cannot} of its properties cannot"
+        said += f"; {words} fail" if cannot else ""
     elif test.unshown:
         said = f"{said}\n{test.not_shown}"
     elif test.verdict == "bound":
@@ -344,7 +346,7 @@ def _figures(test: TestResult) -> str:
 
 
 def _coverage(test: TestResult, console: Console) -> list[str]:
-    """How much was reached, and the names of what was not."""
+    """How much was reached, the names of what was not, and what of the test says nothing."""
     from soter.report.visible import visible  # noqa: PLC0415 - needs NumPy
 
     parts = [(name, part) for name, part in test.coverage.parts() if part.total]
@@ -356,14 +358,7 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
         rest = len(part.unreached) - UNREACHED_SHOWN
         if rest > 0:
             lines.append(console.paint("muted", f"         and {rest} more {name}"))
-    return lines
-
-
-def _vacuous(test: TestResult, console: Console) -> list[str]:
-    """What of the test says nothing."""
-    from soter.report.visible import visible  # noqa: PLC0415 - needs NumPy
-
-    return [console.paint("yellow", f"vacuous  {visible(v.text)}") for v in test.vacuous]
+    return lines + [console.paint("yellow", f"vacuous  {visible(v.text)}") for v in test.vacuous]
 
 
 def _robustness(test: TestResult, console: Console) -> list[str]:

@@ -15,31 +15,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.explore import assumptions, conditions, contracts
+from soter.explore import assumptions, contracts
 from soter.explore.judge.replay import broken_of, replay
 from soter.explore.methods import SAMPLING, STEPS_MAX
 from soter.explore.results import (
-    BOUND,
     BOUNDS,
-    CHOICES,
-    DRAWN,
-    EXHAUSTED,
-    GRID,
     INTERRUPTED,
     LENGTH,
     MEMORY,
     NOT_ASKED,
     PART,
     PATIENCE,
-    PICKED,
-    RUNS,
-    SAMPLED,
-    STATES,
     TIME,
-    UNDRIVEN,
     UNJUDGED,
     VIOLATED,
-    WIDTH,
     Kept,
     TestResult,
     bound_text,
@@ -47,7 +36,7 @@ from soter.explore.results import (
 )
 from soter.explore.trace.schedule import plan_of
 from soter.explore.trace.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
-from soter.explore.vacuity import vacuous
+from soter.explore.verdict import ENDS, covered_before, short_of_test, vacuous_parts, verdict_of
 from soter.program.flatten.derived import with_test
 from soter.program.flatten.trials.tested import MAX_STEPS
 from soter.program.model.durations import show_ns
@@ -56,12 +45,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.explore.checkpoint.saver import Checkpoint
-    from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
     from soter.explore.judge.replay import Replayed
     from soter.explore.results import Looked, Options
     from soter.explore.trace.trace import Step
-    from soter.explore.vacuity.vacuous import Vacuous
     from soter.program.model.system import System
     from soter.program.model.typed import TestSymbol
 
@@ -69,16 +56,6 @@ if TYPE_CHECKING:
 
 FOLDER = Path(".soter")
 ENDING = ".trace.json"
-_BOUNDS = {
-    "memory": MEMORY,
-    "states": STATES,
-    "runs": RUNS,
-    "stopped": INTERRUPTED,
-    "no_memory": MEMORY,
-    "choices": CHOICES,
-    "width": WIDTH,
-    "length": LENGTH,
-}
 LONG = 500
 """Steps that are replayed even where somebody waits for an answer."""
 
@@ -188,15 +165,9 @@ def explore_test(
         with _quiet(listener):
             found = search.run()
             coverage = search.coverage()
-            says_nothing = vacuous.of_test(
-                system,
-                search.met(),
-                coverage.modes.unreached,
-                told.replaced,
-                ended=_came_to_its_end(found, options),
-            )
-            short_of = _short_of(system, search, coverage, says_nothing)
-            verdict, bound = _verdict(found, options, short_of)
+            says_nothing = vacuous_parts(system, search, coverage, found, told.replaced)
+            short_of = short_of_test(system, search, coverage)
+            verdict, bound = verdict_of(found, options, short_of)
             result = TestResult(
                 name=plan_of(system).name,
                 system=system,
@@ -215,7 +186,7 @@ def explore_test(
                 table_bytes=found.table_bytes,
                 frontier_bytes=found.frontier_bytes,
                 total_bytes=found.total_bytes,
-                covered_ns=_covered(found, system, options),
+                covered_ns=covered_before(found, system, options),
                 closed_ns=found.closed_ns or None,
                 checkpoint=_kept(checkpoint),
                 short_of=short_of if short_of not in (bound, UNJUDGED) else None,
@@ -262,36 +233,14 @@ def _interrupted(result: TestResult) -> None:
         result.others_bound = INTERRUPTED
 
 
-def _came_to_its_end(found: Found, options: Options) -> bool:
-    """Whether what it has not met is not to be met."""
-    return found.status == "exhausted" and options.strategy not in SAMPLING
-
-
-def _short_of(
-    system: System, search: Search, coverage: Coverage, says_nothing: Sequence[Vacuous]
-) -> str | None:
-    """What an exhaustive search of a test does not cover; None where it is every execution."""
-    if coverage.properties.reached <= sum(v.cannot_fail for v in says_nothing):
-        return UNJUDGED
-    if assumptions.undriven(system):
-        return UNDRIVEN
-    if conditions.picked(system):
-        return PICKED
-    if assumptions.held(system):
-        return DRAWN
-    if search.times is not None and (search.times.open or search.times.crowded):
-        return GRID
-    return SAMPLED if search.sampled else None
-
-
 def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None:
     """Look for other properties that can be violated, one search for each."""
     assert found.broken is not None
     known, others = [found.broken], []
     while True:
         found = search.run(tuple(known))
-        short_of = _short_of(result.system, search, search.coverage(), result.vacuous)
-        verdict, bound = _verdict(found, result.options, short_of)
+        short_of = short_of_test(result.system, search, search.coverage())
+        verdict, bound = verdict_of(found, result.options, short_of)
         if verdict != VIOLATED:
             result.others_bound = bound
             break
@@ -319,24 +268,6 @@ def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None
             break
     result.others = tuple(others)
     result.coverage, result.robustness = search.coverage(), search.robustness()
-
-
-def _verdict(found: Found, options: Options, short_of: str | None) -> tuple[str, str | None]:
-    """The verdict, and which bound was reached; `short_of`: the bound of a search that ended."""
-    if found.status == "violated":
-        return VIOLATED, None
-    if found.status == "exhausted":
-        if options.strategy in SAMPLING:
-            return BOUND, RUNS
-        return (EXHAUSTED, None) if short_of is None else (BOUND, short_of)
-    return BOUND, TIME if found.stopped == TIME else _BOUNDS[found.status]
-
-
-def _covered(found: Found, system: System, options: Options) -> int | None:
-    """Before which time everything was judged; None where executions are drawn by chance."""
-    if options.strategy in SAMPLING:
-        return None
-    return min(found.covered_ns, plan_of(system).horizon_ns)
 
 
 def _kept(c: Checkpoint | None) -> Kept | None:
@@ -416,7 +347,7 @@ def _least(result: TestResult, search: Search, found: Found, patience_s: float) 
     result.minimal = least.status == "violated" and bool(least.steps)
     if not result.minimal:
         patience = least.stopped == TIME
-        result.least_bound = PATIENCE if patience else _BOUNDS.get(least.status, LENGTH)
+        result.least_bound = PATIENCE if patience else ENDS.get(least.status, LENGTH)
         return ()
     return least.steps
 

@@ -43,7 +43,7 @@ MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED = "memory", "states", "runs", "sample
 TIME, CHOICES, WIDTH, LENGTH, PART = "time", "choices", "width", "length", "part"
 PATIENCE, NOT_ASKED = "patience", "not_asked"
 BOUNDS = {
-    UNJUDGED: "nothing was judged: no property of the test that can fail was ever looked at",
+    UNJUDGED: "nothing was judged: no property of the test was ever looked at",
     UNDRIVEN: "an input keeps its default all the time: other values of it were not tried",
     PICKED: "an input takes only values that are picked: others of its set were not tried",
     GRID: "the program calculates with times, or compares many of them: a grid of them, which was "

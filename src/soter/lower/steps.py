@@ -152,4 +152,6 @@ def lower(system: System) -> core.CoreSystem:
         lower_predicate(functions, system, m.scope, m.value, m.span) for m in system.measures
     )
     used = tuple(functions.by_name.values())
-    return core.CoreSystem(used, nodes, plants, decisions, properties, timed, premises, measures)
+    return core.CoreSystem(
+        used, nodes, plants, decisions, properties, timed, premises=premises, measures=measures
+    )

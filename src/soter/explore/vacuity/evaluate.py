@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.explore.vacuity import ranges
+from soter.explore.vacuity.alike import alike
 from soter.explore.vacuity.ranges import ANY_FLOAT, ANY_INT, EITHER, FALSE, TRUE, Faults, Range
 from soter.program.model import typed as t
 from soter.program.model.types import (
@@ -24,7 +25,6 @@ from soter.program.model.types import (
     IntType,
     RecordType,
 )
-from soter.program.model.walk import children
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -478,24 +478,3 @@ class RangeEvaluator:
         t.Choose: _choose,
         t.Narrow: _narrow,
     }
-
-
-def alike(a: t.Expr, b: t.Expr) -> bool:
-    """Whether two expressions are written alike, and so have one value where they are judged."""
-    return _form(a) == _form(b)
-
-
-def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
-    """What an expression is made of, but for where it stands; a choice is alike to nothing."""
-    if isinstance(e, t.Choose):
-        return object()
-    own: list[object] = [type(e).__name__]
-    for name in ("op", "name", "index", "instance"):
-        value = getattr(e, name, None)
-        own += [name, value] if isinstance(value, (str, int)) else []
-    for name in ("variable", "topic", "param", "module", "fun"):
-        value = getattr(e, name, None)
-        own += [name, value if isinstance(value, str) else id(value)]
-    if isinstance(e, t.Literal):
-        own.append(repr(e.value))
-    return (*own, *[_form(child) for child in children(e)])
