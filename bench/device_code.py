@@ -169,7 +169,7 @@ def lanes_of(text: str, fleet: Fleet, count: int, folder: Path) -> tuple[list[An
     counted = bool(recipe.horizon_ns)
     found = [
         (
-            flight["digest"].decode(),
+            (flight["digest"].decode(), flight["trajectory"].decode()),
             [(*look.tolist(),) for look in arrays["looks"][k][["count", "sum", "least", "most"]]],
             tuple(arrays["saves"][k].tolist()) if counted else (),
             tuple(arrays["precautions"][k].tolist()) if counted else (),
@@ -183,7 +183,7 @@ def lanes_of(text: str, fleet: Fleet, count: int, folder: Path) -> tuple[list[An
 def said_of(flight: Flight) -> Any:  # noqa: ANN401 - a row
     """The same of a flight of a campaign."""
     looks = [(x.count, x.sum, x.least, x.most) for x in flight.looks]
-    return flight.digest, looks, flight.saves, flight.precautions
+    return (flight.digest, flight.trajectory), looks, flight.saves, flight.precautions
 
 
 def device(text: str, arch: str, folder: Path) -> bool:
