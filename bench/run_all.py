@@ -163,6 +163,12 @@ BENCHMARKS = (
         "functions need, externs, plants.",
     ),
     Benchmark(
+        "Bad files and options",
+        ("bench/bad_input.py", "--count", "1000", "--jobs", "2"),
+        "1,000 mutants of every format that a command reads (bytes, numbers, types; pipes, devices, "
+        "20 GB of holes), and 1,000 command lines of each command with options that do not fit.",
+    ),
+    Benchmark(
         "The mountain car: four drivers, alone and with RTA",
         ("bench/mountain_car.py",),
         "10,000 seeded episodes of each driver on the proved map, until flag, cliff or 999 steps. "
