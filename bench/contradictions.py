@@ -40,7 +40,7 @@ from soter.api import load, recheck  # noqa: E402 - needs the path
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402 - needs the path
 from soter.program.build import check_file, system_to_prove  # noqa: E402 - needs the path
 from soter.reach.attack import refute as attacks  # noqa: E402 - needs the path
-from soter.reach.attack.attacked import DRAWN  # noqa: E402 - needs the path
+from soter.reach.attack.attacked import DRAWN, NotAttackableError  # noqa: E402 - needs the path
 from soter.reach.deploy.complete import complete  # noqa: E402 - needs the path
 from soter.semantics.adversary import CHANCE, CORNER, HOLDS, TURN  # noqa: E402 - needs the path
 
@@ -246,7 +246,10 @@ def _runs(path: Path, report: VerifyReport) -> Iterator[tuple[str, str]]:
 
 def _attacked(flat: object, index: int) -> Iterator[tuple[str, str]]:
     """`safe` on true states, AC and the world at their bounds."""
-    attack = attacks._Attack(flat, index, DRAWN)  # type: ignore[arg-type]  # noqa: SLF001
+    try:
+        attack = attacks._Attack(flat, index, DRAWN)  # type: ignore[arg-type]  # noqa: SLF001
+    except NotAttackableError:
+        return  # `safe` is about what an abstraction shows
     until = PERIODS * attack.module.period_ns
     plants = [c for c in attack.variant.components if c.plant is not None]
     for pattern in (CORNER, TURN, HOLDS, CHANCE):
