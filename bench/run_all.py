@@ -361,6 +361,14 @@ BENCHMARKS = (
         "escapes.",
     ),
     Benchmark(
+        "Verify, recheck and run against each other",
+        ("bench/contradictions.py", "--modules", "300", "--stiff", "50"),
+        "Random modules (grids, polytopes, inductions, instances, dials nobody reads) and 50 with "
+        "a group that no command moves, under schemes that may diverge. `proved, rejected` is what "
+        "verify proves and recheck rejects, `accepted, not proved` the other way round; `proved, "
+        "violated` and `proved, stops` are runs that leave `safe` or in which a plant stops.",
+    ),
+    Benchmark(
         "Certificates: checking them again",
         ("bench/recheck.py",),
         "`soter recheck` on all processors: one pass over every table in Arb balls; then single "
