@@ -400,7 +400,9 @@ BENCHMARKS = (
         "soter test: tests that judge nothing, and times off the grid",
         ("bench/testing_vacuous.py",),
         "Each test would be clean for want of looking. Those that compare times are searched on "
-        "the grid that soter chooses and on one of a quarter of a millisecond.",
+        "the grid that soter chooses and on one of a quarter of a millisecond. Then tests that say "
+        "nothing: `without a word` counts those that are clean and told of nothing, `cries wolf` "
+        "tests that could fail and are told as vacuous.",
     ),
     Benchmark(
         "soter test: wide steps",
