@@ -165,8 +165,8 @@ BENCHMARKS = (
     Benchmark(
         "Bad files and options",
         ("bench/bad_input.py", "--count", "1000", "--jobs", "2"),
-        "1,000 mutants of every format that a command reads (bytes, numbers, types; pipes, devices, "
-        "20 GB of holes), and 1,000 command lines of each command with options that do not fit.",
+        "1,000 mutants of every format that a command reads (bytes, numbers, types; pipes, devices,"
+        " 20 GB of holes), and 1,000 command lines of each command with options that do not fit.",
     ),
     Benchmark(
         "The mountain car: four drivers, alone and with RTA",
