@@ -67,12 +67,15 @@ def together(system: System, watched: Sequence[Watched]) -> int:
         edges = 0 if not loose else loose + 1 if w.crossed else min(loose, 2)
         fixed = ages - moved if free else ages & moved
         from_zero |= bool(fixed) or bool(free and (w.now or w.deadline == "eventually"))
-        clocks += loose + len(fixed) + bool(free and w.now)
+        looks = w.looks if w.component is None else _releases(system, w.component)
+        clocks += loose * looks
+        clocks += (len(fixed) + bool(free and w.now)) * (looks if _overtaken(system, w) else 1)
         if w.component is not None:
-            in_steps += edges * _releases(system, w.component)
+            in_steps += edges * looks
         else:
             looked_at = max(looked_at, w.looks * edges + (w.deadline in {"leadsto", "invariant"}))
     strict = in_steps + looked_at + 2 * from_zero
+    # two strict edges beside each other are two thresholds of one clock: the grid tells them apart
     return strict if strict > 2 else 2 if clocks > 1 else 1
 
 
@@ -90,6 +93,15 @@ def _source(system: System, topic: int) -> int:
     """The topic itself, or of a queue that which fills it: its age is that one's."""
     of = system.topics[topic].queue_of
     return topic if of is None else of
+
+
+def _overtaken(system: System, w: Watched) -> bool:
+    """Whether a step of a component may come when its next is released already."""
+    if w.component is None:
+        return w.looks > 1
+    assert system.test is not None
+    late = [f.by_ns for f in system.test.faults if f.component == w.component and f.kind != "skip"]
+    return system.test.skew_ns + sum(late) > system.components[w.component].period_ns
 
 
 def _releases(system: System, component: int) -> int:
