@@ -136,7 +136,7 @@ def _command(words: list[str], folder: Path, said: Path, stdin: str) -> None:
         from soter.cli.main import main  # noqa: PLC0415 - in the fork
         from soter.cli.terminal import crash  # noqa: PLC0415 - the same
 
-        crash.apologise = _apologise  # what failed, in full
+        crash.apologise = _apologise  # type: ignore[assignment] # what failed, in full
         code = main(words)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else INTERNAL

@@ -14,7 +14,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -289,7 +289,7 @@ def _others(folder: Path) -> None:
     opened = {**uri, "languageId": "soter", "version": 1, "text": "soter 1;\nconst A: int = 3;\n"}
     edit = {"range": {"start": {"line": 1, "character": 0}, "end": here}, "text": "b"}
     changed = {"textDocument": {**uri, "version": 2}, "contentChanges": [edit]}
-    said = (
+    said: tuple[tuple[str, Any, int | None], ...] = (
         ("initialize", {"processId": None, "rootUri": None, "capabilities": {}}, 1),
         ("initialized", {}, None),
         ("textDocument/didOpen", {"textDocument": opened}, None),
@@ -301,7 +301,7 @@ def _others(folder: Path) -> None:
     )
     stream = b""
     for method, params, number in said:
-        message = {"jsonrpc": "2.0", "method": method}
+        message: dict[str, Any] = {"jsonrpc": "2.0", "method": method}
         message |= {} if params is None else {"params": params}
         message |= {} if number is None else {"id": number}
         body = json.dumps(message).encode()

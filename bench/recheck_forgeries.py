@@ -231,8 +231,8 @@ def _sets(made: Forged, dice: Dice) -> None:
     names = [n for n in made.contents if n.startswith("sets/")]
     if not names:
         how = dice.choice(["k", "returns"])
-        made.name = how
         value = dice.choice([0, 1, 2, 3])
+        made.name = f"{how} {value}"
         made.entry(dice)["induction"][how] = value
         return
     for _ in range(dice.choice([1, 1, 3])):
@@ -492,7 +492,7 @@ KINDS: dict[str, Callable[[Forged, Dice], None]] = {
 
 def forge(bases: dict[str, Base], family: str, kind: str, seed: int, folder: Path) -> Forged:
     """A forgery of that kind, written to the folder; the same for the same seed."""
-    dice = random.Random(seed)  # noqa: S311 - no secret
+    dice = random.Random(str(seed))  # noqa: S311 - no secret; neighbours share nothing
     base = dice.choice([b for b in bases.values() if b.family == family])
     folder.mkdir()
     made = Forged(base, folder)

@@ -163,6 +163,12 @@ BENCHMARKS = (
         "functions need, externs, plants.",
     ),
     Benchmark(
+        "Bad files and options",
+        ("bench/bad_input.py", "--count", "1000", "--jobs", "2"),
+        "1,000 mutants of every format that a command reads (bytes, numbers, types; pipes, devices,"
+        " 20 GB of holes), and 1,000 command lines of each command with options that do not fit.",
+    ),
+    Benchmark(
         "The mountain car: four drivers, alone and with RTA",
         ("bench/mountain_car.py",),
         "10,000 seeded episodes of each driver on the proved map, until flag, cliff or 999 steps. "
@@ -355,6 +361,14 @@ BENCHMARKS = (
         "escapes.",
     ),
     Benchmark(
+        "Verify, recheck and run against each other",
+        ("bench/contradictions.py", "--modules", "300", "--stiff", "50"),
+        "Random modules (grids, polytopes, inductions, instances, dials nobody reads) and 50 with "
+        "a group that no command moves, under schemes that may diverge. `proved, rejected` is what "
+        "verify proves and recheck rejects, `accepted, not proved` the other way round; `proved, "
+        "violated` and `proved, stops` are runs that leave `safe` or in which a plant stops.",
+    ),
+    Benchmark(
         "Certificates: checking them again",
         ("bench/recheck.py",),
         "`soter recheck` on all processors: one pass over every table in Arb balls; then single "
@@ -386,7 +400,9 @@ BENCHMARKS = (
         "soter test: tests that judge nothing, and times off the grid",
         ("bench/testing_vacuous.py",),
         "Each test would be clean for want of looking. Those that compare times are searched on "
-        "the grid that soter chooses and on one of a quarter of a millisecond.",
+        "the grid that soter chooses and on one of a quarter of a millisecond. Then tests that say "
+        "nothing: `without a word` counts those that are clean and told of nothing, `cries wolf` "
+        "tests that could fail and are told as vacuous.",
     ),
     Benchmark(
         "soter test: wide steps",

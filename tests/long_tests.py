@@ -39,10 +39,13 @@ def examples(variable: str, *, quick: int, long: int) -> int:
 
 
 def some(these: Iterable[Any], quick: int) -> list[Any]:
-    """What a test is tried on: the first ones always, the others in a long run."""
-    return [
-        x if k < quick else pytest.param(x, marks=pytest.mark.long) for k, x in enumerate(these)
-    ]
+    """What a test is tried on: the first ones always, the others in a long run.
+
+    A tuple is one value for each name.
+    """
+    rows = [x if isinstance(x, tuple) else (x,) for x in these]
+    beyond = [pytest.param(*row, marks=pytest.mark.long) for row in rows[quick:]]
+    return [*(pytest.param(*row) for row in rows[:quick]), *beyond]
 
 
 @pytest.fixture(scope="session", autouse=True)

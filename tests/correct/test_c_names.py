@@ -38,7 +38,7 @@ assert complex ctype errno fenv float inttypes limits math setjmp signal stdarg 
 stdint stdio stdlib string time unistd wchar
 """
 WORDS = [w for w in (*KEYWORDS.split(), *OTHERS.split()) if w not in RESERVED]
-MACROS = examples("SOTER_C_NAMES", quick=60, long=10_000)
+NAMES = examples("SOTER_C_NAMES", quick=10, long=10_000)
 INCLUDED = "".join(f"#include <{h}.h>\n" for h in HEADERS.split() if h != "complex")
 ONE = """soter 1;
 topic x: float in [0.0, 1.0] max_age 20ms;
@@ -59,7 +59,7 @@ def compiled(folder: Path, *words: str, cpp: bool = False) -> str:
 
 
 def test_a_system_may_have_any_name(tmp_path: Path) -> None:
-    names = WORDS[:: max(1, len(WORDS) // examples("SOTER_C_NAMES", quick=10, long=10_000))]
+    names = WORDS[:: max(1, len(WORDS) // NAMES)]
     names = list(dict.fromkeys([*names, "_Atomic", "_Bool", "_Thread_local", "main", "errno"]))
     systems = "".join(
         f"system {n} {{ external topic x; external topic u; module M; }}\n" for n in names
@@ -99,10 +99,11 @@ def test_everything_else_may_have_any_name(tmp_path: Path) -> None:
     """Fields, topics, members, nodes, functions, constants, locals and parameters."""
     found = macros(tmp_path)
     assert "EINVAL" in found
-    names = list(dict.fromkeys([*WORDS, *found[:: max(1, len(found) // MACROS)]]))
+    names = list(dict.fromkeys([*WORDS, *found[:: max(1, len(found) // (6 * NAMES))]]))
     fields = ", ".join(f"{n}: float" for n in names)
     text = f"soter 1;\ntype Words = {{ {fields} }};\ntopic words: Words;\n"
-    text += f"type Members = enum {{ {', '.join(names)} }};\ntopic member: Members = Members.{names[0]};\n"
+    text += f"type Members = enum {{ {', '.join(names)} }};\ntopic member: Members ="
+    text += f" Members.{names[0]};\n"
     for k, n in enumerate(names[:: len(names) // 12][:12]):
         if n in ("Words", "Members"):
             continue

@@ -55,9 +55,13 @@ CHANGED = {
 }
 FLOWN = ("band", "speed")
 """Where the linear part still leaves something, and a flight is beyond it."""
+LONG = ("tilt", "speed")
 
 
-@pytest.mark.parametrize("change", CHANGED)
+@pytest.mark.parametrize(
+    "change",
+    [pytest.param(c, marks=pytest.mark.long if c in LONG else ()) for c in CHANGED],
+)
 def test_a_vehicle_that_follows_worse_is_told(change: str, tmp_path: Path) -> None:
     folder = tmp_path / "drone"
     shutil.copytree(DRONE, folder, ignore=shutil.ignore_patterns("__pycache__", ".soter"))

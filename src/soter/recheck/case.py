@@ -90,7 +90,7 @@ class Case:
                     names = ", ".join(self.model.facts.states[i].name for i in group.states)
                     why = (
                         f"no command moves {names}; its differential equation keeps it in its "
-                        "grid, and the scheme that integrates it does not"
+                        "grid, and that the scheme which integrates it does was not shown"
                     )
                     raise RejectedError(f"{why} ({error})") from None
             raise
@@ -182,8 +182,8 @@ class Case:
                 if (core.members & ~within.members).any():
                     name = facts.system.topics[topic].name
                     raise RejectedError(
-                        f"K holds states of which a plant may publish on `{name}` what its "
-                        "declared set does not hold: there it stops"
+                        f"K holds states of which it was not shown that what a plant publishes on "
+                        f"`{name}` lies in its declared set: elsewhere it stops"
                     )
             allowed = [
                 Cells(a.grid, a.members & b.members) for a, b in zip(allowed, found, strict=False)

@@ -26,7 +26,7 @@ from soter.recheck.case import Case
 from soter.recheck.certificate.errors import RejectedError
 from soter.recheck.certificate.folder import Certificate, read_certificate
 from soter.recheck.certificate.source import hexadecimal, program_of
-from soter.recheck.claims import CLAIMS, claimed_of, static_claims
+from soter.recheck.claims import CLAIMS, claimed_of, missing_of, static_claims
 from soter.recheck.coverage import otherwise_in_program, parameters_of, uncovered
 from soter.recheck.handover import jumps_of
 from soter.recheck.inclusions.deployed import compare_tables
@@ -60,6 +60,8 @@ DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
 TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
 BEYOND, BEYOND_NS = 4, 1_000_000_000
 """More than so many times what there is, and so much: no claim, but a way to keep this busy."""
+BEGINS = ("P1c", "P2a", "P3", "start")
+"""What says that the fail-safe law begins in K; P1c may rest on assumed times, as it may for SC."""
 CASES_MAX = 4096
 """Combinations of parameter values."""
 
@@ -257,7 +259,7 @@ def _module(
     groups = list(zip(tables, polytopes, strict=True))
     if ("law" in entry) != ("failsafe" in claims):
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
-    if "failsafe" in claims and not {"P1c", "P2a", "P3", "start"} <= claims:
+    if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
     law = _law(certificate, facts, extents, entry) if "law" in entry else None
     try:

@@ -202,7 +202,7 @@ def test_skew_and_lateness_widen_windows_but_not_those_of_plants_and_inputs() ->
 
 def test_the_grid_is_the_greatest_common_divisor_unless_declared() -> None:
     plan = plan_in(RICH, "Late")
-    assert (plan.quantum_ns, plan.tick_ns) == (5 * MS // 2, 5 * MS // 2), "between 25 and 30 ms"
+    assert (plan.quantum_ns, plan.tick_ns) == (5 * MS // 2, 5 * MS // 2), "as declared"
     finer = planned(items="skew 8ms; quantum 3ms; eventually seen within 7ms;")
     assert (finer.quantum_ns, finer.tick_ns) == (3 * MS, MS)
 

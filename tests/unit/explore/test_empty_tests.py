@@ -133,6 +133,8 @@ def test_a_quarter_of_a_millisecond_finds_no_more(chunk: int) -> None:
     for seed in (*range(chunk, PROGRAMS, 4), 97 + chunk):
         text = watching(seed)
         first = found(text)
+        if first.bound == "grid":  # it says itself that the grid may miss something
+            continue
         assert first.verdict in ("violated", "exhausted"), (seed, first.bound)
         fine = with_item(text, "quantum 250us; ")
         again = found(fine)

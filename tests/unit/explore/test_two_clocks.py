@@ -108,6 +108,30 @@ def test_where_steps_compare_again_and_again_no_grid_is_called_fine_enough() -> 
     assert found(declared).bound != "grid", "who declares a grid takes it for granted"
 
 
+AGAIN = """soter 1;
+topic t: int in [0, 1] = 0;
+topic bad: bool = false;
+node M period 40ms { publishes t; step { publish t = 1; } }
+node N period 10ms phase 5ms {
+  subscribes t; publishes bad;
+  var early: bool = false;
+  step {
+    if age(t) > 0.015 && early { publish bad = true; }
+    early = age(t) < 0.005;
+  }
+}
+system S { node M; node N; until 1s; }
+test T { system S; skew 1ms; horizon 18ms; QUANTUM never bad; }
+"""
+
+
+def test_one_clock_that_two_steps_compare() -> None:
+    """t < 5 ms old at 5 ms, and > 15 ms old at 16 ms: it came between the milliseconds."""
+    assert not is_violated(AGAIN.replace("QUANTUM", "quantum 1ms;"))
+    assert is_violated(AGAIN.replace("QUANTUM", "quantum 500us;"))
+    assert found(AGAIN.replace("QUANTUM", "")).verdict == "violated"
+
+
 def test_who_is_on_time_needs_no_finer_grid() -> None:
     """Of one clock that is compared with constants half a grid is enough, as ever."""
     alone = text("z && age(x) > 0.003 && age(x) < 0.004", late="late C by 5ms;")

@@ -360,6 +360,20 @@ def test_a_claim_without_sets_and_sets_without_a_claim_are_rejected(
     assert "sets of its law" in recheck(folder).reason
 
 
+def test_a_law_under_times_that_are_assumed_is_confirmed_under_them(tmp_path: Path) -> None:
+    """Undeclared times are zero, assumed: P1c is H >= H* under them, as it is of all the rest."""
+    path = tmp_path / "stop.soter"
+    times = "    late dm 1ms, sc 1ms;\n    response dm 1ms, sc 1ms;\n    acts within 2ms;\n"
+    path.write_text(text(**{times: ""}))
+    report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    said = {n: f.verdict for n, f in report.modules[0].findings.items()}
+    assert (said["P1c"], said["failsafe"]) == ("assumed", "proved")
+    found = recheck(tmp_path / "cert")
+    assert found.accepted, found.reason
+    assert "failsafe" in found.modules[0].confirmed
+    assert any("undeclared times are zero" in a for a in found.assumptions)
+
+
 @pytest.mark.parametrize("missing", ["P1c", "P3", "start"])
 def test_a_law_is_not_confirmed_beside_what_it_rests_on_and_is_not_claimed(
     proved: Path, tmp_path: Path, missing: str

@@ -86,6 +86,36 @@ def test_what_nobody_reads_is_published_all_the_same(
     assert not any("what plants publish lies" in a for a in found.problem.assumptions)
 
 
+@pytest.mark.parametrize(
+    ("value", "bounds", "level"),
+    [
+        ("sqrt(h - 0.5)", "[0.0, 1000.0]", (0.5, 9.0)),
+        ("1.0 / (h - 1.9)", "[-1000.0, 0.0]", (0.0, 1.9)),
+    ],
+)
+def test_what_has_no_ends_in_the_ranges_is_no_crash(
+    value: str, bounds: str, level: tuple[float, float]
+) -> None:
+    found = proved_of(dialled(value, bounds))
+    least, most = ends_of(found)
+    assert level[0] <= least < most <= level[1]
+
+
+def test_of_a_clock_on_a_dial_nothing_is_proved() -> None:
+    found = proved_of(dialled("time", "[0.0, 1000.0]"))
+    assert found.verdict == "undecided"
+    assert "`dial` takes only [0, 1000]" in found.findings["P2a"].hint
+
+
+def test_a_list_on_a_dial_is_an_assumption() -> None:
+    lists = "fun one(h: float): float[<=2] { var o: float[<=2] = []; push o, h; return o; }\n"
+    dial = f"{DRIVES}  drives dial = one(h);\n"
+    declared = f"{lists}topic dial: float[<=2] in [0.0, 1.5];\ntopic pump"
+    found = proved_of(changed((DRIVES, dial), ("topic pump", declared), text=COMPUTED))
+    assert found.verdict == "proved"
+    assert any("what plants publish lies" in a for a in found.problem.assumptions)
+
+
 def test_an_error_of_what_nobody_reads_counts() -> None:
     measured = ("  measured level within 0.01;", "  measured level within 0.01;\n")
     wrong = (measured[0], f"{measured[1]}  measured dial within 2.0;")

@@ -109,6 +109,27 @@ def test_a_linear_group_is_covered_beside_one_that_is_not() -> None:
     assert (found.verdict, "rate x step of p.z is" in found.text) == ("undecided", True)
 
 
+@pytest.mark.parametrize(("by", "verdict"), [("rk4", "undecided"), ("rk4 substeps 8", "proved")])
+def test_a_flow_that_bends_and_diverges_by_a_bound_of_its_slope(by: str, verdict: str) -> None:
+    """K is there, as the differential equation has one; the steps leave it."""
+    rate = "-300.0 * z + 0.001 * sin(z)"
+    found = found_of(rate, by, ("/ 60;", "/ 24;"))
+    assert found.findings["P2a"].verdict == verdict
+    assert ("makes z diverge" in found.findings["P2a"].text) == (verdict == "undecided")
+    assert "scheme" in found.assumed
+    text = CART.replace("RATE", rate).replace("SCHEME", by)
+    warned = {d.code for d in check_file("cart.soter", text).diagnostics.items}
+    assert ("W019" in warned) == (verdict == "undecided")
+
+
+def test_measuring_ends_where_no_axis_has_an_inside() -> None:
+    """Why K is empty is asked of a state deep in C; of an axis of one cell it went on for ever."""
+    text = CART.replace("RATE", "-1000.0 * z + 10.0 * z * z * z").replace("SCHEME", "rk4")
+    (problem,) = problems_of(modules_of(check_file("cart.soter", text), None, None, {}))
+    found = verify_module(problem, refute=False, explain=True).findings["P2a"]
+    assert (found.verdict, bool(found.causes)) == ("undecided", True)
+
+
 @pytest.mark.parametrize("order", [1, 4])
 @pytest.mark.parametrize("seed", range(8))
 def test_the_error_holds_one_step_whatever_the_units(seed: int, order: int) -> None:

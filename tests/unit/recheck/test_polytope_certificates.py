@@ -454,3 +454,33 @@ def test_a_prover_with_a_hole_is_caught(
     report = checked(tmp_path / "cert")
     assert not report.accepted
     assert report.reason
+
+
+# ---------------------------------------------------------------- work
+
+
+def many_periods(at: Opened) -> None:
+    at.group["periods"] = 99_999
+
+
+def many_instants(at: Opened) -> None:
+    end = at.group["instants"]["hold"][-1]
+    at.group["instants"]["hold"] = [end * k // 999 for k in range(1000)]
+
+
+def many_rows(at: Opened) -> None:
+    at.group["multipliers"]["K"][0]["of"][0] = 1 << 24
+
+
+@pytest.mark.parametrize(
+    ("how", "why"),
+    [(many_periods, "more work"), (many_instants, "more work"), (many_rows, "not looked at")],
+)
+def test_what_asks_for_too_much_work_is_refused_at_once(
+    how: Edit, why: str, right: Path, tmp_path: Path
+) -> None:
+    at = Opened(shutil.copytree(right, tmp_path / "much"))
+    how(at)
+    report = checked(at.seal())
+    assert why in report.reason
+    assert report.seconds < 5.0

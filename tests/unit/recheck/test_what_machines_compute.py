@@ -43,6 +43,8 @@ WRONG = {
     "publish u = clamp(-GAIN * (z - 2.0), -1.0, 1.0); }",
     "nothing times infinity": "step { let z = (x + 2.0) * 1.0e200 * 1.0e200 * 0.0; "
     "publish u = clamp(-GAIN * x + z, -1.0, 1.0); }",
+    "nothing times a prelude function that overflows": "step { let z = exp(1000.0 * abs(x)); "
+    "publish u = clamp(-GAIN * x + 0.0 * z, -1.0, 1.0); }",
     "no number in a table": "step { let big = 1.0e200 * 1.0e200; let n = big - big; "
     "let t = [1.0, n, 2.0]; let i = int(floor(abs(x))) + 1; "
     "publish u = t[i] > 0.0 ? clamp(-GAIN * x, -1.0, 1.0) : 0.0; }",

@@ -7,12 +7,12 @@ Non-goals: lists, and arrays too long to be numbered: that they stay in their se
 
 from __future__ import annotations
 
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from soter.program.model.types import leaves
 from soter.reach.claims.results import UNDECIDED
 from soter.reach.enclose.inputs import paths
+from soter.reach.enclose.steps import room_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -38,8 +38,8 @@ def narrowed(problem: Problem, forms: Forms) -> list[str]:
     for (name, bound, error), (low, high) in zip(driven, ends, strict=True):
         if bound is None:
             continue
-        off = Fraction(error)
-        if not (Fraction(low) - off >= bound.low and Fraction(high) + off <= bound.high):
+        least, most = room_of(bound, error)
+        if not least <= low <= high <= most:
             found.append(f"`{name}` takes only [{bound.low:.6g}, {bound.high:.6g}]")
     return found
 

@@ -20,7 +20,7 @@ from soter.reach.enclose.body import EnclosureBody
 from soter.reach.enclose.emit import FAULT, EnclosureError, float_literal
 from soter.reach.enclose.inputs import Inputs, key, parts
 from soter.reach.enclose.ops import UNKNOWN, Operations, kind_of
-from soter.reach.enclose.values import Form, Item, Known, Parts, Span, Whole, at_most
+from soter.reach.enclose.values import Form, Item, Known, Parts, Sequence, Span, Whole, at_most
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -205,7 +205,9 @@ class Enclosed:
         return {p: v for p, _, v in parts(t, topics[leaf.owner])}[leaf.path]
 
     def operand(self, v: Item) -> c.CExpr:
-        """A leaf as a form, as the caller gets it."""
+        """A leaf as a form, as the caller gets it; of a list nothing is said: any number."""
+        if isinstance(v, Sequence):
+            v = Span(-math.inf, math.inf)
         return self.ops.form(v if kind_of(v) == "form" else self.ops.to_float(v))
 
     def drives(self) -> list[c.CExpr]:

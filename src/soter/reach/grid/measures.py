@@ -94,8 +94,8 @@ def deepest(part: GroupSets) -> dict[int, float]:
             inner &= np.roll(left, 1, axis) & np.roll(left, -1, axis)
             edge = np.moveaxis(inner, axis, 0)  # a view
             edge[[0, n - 1]] = False
-        if not inner.any():
-            break
+        if not inner.any() or np.array_equal(inner, left):
+            break  # axes of one or two cells have no inside, and take nothing away
         left = inner
     if not left.any():
         return {}

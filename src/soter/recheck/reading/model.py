@@ -186,9 +186,10 @@ class Model:
             value = x if isinstance(x, Linear) else terms.constant(float(x))
             high = greatest_below(float(bound.high), errors[k])
             low = -greatest_below(-float(bound.low), errors[k])
-            above = terms.below(terms.combine(((ONE, value),), -exact(low)))
+            short = value if low == 0.0 else terms.combine(((ONE, value),), -exact(low))
+            below = terms.below(short)
             beyond = terms.below(terms.combine(((-ONE, value),), exact(high)))
-            found = both(found, both(negation(above), negation(beyond)))
+            found = both(found, both(negation(below), negation(beyond)))
         return found
 
     # ------------------------------------------------------------ plants in time

@@ -23,6 +23,7 @@ from soter.recheck.reading.values import (
 )
 from soter.recheck.terms.balls import ONE, TINIEST, UNIT_ROUNDOFF, exact, magnitude
 from soter.recheck.terms.terms import (
+    LARGEST,
     Linear,
     NotRecheckedError,
     Terms,
@@ -119,7 +120,10 @@ class Operations:
         return self.whole(found) if whole else found
 
     def prelude(self, name: str, x: Linear) -> Linear:
-        """A function of the prelude: the exact one within its tested bound (an assumption)."""
+        """A function of the prelude: the exact one within its tested bound (an assumption).
+
+        NotRecheckedError where it may leave the range of doubles, as `exp` does.
+        """
         bound = BOUNDS[name]
         assert not bound.relative, name
         low, high = (exact(v) for v in bound.domain[0])
@@ -128,10 +132,15 @@ class Operations:
         value = self.terms.function(name, x)
         largest = magnitude(value.low).max(magnitude(value.high))
         if not largest.is_finite():  # bounded where it is used, or not at all
+            for sign in (ONE, -ONE):
+                beyond = self.terms.combine(((sign, value),), -LARGEST)
+                self.terms.oblige(self.terms.below(beyond))
             relative = self.terms.spread([exact(bound.ulps) * 2 * UNIT_ROUNDOFF], [value])
             found = self.terms.combine(((ONE, value), (ONE, relative)))
             error = exact(bound.ulps) * TINIEST + exact(bound.absolute)
             return replace(found, radius=found.radius + error)
+        if not largest < LARGEST:
+            raise NotRecheckedError("a number that may leave the range of doubles")
         ulp = 2 * UNIT_ROUNDOFF * largest + TINIEST
         error = exact(bound.ulps) * ulp + exact(bound.absolute)
         if not self.is_rounded:

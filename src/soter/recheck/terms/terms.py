@@ -256,15 +256,16 @@ class Terms:
         return self.combine(((ONE, a), (-ONE, b)))
 
     def multiply(self, a: Linear, b: Linear) -> Linear:
-        """A * b."""
+        """A * b; what is not negative, times such a number, is not, also once it is rounded."""
+        kept = a.nonnegative and b.nonnegative
         if a.is_constant and a.radius.is_zero():
-            return self.combine(((a.const, b),))
+            return replace(self.combine(((a.const, b),)), nonnegative=kept)
         if b.is_constant and b.radius.is_zero():
-            return self.combine(((b.const, a),))
+            return replace(self.combine(((b.const, a),)), nonnegative=kept)
         if same(a, b):
             return self.function("square", a, nonnegative=True)
         x = hull(a.low, a.high) * hull(b.low, b.high)
-        return self._atom(Atom("product", (a, b), low=x.lower(), high=x.upper()))
+        return self._atom(Atom("product", (a, b), low=x.lower(), high=x.upper()), nonnegative=kept)
 
     def divide(self, a: Linear, b: Linear) -> Linear:
         """A / b; that b is not 0 becomes an obligation."""
