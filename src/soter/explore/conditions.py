@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from soter.program.model.types import Type
 
 NAMED = 12
-"""So many parameters, or values of an input, are named."""
+"""So many parameters that are as declared are named; those that are not are, however many."""
 
 
 def told(system: System) -> Iterator[str]:
@@ -39,7 +39,7 @@ def told(system: System) -> Iterator[str]:
         every = f"every {show_ns(drive.every_ns)} and keeps it until then"
         if drive.values:
             values = [shown(to_json(topic.type, v)) for v in drive.values]
-            which = f"one of {_listed(values)}"
+            which = f"one of {', '.join(values)}"
             which += ", which is its whole set," if has_all(topic, drive) else ""
             which += "" if has_all(topic, drive) else f", picked of {set_of(topic)},"
         else:
@@ -86,19 +86,18 @@ def _count(t: Type, bound: Bound | None) -> float:
 
 
 def _parameters(system: System) -> Iterator[str]:
-    """Their values; of one that is set, its own as well."""
-    values = []
+    """Their values; of one that is set, its own as well: those come first, all of them."""
+    changed, values = [], []
     for name, value in system.params.items():
         param = system.program.param(name)
         if param is None:
             continue
         own = param.default.value if isinstance(param.default, Literal) else value
         at = f"{name} = {show(value, param.type)}"
-        values.append(at if value == own else f"{at} (by itself {show(own, param.type)})")
-    if values:
-        yield f"said of these values of parameters: {_listed(values)}"
-
-
-def _listed(texts: list[str]) -> str:
-    more = f" and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
-    return ", ".join(texts[:NAMED]) + more
+        if value == own:
+            values.append(at)
+        else:
+            changed.append(f"{at} (by itself {show(own, param.type)})")
+    if changed or values:
+        more = f" and {len(values) - NAMED} more" if len(values) > NAMED else ""
+        yield f"said of these values of parameters: {', '.join(changed + values[:NAMED])}{more}"

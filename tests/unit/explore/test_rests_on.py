@@ -97,3 +97,17 @@ def test_a_parameter_of_the_command_line_stands_there_as_well(
     main(["test", "small.soter", "--set", "GAIN=1.5", "--json"])
     told = json.loads(capsys.readouterr().out)["tests"][0]["assumptions"]
     assert any("GAIN = 1.5 (by itself 0.5)" in line for line in told)
+
+
+def test_what_is_set_or_picked_is_never_left_out_of_a_long_list() -> None:
+    many = "".join(f"param P{i}: int = 1 in [0, 9];\n" for i in range(14))
+    text = (
+        source()
+        .replace("param LIMIT", many + "param LIMIT")
+        .replace("set LIMIT", "set P13 = 4; set LIMIT")
+    )
+    text = text.replace("{ 3, 500 }", "{ " + ", ".join(map(str, range(20))) + " }")
+    told = "\n".join(found(text).assumptions)
+    assert "P13 = 4 (by itself 1)" in told
+    assert "LIMIT = 7 (by itself 5)" in told
+    assert "17, 18, 19, picked of" in told

@@ -137,3 +137,81 @@ def test_who_is_on_time_needs_no_finer_grid() -> None:
     alone = text("z && age(x) > 0.003 && age(x) < 0.004", late="late C by 5ms;")
     flat = system_of_test(check_file("small.soter", alone), "T")
     assert quantum_of(flat) == MS // 2
+
+
+BEFORE_THE_END = """soter 1;
+topic x: bool = false;
+topic z: bool = false;
+node P period 5ms { publishes x; step { publish x = true; } }
+node Q period 50ms { publishes z; step { publish z = true; } }
+system S { node P; node Q; never age(x) > 0.004; }
+test T { system S; horizon 20ms; late Q by 5ms; }
+"""
+"""Seen only between 4 and 5 ms: at 5 ms P has to step before anything can be seen."""
+IN_THE_LAST_PART = """soter 1;
+topic u: int in [0, 1] = 0;
+topic w: bool = false;
+node Fast period 20ms { publishes u; step { publish u = 1; } }
+node Slow period 20ms { publishes u; step { publish u = 0; } }
+node W period 20ms {
+  publishes w;
+  var n: int in [0, 9] = 0;
+  step { n = min(n + 1, 9); publish w = n == 2; }
+}
+rta M { ac Fast; sc Slow; period 20ms; safe true; ttf w; safer !w; }
+system S { node W; module M; }
+test T { system S; horizon 100ms; skew 2ms; always invariant(M); }
+"""
+"""SC comes 2 ms too late; at 2 ms it has to come before anything can be seen."""
+ON_TIME = (
+    "soter 1;"
+    + "".join(
+        f"topic {t}: bool;\n"
+        f"node {t.upper()} period 20ms {{ publishes {t}; step {{ publish {t} = true; }} }}\n"
+        for t in "abcd"
+    )
+    + """topic z: bool;
+node R period 20ms phase 5ms {
+  subscribes a, b, c, d;
+  publishes z;
+  step {
+    publish z = a && b && c && d && age(a) > age(b) && age(b) > age(c) && age(c) > age(d);
+  }
+}
+system S { node A; node B; node C; node D; node R; never z; }
+test T { system S; horizon 19ms; late A by 5ms; late B by 5ms; late C by 5ms; late D by 5ms; }
+"""
+)
+"""Who compares is never late; what is compared are four times that are."""
+TOO_COARSE = {
+    "seen before a window ends": BEFORE_THE_END,
+    "an invariant": IN_THE_LAST_PART,
+    "ages that a step on time compares": ON_TIME,
+}
+
+
+@pytest.mark.parametrize("source", TOO_COARSE.values(), ids=list(TOO_COARSE))
+def test_where_a_grid_once_was_too_coarse(source: str) -> None:
+    flat = system_of_test(check_file("small.soter", source), "T")
+    assert enumerate_all(flat).verdict == "violated"
+    assert found(source).verdict == "violated"
+
+
+def test_what_never_comes_is_looked_at_in_every_configuration() -> None:
+    """That no age grows to 9 ms is a chain of strict comparisons, one of each publication."""
+    source = """soter 1;
+topic x: bool;
+topic z: bool;
+node X period 20ms { publishes x; step { publish x = true; } }
+node Z period 20ms phase 10ms { publishes z; step { publish z = true; } }
+system S { node X; node Z; }
+test T {
+  system S;
+  horizon 79ms;
+  skew 8ms;
+  eventually x && z && (age(x) >= 0.009 || age(z) >= 0.009) within 79ms;
+}
+"""
+    result = found(source)
+    assert (result.verdict, result.bound) == ("bound", "grid")
+    assert found(source.replace("skew", "quantum 125us; skew")).verdict == "violated"

@@ -19,6 +19,7 @@ from soter.explore.vacuity.domains import Domains, written_by
 from soter.program.meaning.conjuncts import premise_of
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
+from soter.program.model.types import BOOL
 from soter.program.model.walk import nodes, topic_reads
 
 if TYPE_CHECKING:
@@ -146,6 +147,11 @@ def _timed(
     elif t.premise is not None and holds_always(t.premise, False, t.scope, domains.of):
         why = f"cannot fail: `{_text(t.premise)}` holds for no value of what it reads"
         yield Vacuous(CANNOT_FAIL if judged else "premise", t.text, why)
+    elif t.premise is not None and holds_always(
+        _implies(t.premise, t.condition), True, t.scope, domains.of
+    ):
+        why = f"cannot fail: where `{_text(t.premise)}` holds, `{_text(t.condition)}` holds at once"
+        yield Vacuous(CANNOT_FAIL if judged else "premise", t.text, why)
     elif t.premise is not None and ended and not judged:
         why = f"was never put to the test: `{_text(t.premise)}` held in no execution in time"
         yield Vacuous("premise", t.text, why)
@@ -154,6 +160,12 @@ def _timed(
         if holds_always(t.condition, True, t.scope, start.of):
             why = "was never put to the test: it holds at the start already, in every execution"
             yield Vacuous("premise", t.text, why)
+
+
+def _implies(premise: typed.Expr, condition: typed.Expr) -> typed.Expr:
+    """That the condition holds wherever the premise does."""
+    fails = typed.Unary(BOOL, premise.span, "!", premise)
+    return typed.Binary(BOOL, condition.span, "||", fails, condition)
 
 
 def _text(e: typed.Expr) -> str:

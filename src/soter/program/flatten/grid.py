@@ -22,10 +22,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.flatten.trials.clocks import FINEST, Watched, together
+from soter.program.flatten.trials.clocks import FINEST, Watched, releases, together
 from soter.program.model import typed
 from soter.program.model.types import DurationType, IntType
-from soter.program.model.walk import children
+from soter.program.model.walk import children, nodes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -82,7 +82,8 @@ def times_read(system: System) -> TimesRead:
         opened += reader.open
         watched.append(reader.watched)
     deadlines = sorted({t.within_ns for t in system.test.timed if t.within_ns and found})
-    parts = together(system, watched) if found else 1
+    judged = found or any(t.kind == "invariant" for t in system.test.timed)
+    parts = together(system, watched) if judged else 1
     compared = [s for w in watched for s in w.compared] if parts > FINEST else []
     return TimesRead(
         tuple(sorted(found)), _in_order(opened), tuple(deadlines), parts, _in_order(compared)
@@ -161,8 +162,15 @@ def _texts(
     for q in system.properties:
         yield _Reader(q.scope, watched=Watched(component=q.component)), [q.condition], []
     for t in plan.timed:
-        looks = Watched(looks=2 if t.kind == "leadsto" else 1, deadline=t.kind)
-        yield _Reader(t.scope, watched=looks), [t.premise, t.condition], []
+        ages = any(isinstance(n, typed.AgeRead) for n in nodes([t.condition]))
+        looks = _steps(system) if ages else 2 if t.kind == "leadsto" else 1
+        watched = Watched(looks=looks, deadline=t.kind)
+        yield _Reader(t.scope, watched=watched), [t.premise, t.condition], []
+
+
+def _steps(system: System) -> int:
+    """In so many configurations, at most, what is awaited does not hold."""
+    return sum(releases(system, c.index) for c in system.components)
 
 
 class _Reader:

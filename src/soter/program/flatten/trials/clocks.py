@@ -8,7 +8,8 @@ A comparison of two is an edge, its length a multiple of the greatest common div
 comparisons of an execution hold, and the order of its steps, is that every circle has a length of
 at least zero, and of more, so of g, where one of its edges is strict. If no circle has more than s
 strict edges, each of them can be made shorter by g/s: then there are times on the grid of g/s at
-which the same comparisons hold.
+which the same comparisons hold. That a configuration is observable is an edge as well, and strict:
+it comes before the end of every window that is still open.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 FINEST = 8
 """Into so many parts a grid is cut at most."""
+AT_A_STEP = 2
+"""Edges of a circle at one time."""
 
 
 @dataclass
@@ -59,24 +62,28 @@ def together(system: System, watched: Sequence[Watched]) -> int:
     if not late:
         return 1
     moved = _published_late(system, late)
-    in_steps, looked_at, from_zero, clocks = 0, 0, False, 0
+    in_steps, looked_at, seen, from_zero, clocks = 0, 0, 0, False, 0
     for w in watched:
         free = late if w.component is None else late & {w.component}
         ages = {_source(system, t) for t in w.ages}
-        loose = len(ages & moved) + w.kept if free else 0
-        edges = 0 if not loose else loose + 1 if w.crossed else min(loose, 2)
+        loose = len(ages & moved)
+        loose += w.kept if free or loose else 0
+        edges = 0
+        if w.crossed and loose:
+            edges = loose + bool(free)
+        elif free:
+            edges = min(loose, AT_A_STEP)
         fixed = ages - moved if free else ages & moved
         from_zero |= bool(fixed) or bool(free and (w.now or w.deadline == "eventually"))
-        looks = w.looks if w.component is None else _releases(system, w.component)
-        clocks += loose * looks
-        clocks += (len(fixed) + bool(free and w.now)) * (looks if _overtaken(system, w) else 1)
+        clocks += (loose if free else 0) + len(fixed) + bool(free and w.now)
         if w.component is not None:
-            in_steps += edges * looks
+            in_steps += edges * releases(system, w.component)
         else:
-            looked_at = max(looked_at, w.looks * edges + (w.deadline in {"leadsto", "invariant"}))
-    strict = in_steps + looked_at + 2 * from_zero
-    # two strict edges beside each other are two thresholds of one clock: the grid tells them apart
-    return strict if strict > 2 else 2 if clocks > 1 else 1
+            looks = w.looks * edges + (w.deadline in {"leadsto", "invariant"})
+            looked_at, seen = max(looked_at, looks), max(seen, looks + (edges < AT_A_STEP))
+    strict = in_steps + (looked_at + 2 if from_zero else seen)
+    asked = any(w.deadline == "invariant" for w in watched)
+    return max(strict, 2) if clocks or asked else 1
 
 
 def _published_late(system: System, late: set[int]) -> set[int]:
@@ -95,16 +102,7 @@ def _source(system: System, topic: int) -> int:
     return topic if of is None else of
 
 
-def _overtaken(system: System, w: Watched) -> bool:
-    """Whether a step of a component may come when its next is released already."""
-    if w.component is None:
-        return w.looks > 1
-    assert system.test is not None
-    late = [f.by_ns for f in system.test.faults if f.component == w.component and f.kind != "skip"]
-    return system.test.skew_ns + sum(late) > system.components[w.component].period_ns
-
-
-def _releases(system: System, component: int) -> int:
+def releases(system: System, component: int) -> int:
     """Of a component, up to the horizon."""
     assert system.test is not None
     c = system.components[component]
