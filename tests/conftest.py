@@ -6,6 +6,8 @@ import os
 import signal
 from typing import TYPE_CHECKING
 
+from hypothesis import settings
+
 if TYPE_CHECKING:
     import pytest
 
@@ -16,6 +18,10 @@ pytest_plugins = ("golden", "examples_changed", "long_tests")
 for name in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL", "COLUMNS", "LINES"):
     os.environ.pop(name, None)
     os.unsetenv(name)
+
+# A machine that pauses makes no example slow: no test has a deadline by the wall clock.
+settings.register_profile("soter", deadline=None)
+settings.load_profile("soter")
 
 # What is ignored in a background job, or under `nohup`, would be by every process of a test, too;
 # a signal that is handled is not.

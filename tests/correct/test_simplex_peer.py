@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
 from bench import simplex_peer
+
+import processes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -16,7 +17,9 @@ pytest.importorskip("gymnasium", reason="the extra `gym` is not installed")
 
 def test_the_share_of_sc_is_one_of_the_turns_of_its_round(tmp_path: Path) -> None:
     program = simplex_peer.built(tmp_path / "c")
-    done = subprocess.run([program], input="\n" * 6, capture_output=True, text=True, check=True)
+    (tmp_path / "rounds").write_text("\n" * 6)
+    with (tmp_path / "rounds").open() as rounds:
+        done = processes.run([program], stdin=rounds, capture_output=True, text=True, check=True)
     shares = [float(line.split()[1]) for line in done.stdout.splitlines()]
     assert len(shares) == 6
     assert all(0.0 < share < 1.0 for share in shares)

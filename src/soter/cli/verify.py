@@ -195,7 +195,9 @@ def _together(report: VerifyReport, console: Console) -> list[str]:
     rows = [(t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in taken]
     shown = console.table(("module", "takes for granted", "because"), rows)
     says = [f"  {text}   (`safe` of {name})" for name, text in report.said.items()]
-    says = ["", "in every run that keeps what is assumed, at all times", *says]
+    lawful = all(m.findings["failsafe"].verdict == "proved" for m in report.modules)
+    how_long = "at all times" if lawful else "for as long as the trusted part runs"
+    says = ["", f"in every run that keeps what is assumed, {how_long}", *says]
     says = says if report.together in HOLDING else []
     head = f"all of them together (Theorem 4.1)  {verdict}{_open(report, taken)}"
     return ["", head, *says, "", shown]

@@ -40,6 +40,7 @@ from soter.recheck.inclusions.tables import Cells, Grid, parts
 from soter.recheck.polytope.case import PolytopeCheck
 from soter.recheck.polytope.deployed import returned
 from soter.recheck.polytope.predicates import certain_beside, show_admitted
+from soter.recheck.polytope.published import all_published
 from soter.recheck.reading.defined import rates_are_defined
 from soter.recheck.reading.facts import bounded_topics
 from soter.recheck.reading.flows import is_linear
@@ -172,7 +173,7 @@ class Case:
         """The cells, of those given, of whose states all that is published lies in declared sets.
 
         SC has to keep the state among them, as a plant that publishes anything else stops. Of half-
-        spaces this is only noted where the whole box of C is not certain.
+        spaces this is only noted, where neither the box of C nor K and what SC does is certain.
         """
         facts = self.model.facts
         boxes = [p.as_cell(p.constraint) for p in self.polytopes]
@@ -189,6 +190,7 @@ class Case:
                 Cells(a.grid, a.members & b.members) for a, b in zip(allowed, found, strict=False)
             ]
             certain = all(c.members.all() for c in found[len(self.groups) :])
+            certain = certain or all_published(self.model, self.half_spaces, topic)
             facts.in_sets[topic] = certain and facts.in_sets.get(topic, True)
         return allowed
 

@@ -480,7 +480,7 @@ def test_what_an_extern_forks_ends_with_the_run(folder: Path, source: str) -> No
     (folder / "forks.py").write_text(FORKS)
     (folder / "forks.c").write_text(C_FORKS)
     command = [*SOTER, "run", "robot.soter", "--bind", f"Learned={source}", "--json"]
-    done = processes.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    done = processes.run(command, cwd=folder, capture_output=True, text=True)
     assert json.loads(done.stdout)["exit"] == done.returncode == 0
     left = [int(line) for line in (folder / "left.txt").read_text().split()]
     assert len(left) == (2 if source.startswith("python") else 1)
@@ -503,7 +503,7 @@ def test_one_signal_ends_code_that_hears_none(folder: Path) -> None:
                 time.sleep(0.05)
             (child,) = children(process.pid)
             process.send_signal(number)
-            out, _ = process.communicate(timeout=9)
+            out, _ = process.communicate(timeout=processes.TIMEOUT_S)
             wait_for_the_end_of(child)
         (folder / "began.txt").unlink()
     assert process.returncode == json.loads(out)["exit"] == 130

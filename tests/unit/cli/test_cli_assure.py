@@ -360,7 +360,8 @@ def test_flights_that_violate_are_flown_first_and_never_left_out(soter: Soter, c
 def test_flights_of_a_system_without_a_property_support_nothing(soter: Soter, here: Path) -> None:
     (here / "c.soter").write_text(
         "soter 1; topic u: int in [0, 9]; node N period 10ms { publishes u; "
-        "step { publish u = choose [0, 9]; } } system S { node N; until 1s; }"
+        "step { publish u = choose [0, 9]; } } system S { node N; until 1s; "
+        "measure idle = 1.0 in [0.0, 1.0] / 2 every 100ms; }"
     )
     soter("campaign", "c.soter", "--flights", "3", "-o", "fly")
     code, goals = assured(soter, "--campaign", "fly")

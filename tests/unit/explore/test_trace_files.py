@@ -101,13 +101,13 @@ def test_what_is_no_trace_is_told_so(tmp_path: Path, text: str, said: str) -> No
 
 
 def test_what_is_no_file_is_told_so(tmp_path: Path) -> None:
-    assert "no file" in reason(tmp_path)
+    assert "it is a folder" in reason(tmp_path)
     assert "no such file" in reason(tmp_path / "none.json")
     (tmp_path / "bytes").write_bytes(b"\xff\xfe\x00\x80")
     assert "no JSON" in reason(tmp_path / "bytes")
     with (tmp_path / "large").open("wb") as stream:
         stream.truncate(BYTES_MAX + 1)
-    assert "larger" in reason(tmp_path / "large")
+    assert "too large" in reason(tmp_path / "large")
 
 
 HUGE = 10**40

@@ -182,6 +182,8 @@ def test_what_a_node_publishes_is_enforced(tmp_path: Path) -> None:
 def test_the_terminal_shows_who_keeps_what(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", str(CONVOY)]) == 0
     out = capsys.readouterr().out
+    assert "assumed, for as long as the trusted part runs" in out
+    assert "at all times" not in out
     assert "all of them together (Theorem 4.1)  PROVED" in out
     assert "`safe` of SafeLead: proved" in out
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import shutil
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -484,3 +485,65 @@ def test_what_asks_for_too_much_work_is_refused_at_once(
     report = checked(at.seal())
     assert why in report.reason
     assert report.seconds < 5.0
+
+
+# ---------------------------------------------------------------- what plants publish
+
+DIAL = (
+    (
+        "topic motion: Motion max_age",
+        "topic dial: float in [-50.0, 50.0];\ntopic bent: float in [-60.0, 60.0];\n"
+        "topic motion: Motion max_age",
+    ),
+    (
+        "  drives motion = { x: x, v: v };",
+        "  drives motion = { x: x, v: v };\n  drives dial = x + v;\n  drives bent = x * v;",
+    ),
+)
+
+
+def greatest_in_core(folder: Path) -> float:
+    """Of x + v in K, by the vertices where two of its faces meet."""
+    core = Opened(folder).group["K"]
+    box, faces = (
+        np.fromfile(folder / core[k]["file"], dtype="<f8").reshape(core[k]["shape"])
+        for k in ("box", "faces")
+    )
+    rows = np.vstack([faces[:, :2], np.eye(2), -np.eye(2)])
+    ends = np.concatenate([faces[:, 2], box[1], -box[0]])
+    found = -np.inf
+    for i in range(len(rows)):
+        for j in range(i):
+            if abs(np.linalg.det(rows[[i, j]])) > 1e-9:
+                x = np.linalg.solve(rows[[i, j]], ends[[i, j]])
+                if (rows @ x <= ends + 1e-9).all():
+                    found = max(found, float(x.sum()))
+    return found
+
+
+def test_what_is_published_of_half_spaces_is_shown_over_k_and_what_sc_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The box of C reaches to 7.5, K less far; multipliers come from nowhere but here."""
+    folder, report = written(tmp_path, program(*DIAL))
+    assert report.verdict == "proved"
+    most = greatest_in_core(folder)
+    assert 1.0 < most < 2.4
+
+    def shown_with(bound: float, name: str, topic: str = "dial", now: float = 50.0) -> bool:
+        other = tmp_path / name
+        shutil.copytree(folder, other)
+        at = Opened(other)
+        at.program(f"[-{now}, {now}]", f"[-{bound!r}, {bound!r}]")
+        found = checked(at.seal())
+        assert found.accepted, found.reason
+        shown = f"set {topic}" in {s.key for s in found.modules[0].shown}
+        assert shown != (f"set {topic}" in {s.key for s in found.said})
+        return shown
+
+    assert shown_with(2.5, "wide")
+    assert not shown_with(0.01, "bent", "bent", 60.0)
+    assert not shown_with(most * 0.999, "narrow")
+    monkeypatch.setitem(sys.modules, "highspy", None)
+    assert not shown_with(2.5, "without_hints")
+    assert shown_with(8.0, "by_the_box")

@@ -15,7 +15,7 @@ import zlib
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.refused import reason
@@ -131,7 +131,7 @@ def _read_csv(path: Path, mapping: LogMap, names: list[str]) -> dict[str | None,
 def _rows(path: Path, needed: list[str]) -> Iterator[tuple[int, dict[str, str]]]:
     """Line and the cells that are needed of each row."""
     try:
-        with _opened(path) as file:
+        with opened(path) as data, _text(path, data) as file:
             reader = csv.reader(_lines(file))
             head = [h.strip() for h in next(reader, [])]
             if not head:
@@ -150,11 +150,12 @@ def _rows(path: Path, needed: list[str]) -> Iterator[tuple[int, dict[str, str]]]
         raise unusable(path, f"it is no CSV: {error}") from error
 
 
-def _opened(path: Path) -> IO[str]:
+def _text(path: Path, data: BinaryIO) -> IO[str]:
+    """The text of a CSV file, packed by gzip or not; closing it may leave `data` open."""
     csv.field_size_limit(CELL_MAX)
     if path.name.lower().endswith(".gz"):
-        return gzip.open(opened(path), "rt", encoding="utf-8-sig", newline="")
-    return io.TextIOWrapper(opened(path), encoding="utf-8-sig", newline="")
+        return gzip.open(data, "rt", encoding="utf-8-sig", newline="")
+    return io.TextIOWrapper(data, encoding="utf-8-sig", newline="")
 
 
 def _lines(file: IO[str]) -> Iterator[str]:

@@ -153,10 +153,15 @@ class PolytopeCheck:
         row, loss = hold.after(in_balls(faces))
         bounded.require(f"{what} after a period", row, within(ends, loss), next(given))
 
+    @cached_property
+    def hold_of_core(self) -> Hold:
+        """A hold of SC that begins in K."""
+        return self._hold("K")
+
     def show_core(self) -> None:
         """K."""
         own = self.tables.constraint
-        self._kept("K", self._hold("K"), self.tables.core, own, self._given("K"))
+        self._kept("K", self.hold_of_core, self.tables.core, own, self._given("K"))
 
     def show_home(self) -> None:
         """Q is kept inside the target, whose tube the estimates follow, and K leads there.
@@ -172,7 +177,7 @@ class PolytopeCheck:
         box = tables.constraint
         inside = HalfSpaces(box.low, box.high, tuple(rows), tuple(bounds))
         self._kept("Q", self._hold("Q"), home, inside, given)
-        hold = self._hold("K")
+        hold = self.hold_of_core
         faces, ends = home.faces
         row, loss = in_balls(faces), [ZERO] * len(faces)
         for _ in range(tables.periods):

@@ -168,8 +168,10 @@ class Model:
         found = reader.expression(expr)
         return truth_of(found)
 
-    def in_set(self, terms: Terms, states: Sequence[Linear], topic: int) -> Truth:
-        """That every estimate which a plant publishes on a topic lies in its declared set.
+    def limits(
+        self, terms: Terms, states: Sequence[Linear], topic: int
+    ) -> list[tuple[Linear, float, float]]:
+        """Each bounded number that a plant publishes on a topic, and the least and the greatest.
 
         The sum of value and error is rounded once, and rounding is monotone: it lies in [low, high]
         exactly where the value lies between the least and the greatest number of which it does.
@@ -179,13 +181,20 @@ class Model:
         errors = dict.fromkeys(range(len(parts)), 0.0)
         for c in self.facts.plants:
             errors.update({m.leaf: m.bound for m in c.measured if m.topic == topic})
-        found = TRUE
+        found = []
         for k, (x, bound) in enumerate(zip(parts, declared.bounds, strict=True)):
             if bound is None or isinstance(x, (bool, Truth)):
                 continue
             value = x if isinstance(x, Linear) else terms.constant(float(x))
             high = greatest_below(float(bound.high), errors[k])
             low = -greatest_below(-float(bound.low), errors[k])
+            found.append((value, low, high))
+        return found
+
+    def in_set(self, terms: Terms, states: Sequence[Linear], topic: int) -> Truth:
+        """That every estimate which a plant publishes on a topic lies in its declared set."""
+        found = TRUE
+        for value, low, high in self.limits(terms, states, topic):
             short = value if low == 0.0 else terms.combine(((ONE, value),), -exact(low))
             below = terms.below(short)
             beyond = terms.below(terms.combine(((-ONE, value),), exact(high)))
