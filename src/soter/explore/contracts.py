@@ -23,9 +23,19 @@ def replaced_in(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
 
     What is replaced by its contract is told apart (`told`).
     """
-    said = (*test.system.replaces, *test.replaces)
-    found = {p: by.name for p, by, _ in said if not isinstance(by, typed.ByContract)}
+    said = [*_replaces(test.system), *((p, by) for p, by, _ in test.replaces)]
+    found = {p: by.name for p, by in said if not isinstance(by, typed.ByContract)}
     return tuple(found.items())
+
+
+def _replaces(
+    system: typed.SystemSymbol, prefix: str = ""
+) -> Iterator[tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract]]:
+    """Of a system and of the systems inside it, these first: who is around them speaks last."""
+    for name, instance in system.by_name.items():
+        if isinstance(instance.what, typed.SystemSymbol):
+            yield from _replaces(instance.what, f"{prefix}{name}.")
+    yield from ((prefix + path, by) for path, by, _ in system.replaces)
 
 
 def told(system: System) -> Iterator[str]:
@@ -49,7 +59,7 @@ def _held_to_it(system: System, of: str) -> str:
     if "" in found:
         return (
             f"whether it keeps it is asked by {listed(found[''])}, where it runs as it is, as far "
-            "as horizon, skew, faults, order and replacements there go"
+            "as horizon, inputs, skew, faults, order and replacements there go"
         )
     but = ", ".join(f"{listed(names)} {how}" for how, names in found.items())
     but = f" ({but})" if but else ""

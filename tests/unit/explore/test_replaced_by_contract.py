@@ -102,7 +102,8 @@ def test_the_report_says_who_is_asked_to_keep_the_contract() -> None:
     assert len(told) == 1
     assert told[0] == (
         "M is replaced by its contract (small: u < 3): whether it keeps it is asked by `AsItIs`, "
-        "where it runs as it is, as far as horizon, skew, faults, order and replacements there go"
+        "where it runs as it is, as far as horizon, inputs, skew, faults, order and replacements "
+        "there go"
     )
     alone = text.replace("system S; horizon", "system S; replace Fast by Slow2; horizon")
     alone = alone.replace(

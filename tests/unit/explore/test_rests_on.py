@@ -111,3 +111,24 @@ def test_what_is_set_or_picked_is_never_left_out_of_a_long_list() -> None:
     assert "P13 = 4 (by itself 1)" in told
     assert "LIMIT = 7 (by itself 5)" in told
     assert "17, 18, 19, picked of" in told
+
+
+NESTED = """soter 1;
+topic u: int in [0, 9] = 0;
+node A period 10ms { publishes u; step { publish u = 1; } }
+node B period 10ms { publishes u; step { publish u = 2; } }
+system Robot { node A; }
+system Pair { r: Robot; k: Robot; replace r.A by B; }
+system S { p: Pair; never p.r.u == 1; }
+test T { system S; horizon 30ms; }
+"""
+
+
+def test_what_a_system_inside_replaces_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.soter").write_text(NESTED)
+    assert main(["test", "small.soter", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["tests"][0]["assumptions"]
+    assert "p.r.A is replaced by B: said of whatever does only what B may do" in told

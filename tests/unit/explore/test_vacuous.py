@@ -103,6 +103,11 @@ def test_what_is_never_asked_for_is_seen_by_the_search(name: str, why: str) -> N
     assert why in found(VACUOUS[name]).vacuous[0].why
 
 
+def test_what_is_awaited_where_it_holds_already_cannot_fail() -> None:
+    assert [v.cannot_fail for v in told(program("y && x > 2 leadsto y within 10ms;"))] == [True]
+    assert told(program("x > 2 leadsto x > 3 within 10ms;")) == ()
+
+
 def test_a_search_that_did_not_end_does_not_say_never() -> None:
     text = VACUOUS["always !(x > 8) || light == Light.Red"]
     checked = check_file("small.soter", text)
