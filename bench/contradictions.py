@@ -6,11 +6,11 @@ Purpose: modules on grids and polytopes, inductions, instances, dials that nobod
 stands alone, control arms, and groups that no command moves under schemes that may diverge. Each is
 verified with a certificate, rechecked, and run: by `soter run` for several seeds, and with an AC,
 disturbances and errors at their bounds in seeded patterns. Contradictions: *proved, rejected*, but
-where the re-checker says itself that it could not show something (`coarse`); *accepted, not
-proved*; *proved, violated*: `safe` of the true state is left; *proved, stops*: a plant latches;
-*another system*: than the default one, which forces the module, is judged. A violation where the
-headline says that the scheme is assumed is `assumed`, and no contradiction. Programs that
-contradict go to `--folder`. Exit code 1 where there is one.
+where the re-checker says that it does not know one of a few things (`COARSE`; each is counted);
+*accepted, not proved*; *proved, violated*: `safe` of the true state is left; *proved, stops*: a
+plant latches; *another system*: than the default one, which forces the module, is judged. A
+violation where the headline says that the scheme is assumed is `assumed`, and no contradiction.
+Programs that contradict go to `--folder`. Exit code 1 where there is one.
 Non-goals: what nothing proves, or only one of them knows (`verify_soundness.py`, `recheck.py`).
 """
 
@@ -51,15 +51,17 @@ if TYPE_CHECKING:
 
 RUNS, ATTACKS, PERIODS = 5, 24, 400
 """Seeds of `soter run`, of every hostile pattern, and DM periods that one of these lasts."""
+UNKNOWN = "not rechecked: "
+"""How the re-checker begins where it says no because of what it does not know."""
 COARSE = (
-    "not rechecked",
-    "could not be shown",
-    "was not shown",
-    "not bounded",
-    "undecided",
-    "does not know",
+    "steps that are late, or take time",
+    "releases that are late (`jitter`)",
+    "SC may read of `[^`]*` what a node made of a default",
+    "no topic shows `[^`]*` to the DM, and its axis has cells",
+    "an SC with locals that may step before anything was published",
 )
-"""A rejection that says so is none of a claim, but of what the re-checker can show of it."""
+"""What it may say then, as patterns: such a rejection is none of a claim. Anything else is a
+contradiction, and so are the same words elsewhere."""
 SCHEME = "scheme"
 """What a headline names as assumed where the scheme that runs is not in the proof."""
 CONTROL = "system Control default"
@@ -204,7 +206,7 @@ def judged(text: str, work: Path) -> Found:
     found = [*_against(report, checked.safe, checked.reason)]
     if CONTROL in text:
         found.append((KINDS[4], f"Control is the default, and forces: {report.system} is judged"))
-    excused = "coarse" if proved and not checked.accepted and not found else ""
+    excused = _coarse(checked.reason) if proved else ""
     if proved:
         for kind, why in _runs(path, report):
             if any(SCHEME in getattr(m, "assumed", ()) for m in report.modules):
@@ -218,11 +220,19 @@ def judged(text: str, work: Path) -> Found:
 def _against(report: VerifyReport, safe: bool, reason: str) -> Iterator[tuple[str, str]]:
     """What verify and recheck say against each other."""
     holds = all(m.findings[p].holds for m in report.modules for p in ("P2a", "P3", "start"))
-    if report.verdict == "proved" and reason and not any(c in reason for c in COARSE):
+    if report.verdict in ("proved", "assumed") and reason and not _coarse(reason):
         yield KINDS[0], reason
     if safe and not holds:
         open_ = [p for m in report.modules for p, f in m.findings.items() if not f.holds]
         yield KINDS[1], f"open in verify: {', '.join(open_)}"
+
+
+def _coarse(reason: str) -> str:
+    """What of `COARSE` the re-checker says that it does not know; "" where it is nothing of it."""
+    if not reason.startswith(UNKNOWN):
+        return ""
+    said = reason.removeprefix(UNKNOWN)
+    return next((f"coarse: {c}" for c in COARSE if re.match(c, said)), "")
 
 
 def _runs(path: Path, report: VerifyReport) -> Iterator[tuple[str, str]]:
@@ -304,7 +314,9 @@ def main() -> int:
                 (options.folder / f"{number}.soter").write_text(text)
     for line, count in sorted(verdicts.items()):
         print(f"{count:5}  {line}")
-    print("  ".join(f"{what}: {kinds[what]}" for what in (*KINDS, "coarse", "assumed")))
+    for phrase in COARSE:
+        print(f"{kinds['coarse: ' + phrase]:5}  excused, as the re-checker does not know: {phrase}")
+    print("  ".join(f"{what}: {kinds[what]}" for what in (*KINDS, "assumed")))
     count = options.modules + options.stiff
     took = f"{time.perf_counter() - began:.0f} s"
     print(f"contradictions: {shown} in {count} programs (target 0), {took}")

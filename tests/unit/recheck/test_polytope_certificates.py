@@ -489,11 +489,11 @@ def test_what_asks_for_too_much_work_is_refused_at_once(
 
 # ---------------------------------------------------------------- what plants publish
 
+BEFORE = "topic dial: float in [-50.0, 50.0];\ntopic bent: float in [-60.0, 60.0];\n"
 DIAL = (
     (
         "topic motion: Motion max_age",
-        "topic dial: float in [-50.0, 50.0];\ntopic bent: float in [-60.0, 60.0];\n"
-        "topic motion: Motion max_age",
+        f"{BEFORE}topic motion: Motion max_age",
     ),
     (
         "  drives motion = { x: x, v: v };",
