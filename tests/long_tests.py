@@ -39,9 +39,10 @@ def examples(variable: str, *, quick: int, long: int) -> int:
 
 
 def some(these: Iterable[Any], quick: int) -> list[Any]:
-    """What a test is tried on: the first ones always, the others in a long run."""
+    """What a test is tried on: the first ones always, the others in a long run; tuples in parts."""
+    parts = [x if isinstance(x, tuple) else (x,) for x in these]
     return [
-        x if k < quick else pytest.param(x, marks=pytest.mark.long) for k, x in enumerate(these)
+        pytest.param(*x, marks=() if k < quick else pytest.mark.long) for k, x in enumerate(parts)
     ]
 
 
