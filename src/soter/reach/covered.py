@@ -47,6 +47,7 @@ def coverage_of(
                 rest.append(f"{where}: {why}")
     for flat, module in chosen:
         rest += _contracts(flat, module)
+        rest += _plants_beside(flat)
     used = chosen[0][0].params if chosen else {}
     guarantees = [
         g for (flat, m), p in zip(chosen, problems, strict=True) for g in _taken(flat, m, p)
@@ -157,6 +158,24 @@ def _contracts(flat: System, module: Module) -> list[str]:
         found.append(f"the contract of {module.symbol.name}: {judged}")
     if sc is not None and (sc.assumes or sc.guarantees):
         found.append(f"contracts of {sc.name}: {judged}")
+    return found
+
+
+def _plants_beside(flat: System) -> list[str]:
+    """Plants that a value outside of a declared set stops, and that no module's proof is about."""
+    abstracted = {
+        m.name.rpartition(".")[0] + "." * ("." in m.name) + link.instance
+        for m in flat.modules
+        for link in m.symbol.verify.abstracts
+    }
+    found = []
+    for plant in (c for c in flat.components if c.plant and c.name not in abstracted):
+        sets = [t.name for t in (flat.topics[i] for i in _driven(plant)) if t.set_declared]
+        if sets and not publisher_of(flat, plant):
+            found.append(
+                f"plant {plant.name} of system {flat.name}, which stops where what it drives "
+                f"leaves its declared set: {', '.join(sets)}"
+            )
     return found
 
 

@@ -14,6 +14,7 @@ from soter.program.build import system_to_prove
 from soter.program.model.durations import show_ns
 from soter.program.model.types import DurationType
 from soter.recheck.assumptions import Said
+from soter.recheck.reading.facts import Facts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from soter.program.model.typed import Program
     from soter.program.model.types import Value
     from soter.recheck.induction.facts import InductionFacts
-    from soter.recheck.reading.facts import Facts
 
     Covered = Facts | InductionFacts
 
@@ -72,6 +72,7 @@ def uncovered(
         found.append(Said("parameters", f"values of parameters other than {shown}"))
     for facts in covered:
         found += _of(facts)
+    found += _plants_of_no_claim(covered)
     found.append(Said("compiled", "the code that a decision module is compiled to"))
     return list(dict.fromkeys(found))
 
@@ -93,6 +94,32 @@ def _modules(
                 yield Said(
                     f"module {name} {module.name}", f"module {module.name} of system {name}{forced}"
                 )
+
+
+def _plants_of_no_claim(covered: Sequence[Covered]) -> Iterator[Said]:
+    """Plants that a value outside of a declared set stops, and that no claim is about."""
+    for system in dict.fromkeys(f.flying for f in covered):
+        modelled = {name for f in covered if f.flying is system for name in _modelled(f)}
+        for c in system.components:
+            if c.plant is None or c.name in modelled:
+                continue
+            topics = [system.topics[c.scope.topics[t]] for t, _ in c.plant.drives]
+            names = ", ".join(t.name for t in topics if t.set_declared)
+            if names:
+                yield Said(
+                    f"plant {system.name} {c.name}",
+                    f"plant {c.name} of system {system.name}, which stops where what it drives "
+                    f"leaves its declared set: {names}",
+                )
+
+
+def _modelled(facts: Covered) -> set[str]:
+    """Names in the system that flies of plants that claims, or abstractions of them, are about."""
+    around = facts.flying_module.name.rpartition(".")[0]
+    names = {link.instance for link in facts.symbol.verify.abstracts}
+    if isinstance(facts, Facts):
+        names |= {c.name for c in facts.plants}
+    return {*names, *(f"{around}.{name}" for name in names if around)}
 
 
 def _of(facts: Covered) -> Iterator[Said]:

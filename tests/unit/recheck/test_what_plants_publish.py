@@ -120,6 +120,25 @@ def test_the_greatest_value_whose_sum_does_not_exceed_a_bound() -> None:
         assert found + added <= bound < math.nextafter(found, math.inf) + added
 
 
+@pytest.mark.parametrize("bounds", ["[-1.0, 1.0]", ""])
+def test_a_plant_that_no_proof_is_about_is_not_covered(bounds: str, tmp_path: Path) -> None:
+    """It stops where 2 u is beyond 1; both tools say that nothing is claimed of it, unless it has no set."""
+    declared = f"topic q: float{' in ' * bool(bounds)}{bounds} = 0.0;\n"
+    q = "plant Q period 10ms { reads u; drives q = 2.0 * u; state s: float; der s = 0.0; }\n"
+    beside = ("p: P; module M;", "p: P; other: Q; module M;")
+    text = changed(("plant P", declared + q + "plant P"), beside)
+    (tmp_path / "small.soter").write_text(text)
+    program = soter.load(tmp_path / "small.soter")
+    proof = program.verify(cert=tmp_path / "cert", refute=False)
+    report = recheck(tmp_path / "cert")
+    assert report.accepted, report.reason
+    assert program.simulate(seed=1).violations != [] or not bounds
+    told = [any("plant other" in x for x in proof.coverage.rest)]
+    told.append(any("plant other" in said.text for said in report.not_covered))
+    assert told == [bool(bounds)] * 2
+    assert not any("plant p " in said.text for said in report.not_covered)
+
+
 # ---------------------------------------------------------------- an axis that no topic shows
 
 LOAD = (
