@@ -122,7 +122,7 @@ def test_the_greatest_value_whose_sum_does_not_exceed_a_bound() -> None:
 
 @pytest.mark.parametrize("bounds", ["[-1.0, 1.0]", ""])
 def test_a_plant_that_no_proof_is_about_is_not_covered(bounds: str, tmp_path: Path) -> None:
-    """It stops where 2 u is beyond 1; both tools say that nothing is claimed of it, unless it has no set."""
+    """It stops where 2 u is beyond 1: both tools say that nothing is claimed of it."""
     declared = f"topic q: float{' in ' * bool(bounds)}{bounds} = 0.0;\n"
     q = "plant Q period 10ms { reads u; drives q = 2.0 * u; state s: float; der s = 0.0; }\n"
     beside = ("p: P; module M;", "p: P; other: Q; module M;")
