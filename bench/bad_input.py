@@ -3,8 +3,9 @@
     .venv/bin/python bench/bad_input.py [--count 1000] [--seed 1] [--only FORMAT] [--jobs 1]
 
 Purpose: of every format that a command reads `--count` mutants, and as many command lines with
-wrong options of each command, run as `soter` would run them. Counted are exits with 70, ends by a
-signal, hangs (over 20 s) and processes that outlive their command; all have to be none.
+wrong options, run as `soter` would run them. Counted are exits with 70, ends by a signal, hangs
+(over 20 s) and processes that outlive their command; all have to be none. What a mutant is follows
+from `--seed`, its format and its number: it does not depend on `--jobs`.
 Non-goals: whether a refusal's words are good; the mutants themselves (`bad_input_mutants.py`).
 """
 
@@ -17,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -29,29 +31,40 @@ from bench.bad_input_commands import LIMIT_S, Forked, Tried  # noqa: E402 - need
 from bench.bad_input_mutants import placed  # noqa: E402
 from bench.bad_input_samples import OPTIONS, formats, samples, wrong_options  # noqa: E402
 
+Share = tuple[str, list[Tried], float]
+"""A format, some of its trials, and how long they took in seconds."""
 
-def trials(
-    name: str, *, count: int, seed: int, sample: Path, work: Path
-) -> tuple[list[Tried], float]:
-    """What became of `count` mutants of a format, or of so many wrong lines of each command."""
-    forked, start = Forked(work / name), time.monotonic()
-    chance = Random(f"{seed} {name}")  # noqa: S311 - a benchmark
+
+def trials(share: tuple[str, range], *, seed: int, sample: Path, work: Path) -> Share:
+    """What became of these mutants of a format, or of these command lines with wrong options."""
+    name, numbers = share
+    start = time.monotonic()
+    forked = Forked(work / f"{name}-{numbers.start}")
+    one = formats().get(name)
+    if one is not None:
+        for words in one.commands:  # a re-check leaves the workers of its pool
+            start_up = forked.warm if one.sealed is None else forked.accepted
+            start_up([*words], sample, one.stdin)
     found = []
-    for k in range(count):
-        if name == OPTIONS:
-            lines = wrong_options(chance)
-            found += [forked.run(w, forked.folder(sample), f"{name} {k}") for w in lines]
-            continue
-        one = formats()[name]
+    for k in numbers:
+        chance = Random(f"{seed} {name} {k}")  # noqa: S311 - a benchmark
         folder = forked.folder(sample)
-        how = placed(one, k, chance, folder)
-        words = chance.choice(one.commands)
-        found.append(forked.run([*words], folder, f"{name} {k}: {how}", one.stdin))
-    return found, time.monotonic() - start
+        if one is None:
+            found.append(forked.run(wrong_options(chance, k), folder, f"{name} {k}"))
+        else:
+            how = placed(one, k, chance, folder)
+            line = [*chance.choice(one.commands)]
+            found.append(forked.run(line, folder, f"{name} {k}: {how}", one.stdin))
+    return name, found, time.monotonic() - start
+
+
+def shares(names: list[str], count: int, jobs: int) -> list[tuple[str, range]]:
+    """Every format in as many equal parts as there are jobs."""
+    return [(name, range(j, count, jobs)) for name in names for j in range(min(jobs, count))]
 
 
 def table(rows: dict[str, tuple[list[Tried], float]]) -> int:
-    """Print a row a format and what was wrong; how many were."""
+    """Print a row a format and what was wrong; how many were. `took`: of all jobs together."""
     print(
         f"{'':14} {'tried':>6} {'0':>5} {'1':>6} {'2':>5} {'3, 4':>5} {'70':>4} "
         f"{'died':>5} {'hung':>5} {'orphans':>8} {'longest':>9} {'took':>8}"
@@ -95,11 +108,13 @@ def main() -> int:
         sample = Path(work) / "sample"
         names = given.only.split(",") if given.only else [*formats(), OPTIONS]
         samples(sample, names)
-        one = partial(
-            trials, count=given.count, seed=given.seed, sample=sample, work=Path(work) / "tried"
-        )
-        with multiprocessing.get_context("fork").Pool(given.jobs, maxtasksperchild=1) as pool:
-            rows = dict(zip(names, pool.map(one, names, chunksize=1), strict=True))
+        one = partial(trials, seed=given.seed, sample=sample, work=Path(work) / "tried")
+        rows: dict[str, tuple[list[Tried], float]] = {name: ([], 0.0) for name in names}
+        parts = shares(names, given.count, given.jobs)
+        fork = multiprocessing.get_context("fork")
+        with ProcessPoolExecutor(given.jobs, fork) as pool:  # of a Pool nobody may have children
+            for name, tried, took in pool.map(one, parts):
+                rows[name] = (rows[name][0] + tried, rows[name][1] + took)
         return 1 if table(rows) else 0
 
 

@@ -28,6 +28,8 @@ PR_SET_CHILD_SUBREAPER = 36
 INTERNAL = 70
 FRAME = re.compile(r'File "[^"]*/(soter/[^"]+)", line (\d+)')
 EXITS = (0, 1, 2, 3, 4)
+ACCEPTED = (0, 3, 4)
+"""Of a sample that nothing is wrong with: its program may be violated, its case incomplete."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,36 @@ class Forked:
         shutil.copytree(sample, made, symlinks=True)
         return made
 
+    def warm(self, words: list[str], sample: Path, stdin: str = "") -> None:
+        """Run `soter WORDS` on a copy of the sample, which has to be accepted, in this process.
+
+        What it imports, compiles and reads of its own stays for the forks.
+        """
+        folder, said = self.folder(sample), self.work / "warm.said"
+        streams, place = [os.dup(fd) for fd in range(3)], Path.cwd()
+        out, source = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), -1
+        try:
+            os.chdir(folder)
+            source = os.open(stdin or os.devnull, os.O_RDONLY)
+            for fd, to in ((source, 0), (out, 1), (out, 2)):
+                os.dup2(fd, to)
+            code = _exit_of(words)
+            sys.stdout.flush()
+        finally:
+            os.chdir(place)
+            for fd, old in enumerate(streams):
+                os.dup2(old, fd)
+            for fd in (*streams, out, source):
+                os.close(fd)
+        assert code in ACCEPTED, (words, code, said.read_text(errors="replace")[-2000:])
+        assert threading.active_count() == 1, (words, threading.enumerate())
+        shutil.rmtree(folder, ignore_errors=True)
+
+    def accepted(self, words: list[str], sample: Path, stdin: str = "") -> None:
+        """The same in a fork: nothing stays of it."""
+        tried = self.run(words, self.folder(sample), "the sample", stdin)
+        assert tried.exit in ACCEPTED, (words, tried)
+
     def run(self, words: list[str], folder: Path, what: str, stdin: str = "") -> Tried:
         """Run `soter WORDS` in the folder, which is gone afterwards."""
         said = folder.with_suffix(".said")
@@ -93,29 +125,29 @@ class Forked:
 
 
 def _import_all() -> None:
+    """Every module of soter and what it needs; optional packages may be missing."""
     import importlib  # noqa: PLC0415 - what commands import late
+    import pkgutil  # noqa: PLC0415 - the same
 
-    from soter.cli.main import COMMANDS, command_of  # noqa: PLC0415 - the same
+    import soter  # noqa: PLC0415 - the same
 
-    for name in COMMANDS:
-        if name != "help":
-            command_of(name).parser()
-    for name in (
-        "numpy",
-        "mcap.reader",
-        "cffi",
-        "tomllib",
-        "soter.api.program",
-        "soter.lsp.server",
-        "soter.recheck.rechecker",
-        "soter.explore.command",
-        "soter.reach.command",
-        "soter.simulate.run",
-        "soter.monitor.command",
-        "flint",
-    ):
+    for found in pkgutil.walk_packages(soter.__path__, "soter."):
+        if not found.name.endswith("__main__"):
+            with suppress(ImportError):
+                importlib.import_module(found.name)
+    for name in ("mcap.reader", "pygls", "flint"):
         with suppress(ImportError):
             importlib.import_module(name)
+
+
+def _exit_of(words: list[str]) -> int:
+    """The exit code of a command line in this process."""
+    from soter.cli.main import main  # noqa: PLC0415 - in a fork, mostly
+
+    try:
+        return main(words)
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else INTERNAL
 
 
 def _command(words: list[str], folder: Path, said: Path, stdin: str) -> None:
@@ -133,13 +165,10 @@ def _command(words: list[str], folder: Path, said: Path, stdin: str) -> None:
         sys.stdin = open(0, encoding="utf-8", errors="surrogateescape", closefd=False)  # noqa: SIM115
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        from soter.cli.main import main  # noqa: PLC0415 - in the fork
         from soter.cli.terminal import crash  # noqa: PLC0415 - the same
 
         crash.apologise = _apologise  # type: ignore[assignment] # what failed, in full
-        code = main(words)
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else INTERNAL
+        code = _exit_of(words)
     except BaseException as error:  # noqa: BLE001 - a defect too
         _apologise(error, words)
     finally:

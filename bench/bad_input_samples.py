@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
     from random import Random
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,8 +44,12 @@ PYTHON = """import os
 def answer(i):
     return {"u": 0.5}
 """
-C = """#include "data_S_Learned.h"
-int answer(const void *in, void *out) { (void)in; (void)out; return 0; }
+C = """#include "data.h"
+int given(const data_Learned_in *in, data_Learned_out *out) {
+  out->u = 0.5 * (in->sum > 1.0);
+  out->has_u = true;
+  return 0;
+}
 """
 ANSWERS = """import os, socket, struct
 def answer(i):
@@ -144,8 +148,8 @@ def formats() -> dict[str, Format]:
             "c",
             ("answer.c",),
             _words(
-                "check data.soter --bind Learned=c:answer.c:answer",
-                "run data.soter --bind Learned=c:answer.c:answer",
+                "check data.soter --bind Learned=c:answer.c:given",
+                "run data.soter --bind Learned=c:answer.c:given",
             ),
         ),
         Format("times", ("times.json",), _words("check track.soter --times times.json")),
@@ -173,18 +177,18 @@ def formats() -> dict[str, Format]:
         Format("map_json", ("map.json",), _words("monitor track.soter log.csv --map map.json")),
         Format(
             "trace",
-            ("T.trace.json",),
+            ("traces/T.trace.json",),
             _words(
-                "replay T.trace.json",
-                "replay T.trace.json --html out.html",
-                "replay T.trace.json --mcap out.mcap",
-                "replay T.trace.json --json",
+                "replay traces/T.trace.json",
+                "replay traces/T.trace.json --html out.html",
+                "replay traces/T.trace.json --mcap out.mcap",
+                "replay traces/T.trace.json --json",
             ),
         ),
         Format(
             "counterexample",
-            ("Guard.counterexample.json",),
-            _words("replay Guard.counterexample.json"),
+            ("traces/Guard.counterexample.json",),
+            _words("replay traces/Guard.counterexample.json"),
         ),
         Format(
             "certificate",
@@ -244,7 +248,7 @@ def seal(folder: Path) -> None:
 
 def samples(folder: Path, names: Sequence[str]) -> None:
     """Make the folder: programs, and what commands wrote of them for the formats of these names."""
-    folder.mkdir(parents=True)
+    (folder / "traces").mkdir(parents=True)
     wall = ROOT / "examples" / "wall"
     text = (wall / "shuttle.soter").read_text(encoding="utf-8")
     (folder / "track.soter").write_text(text)
@@ -266,7 +270,7 @@ def samples(folder: Path, names: Sequence[str]) -> None:
         if name == "test_report":
             (folder / "report.json").write_bytes(said)
         for found in folder.glob(MADE[name][1] or "none"):
-            shutil.move(found, folder / found.name.split("-")[-1])
+            shutil.move(found, folder / "traces" / found.name.split("-")[-1])
         shutil.rmtree(folder / ".soter", ignore_errors=True)
 
 
@@ -324,7 +328,7 @@ WORDS = (
     *("1s", "1h", "0ms", "-1s", "1ns", "2,3", "1,,2", "1G", "0B", "K=V", "K=", "=", "WALL=3"),
     *("Track", "Guard", "T", "S", "paper", "bfs", "falsify", "ample", "c", "posix", "fake"),
     *("sarif", "junit", "native", "interp", "Learned=python:answer.py:answer", "python:x:y"),
-    *("Learned=c:answer.c:answer", "Learned=python:", "log.mcap", "proof", "camp", "check"),
+    *("Learned=c:answer.c:given", "Learned=python:", "log.mcap", "proof", "camp", "check"),
     *("array.npy", "times.json", "track.soter", "data.soter", "violated.soter"),
 )
 QUICK = {
@@ -338,25 +342,25 @@ QUICK = {
 LEFT_OUT = frozenset({"--tcp", "--real-time", "--hours", "--stdio"})
 
 
-def wrong_options(chance: Random) -> Iterator[list[str]]:
-    """A command line of every command, with options that do not fit."""
+def wrong_options(chance: Random, k: int) -> list[str]:
+    """Command line `k`: every command in turn, with options that do not fit."""
     from soter.cli.main import COMMANDS, command_of  # noqa: PLC0415 - in the process that tries
 
-    for name in COMMANDS:
-        words = list(QUICK.get(name, ()))
-        actions = [] if name == "help" else command_of(name).parser()._actions  # noqa: SLF001
-        for _ in range(chance.choice((1, 1, 2, 4))):
-            options = [a for a in actions if a.option_strings]
-            if not options or chance.random() < 0.1:
-                words.append(chance.choice(("--no-such", "-x", "--=", *WORDS)))
-                continue
-            option = chance.choice(options)
-            flag = option.option_strings[-1]
-            if flag in LEFT_OUT:
-                continue
-            words.append(flag)
-            if option.nargs != 0 and chance.random() < 0.95:
-                words.append(chance.choice(WORDS))
-        files = ("track.soter", "track.soter", "violated.soter", *WORDS)
-        words += chance.choices(files, k=chance.choice((0, 1, 1, 1, 2)))
-        yield [name, *words]
+    name = [*COMMANDS][k % len(COMMANDS)]
+    words = list(QUICK.get(name, ()))
+    actions = [] if name == "help" else command_of(name).parser()._actions  # noqa: SLF001
+    for _ in range(chance.choice((1, 1, 2, 4))):
+        options = [a for a in actions if a.option_strings]
+        if not options or chance.random() < 0.1:
+            words.append(chance.choice(("--no-such", "-x", "--=", *WORDS)))
+            continue
+        option = chance.choice(options)
+        flag = option.option_strings[-1]
+        if flag in LEFT_OUT:
+            continue
+        words.append(flag)
+        if option.nargs != 0 and chance.random() < 0.95:
+            words.append(chance.choice(WORDS))
+    files = ("track.soter", "track.soter", "violated.soter", *WORDS)
+    words += chance.choices(files, k=chance.choice((0, 1, 1, 1, 2)))
+    return [name, *words]

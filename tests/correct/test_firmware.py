@@ -13,7 +13,7 @@ import pytest
 
 import processes
 import soter
-from generators.packages import EXAMPLES, make
+from generators.packages import EXAMPLES, make, package
 from long_tests import examples
 from processes import PIPE
 from soter.api.deploying import stack_bound
@@ -27,6 +27,7 @@ from soter.semantics.rules import next_instant
 from soter.simulate.image import image
 
 CART = EXAMPLES / "wall" / "cart_firmware.soter"
+SHUTTLE = EXAMPLES / "wall" / "shuttle_firmware.soter"
 FILES = Path(__file__).parent / "files"
 SCRIPT = FILES / "firmware_script.c"
 LIBRARY = 256
@@ -377,16 +378,18 @@ def test_the_trusted_drone_needs_no_more_than_eight_kibibytes(tmp_path: Path) ->
 # ---------------------------------------------------------------- the page
 
 
-def test_the_page_names_what_there_is(built: Path) -> None:
+def test_the_page_names_what_there_is(tmp_path: Path) -> None:
     page = (EXAMPLES.parent / "docs" / "deploy.md").read_text(encoding="utf-8")
-    names = ("Vehicle_firmware.h", "soter_firmware.h", "soter.h", "cart_firmware.h")
-    headers = "".join((built / name).read_text() for name in names)
+    names = ("Vehicle_firmware.h", "soter_firmware.h", "soter.h", "shuttle_firmware.h")
+    package(SHUTTLE, tmp_path)
+    headers = "".join((tmp_path / name).read_text() for name in names)
     there = set(re.findall(r"\w+", headers)) | {"SOTER_CC"}
     told = set(re.findall(r"\b(?:Vehicle|SOTER)_\w+", page)) - {"Vehicle_firmware"}
     assert len(told) > 15
     assert told <= there
     bits = set(re.findall(r"^#define (SOTER_\w+) \d+U", headers, re.MULTILINE))
-    refusals = set(re.findall(r"^  (SOTER_\w+) = \d", (built / names[1]).read_text(), re.MULTILINE))
+    said = (tmp_path / names[1]).read_text()
+    refusals = set(re.findall(r"^  (SOTER_\w+) = \d", said, re.MULTILINE))
     every = (bits | refusals) - {"SOTER_ENABLED", "SOTER_TAKEOVER", "SOTER_FIRST", "SOTER_TAKEN"}
     assert every - told == set(), "every word that may come back stands on the page"
     for name in re.findall(r"v\.(loop|state)\.(\w+)", page):
@@ -397,4 +400,4 @@ def test_the_page_shows_the_system_of_the_example() -> None:
     page = (EXAMPLES.parent / "docs" / "deploy.md").read_text(encoding="utf-8")
     shown = re.search(r"^```\n(import .*?)^```", page, re.MULTILINE | re.DOTALL)
     assert shown is not None
-    assert shown[1] in CART.read_text(encoding="utf-8")
+    assert shown[1] in SHUTTLE.read_text(encoding="utf-8")

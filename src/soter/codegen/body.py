@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT, int_number
+from soter.codegen.storage.comparisons import LOGICAL, compared_twice, is_foregone
 from soter.codegen.storage.places import MADE, Places
 from soter.codegen.storage.plan import RESULT, has_address, is_still_here, output_name
 from soter.lower import core
-from soter.lower.layout import LENGTH, scalar, storage_range
+from soter.lower.layout import scalar
 from soter.program.meaning.arith import FaultKind
 from soter.program.model.types import (
     ArrayType,
@@ -92,6 +93,8 @@ class Body(Places):
         self.cell = cell
         self.choices: Choices | None = None
         """Set while a step is emitted that a driver may answer."""
+        self._at_odds: list[c.CExpr] | None = None
+        """Within a condition: what its parts compare with several constants."""
         self._leave: str | None = None
         self._leaving: tuple[c.CStmt, ...] = ()
 
@@ -145,7 +148,7 @@ class Body(Places):
             suffix = "_int" if isinstance(e.type, IntType) else ""
             return c.CallExpr(f"soter_{e.op}{suffix}", (self.expr(e.left), self.expr(e.right)))
         if isinstance(e, core.Select):
-            return c.Ternary(self.expr(e.condition), self.expr(e.then), self.expr(e.otherwise))
+            return self._select(e)
         if isinstance(e, core.Field):
             t = e.target.type
             assert isinstance(t, RecordType)
@@ -167,12 +170,26 @@ class Body(Places):
         s = scalar(t)
         return c.Cast("int64_t", e) if s is not None and s.c_type == "uint32_t" else e
 
+    def _select(self, e: core.Select) -> c.CExpr:
+        """A `?:`; one of enum members with another inside it is an `int` to C."""
+        made = c.Ternary(self.expr(e.condition), self.expr(e.then), self.expr(e.otherwise))
+        nested = any(isinstance(x, core.Select) for x in (e.then, e.otherwise))
+        return (
+            self.types.to_store(e.type, made) if nested and isinstance(e.type, EnumType) else made
+        )
+
     def _binary(self, e: core.Binary) -> c.CExpr:
+        outermost = e.op in LOGICAL and self._at_odds is None
+        if outermost:
+            self._at_odds = [self.expr(x) for x in compared_twice(e)]
         left, right = self.expr(e.left), self.expr(e.right)
+        if outermost:
+            self._at_odds = None
         if e.op in COMPARISONS and not isinstance(e.left.type, FloatType):
-            if left == right or _is_foregone(e.op, e.left, e.right):
+            left_at_odds, right_at_odds = (x in (self._at_odds or ()) for x in (left, right))
+            if left == right or left_at_odds or is_foregone(e.op, e.left, e.right):
                 left = c.CallExpr("soter_plain", (left,))
-            if _is_foregone(e.op, e.right, e.left):
+            if right_at_odds or is_foregone(e.op, e.right, e.left):
                 right = c.CallExpr("soter_plain", (right,))
         return c.Binary(e.op, left, right)
 
@@ -449,22 +466,3 @@ def _leaves(block: list[c.CStmt] | tuple[c.CStmt, ...]) -> bool:
     if isinstance(last, c.IfStmt):
         return _leaves(last.then) and _leaves(last.otherwise)
     return isinstance(last, c.Return)
-
-
-def _is_foregone(op: str, value: core.Expr, other: core.Expr) -> bool:
-    """Whether a compiler could tell the result of an int comparison, and would remark on it.
-
-    That is a stored value against a constant at or beyond the limits of its storage, or constants
-    chosen by a condition that it knows.
-    """
-    if isinstance(value, core.Select):
-        return True
-    if not isinstance(other, core.Const) or isinstance(value, (core.Var, core.Const)):
-        return False
-    s = scalar(LENGTH if isinstance(value, core.Length) else value.type)
-    if s is None or not isinstance(value.type, (IntType, EnumType)):
-        return False
-    low, high = storage_range(s)
-    if op in {"==", "!="}:
-        return not low <= other.value <= high
-    return not low < other.value < high

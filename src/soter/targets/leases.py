@@ -15,7 +15,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
-from soter.codegen.c.names import FileNames, field_name, legal
+from soter.codegen.c.names import FileNames, field_name
 from soter.codegen.c.printer import print_file
 from soter.codegen.c.types import TypeTable
 from soter.program.meaning.statements import Evaluator
@@ -30,6 +30,10 @@ if TYPE_CHECKING:
 
 FILES = ("soter_lease.h", "soter_lease.c", "soter_grant.h", "soter_grant.c")
 """Of the runtime: what the emitted files are for."""
+
+
+ENDINGS = ("_command", "_lease", "_law", "_grant", "_budgets", "_node")
+"""Of the names of a module's lease."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,12 @@ def leased(system: System) -> list[Module]:
     return [m for m in system.modules if m.law and m.over is None and m.index not in below]
 
 
+def lease_names(system: System, prefix: str) -> dict[int, str]:
+    """Module -> what the C names of its lease begin with: `a.b` and `a_b` stay two."""
+    unique = FileNames(prefix, ())
+    return {m.index: unique.family(m.name, ENDINGS) for m in leased(system)}
+
+
 def on_the_way(system: System, module: Module) -> Iterator[Component]:
     """Nodes, no controllers, behind what DM and SC read, in order of declaration."""
     sc = system.components[module.sc]
@@ -136,9 +146,10 @@ def lease_files(system: System, prefix: str) -> list[File]:
     header: list[c.CTop] = []
     actuator: list[c.CTop] = []
     trusted: list[c.CTop] = []
+    beginnings = lease_names(system, prefix)
     for module in modules:
         times = lease_times(system, module)
-        name = f"{prefix}_{legal(module.name)}"
+        name = beginnings[module.index]
         header += _declared(system, times, name, types)
         actuator += _law(system, times, name, types)
         trusted += _times(times, name)
@@ -171,8 +182,9 @@ def _declared(system: System, times: LeaseTimes, name: str, types: TypeTable) ->
     lease = f"a lease ends {show_ns(times.longest)} after the release of SC that gave it, at most"
     yield c.VariableDef("soter_lease_info", f"{name}_lease", None, comment=lease)
     yield c.VariableDef("soter_grant_info", f"{name}_grant", None, comment="whom it watches")
+    nodes = FileNames(f"{name}_node", ())
     for k, b in enumerate(times.budgets):
-        yield c.Define(f"{name}_node_{legal(b.name)}", f"{k}U")
+        yield c.Define(nodes(b.name), f"{k}U")
 
 
 def _field(system: System, topic: int) -> str:

@@ -14,11 +14,11 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.codegen.c.names import field_name, legal
+from soter.codegen.c.names import field_name
 from soter.lower.layout import size_of
 from soter.program.model.durations import show_ns
 from soter.targets.firmware import described, topic_names
-from soter.targets.leases import lease_times, leased
+from soter.targets.leases import lease_names, lease_times, leased
 from soter.targets.limits import Age, ages_of
 from soter.targets.package import File
 
@@ -41,13 +41,15 @@ class Granted:
     module: Module
     name: str
     """What its C names begin with."""
+    short: str
+    """The same without the program's prefix."""
     components: tuple[int, ...]
     ages: tuple[Age, ...]
 
     @property
     def channel(self) -> str:
         """The name of the channel of its commands: no topic is called so."""
-        return f"{legal(self.module.name)}.lease"
+        return f"{self.short}.lease"
 
 
 class Outside:
@@ -57,6 +59,7 @@ class Outside:
         self.system = system
         self.unit = unit
         self.names = topic_names(system)
+        self.lease_names = lease_names(system, unit.prefix)
         self.granted: list[Granted] = []
         self.notes: list[str] = []
         for module in leased(system):
@@ -74,9 +77,11 @@ class Outside:
                 f"{module.name}: no leases in real time: a step of {', '.join(lasting)} takes time"
             )
             return
-        name = f"{self.unit.prefix}_{legal(module.name)}"
+        name = self.lease_names[module.index]
         indices = tuple(x.index for x in parts)
-        self.granted.append(Granted(module, name, indices, ages_of(self.system, module)))
+        short = name.removeprefix(f"{self.unit.prefix}_")
+        ages = ages_of(self.system, module)
+        self.granted.append(Granted(module, name, short, indices, ages))
         text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
         if times.undeclared:
             zero = ", ".join(times.undeclared)

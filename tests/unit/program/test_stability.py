@@ -67,6 +67,20 @@ def test_one_state(rate: str, method: str, diverges: bool) -> None:
     assert bool(told([rate], method)) == diverges
 
 
+def test_lists_of_different_lengths_are_any_value() -> None:
+    text = PLANT.format(
+        states="state x0: float;",
+        rates="der x0 = -1000.0 * x0; let one: float[<=2] = [x0]; let none: float[<=2] = [];\n"
+        "  let some: float[<=2] = pull > 0.0 ? one : none;",
+        method="rk4",
+        substeps=1,
+    )
+    checked = check_file("plant.soter", text)
+    assert checked.ok, checked.diagnostics.items
+    system = system_of(checked, "S")
+    assert diverging(system, system.components[0])
+
+
 def test_only_what_diverges_is_named_and_substeps_count() -> None:
     rates = ["x1", "-2.0 * x0 - x1 + 3.0 * x2", "800.0 * (pull - x2)"]
     assert told(rates) == [("x2",)]

@@ -12,6 +12,7 @@ from bench.delays import shipped, stop_flights
 from bench.delays_model import AC, LAW, SC, Delay, Flown, Node, Timing, fly
 from bench.lease_engine import Grant, Lease
 
+import soter
 from generators.packages import EXAMPLES, command, package
 from long_tests import examples
 from soter.native.build import RUNTIME
@@ -36,6 +37,20 @@ node F period 10ms { publishes u; step { publish u = 1.0; } }
 node S period 10ms { subscribes clean; publishes u; step { publish u = -clean; } }
 rta M { ac F; sc S; period 20ms; safe clean < 0.9; ttf clean > 0.5; safer clean < 0.4; }
 system Vehicle { external topic raw; external topic u; node Filter; module M; }
+"""
+ALIKE = """soter 1;
+topic x: float in [0.0, 1.0] max_age 20ms;
+topic u: float in [0.0, 1.0] = 0.0;
+topic y: float in [0.0, 1.0] max_age 20ms;
+topic w: float in [0.0, 1.0] = 0.0;
+node F period 10ms { subscribes x; publishes u; step { publish u = x; } }
+node S period 10ms { subscribes x; publishes u; step { publish u = x; } }
+node G period 10ms { subscribes y; publishes w; step { publish w = y; } }
+node T period 10ms { subscribes y; publishes w; step { publish w = y; } }
+rta b { ac F; sc S; period 20ms; safe x < 0.9; ttf x > 0.5; safer x < 0.4; failsafe u = 0.0; }
+rta a_b { ac G; sc T; period 20ms; safe y < 0.9; ttf y > 0.5; safer y < 0.4; failsafe w = 0.0; }
+system Part { external topic x; external topic u; module b; }
+system V default { external topic y; external topic w; a: Part; module a_b; }
 """
 FACTORS = (None, 0.5, 0.99, 1.0, 1.01, 2.0, 10.0, float("inf"))
 
@@ -375,6 +390,18 @@ def test_the_actuator_side_needs_nothing_of_the_program(tmp_path: Path) -> None:
         assert wanted <= allowed
         written = (tmp_path / f"{name}.c").read_text()
         assert not re.search(r"\b(malloc|free|static [a-z0-9_]+ [a-z]+;)", written)
+
+
+def test_names_that_c_writes_alike_stay_two(tmp_path: Path) -> None:
+    (tmp_path / "p.soter").write_text(ALIKE)
+    for target in ("c", "posix"):
+        soter.load(tmp_path / "p.soter").build(target, tmp_path / target)
+        for name in ("p_lease", "p_grant"):
+            words = [*find().command, STANDARD, *WARNINGS, "-I.", "-c", f"{name}.c"]
+            done = command(words, tmp_path / target)
+            assert done.returncode == 0, done.stderr
+        written = (tmp_path / target / "p_lease.h").read_text()
+        assert {"p_a_b_lease", "p_a_b_2_lease"} <= set(re.findall(r"\w+_lease\b", written))
 
 
 def test_a_program_without_a_law_has_no_files_of_leases(tmp_path: Path) -> None:

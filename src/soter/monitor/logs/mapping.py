@@ -197,7 +197,7 @@ class _Reading:
     def _time(self, given: Mapping[str, Any]) -> tuple[str | None, Fraction]:
         self._only(given, ("from", "unit", "scale"), "`time`")
         unit, scale = given.get("unit", "s"), given.get("scale", 1)
-        if unit not in TIME_UNITS:
+        if not isinstance(unit, str) or unit not in TIME_UNITS:
             self.problems.append(f"`time` is in `{unit}`: there are {', '.join(TIME_UNITS)}")
         if not _is_number(scale) or not TIME_MIN <= scale <= TIME_MAX:
             self.problems.append(
@@ -275,7 +275,7 @@ class _Reading:
 
     def _from(self, name: str, t: Type, what: Mapping[str, Any]) -> Leaf | None:
         unit, before = what.get("unit", "1"), len(self.problems)
-        if unit not in UNITS:
+        if not isinstance(unit, str) or unit not in UNITS:
             self.problems.append(f"`{name}` is in `{unit}`: there are {', '.join(UNITS)}")
         for key in ("scale", "offset"):
             if not _is_number(what.get(key, 0)):

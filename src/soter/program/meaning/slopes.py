@@ -168,13 +168,13 @@ def each(t: Tree, change: Callable[[Slope], Slope]) -> Tree:
 
 
 def both(a: Tree, b: Tree) -> Tree:
-    """Either of two values of one shape."""
+    """Either of two values of one type; lists of it may differ in length: any value then."""
     if isinstance(a, Slope) and isinstance(b, Slope):
         by = {k: hull(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
         return Slope(*hull(a.range, b.range), by)
-    assert isinstance(a, tuple)
-    assert isinstance(b, tuple)
-    return tuple(both(x, y) for x, y in zip(a, b, strict=True))
+    if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
+        return tuple(both(x, y) for x, y in zip(a, b, strict=True))
+    return Slope(*ANY, dict.fromkeys(_states(a) | _states(b), ANY))
 
 
 def arithmetic(op: str, a: Slope, b: Slope) -> Slope:
