@@ -199,6 +199,7 @@ class _Reading:
         unit, scale = given.get("unit", "s"), given.get("scale", 1)
         if not isinstance(unit, str) or unit not in TIME_UNITS:
             self.problems.append(f"`time` is in `{unit}`: there are {', '.join(TIME_UNITS)}")
+            unit = "s"
         if not _is_number(scale) or not TIME_MIN <= scale <= TIME_MAX:
             self.problems.append(
                 f"`scale` of `time` is no number from 1e-12 to 1e12: {str(scale)[:40]}"
@@ -208,7 +209,7 @@ class _Reading:
         if name is not None and not isinstance(name, str):
             self.problems.append(f"`from` of `time` is no name: {name!r}")
             name = None
-        return name, Fraction(repr(scale)) * TIME_UNITS.get(unit, 1)
+        return name, Fraction(repr(scale)) * TIME_UNITS[unit]
 
     def _topic(self, name: str, given: object) -> TopicMap | None:
         topic = self.known.get(name)
