@@ -173,7 +173,7 @@ class Case:
         """The cells, of those given, of whose states all that is published lies in declared sets.
 
         SC has to keep the state among them, as a plant that publishes anything else stops. Of half-
-        spaces this is only noted, where neither the box of C nor K and what SC does is certain.
+        spaces the box of C is looked at, else K and what SC does from there.
         """
         facts = self.model.facts
         boxes = [p.as_cell(p.constraint) for p in self.polytopes]
@@ -191,6 +191,12 @@ class Case:
             ]
             certain = all(c.members.all() for c in found[len(self.groups) :])
             certain = certain or all_published(self.model, self.half_spaces, topic)
+            if not certain and not facts.symbol.verify.abstracts:
+                name = facts.system.topics[topic].name
+                raise RejectedError(
+                    f"not rechecked: it was not shown over the half-spaces of K that what a plant "
+                    f"publishes on `{name}` lies in its declared set: elsewhere it stops"
+                )
             facts.in_sets[topic] = certain and facts.in_sets.get(topic, True)
         return allowed
 
