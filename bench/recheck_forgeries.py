@@ -460,7 +460,7 @@ def _names(made: Forged, dice: Dice) -> None:
                 break
             holder, at = at, at[key]
         else:
-            at, key = holder, key  # noqa: PLW0127 - the last container itself is replaced
+            at = holder  # the last container itself is replaced
         made.name += f" {key}"
         if how == "key" and isinstance(at, dict):
             at[DRAWN] = at.pop(key)
