@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from flint import arb, arb_mat
 
-from soter.recheck.inclusions.chains import delays
+from soter.recheck.inclusions.chains import EVERY, delays, windows
 from soter.recheck.inclusions.inclusion import ChainCheck, FreeCheck, GroupTables
 from soter.recheck.inclusions.inward import kept_ends
-from soter.recheck.inclusions.local_chains import LocalChain
+from soter.recheck.inclusions.local_chains import NANOSECOND, LocalChain
 from soter.recheck.inclusions.local_flow import Local, LocalFlow, integral_of, solved
 from soter.recheck.inclusions.tables import Grid
 from soter.recheck.reading.flows import is_linear
@@ -140,6 +141,13 @@ TWO = (
 """Two commands, whose sum is what is felt."""
 
 
+def times_of(model: Model) -> tuple[Fraction, Fraction, Fraction, Fraction]:
+    """Delta, d, and how early and late a command may act."""
+    d, j = delays(model)
+    delta, delay, late = (t * NANOSECOND for t in (model.facts.times["delta_ns"], d, j))
+    return delta, delay, late, late
+
+
 def group_of(model: Model) -> GroupTables:
     grid = Grid(tuple(small_proofs.even_edges(*e, 40) for e in model.extents))
     return GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
@@ -184,8 +192,12 @@ class Runs:
         y_x, y_v = x + self.extreme(0.01), v + self.extreme(0.02)
         return np.clip(-2.0 * y_x, -0.5, 0.5) + np.clip(-1.5 * y_v, -0.5, 0.5)
 
-    def chain(self, holds: int) -> tuple[list[Any], Any]:
-        """States (2, count) at every tick from a_0 on, and the ticks a_holds."""
+    def chain(self, holds: int, p: tuple[int, int] | None = None) -> tuple[list[Any], Any]:
+        """States (2, count) at every tick from a_0 on, and the ticks a_holds.
+
+        `p`: between which ticks a_0 was after the beginning of its window, the same for all of a
+        run.
+        """
         force, wind = self.thing.force, self.thing.wind
         past = [(self.x, self.v)]
         u, w = self.extreme(force), self.extreme(wind)
@@ -195,7 +207,11 @@ class Runs:
             past.append(self.step(*past[-1], u, w, -1e-3))
         states = past[::-1]
         acts = np.arange(holds + 1)[:, None] * self.delta
-        acts = acts + self.draw.choice([-self.j, 0, self.j], (holds + 1, self.count))
+        if p is None:
+            acts = acts + self.draw.choice([-self.j, 0, self.j], (holds + 1, self.count))
+        else:
+            late = self.draw.choice([0, self.j, self.j // 2], (holds + 1, self.count))
+            acts = acts - self.draw.choice(p, self.count) + late
         acts[0] = 0
         command = np.zeros(self.count)
         every = np.arange(self.count)
@@ -283,6 +299,43 @@ def test_chains_enclose_runs(
             state = tuple(s[run : run + 1] for s in states[tick])
             assert inside(last, state).all()
     assert min(shares) > 0.15, "what encloses everything says nothing"
+
+
+@pytest.mark.parametrize("times", [(5, 20, 8), (15, 20, 4), (50, 20, 4)])
+@pytest.mark.parametrize("name", ["drag", "linear"])
+def test_chains_of_a_window_enclose_its_runs(
+    tmp_path: Path, name: str, times: tuple[int, int, int]
+) -> None:
+    """All of a run is as late as its first command was, give or take: less than any lateness."""
+    thing, count = THINGS[name], 4
+    model = model_of(tmp_path, thing, *times)
+    group = group_of(model)
+    check = ChainCheck(model, group)
+    assert len(windows(model, count)) == count
+    sizes = []
+    for window in windows(model, count):
+        chain, whole = check.chain(1, window), check.chain(1, EVERY)
+        early = window.ends(Fraction(model.facts.jitter_ns))[0] / 10**6
+        cell = (14 + 3 * window.index, 24 - 3 * window.index)
+        block = tuple((i, i + 1) for i in cell)
+        ends = [float(x) for interval in group.grid.box(block) for x in interval]
+        runs = Runs(thing, model, ends, window.index)
+        assert runs.j % count == 0
+        p = (runs.j * window.index // count, runs.j * (window.index + 1) // count)
+        states, acts = runs.chain(5, p)
+        form = any_run = form_of_box(group.grid.box(block), symbols=True)
+        for k in range(5):
+            form, boxes = sure((chain.later if k else chain.first)(form))
+            any_run = sure((whole.later if k else whole.first)(any_run))[0]
+            after = int((k + 1) * runs.delta - early)
+            assert inside([float(x) for x in form[:4]], states[after]).all()
+            for tick in range(max(after - 5, 0), after + 1):
+                assert inside(boxes, states[tick]).all(), (k, tick)
+        last, others = sure(sure(chain.last)(form))[1], sure(sure(whole.last)(any_run))[1]
+        for run, tick in enumerate(acts[5]):
+            assert inside(last, tuple(s[run : run + 1] for s in states[tick])).all()
+        sizes.append([max(b[1::2]) - min(b[0::2]) for b in (last, others)])
+    assert all(own < whole for own, whole in sizes)
 
 
 @pytest.mark.parametrize("times", TIMES)
@@ -412,7 +465,7 @@ def test_boxes_end_where_the_flow_keeps_the_end(tmp_path: Path, kept: bool) -> N
     thing = Thing("max(push, 0.0) - 2.0 * (x + 2.0) * abs(v)", "-v * abs(v)", lambda *_: (0, 0))
     model = model_of(tmp_path, thing, 5, 20, 1)
     assert kept_ends(model, (0, 1))[0] == (True, False)
-    local = LocalChain(model, (0, 1), [(kept, kept), (False, False)], (20 * 10**6, *delays(model)))
+    local = LocalChain(model, (0, 1), [(kept, kept), (False, False)], times_of(model))
     group = group_of(model)
     box = group.grid.box(((0, 1), (36, 37)))
     lowest = [sure(local.free(exact(0.05), 2, form_of_box(box, symbols=True)))[1]]
@@ -479,7 +532,7 @@ def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, look
     thing = THINGS[name]
     model = model_of(tmp_path, thing, *times)
     delta, d, j = (t // 10**6 for t in (model.facts.times["delta_ns"], *delays(model)))
-    local = LocalChain(model, (0, 1), (), (delta * 10**6, d * 10**6, j * 10**6))
+    local = LocalChain(model, (0, 1), (), times_of(model))
     draw = np.random.default_rng(5)
     reached = {"sample": 0.0, "state": 0.0, "command": 0.0}
     for seed in range(8):

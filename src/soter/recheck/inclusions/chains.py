@@ -5,8 +5,10 @@ errors and disturbances inside; `FreePhase`: what any command makes of it (docs/
 section 3).
 Non-goals: which cells, and whether what comes out lies in a set (`inclusion.py`).
 
-SC acts at a_0 = 0 and a_k in [k delta - j, k delta + j], on a sample taken at most d before. Time
-is cut at k delta - j and k delta + j: between the cuts one command acts, within them first the old
+SC acts at a_0 = 0 and a_k in [k delta - p, k delta - p + j], on a sample taken at most d before.
+Every run has one p in [0, j]: how long after the beginning of its window a_0 was. For all p in a
+part of [0, j] these windows lie in [k delta - e, k delta + l] (`Window`); for all p e = l = j. Time
+is cut at k delta - e and k delta + l: between the cuts one command acts, within them first the old
 and then the new one. What precedes a_k is a matter of old commands alone: nothing is circular.
 """
 
@@ -61,19 +63,42 @@ class FreePhase:
     steps: tuple[Step, ...]
 
 
+@dataclass(frozen=True)
+class Window:
+    """Runs with p in the `index`th of `count` equal parts of [0, j]."""
+
+    index: int = 0
+    count: int = 1
+
+    def ends(self, jitter: Fraction) -> tuple[Fraction, Fraction]:
+        """(e, l): a command acts from e before its nominal time until l after it."""
+        first = jitter * self.index / self.count
+        return first + jitter / self.count, jitter - first
+
+
+EVERY = Window()
+
+
+def windows(model: Model, count: int) -> tuple[Window, ...]:
+    """All runs in `count` parts, in one where no command acts late."""
+    if model.facts.kind == "map" or not model.facts.jitter_ns:
+        count = 1
+    return tuple(Window(k, count) for k in range(count))
+
+
 def delays(model: Model) -> tuple[int, int]:
     """D and j in ns: how old the sample behind a command is, how late a command may act."""
     return model.facts.delay_ns, model.facts.jitter_ns
 
 
-def sc_chain(model: Model, members: Sequence[int], pieces: int) -> Chain:
+def sc_chain(model: Model, members: Sequence[int], pieces: int, window: Window = EVERY) -> Chain:
     """The chain of a group, tubes cut into `pieces` a period."""
     if model.facts.kind == "map":
         step = map_step(model, members)
         return Chain(len(members), step, step, None, (step, step))
     if not is_linear(model, members):
-        return _local_chain(model, members, pieces)
-    found = _FlowChain(model, members, pieces).chain()
+        return _local_chain(model, members, pieces, window)
+    found = _FlowChain(model, members, pieces, window).chain()
     clip = clipping(model, members, kept_ends(model, members))
     if clip is None:
         return found
@@ -82,9 +107,11 @@ def sc_chain(model: Model, members: Sequence[int], pieces: int) -> Chain:
     return Chain(found.dimension, clip(found.first), clip(found.later), last, bare)
 
 
-def _local_chain(model: Model, members: Sequence[int], pieces: int) -> Chain:
+def _local_chain(model: Model, members: Sequence[int], pieces: int, window: Window) -> Chain:
     """The same where the flow is not linear: nothing is compiled for good but rows."""
-    times = (model.facts.times["delta_ns"], *delays(model))
+    d, j = delays(model)
+    early, late = window.ends(j * NANOSECOND)
+    times = (model.facts.times["delta_ns"] * NANOSECOND, d * NANOSECOND, early, late)
     local = LocalChain(model, members, kept_ends(model, members), times)
     first, later = partial(local.first, pieces), partial(local.later, pieces)
     last = partial(local.last, pieces) if local.late else None
@@ -97,7 +124,9 @@ def free_phase(model: Model, members: Sequence[int], time_ns: int, pieces: int) 
         return FreePhase(len(members), map_free(model, members, time_ns))
     kept = kept_ends(model, members)
     if not is_linear(model, members):
-        local = LocalChain(model, members, kept, (model.facts.times["delta_ns"], 0, 0))
+        none = Fraction(0)
+        times = (model.facts.times["delta_ns"] * NANOSECOND, none, none, none)
+        local = LocalChain(model, members, kept, times)
         time = exact(time_ns * NANOSECOND)
         return FreePhase(len(members), (partial(local.free, time, pieces),))
     flow = linear_flow(model, members).free()
@@ -206,14 +235,17 @@ def _compiled(
 class _FlowChain:
     """Builds the three steps of a chain of a linear flow."""
 
-    def __init__(self, model: Model, members: Sequence[int], pieces: int) -> None:
+    def __init__(self, model: Model, members: Sequence[int], pieces: int, window: Window) -> None:
         self.model, self.members, self.pieces = model, list(members), pieces
         self.flow: LinearFlow = linear_flow(model, members)
         self.any: LinearFlow = self.flow.free()
         self.delta = model.facts.times["delta_ns"] * NANOSECOND
         d, j = delays(model)
-        self.d, self.j = d * NANOSECOND, j * NANOSECOND
-        if 2 * self.j > self.delta:
+        self.d = d * NANOSECOND
+        self.early, late = window.ends(j * NANOSECOND)
+        self.span = self.early + late
+        """How long the old command or the new one may act."""
+        if self.span > self.delta:
             raise NotRecheckedError("an SC whose jitter exceeds half its period")
         self.moves = [
             k
@@ -221,7 +253,7 @@ class _FlowChain:
             if any(not r[k].is_zero() for r in self.flow.b)
         ]
         """Controls that this group feels."""
-        self.depth = int(-(-(self.d + 2 * self.j) // self.delta))
+        self.depth = int(-(-(self.d + self.span) // self.delta))
         """How many earlier commands may still matter when a command is computed."""
         if self.depth > DEPTH_MAX:
             raise NotRecheckedError("an SC that reads states much older than its period")
@@ -233,20 +265,20 @@ class _FlowChain:
         return Chain(len(self.members), first, later, self._last(), bare)
 
     def _first(self) -> tuple[Step, Step]:
-        """From a_0 to delta - j."""
+        """From a_0 to delta - e."""
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
         sampled = own
         if self.d:
             sampled = self._in_window(terms, self.any, Fraction(0), own, [])
         commands = self._commands(terms, states, sampled)
-        tube, after = _sweeps(terms, self.flow, own, commands, self.delta - self.j, self.pieces)
+        tube, after = _sweeps(terms, self.flow, own, commands, self.delta - self.early, self.pieces)
         before = [control_inputs(self.model.facts, terms) for _ in range(1, self.depth)]
         outputs = after + self._remembered([commands, *before])  # what acted before a_0: anything
         return self._both(terms, own, outputs, tube, states)
 
     def _later(self) -> tuple[Step, Step]:
-        """From k delta - j to (k + 1) delta - j."""
+        """From k delta - e to (k + 1) delta - e."""
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
         old = [self._old_commands(terms) for _ in range(max(self.depth, 1))]
@@ -254,10 +286,10 @@ class _FlowChain:
         commands = self._commands(terms, states, sampled)
         current = own
         tube: list[Linear | Sweep] = []
-        if self.j:
+        if self.span:
             current, sweep = self._switched(terms, own, old[0], commands)
             tube.append(sweep)
-        rest = self.delta - 2 * self.j
+        rest = self.delta - self.span
         sweeps, after = _sweeps(terms, self.flow, current, commands, rest, self.pieces)
         tube += sweeps
         inputs = own + self._remembered(old)
@@ -281,22 +313,22 @@ class _FlowChain:
     def _sampled(
         self, terms: Terms, own: Sequence[Linear], old: Sequence[Sequence[Linear]]
     ) -> list[Linear]:
-        """The states at the sample: from d before to 2j after k delta - j.
+        """The states at the sample: from d before to e + l after k delta - e.
 
-        Relative to that instant the i-th command before (1: the latest) acts at least over
-        [-i delta + 2j, -(i - 1) delta]: in [-(i + 1) delta + 2j, -i delta + 2j] it is the
-        (i + 1)th, or, in the latest 2j of that, the ith. What these differ from the latest counts
+        Relative to that instant the i-th command before (1: the latest) acts, with w = e + l, at
+        least over [-i delta + w, -(i - 1) delta]: in [-(i + 1) delta + w, -i delta + w] it is the
+        (i + 1)th, or, in the latest w of that, the ith. What these differ from the latest counts
         for as long as they may have acted within the window.
         """
         if not self.depth:
             return list(own)
-        moved = self._in_window(terms, self.flow, 2 * self.j, own, old[0])
+        moved = self._in_window(terms, self.flow, self.span, own, old[0])
         lengths = [Fraction(0)] * (self.depth + 1)
         for i in range(1, self.depth):
-            reach = self.d + 2 * self.j - i * self.delta
+            reach = self.d + self.span - i * self.delta
             lengths[i + 1] += max(Fraction(0), min(reach, self.delta))
             if i > 1:
-                lengths[i] += max(Fraction(0), min(reach, 2 * self.j))
+                lengths[i] += max(Fraction(0), min(reach, self.span))
         found = []
         backs = [self._longest(k) for k in range(len(old[0]))]
         for i, x in enumerate(moved):
@@ -346,13 +378,13 @@ class _FlowChain:
         return found
 
     def _last(self) -> Step | None:
-        """From N delta - j over [0, 2j], the last command still acting."""
-        if not self.j:
+        """From N delta - e over [0, e + l], the last command still acting."""
+        if not self.span:
             return None
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
         old = [self._old_commands(terms) for _ in range(self.depth)]
-        over, _ = _sweeps(terms, self.flow, own, old[0], 2 * self.j, self.pieces)
+        over, _ = _sweeps(terms, self.flow, own, old[0], self.span, self.pieces)
         inputs = own + self._remembered(old)
         return _compiled(self.model, terms, self.members, inputs, [], over)
 
@@ -397,7 +429,7 @@ class _FlowChain:
         new: Sequence[Linear],
     ) -> tuple[list[Linear], Sweep]:
         """First one command and then another: their mean, and as noise half of what they differ."""
-        span = 2 * self.j
+        span = self.span
         means = [half_sum(terms, u, v) for u, v in zip(old, new, strict=True)]
         gaps = []
         for k, (u, v) in enumerate(zip(old, new, strict=True)):

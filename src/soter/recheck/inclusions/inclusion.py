@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.recheck.inclusions.chains import free_phase, sc_chain
+from soter.recheck.inclusions.chains import EVERY, Window, free_phase, sc_chain, windows
 from soter.recheck.inclusions.tables import (
     Cells,
     Grid,
@@ -52,6 +52,8 @@ SPLITS_CUT = 4
 """The same where sets are halved on the way as well."""
 MID_CUTS = (4, 7)
 """How often, at equal distances, first and then; each doubles the work that is left."""
+WINDOWS = 4
+"""Into how many parts runs are told apart by how late their first command acted."""
 UNRANKED = 1 << 20
 
 
@@ -79,13 +81,14 @@ class ChainCheck:
 
     def __init__(self, model: Model, group: GroupTables) -> None:
         self.model, self.group = model, group
-        self._chains: dict[int, Chain] = {}
+        self._chains: dict[tuple[int, Window], Chain] = {}
 
-    def chain(self, pieces: int) -> Chain:
+    def chain(self, pieces: int, window: Window = EVERY) -> Chain:
         """Compiled when it is first needed."""
-        if pieces not in self._chains:
-            self._chains[pieces] = sc_chain(self.model, self.group.states, pieces)
-        return self._chains[pieces]
+        key = pieces, window
+        if key not in self._chains:
+            self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
+        return self._chains[key]
 
     def leads(
         self,
@@ -96,12 +99,14 @@ class ChainCheck:
         pieces: int,
         *,
         cuts: int = 0,
+        window: Window = EVERY,
     ) -> bool:
         """Whether after so many holds everything is in `target`, and in `within` all the time.
 
         `cuts`: so often on the way sets are halved along what errors and disturbances made of them.
+        `window`: of the runs in it.
         """
-        chain = self.chain(pieces)
+        chain = self.chain(pieces, window)
         forms = [form_of_box(box, symbols=True)]
         step: Step = chain.first
         at = {holds * k // (cuts + 1) for k in range(1, cuts + 1)}
@@ -174,10 +179,29 @@ class ChainCheck:
         within: Cells,
         target: Callable[[Sequence[float]], bool],
     ) -> bool:
-        """The same with finer tubes, in parts of the box, and in parts on the way."""
+        """The same with finer tubes, in parts of the box, and in parts on the way.
+
+        Then once more for runs whose commands act nearly as late as each other.
+        """
+        parts = windows(self.model, WINDOWS)
+        tried = [(EVERY,)] if len(parts) == 1 else [(EVERY,), parts]
+        return any(self._leads_in(box, holds, within, target, some) for some in tried)
+
+    def _leads_in(
+        self,
+        box: list[tuple[arb, arb]],
+        holds: int,
+        within: Cells,
+        target: Callable[[Sequence[float]], bool],
+        some: Sequence[Window],
+    ) -> bool:
+        """The same of the runs in all of these windows."""
 
         def fine(part: list[tuple[arb, arb]], cuts: int) -> bool:
-            return self.leads(part, holds, within, target, PIECES[1], cuts=cuts)
+            return all(
+                self.leads(part, holds, within, target, PIECES[1], cuts=cuts, window=w)
+                for w in some
+            )
 
         return (
             fine(box, 0)

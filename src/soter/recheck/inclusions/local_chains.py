@@ -10,12 +10,13 @@ before, one unknown in [-1, 1] times `rho` for each new command, and 1. `Start.z
 of z as rows over 1, the symbols of the cell, the betas of the states, those of the old commands,
 and those of the new ones: ranges are sums of absolute values of `rows z`.
 
-The sample that a command answers was taken at s in [-d, 2j] from k delta - j, while commands acted
+A command acts from e before its nominal time to l after it (`chains.Window`), w = e + l. The sample
+that it answers was taken at s in [-d, w] from k delta - e, while commands acted
 that are known: x(s) = x + s r + rest, with r = A x + B u_1 + c the rate now, and, as |x(t) - x| <=
 |t| F, |rest| <= |A| F s^2/2 + w |s| + |B| (what other commands than u_1 differ from it, for as long
 as they may have acted). What is linear in s lies between its values at the two ends of the window.
-The k-th command before acts on [-k delta + 2j, -(k - 1) delta] at least, the (k + 1)th beside it
-for 2j, so that in [-(k + 1) delta + 2j, -k delta + 2j] one of the two acted.
+The k-th command before acts on [-k delta + w, -(k - 1) delta] at least, the (k + 1)th beside it
+for w, so that in [-(k + 1) delta + w, -k delta + w] one of the two acted.
 """
 
 from __future__ import annotations
@@ -79,26 +80,27 @@ class LocalChain:
         model: Model,
         members: Sequence[int],
         kept: Sequence[tuple[bool, bool]],
-        times: tuple[int, int, int],
+        times: tuple[Fraction, Fraction, Fraction, Fraction],
     ) -> None:
-        """`times`: delta, d, j in ns."""
+        """`times`: delta, d, e, l in s."""
         self.flow = LocalFlow(model, members, kept)
         self.n, self.q = len(members), len(self.flow.moves)
-        delta, d, j = times
+        delta, d, early, late = times
         if not self.q:
-            d = j = 0  # no command moves this group: when one acts is all the same
-        self.delta, self.d, self.j = (exact(t * NANOSECOND) for t in (delta, d, j))
-        self.late = j > 0
+            d = early = late = Fraction(0)  # no command moves this group: when one acts is the same
+        span = early + late
+        self.delta, self.d, self.early, self.span = (exact(t) for t in (delta, d, early, span))
+        self.late = span > 0
         """Whether it matters that a command may act late."""
-        self.depth = -(-(d + 2 * j) // delta)
+        self.depth = int(-(-(d + span) // delta))
         """How many commands may have acted since a sample was taken, or may still act."""
-        if 2 * j > delta:
+        if span > delta:
             raise NotRecheckedError("an SC whose jitter exceeds half its period")
         if self.depth > DEPTH_MAX:
             raise NotRecheckedError("an SC that reads states much older than its period")
         self.layout = Layout(self.n, self.q, self.depth)
         self.behind = [
-            exact(max(0, d + 2 * j - k * delta) * NANOSECOND) for k in range(1, self.depth + 1)
+            exact(max(Fraction(0), d + span - k * delta)) for k in range(1, self.depth + 1)
         ]
         """How far the sample reaches back beyond the certain rule of the k latest commands."""
         self._law = self._read_law(model, members)
@@ -127,21 +129,21 @@ class LocalChain:
     # ------------------------------------------------------------ steps of a chain
 
     def first(self, pieces: int, form: Form) -> Found:
-        """From a_0 to delta - j."""
+        """From a_0 to delta - e."""
         before = self.flow.ranges * self.depth  # anything
         return self._hold(self.layout.opened(form, before), pieces, fresh=True)
 
     def later(self, pieces: int, form: Form) -> Found:
-        """From k delta - j to (k + 1) delta - j."""
+        """From k delta - e to (k + 1) delta - e."""
         return self._hold(self.layout.opened(form, None), pieces, fresh=False)
 
     def last(self, pieces: int, form: Form) -> Found:
-        """From N delta - j over [0, 2j], the latest command still acting."""
+        """From N delta - e over [0, e + l], the latest command still acting."""
         start = self.layout.opened(form, None)
         old = self._old(start)
         way, boxes = self.layout.begun(start), []
         for _ in range(pieces):
-            found = self._step(start, way, old, None, 2 * self.j / pieces, ZERO)
+            found = self._step(start, way, old, None, self.span / pieces, ZERO)
             if found is None:
                 return None
             way, tube = found
@@ -166,10 +168,10 @@ class LocalChain:
 
     def _spans(self, count: int, *, fresh: bool) -> list[tuple[arb, arb]]:
         """The steps of a hold, and for how long the old command may act in each."""
-        early = ZERO if fresh else 2 * self.j
+        early = ZERO if fresh else self.span
         if count == 1:
-            return [(self.delta - self.j if fresh else self.delta, early)]
-        rest = self.delta - (self.j if fresh else early)
+            return [(self.delta - self.early if fresh else self.delta, early)]
+        rest = self.delta - (self.early if fresh else early)
         handed = [(early, early)] if early > 0 else []
         return [*handed, *[(rest / count, ZERO)] * count]
 
@@ -214,7 +216,7 @@ class LocalChain:
 
     def _sampled(self, start: Start, *, fresh: bool) -> Way | None:
         """The states when the sample was taken; the window begins with a_0 in the first hold."""
-        ahead = ZERO if fresh else 2 * self.j
+        ahead = ZERO if fresh else self.span
         if not self.depth:
             return self.layout.begun(start)
         n, q = self.n, self.q
