@@ -37,7 +37,7 @@ def entry(
     """Boxes (2, n), half-spaces (N, n + 1) with their thresholds last, and multipliers.
 
     Multipliers are triples (row, half-space, value) of a matrix of shape `of`: few are not zero.
-    `law` and `instants` are what the multipliers presuppose.
+    `law` and `instants` are what the multipliers presuppose; so is `flow`, where it is not linear.
     """
     made = axes(problem, part.group, stem, files)
 
@@ -59,6 +59,13 @@ def entry(
         "offset": array("law_offset", law.offset),
         "limits": array("law_limits", np.stack([law.low, law.high])),
     }
+    linear = part.model.group
+    if not part.model.covers_scheme:
+        made["flow"] = {
+            "A": array("flow_A", linear.state),
+            "B": array("flow_B", linear.control),
+            "c": array("flow_c", linear.drift[0]),
+        }
     found = {"K": sets.core, "R": sets.free, "Q": sets.kept, "target": sets.target}
     made.update({k: half_spaces(f"{stem}_{k}", p, files) for k, p in found.items() if p})
     made["S"] = [half_spaces(f"{stem}_S{j}", p, files) for j, p in enumerate(sets.allowed)]

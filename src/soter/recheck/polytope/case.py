@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING
 
 from soter.recheck.certificate.errors import RejectedError
 from soter.recheck.polytope.bounds import Bounded, in_balls, within
+from soter.recheck.polytope.enclosed import enclosed_flow
 from soter.recheck.polytope.law import linear_law
 from soter.recheck.polytope.moves import Flow, Free, Hold
 from soter.recheck.polytope.tables import HalfSpaces
-from soter.recheck.reading.flows import linear_flow
+from soter.recheck.reading.flows import is_linear, linear_flow
 from soter.recheck.reading.problem import error_of
 from soter.recheck.terms.balls import TINIEST, UNIT_ROUNDOFF, ZERO, exact
 from soter.recheck.terms.terms import NotRecheckedError
@@ -87,7 +88,10 @@ class PolytopeCheck:
         if box != [model.extents[s] for s in tables.states]:
             raise RejectedError("a polytope group ranges over another box than its C")
         self.law = linear_law(model, tables.states, tables.law)
-        flow = linear_flow(model, tables.states)
+        if tables.flow is None or is_linear(model, tables.states):
+            flow = linear_flow(model, tables.states)
+        else:
+            flow = enclosed_flow(model, tables.states, self.law.controls, tables.flow)
         self.flow = Flow(flow, box, self.law.controls)
 
     @cached_property

@@ -34,6 +34,7 @@ INSTANTS = ("hold", "R", "window", "start")
 PARTS = ("K", "R", "S", "Q", "start")
 REQUIRED = ("kind", "axes", "C", "law", "K", "R", "S", "G", "rates", "periods", "instants")
 OPTIONAL = ("Q", "target")
+HINTS = ("flow", "multipliers")
 INSTANTS_MAX = 1_000
 PERIODS_MAX = 100_000
 FACES_MAX = 10_000
@@ -80,6 +81,18 @@ class ClaimedLaw:
     high: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class ClaimedRates:
+    """x' = state x + control u + constant, to within what the re-checker finds."""
+
+    state: Floats
+    """(n, n)"""
+    control: Floats
+    """(n, controls of the law)"""
+    constant: Floats
+    """(n,)"""
+
+
 @dataclass(eq=False, kw_only=True)
 class PolytopeTables:
     """One group. `multipliers`: per part of the proof, claim by claim."""
@@ -88,6 +101,8 @@ class PolytopeTables:
     constraint: HalfSpaces
     """C_g, a box."""
     law: ClaimedLaw
+    flow: ClaimedRates | None
+    """About what the rates are enclosed where they are not linear."""
     core: HalfSpaces
     free: HalfSpaces
     home: HalfSpaces | None
@@ -123,7 +138,7 @@ def read_polytope(
     `RejectedError`, or an error of Python's where the manifest is not as it should be.
     """
     missing = set(REQUIRED) - entry.keys()
-    unknown = entry.keys() - {*REQUIRED, *OPTIONAL, "multipliers"}
+    unknown = entry.keys() - {*REQUIRED, *OPTIONAL, *HINTS}
     for name in sorted(missing | unknown):
         raise RejectedError(f"a polytope group has {'no' if name in missing else 'a'} `{name}`")
     n = len(states)
@@ -141,6 +156,7 @@ def read_polytope(
         states=states,
         constraint=HalfSpaces(low, high, (), ()),
         law=law,
+        flow=_rates(reader, entry["flow"], len(law.controls)) if "flow" in entry else None,
         core=core,
         free=free,
         home=sets["Q"],
@@ -176,6 +192,14 @@ def _law(reader: _Reader, entry: dict[str, Any], inputs: int) -> ClaimedLaw:
         low,
         high,
     )
+
+
+def _rates(reader: _Reader, entry: dict[str, Any], controls: int) -> ClaimedRates:
+    n = reader.n
+    shapes = {"A": (n, n), "B": (n, controls), "c": (n,)}
+    if set(entry) != set(shapes):
+        raise RejectedError("the flow of a polytope group is A, B and c")
+    return ClaimedRates(*(reader.matrix(entry[k], shape) for k, shape in shapes.items()))
 
 
 def _whole(value: object, most: int, what: str) -> int:
