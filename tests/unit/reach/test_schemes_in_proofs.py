@@ -74,6 +74,38 @@ def test_a_group_that_no_command_moves_is_stepped_too(rate: str, scheme: str, ve
         assert "substeps" in found.findings["P2a"].hint
 
 
+FORWARD = (
+    ("in [-2.0, 2.0] = 0.0", "in [0.0, 2.0] = 0.0"),
+    ("clamp(-3.0 * pos, -2.0, 2.0)", "0.0"),
+    ("2.0 - pos", "2.0"),
+    ("safe pos < 1.0 && pos > -1.0", "safe pos < 1.0"),
+    ("[-1.2, 1.2] / 60", "[-1.0, 1.2] / 55"),
+    ("state x: float = 0.0", "state x: float = -0.5"),
+)
+"""Nothing pushes x back, so that it stays above the end of its grid without any room."""
+
+
+@pytest.mark.parametrize(
+    ("rate", "changes", "verdict"),
+    [
+        ("-20.0 * z", (("in [-1.0, 1.0] / 1", "in [0.0, 1.0] / 1"),), "undecided"),
+        ("-20.0 * z", (("in [-1.0, 1.0] / 1", "in [-0.1, 1.0] / 1"),), "proved"),
+        ("0.0 * z", (), "proved"),
+        ("0.0 * z", FORWARD, "proved"),
+    ],
+)
+def test_an_end_is_kept_by_the_scheme_or_it_is_not_kept(
+    rate: str, changes: tuple[tuple[str, str], ...], verdict: str
+) -> None:
+    """Of a linear flow the scheme is never assumed; what no state changes is stepped as it is."""
+    found = found_of(rate, "rk4", *changes)
+    assert found.findings["P2a"].verdict == verdict
+    assert "scheme" not in found.assumed
+    kept = "the differential equation keeps p.z above 0, and that the scheme which integrates it"
+    assert (kept in found.findings["P2a"].text) == (verdict == "undecided")
+    assert ("further out" in found.findings["P2a"].hint) == (verdict == "undecided")
+
+
 def test_what_is_not_in_the_proof_is_in_the_headline() -> None:
     between = ("node Careful period 10ms {", "node Careful period 10ms phase 5ms {")
     found = found_of("-50.0 * z", "rk4", between)

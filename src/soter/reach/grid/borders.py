@@ -34,13 +34,14 @@ LOOK_AHEAD = 4.0
 
 
 class Bordered(Protocol):
-    """What of a group's model the borders look at, and change: `low`, `high`, `covers_scheme`."""
+    """What of a group's model the borders look at, and change: `low`, `high`, `crossed`."""
 
     c: Any
     inputs: GridInputs
     axes: tuple[int, ...]
     open_ends: frozenset[int]
     covers_scheme: bool
+    crossed: list[str]
     low: Floats
     high: Floats
 
@@ -51,12 +52,16 @@ class Bordered(Protocol):
     def rates_within(self, low: Floats, high: Floats) -> Floats | None:
         """Bounds (states, 2) of the rates over ranges of all inputs; None: a possible fault."""
 
+    def hangs_on_states(self, state: int) -> bool:
+        """Whether the rate of a state is another one at other states."""
+
 
 def keep_borders(model: Bordered) -> None:
     """Finds the ends that are kept; the domain then goes on beyond them.
 
-    Where an end is kept by the exact flow only, not with what the simulator's scheme adds, the
-    scheme is no longer covered.
+    An end that is kept by the exact flow only, not with what the simulator's scheme adds, is none:
+    the scheme of a linear flow is in the proof. A rate that no state changes is the same in all
+    stages of a step, which then goes the way it says, rounding included.
     """
     g = model.c
     whole = _rates(model, model.low, model.high)
@@ -91,8 +96,11 @@ def _keep_end(model: Bordered, i: int, back: float, *, upper: bool) -> None:
     inwards = -rates[state][1] if upper else rates[state][0]
     if not inwards >= 0.0:
         return
-    if not inwards >= g.extra_w[i]:
-        model.covers_scheme = False
+    if not inwards >= g.extra_w[i] and model.hangs_on_states(state):
+        names = model.inputs.names or tuple(f"state {k}" for k in range(len(model.inputs.states)))
+        side, end = ("below", edges[-1]) if upper else ("above", edges[0])
+        model.crossed.append(f"{names[state]} {side} {float(end):g}")
+        return
     if upper:
         g.kept_high[i] = 1
         model.high[state] = high[state]

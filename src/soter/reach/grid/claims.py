@@ -41,6 +41,12 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Arrays = Mapping[str, NDArray[np.generic]]
 
+CROSSED = (
+    "; the differential equation keeps {ends}, and that the scheme which integrates it does "
+    "was not shown"
+)
+CROSSED_HINT = "ranges that end a little further out, where the flow points inwards by itself"
+
 
 @dataclass(eq=False)
 class GridProof(GroupProof):
@@ -83,6 +89,9 @@ class GridProof(GroupProof):
             return True
         hint = "a finer grid; a wider one; a stronger SC; smaller errors, delays or disturbances"
         text = "K is empty: no set was found that SC keeps"
+        if self.engine.crossed:
+            text += CROSSED.format(ends=", ".join(self.engine.crossed))
+            hint = CROSSED_HINT
         case.fail("P2a", text, self, hint).cells = self.found.allowed
         return False
 

@@ -94,6 +94,8 @@ class GridModel:
         """Whether one step of the simulator's scheme is a solution of the model."""
         self.stiff = ""
         """Why not, where that is a matter of its step alone."""
+        self.crossed: list[str] = []
+        """Ends of axes that the differential equation keeps, and its scheme is not shown to."""
         self._linearize(linear)
         self._narrow_law()
 
@@ -226,6 +228,11 @@ class GridModel:
         if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
             return None
         return np.asarray(out[: len(self.inputs.states), :2])
+
+    def hangs_on_states(self, state: int) -> bool:
+        """Whether the rate of a state is another one at other states (or may be: a fault)."""
+        found = self._rate_forms(self.low, self.high)
+        return found is None or bool(found[0][state, 4 : 4 + len(self.inputs.states)].any())
 
     def _remainder(self) -> float:
         """How much W grows from a small box to the whole domain, relative to the rates."""
