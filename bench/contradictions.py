@@ -55,7 +55,6 @@ UNKNOWN = "not rechecked: "
 """How the re-checker begins where it says no because of what it does not know."""
 COARSE = (
     "steps that are late, or take time",
-    "releases that are late (`jitter`)",
     "SC may read of `[^`]*` what a node made of a default",
     "no topic shows `[^`]*` to the DM, and its axis has cells",
     "an SC with locals that may step before anything was published",

@@ -12,6 +12,7 @@ from generators.opaque import OPAQUE as SLOW
 from long_tests import some
 from soter.api.program import load
 from soter.api.rechecking import recheck
+from soter.program.build import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -72,6 +73,42 @@ def test_what_was_proved_is_accepted(tmp_path: Path) -> None:
     assert report.returns
     (module,) = report.modules
     assert module.times["k"] >= 1
+
+
+OTHER = """topic shown: int;
+node Other period 10ms phase PHASE { publishes shown; jitter 4ms; step { publish shown = 1; } }
+"""
+
+
+def beside(phase: str) -> str:
+    """Somebody in the thread who may be late, and whom the proof does not follow."""
+    text = PLANNER.replace("rta Planner", OTHER.replace("PHASE", phase) + "rta Planner")
+    return text.replace("{ node Follower;", "{ node Other; node Follower;")
+
+
+def test_who_is_late_and_delays_nobody_that_is_followed(tmp_path: Path) -> None:
+    """Released 5 ms after the others, it is done 1 ms before they are released again."""
+    report = recheck(certificate(tmp_path, beside("5ms")))
+    assert report.accepted, report.reason
+    assert report.safe
+
+
+def test_who_is_late_and_delays_others(tmp_path: Path) -> None:
+    """What was proved of a thread in which nobody waits for it."""
+    folder = certificate(tmp_path, beside("5ms"))
+    source = folder / "program" / "planner.soter"
+    source.write_text(source.read_text().replace("phase 5ms", "phase 7ms"))
+    checked = check_file(str(source)).program
+    assert checked is not None
+
+    def change(manifest: dict[str, Any]) -> None:
+        manifest["files"]["program/planner.soter"] = hashlib.sha256(source.read_bytes()).hexdigest()
+        manifest["program_sha256"] = checked.sha256
+
+    sealed_again(folder, change)
+    report = recheck(folder)
+    assert not report.accepted
+    assert report.reason.startswith("not rechecked: releases that are late (`jitter`), and with")
 
 
 def edited(key: str, value: object) -> Callable[[dict[str, Any]], None]:

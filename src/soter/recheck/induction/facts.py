@@ -17,6 +17,7 @@ from soter.program.model import typed
 from soter.program.model.walk import nodes as parts_of
 from soter.recheck.certificate.errors import RejectedError
 from soter.recheck.terms.terms import NotRecheckedError
+from soter.recheck.time.thread import delayed
 
 if TYPE_CHECKING:
     from soter.program.model.system import Component, Module, System
@@ -161,7 +162,9 @@ def _times(facts: InductionFacts) -> None:
     if any(c.wcet_ns is not None for c in facts.flying.components):
         raise NotRecheckedError("declared execution times: not rechecked yet beside an induction")
     if any(c.jitter_ns for c in facts.flying.components):
-        raise NotRecheckedError("releases that are late (`jitter`): not rechecked yet")
+        who = delayed(facts.flying, facts.actors)
+        if who:
+            raise NotRecheckedError(f"releases that are late (`jitter`), and with them `{who}`")
     if any(c.takes_ns is not None for c in facts.actors):
         raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
     others = [c for c in facts.actors if c.role in ("ac", "node")]

@@ -78,6 +78,18 @@ def check_thread(system: System, module: Module, setting: Setting, in_step: Iter
     )
 
 
+def delayed(system: System, followed: Iterable[Component]) -> str:
+    """Who of some components may start or end after its release in the thread; "" if nobody.
+
+    DiffersError, NotRecheckedError where the thread has too much to do, or too many releases.
+    """
+    thread = [c for c in system.components if _there(c)]
+    own = {c.index for c in followed}
+    apart = [c.name for c in followed if c not in thread and c.jitter_ns]
+    late = [t.who.name for t in _turns(thread) if t.who.index in own and t.ends > t.release]
+    return next(iter([*apart, *late]), "")
+
+
 def _there(c: Component) -> bool:
     """Whatever is written in Soter is in the thread; of externs those that the system takes in."""
     if c.node is None:
