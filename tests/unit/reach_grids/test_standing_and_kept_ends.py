@@ -314,13 +314,14 @@ def test_a_border_that_is_left_where_it_repels_is_not_kept() -> None:
     assert kept(engine) == (0, 0)
 
 
-def test_the_scheme_is_covered_only_where_the_end_is_kept_with_its_error() -> None:
+def test_an_end_is_kept_with_the_error_of_the_scheme_or_not_at_all() -> None:
     inward, neutral = tank(is_linear=True, plant_ms=5, rain=(1e-6, 0.05)), tank(
         is_linear=True, plant_ms=5
     )  # fmt: skip
-    assert kept(inward) == kept(neutral) == (1, 1)
+    assert (kept(inward), kept(neutral)) == ((1, 1), (0, 1))
     assert inward.covers_scheme
-    assert not neutral.covers_scheme
+    assert neutral.covers_scheme
+    assert (inward.crossed, neutral.crossed) == ([], ["state 0 above 0"])
 
 
 # ---------------------------------------------------------------- one way
