@@ -97,6 +97,19 @@ def test_what_nobody_reads_is_published_all_the_same(
     assert right or "`dial`" in report.reason
 
 
+@pytest.mark.parametrize(("bound", "right"), [(1.0, False), (50.0, True)])
+def test_an_abstraction_that_stops_says_nothing_of_the_vehicle(
+    bound: float, right: bool, tmp_path: Path
+) -> None:
+    """Though no plant that flies publishes on `dial`."""
+    drives = ("drives x = p;", "drives x = p;\n  drives dial = 10.0 * p;")
+    text = changed(("topic u:", DIAL.format(-50.0, 50.0)), drives, text=PROGRAMS["flying"])
+    cert = certificate(tmp_path, text)
+    report = narrower(cert, DIAL.format(-50.0, 50.0), DIAL.format(-bound, bound))
+    assert report.accepted == right, report.reason
+    assert right or "`dial`" in report.reason
+
+
 @pytest.mark.parametrize(
     ("value", "right"),
     [("p * p", True), ("10.0 * abs(p)", True), ("abs(p) * (p * p)", True), ("abs(p) * p", False)],

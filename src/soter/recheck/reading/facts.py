@@ -154,13 +154,12 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.Expr]]:
 def bounded_topics(facts: Facts) -> list[int]:
     """Topics with a declared set that plants drive: what they publish outside of it stops them.
 
-    Of what is abstracted only those that the module knows: the rest is not published in flight.
+    Of an abstraction, too, all: it says nothing of the vehicle once it has stopped.
     """
     return [
         index
         for index in driven_topics(facts)
         if any(b is not None for b in facts.system.topics[index].bounds)
-        and (index in facts.running or not facts.symbol.verify.abstracts)
     ]
 
 
