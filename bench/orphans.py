@@ -4,7 +4,7 @@
 
 Purpose: of every command that starts processes, and of externs that spin or fork, so many runs
 that are ended by SIGKILL and as many by SIGTERM, at instants spread evenly over the time that the
-command takes; counted is what lives `GRACE_S` after its end, whatever session or group it has moved to.
+command takes; counted is what lives `GRACE_S` after its end, whatever group it has moved to.
 Non-goals: what the command leaves on the disk. Linux (orphans come to this process).
 """
 

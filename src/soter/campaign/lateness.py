@@ -16,6 +16,8 @@ import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from soter.program.load.files import read_bytes
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -92,7 +94,7 @@ def _released(seconds: float, period_ns: int) -> list[int]:
 def kept(path: Path, seconds: float) -> Lateness:
     """What stands in a file, else what is measured now and kept there."""
     if path.exists():
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(read_bytes(path))
         return Lateness(**{**found, "quantiles_ns": tuple(found["quantiles_ns"])})
     made = measured(seconds)
     path.write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")
