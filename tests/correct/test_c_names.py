@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from typing import TYPE_CHECKING
 
 import pytest
 
 import processes
+import soter
 from generators.packages import package
 from long_tests import examples
-from soter.codegen.c.names import file_level_name
+from soter.codegen.c.names import file_level_name, no_linked_name
+from soter.codegen.unit import generate
+from soter.native.build import RUNTIME
 from soter.native.compiler import STANDARD, WARNINGS, find
 from soter.syntax.tokens import RESERVED
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from soter.codegen.unit import Unit
 
 KEYWORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline int
@@ -138,3 +144,134 @@ def test_a_file_may_have_such_a_name_too(tmp_path: Path, name: str) -> None:
     package(tmp_path / f"{name}.soter", tmp_path / "out")
     own = [p.name for p in (tmp_path / "out").glob("*.c") if not p.name.startswith("soter_")]
     assert compiled(tmp_path / "out", *own) == ""
+
+
+# ---------------------------------------------------------------- functions that are linked
+
+EVERYTHING = """soter 1;
+type Many = { at: float[20], on: bool };
+topic sum: float in [0.0, 9.0] = 0.0;
+topic many: Many;
+topic mail: int = 0;
+topic u: float in [-1.0, 1.0] = 0.0;
+{funs}
+node Reader period 10ms {
+  publishes sum, many, mail;
+  var x: float = 0.0;
+  step {
+    var m = many_of(x);
+    for i in 0..3 { x = x + m.at[i]; }
+    {calls}
+    publish sum = clamp(x, 0.0, 9.0); publish many = m; publish mail = 1;
+  }
+}
+extern fun many_of(x: float): Many from "c:x.c:many_of";
+{nodes}
+system S default { node Reader; {names} until 50ms; }
+"""
+LINKED = """soter 1;
+topic u: float = 0.0;
+topic v: float = 0.0;
+extern fun given(given: float): float from "c:x.c:given";
+extern node L period 10ms from "c:x.c:answer" { publishes u; }
+node R period 10ms { publishes v; step { publish v = given(1.5); } }
+system S default { node L; node R; until 50ms; }
+"""
+LINKED_C = """#include "a.h"
+double given(double given) { return 2 * given; }
+int answer(const a_L_in *in, a_L_out *out) {
+  (void)in;
+  out->u = 2.5;
+  out->has_u = 1;
+  return 0;
+}
+"""
+IMPOSSIBLE = ("int", "ü", "a b", "soter_run", "a_program", "a_L_step", "memcpy")
+OURS = re.compile(r"(soter|SOTER|names)_\w*|names|U?INT\d+_\w+|soter")
+
+
+def program_of(functions: list[str], nodes: list[str]) -> str:
+    """Extern functions and nodes that are bound to C functions of these names."""
+
+    def own(name: str) -> str:
+        return "value" if name in RESERVED or name == "_" else name
+
+    funs = "\n".join(
+        f'extern fun f_{k}({own(n)}: float): float from "c:x.c:{n}";'
+        for k, n in enumerate(functions)
+    )
+    calls = " ".join(f"x = x + f_{k}(x);" for k, _ in enumerate(functions))
+    declared = "\n".join(
+        f"topic t_{k}: float[<=12] = [];\n"
+        f'extern node N_{k} period 10ms from "c:x.c:{n}" '
+        f"{{ subscribes sum; publishes t_{k}, u_{k}; var {own(n)}: float = 0.0; }}\n"
+        f"topic u_{k}: float in [-1.0, 1.0] = 0.0;"
+        for k, n in enumerate(nodes)
+    )
+    names = " ".join(f"node N_{k};" for k, _ in enumerate(nodes))
+    text = EVERYTHING
+    given = {"funs": funs, "calls": calls, "nodes": declared, "names": names}
+    for key, part in given.items():
+        text = text.replace("{" + key + "}", part)
+    return text
+
+
+def unit_of(folder: Path, text: str) -> Unit:
+    """The C of a program."""
+    file = folder / "names.soter"
+    file.write_text(text)
+    return generate(soter.load(str(file)).flat())
+
+
+def refused(folder: Path, functions: list[str], nodes: list[str]) -> str:
+    """The code of the diagnostic where a name is refused."""
+    try:
+        unit_of(folder, program_of(functions, nodes))
+    except soter.SoterError as error:
+        return " ".join(d.code for d in error.diagnostics)
+    return ""
+
+
+def test_a_linked_function_may_be_called_as_anything_in_generated_code(tmp_path: Path) -> None:
+    """Every identifier of a generated program: none hides a linked function of the same name."""
+    first = unit_of(tmp_path, program_of(["given"], ["answer"]))
+    found = set(re.findall(r"[A-Za-z_]\w*", first.header + first.source))
+    others = {"lround", "in", "out", "local", "made", "outer", "kept", "got", "status", "message"}
+    found |= others
+    names = sorted(found - {"given", "many_of", "f_0", "N_0"})
+    free = {n for n in names if not refused(tmp_path, [n], ["node_bound"])}
+    of_nodes = {n for n in names if not refused(tmp_path, ["fun_bound"], [n])}
+    for name in set(names) - free:
+        assert OURS.fullmatch(name) or no_linked_name(name, node=False), name
+        assert refused(tmp_path, [name], ["node_bound"]) == "X009", name
+    for name in free - of_nodes:
+        assert OURS.fullmatch(name) or no_linked_name(name, node=True), name
+    assert {"answer", "s", "flags", "status", "in", "out", "fault", "got", "kept"} <= of_nodes
+    for functions, nodes in ((sorted(free), ["node_bound"]), (["fun_bound"], sorted(of_nodes))):
+        called = [n for n in functions if n not in ("lround", "fabs", "sqrt", "floor")]
+        unit = unit_of(tmp_path, program_of(called, nodes))
+        (tmp_path / "names.h").write_text(unit.header)
+        (tmp_path / "names.c").write_text(unit.source)
+        assert compiled(tmp_path, f"-I{RUNTIME}", "names.c") == ""
+
+
+def test_a_linked_function_called_as_a_parameter_runs(tmp_path: Path) -> None:
+    (tmp_path / "a.soter").write_text(LINKED)
+    (tmp_path / "x.c").write_text(LINKED_C)
+    program = soter.load(str(tmp_path / "a.soter"))
+    runs = [program.simulate(engine=engine, until="50ms") for engine in ("native", "interp")]
+    assert [(r.final["topics"]["u"], r.final["topics"]["v"]) for r in runs] == [(2.5, 3.0)] * 2
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_a_name_that_cannot_be_linked_is_told_of_itself(tmp_path: Path, name: str) -> None:
+    """And not as a mistake in the C file."""
+    (tmp_path / "a.soter").write_text(
+        f'soter 1;\ntopic u: float = 0.0;\nextern node L period 10ms from "c:x.c:{name}" '
+        "{ publishes u; }\nsystem S default { node L; until 50ms; }\n"
+    )
+    (tmp_path / "x.c").write_text("\n")
+    for engine in ("native", "interp"):
+        with pytest.raises(soter.SoterError) as caught:
+            soter.load(str(tmp_path / "a.soter")).simulate(engine=engine)
+        assert [d.code for d in caught.value.diagnostics] == ["X009"]

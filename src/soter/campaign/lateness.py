@@ -16,13 +16,19 @@ import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from soter.program.load.files import read_bytes
+
 if TYPE_CHECKING:
     from pathlib import Path
 
 STRETCHES = 1000
 """Parts between the quantiles that are kept: one release in a thousand is later than the last."""
 PERIOD_NS = 10_000_000
-BUSY = "while True: pass"
+BUSY = """import ctypes, os, sys
+ctypes.CDLL(None).prctl(1, 9)  # PR_SET_PDEATHSIG, SIGKILL: whoever measures may be killed
+while os.getppid() == int(sys.argv[1]):
+    while True: pass
+"""
 CLOCK_MONOTONIC, TIMER_ABSTIME = 1, 1
 
 
@@ -50,10 +56,10 @@ class Lateness:
 
 def measured(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
     """Measure for so long; raises OSError where processes cannot be started."""
-    cores = os.cpu_count() or 1
+    cores, own = os.cpu_count() or 1, str(os.getpid())
     busy = [
         subprocess.Popen(
-            [sys.executable, "-c", BUSY], start_new_session=True, stderr=subprocess.DEVNULL
+            [sys.executable, "-c", BUSY, own], start_new_session=True, stderr=subprocess.DEVNULL
         )
         for _ in range(2 * cores)
     ]
@@ -88,7 +94,7 @@ def _released(seconds: float, period_ns: int) -> list[int]:
 def kept(path: Path, seconds: float) -> Lateness:
     """What stands in a file, else what is measured now and kept there."""
     if path.exists():
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(read_bytes(path))
         return Lateness(**{**found, "quantiles_ns": tuple(found["quantiles_ns"])})
     made = measured(seconds)
     path.write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")

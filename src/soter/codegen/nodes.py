@@ -17,6 +17,7 @@ from soter.codegen.draws import choosing
 from soter.codegen.faults import disturb
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, S, enabled, where
 from soter.codegen.holding import hold
+from soter.codegen.interface import linked_name
 from soter.codegen.queues import empty, forgive, must_not_lose
 from soter.codegen.received import received
 from soter.lower import core
@@ -125,7 +126,7 @@ def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) 
             found.append(c.IfStmt(failed, (c.Return(c.Name("status")),)))
         arguments.append(c.Unary("&", c.Name("kept")))
     arguments.append(c.Unary("&", c.Name("got")))
-    call = c.CallExpr(component.binding.rsplit(":", 1)[1], tuple(arguments))
+    call = c.CallExpr(linked_name(name), tuple(arguments))
     fine = c.Binary("==", call, c.Number("0"))
     found.append(c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT))))
     for x in step.locals:

@@ -14,15 +14,27 @@ from typing import TYPE_CHECKING
 from soter.codegen import decisions, faults, holding, nodes, plants, queues, start
 from soter.codegen.body import Body
 from soter.codegen.c import tree as c
-from soter.codegen.c.names import FileNames, Unique, program_prefix
+from soter.codegen.c.names import FileNames, Unique, no_linked_name, program_prefix
 from soter.codegen.c.printer import print_file
 from soter.codegen.c.types import TypeTable
 from soter.codegen.frame import Frame, where
 from soter.codegen.inputs import InputEmitter
-from soter.codegen.interface import answer_fields, interface, struct
+from soter.codegen.interface import (
+    LINKED,
+    answer_fields,
+    call_of_function,
+    call_of_node,
+    interface,
+    is_linked,
+    linked_functions,
+    linked_name,
+    struct,
+    symbol_of,
+)
 from soter.codegen.received import received
 from soter.codegen.storage.places import MADE
 from soter.codegen.tables import TableEmitter
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.lower.layout import Struct, arrange, state_layout
 from soter.lower.steps import lower
 from soter.program.model.system import environment_topics
@@ -45,6 +57,7 @@ COMPONENT_NAMES = (
     "_effect",
     "_exchange",
     "_happens",
+    LINKED,
 )
 MODULE_NAMES = ("_ttf", "_safer", "_decide")
 OWN_NAMES = (
@@ -117,7 +130,9 @@ class UnitBuilder:
         members = Unique(frozenset({"header", "components", "modules", "properties", "stamps"}))
         members("topics")
         self.groups = {g.owner: members(g.name) for g in self.layout.groups if g.owner >= 0}
-        self.functions = {f.name: (unique(f"{f.name}_fn"), f.can_fault) for f in core.functions}
+        self.functions = {
+            f.name: (unique.family(f"{f.name}_fn", (LINKED,)), f.can_fault) for f in core.functions
+        }
         self.body = Body(
             self.types,
             self.functions,
@@ -132,7 +147,7 @@ class UnitBuilder:
         """The header, the source and what a driver must know."""
         for topic in self.system.topics:
             self.types.stored(topic.type)  # declared names first: equal records share a struct
-        functions = [made for f in self.core.functions for made in self.function(f)]
+        functions = self._functions()
         steps = self._steps()
         init = start.init(self.frame, f"{self.prefix}_init")
         tables = TableEmitter(
@@ -179,6 +194,7 @@ class UnitBuilder:
                 *more,
             )
         )
+        self._require_names((*header.items, *source.items))
         answers = {x.index: arrange(answer_fields(x)) for x in self.system.components if x.extern}
         return Unit(
             prefix=self.prefix,
@@ -194,6 +210,28 @@ class UnitBuilder:
             ),
             branches=tuple(self.frame.branches or ()),
         )
+
+    def _require_names(self, items: tuple[c.CTop, ...]) -> None:
+        """SoterError X009 for a linked function that is called as something else is already."""
+        own = {
+            name
+            for x in items
+            if not (isinstance(x, c.FunctionDef) and x.body is None)
+            for name in (getattr(x, "name", ""),)
+        }
+        problems = []
+        for binding, span, node in linked_functions(self.frame, self.core):
+            name = symbol_of(binding)
+            why = no_linked_name(name, node=node)
+            if name in own:
+                why = f"the code that is generated of `{self.prefix}` has something of that name"
+            if why:
+                message = f"`{binding}` cannot be linked: the function's name is impossible"
+                helps = ("give the C function another name, and bind to that",)
+                problem = Diagnostic("X009", message, Label(span), notes=(why,), helps=helps)
+                problems.append(problem)
+        if problems:
+            raise SoterError(tuple(problems))
 
     def _size_check(self) -> c.FunctionDef:
         state_type = f"{self.prefix}_state"
@@ -221,6 +259,14 @@ class UnitBuilder:
         return []
 
     # ------------------------------------------------------------ functions and steps
+
+    def _functions(self) -> list[c.CTop]:
+        found: list[c.CTop] = [
+            call_of_function(self.frame, f, self.functions[f.name][0])
+            for f in self.core.functions
+            if is_linked(f)
+        ]
+        return found + [made for f in self.core.functions for made in self.function(f)]
 
     def function(self, f: Function) -> list[c.CTop]:
         """The C of a function; a kind of program may have more of it (`campaign/unit.py`)."""
@@ -254,9 +300,9 @@ class UnitBuilder:
         t = f.result_type
         large = self.types.is_large(t)
         gives = self._gives
-        if f.source is not None and f.source.startswith("c:"):
-            _, path, symbol = f.source.split(":")
-            self.c_sources.append(path)
+        if is_linked(f):
+            assert f.source is not None
+            self.c_sources.append(f.source.split(":")[1])
             arguments = tuple(
                 c.Unary("*", own) if self.types.is_large(p.type) else own
                 for p in f.parameters
@@ -268,7 +314,7 @@ class UnitBuilder:
                 c.Do(c.CallExpr("soter_raise", (c.Name("outer"), status))),
                 *gives(t, self.types.default(t)),
             )
-            call = c.CallExpr(symbol, arguments)
+            call = c.CallExpr(linked_name(name), arguments)
             taken = c.Assign(got, call) if large else c.Declare(self.types.work(t), "got", call)
             ends = () if large else (c.Return(got),)
             body: tuple[c.CStmt, ...] = (
@@ -309,6 +355,8 @@ class UnitBuilder:
             if x.index in self.core.plants:
                 found.append(plants.plant_step(self.frame, x, self.core.plants[x.index], name))
             elif x.index in self.core.nodes:
+                if self.frame.linked(x):
+                    found.append(call_of_node(x, name))
                 found.append(nodes.node_step(self.frame, x, self.core.nodes[x.index], name))
                 failsafe = nodes.failsafe(self.frame, x, name)
                 if failsafe is not None:

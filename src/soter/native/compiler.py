@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.phase import phase
+from soter.native.watched import watched
 from soter.report.visible import visible
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ MEANING = (
 """Flags that belong to the meaning: one rounding an operation, on every compiler."""
 STRICT = (STANDARD, *MEANING)
 TIMEOUT_S = 300
+LINES, LINE_MAX = 8, 1000
+"""So many lines of a compiler's words are shown, and of each so many letters."""
 DEFECT = "this is a defect of soter: please report it with the program"
 WARNINGS = (
     "-Wall",
@@ -117,18 +120,12 @@ def compile_with(
 ) -> None:
     """Run a compiler in `work`; SoterError X004 with its words, those of `telling` if any are."""
     phase("compiling")
-    try:
-        done = subprocess.run(
-            command, capture_output=True, check=False, timeout=TIMEOUT_S, cwd=work
-        )
-    except subprocess.TimeoutExpired as error:
-        notes = (f"the compiler was ended after {TIMEOUT_S} s",)
-        raise SoterError((Diagnostic("X004", message, notes=notes, helps=helps),)) from error
-    if done.returncode == 0:
+    done = watched(command, work, TIMEOUT_S)
+    if done.code == 0:
         return
-    said = done.stderr.decode("utf-8", "replace")
-    lines = said.replace(str(work) + os.sep, "").strip().splitlines()
+    lines = done.text.replace(str(work) + os.sep, "").strip().splitlines()
     shown = [x for x in lines if any(word in x for word in telling)] or lines
-    raise SoterError(
-        (Diagnostic("X004", message, notes=tuple(map(visible, shown[:8])), helps=helps),)
-    )
+    notes = [visible(x[:LINE_MAX]) for x in shown[:LINES]]
+    if done.why:
+        notes.append(done.why)
+    raise SoterError((Diagnostic("X004", message, notes=tuple(notes), helps=helps),))

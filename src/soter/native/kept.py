@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 LIMIT = "SOTER_CACHE_MB"
 LIMIT_MB = 2048
 """What the cache may hold where neither $SOTER_CACHE_MB nor its file `limit` says it, MB."""
+LIMIT_LONGEST = 64
+"""Letters of that file that are read."""
 LIMIT_FILE = "limit"
 YOUNG_S = 600.0
 """What was used as lately is never removed: another process may be about to load it."""
@@ -193,8 +195,11 @@ def limit() -> tuple[int, str]:
     if not text:
         file = cache_dir() / LIMIT_FILE
         where = str(file)
-        with contextlib.suppress(OSError, UnicodeDecodeError):
-            text = file.read_text(encoding="ascii").strip()
+        with (
+            contextlib.suppress(OSError, UnicodeDecodeError),
+            file.open(encoding="ascii") as stream,
+        ):
+            text = stream.read(LIMIT_LONGEST).strip()
     if text and not (text.isascii() and text.isdigit()):
         help_ = f"give a number of megabytes, or unset it for {LIMIT_MB}"
         if where != LIMIT:

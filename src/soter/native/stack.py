@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.compiler import STRICT, TIMEOUT_S, find
 from soter.native.kept import digest, kept
+from soter.native.watched import watched
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -105,14 +105,18 @@ def _measured(
     for name, text in files.items():
         (work / name).write_text(text, encoding="utf-8")
     sources = [name for name in files if name.endswith(".c")]
-    version = _run([*command, "--version"], work)
-    said = (version.stdout.splitlines() or [""])[0]
+    version = watched([*command, "--version"], work, TIMEOUT_S).text
+    said = (version.splitlines() or [""])[0]
     graph: Graph | None = None
-    if _run([*command, *flags, "-fcallgraph-info=su", "-c", *sources], work).returncode == 0:
+
+    def done(*words: str) -> bool:
+        return watched([*command, *flags, *words, *sources], work, TIMEOUT_S).code == 0
+
+    if done("-fcallgraph-info=su", "-c"):
         graph = _of_gcc(work)
-    elif READABLE.search(version.stdout) is None:
+    elif READABLE.search(version) is None:
         pass
-    elif _run([*command, *flags, "-fstack-usage", "-S", *sources], work).returncode == 0:
+    elif done("-fstack-usage", "-S"):
         graph = _of_clang(work)
     for path in work.iterdir():
         path.unlink()
@@ -120,18 +124,6 @@ def _measured(
         return Stack(None, said, why=SILENT)
     pointed = {name for text in files.values() for _, name in TABLE.findall(text)}
     return _bound(graph, said, entries, pointed - {"NULL", *left_out})
-
-
-def _run(words: list[str], work: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        words,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-        timeout=TIMEOUT_S,
-        cwd=work,
-    )
 
 
 # ---------------------------------------------------------------- what compilers say

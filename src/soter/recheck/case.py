@@ -6,8 +6,12 @@ Non-goals: the inclusions themselves (`inclusion.py`), certificates (`rechecker.
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
+import os
+import signal
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -375,7 +379,8 @@ class Case:
         done = 0
         if workers > 1 and "fork" in multiprocessing.get_all_start_methods():
             # a Pool that is terminated while it works may wait for ever; this ends what it began
-            with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as pool:
+            fork = multiprocessing.get_context("fork")
+            with ProcessPoolExecutor(workers, fork, _end_with, (os.getpid(),)) as pool:
                 asked = [pool.submit(_show, k) for k in range(len(self.tasks))]
                 try:
                     for answer in as_completed(asked):
@@ -398,7 +403,16 @@ class Case:
             raise RejectedError(failed + (f" ({case})" if case else ""))
 
 
+PR_SET_PDEATHSIG = 1
 _TASKS: list[tuple[str, Grid, Any, Any]] = []
+
+
+def _end_with(parent: int) -> None:
+    """Have this process killed when its parent is: it would wait for work for ever (Linux)."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 def _show(k: int) -> str:

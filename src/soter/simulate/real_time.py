@@ -8,6 +8,7 @@ Non-goals: the driver (`runtime/posix/`), processes of externs (`externs/serving
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import shutil
 import subprocess
@@ -15,6 +16,7 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +31,7 @@ from soter.simulate.observe import Observer
 from soter.simulate.parts import Parts, names_of, wanted
 from soter.simulate.result import Run
 from soter.targets.posix import nodes_of, posix_package
+from soter.workers.process import end_with
 
 if TYPE_CHECKING:
     from soter.lower.core import CoreSystem
@@ -181,7 +184,12 @@ def _driven(
             words = [sys.executable, "-m", "soter.simulate.externs.serving", str(spec)]
             command += ["--worker", f"{x.name}=exec {shlex.join(words)}"]
     with (work / "report").open("w+b") as out, (work / "said").open("w+b") as said:
-        process = subprocess.Popen(command, stdout=out, stderr=said if quiet else None)
+        process = subprocess.Popen(
+            command,
+            stdout=out,
+            stderr=said if quiet else None,
+            preexec_fn=partial(end_with, os.getpid()),  # noqa: PLW1509 - no thread runs yet
+        )
         while process.poll() is None:
             if stop.wanted:
                 process.terminate()

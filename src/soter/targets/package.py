@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.refused import reason
+from soter.program.load.files import read_bytes
 from soter.report.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 MANIFEST = ".soter-files.json"
 """In every folder that soter builds: the SHA-256 of each file as soter wrote it."""
+
+BYTES_MAX = 2**28
+"""A longer file is none that soter wrote."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,8 @@ class Package:
         """Whether a file stands there that is neither as soter wrote it nor as it would now."""
         path = self.folder / file.path
         try:
+            if path.stat().st_size > BYTES_MAX:
+                return True
             found = hashlib.sha256(path.read_bytes()).hexdigest()
         except FileNotFoundError:
             return False
@@ -97,8 +103,8 @@ class Package:
     def _before(self) -> dict[str, str]:
         """What an earlier build noted; empty where there was none."""
         try:
-            noted = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            noted = json.loads(read_bytes(self.folder / MANIFEST))
+        except (OSError, ValueError, RecursionError):
             return {}
         return noted if isinstance(noted, dict) else {}
 

@@ -40,6 +40,8 @@ class AssuredProgram(Protocol):
         """Every test, explored now."""
 
 
+FLIGHTS_MAX = 2**32
+"""Bytes of the table of a campaign."""
 NUMBERS = 2**31
 """Flights have lower numbers."""
 
@@ -130,6 +132,8 @@ def read_flights(folder: Path) -> Flights:
     file = folder / "flights.csv"
     try:
         about = json.loads(read_json_text(folder / "campaign.json"))
+        if file.stat().st_size > FLIGHTS_MAX:
+            raise ValueError(f"`{file.name}` is too large")  # noqa: TRY301 - told as the others
         with file.open(encoding="utf-8", newline="") as stream:
             rows = list(csv.DictReader(stream))
         wrong = _wrong(about, rows)

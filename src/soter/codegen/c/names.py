@@ -33,7 +33,7 @@ size_t ptrdiff_t wchar_t max_align_t float_t double_t intptr_t uintptr_t intmax_
 _SIZED = [f"{u}int{kind}{n}_t" for u in ("", "u") for kind in ("", "_fast", "_least")
           for n in (8, 16, 32, 64)]  # fmt: skip
 _OWN = """
-s state flags published answer fault status first began got kept made message release
+s state flags published answer fault status first began got kept made message outer release sent
 sqrt floor fabs
 """
 _FIRMWARE = """
@@ -66,6 +66,16 @@ floor fma fmax fmin fmod frexp hypot ilogb ldexp lgamma llrint llround log log10
 lrint lround modf nan nearbyint nextafter nexttoward pow remainder remquo rint round scalbln scalbn
 sin sinh sqrt tan tanh tgamma trunc
 """
+_STRING = """
+memchr memcmp memcpy memmove memset strcat strchr strcmp strcoll strcpy strcspn strerror strlen
+strncat strncmp strncpy strpbrk strrchr strspn strstr strtok strxfrm
+"""
+_NO_FUNCTION = """
+auto break case char const continue default do double else enum extern float for goto if inline int
+long register restrict return short signed sizeof static struct switch typedef union unsigned void
+volatile while _Bool _Complex _Imaginary asm typeof bool true false NULL NAN INFINITY offsetof
+isnan isinf signbit isfinite isnormal fpclassify
+"""
 _HEADERS = """
 assert complex ctype errno fenv float inttypes iso646 limits locale math memory setjmp signal
 stdalign stdarg stdatomic stdbool stddef stdint stdio stdlib stdnoreturn string strings tgmath
@@ -86,6 +96,23 @@ AT_FILE_LEVEL = HEADERS.union(
     _FIRMWARE.split(),
 )
 """What the C library and POSIX declare, and parameters that would hide it."""
+
+
+def no_linked_name(name: str, *, node: bool) -> str:
+    """Why generated code cannot call a function of somebody else that is called so; "": it can.
+
+    `node`: a function with the signature of an extern node, which none of `math.h` has.
+    """
+    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is None:
+        return "no function of C can be called so"
+    if name in _NO_FUNCTION.split() or name in TYPES:
+        return "it is a word of C or of its headers"
+    if re.match(r"soter_|SOTER_|U?INT\d*_", name):
+        return "names that begin so are those of the run-time and of its headers"
+    math = (m + kind for m in _MATH.split() for kind in ("", "f", "l"))
+    if name in _STRING.split() or (node and name in math):
+        return "it is a function of the C library, which generated code calls"
+    return ""
 
 
 def legal(text: str) -> str:

@@ -8,7 +8,6 @@ Non-goals: what the cells mean (`samples.py`), messages that are not JSON (D016 
 from __future__ import annotations
 
 import csv
-import gzip
 import io
 import json
 import zlib
@@ -19,6 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.refused import reason
+from soter.monitor.logs.packed import Unpacked
 from soter.program.load.files import opened
 from soter.simulate.outputs.to_log import require_log_package
 from soter.simulate.recorded import damaged
@@ -154,7 +154,8 @@ def _text(path: Path, data: BinaryIO) -> IO[str]:
     """The text of a CSV file, packed by gzip or not; closing it may leave `data` open."""
     csv.field_size_limit(CELL_MAX)
     if path.name.lower().endswith(".gz"):
-        return gzip.open(data, "rt", encoding="utf-8-sig", newline="")
+        unpacked = io.BufferedReader(Unpacked(data))
+        return io.TextIOWrapper(unpacked, encoding="utf-8-sig", newline="")
     return io.TextIOWrapper(data, encoding="utf-8-sig", newline="")
 
 

@@ -43,12 +43,17 @@ def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> b
     """
     with opened(path, limit, pipes=special, devices=special) as file:
         try:
-            data = file.read(limit + 1)
+            data = file.read(limit + 1) if _size(file) <= limit else None
         except OSError as error:
             raise ReadError(reason(error)) from error
-    if len(data) > limit:
+    if data is None or len(data) > limit:
         raise ReadError(f"it is too large: at most {limit // MIB} MiB are read")
     return data
+
+
+def _size(file: BinaryIO) -> int:
+    """What its file says of its size; 0 of what has none."""
+    return 0 if isinstance(file, io.BytesIO) else os.fstat(file.fileno()).st_size
 
 
 def read_json_text(path: Path) -> str:

@@ -44,6 +44,9 @@ HOLDS = (1, 2, 5, 10, 20, 50)
 COMMANDS_MAX = 64
 """What the engine takes, all combinations counted."""
 
+BEGINNING = 1 << 20
+"""Letters of a file by which it is known who wrote it."""
+
 
 def synthesize(
     checked: Checked,
@@ -85,6 +88,12 @@ def synthesize(
             raise SoterError(checked.diagnostics.items)
 
 
+def _is_written(output: Path) -> bool:
+    """Whether soter wrote a file: its beginning says so."""
+    with output.open(encoding="utf-8", errors="replace") as stream:
+        return sc_source.HEADER in stream.read(BEGINNING)
+
+
 def _require_place(main: Path, output: Path) -> None:
     """SoterError U001, D008 where the program cannot be written to `output`."""
     if output.resolve().parent != main.resolve().parent:
@@ -92,7 +101,7 @@ def _require_place(main: Path, output: Path) -> None:
         helps = ("its imports and data are looked for beside it: choose a name there",)
         raise SoterError((Diagnostic("U001", message, helps=helps),))
     ours = output.resolve() == main.resolve() or not output.exists()
-    if not ours and sc_source.HEADER not in output.read_text(encoding="utf-8", errors="replace"):
+    if not ours and not _is_written(output):
         message = f"`{output}` is there already, and soter did not write it"
         helps = ("choose another name with -o, or move it away",)
         raise SoterError((Diagnostic("D008", message, helps=helps),))
