@@ -94,7 +94,7 @@ def _module(
 ) -> Module:
     weak = 1.0 if rng.random() < 0.7 else 0.8
     noise = rng.choice([0.0, 0.0, 0.002, 0.008])
-    found = Module(
+    new_module = Module(
         seed,
         family,
         tuple(tuple(r) for r in a),
@@ -109,9 +109,9 @@ def _module(
         levels=int(rng.choice([2, 3, 3])),
         **more,  # type: ignore[arg-type]
     )
-    sign = rng.choice([-1.0, 0.0, 0.0, 1.0], size=found.m)
+    sign = rng.choice([-1.0, 0.0, 0.0, 1.0], size=new_module.m)
     first = tuple(float(s) * c for s, c in zip(sign, control, strict=True))
-    return replace(found, first=first)
+    return replace(new_module, first=first)
 
 
 def integrator(seed: int, rng: Rng) -> Module:
@@ -289,8 +289,8 @@ def two(seed: int, rng: Rng) -> Module:
 
 def _map(seed: int, family: str, rng: Rng, *parts: object, **more: object) -> Module:
     when = Times(int(rng.choice([1, 2, 3])), 1, 1, 1)
-    found = _module(seed, family, rng, *parts, when, is_map=True, **more)  # type: ignore[arg-type,call-arg]
-    return replace(found, tick_us=1_000_000, times=replace(when, max_age=0))
+    map_module = _module(seed, family, rng, *parts, when, is_map=True, **more)  # type: ignore[arg-type,call-arg]
+    return replace(map_module, tick_us=1_000_000, times=replace(when, max_age=0))
 
 
 def map1(seed: int, rng: Rng) -> Module:

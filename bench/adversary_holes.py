@@ -20,7 +20,7 @@ from bench.adversary_modules import Module, PathNode, Times
 from soter.reach.claims import claims
 from soter.reach.grid import sets as grids
 from soter.reach.grid.sets import GridGroup
-from soter.reach.time.schedule import Path, Schedule
+from soter.reach.time.schedule import Schedule, SensorPath
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -136,9 +136,9 @@ def _slow_node(rng: Rng) -> Module:
 
 def _first_read(rng: Rng) -> Module:
     node = PathNode(100, int(rng.integers(60, 90)), 0, 0)
-    found = _tank(rng, Times(20, 20, 10, 100), speed=1.2, nodes=(node,))
+    module = _tank(rng, Times(20, 20, 10, 100), speed=1.2, nodes=(node,))
     side = float(rng.uniform(0.3, 0.5))
-    return replace(found, bias=(_round(side * found.gain[0][0][0]),))
+    return replace(module, bias=(_round(side * module.gain[0][0][0]),))
 
 
 def _late_start(rng: Rng) -> Module:
@@ -216,8 +216,8 @@ def _h_star(
 ) -> int:
     """H* without nodes behind the module, less what is left out."""
     handing = max(s.dm.latest if dm else 0, (s.farthest if wait else 0) + s.sc.late)
-    found = handing + s.sc.response + (max(o.most for o in s.outputs) if acts else 0)
-    return found + (s.age_dm if age else 0) + (s.dm.period if period else 0)
+    horizon = handing + s.sc.response + (max(o.most for o in s.outputs) if acts else 0)
+    return horizon + (s.age_dm if age else 0) + (s.dm.period if period else 0)
 
 
 def _without(name: str) -> tuple[Any, str, Any]:
@@ -247,8 +247,8 @@ def _half(ranges: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float],
 
 
 def _half_the_wind(problem: Any, parameters: Any = ()) -> Any:  # noqa: ANN401
-    found = _OF_PROBLEM(problem, parameters)
-    return replace(found, disturbances=_half(found.disturbances))
+    inputs = _OF_PROBLEM(problem, parameters)
+    return replace(inputs, disturbances=_half(inputs.disturbances))
 
 
 _SAFE_FOR = GridGroup.safe_for
@@ -290,8 +290,8 @@ HOLES = (
     Hole(
         "the age on the way through nodes is ignored",
         (
-            (Path, "published_age", property(lambda _: 0)),
-            (Path, "state_age", lambda self, reader, late: self.stamp_age(reader, late)),
+            (SensorPath, "published_age", property(lambda _: 0)),
+            (SensorPath, "state_age", lambda self, reader, late: self.stamp_age(reader, late)),
         ),
         _slow_node,
     ),

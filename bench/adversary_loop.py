@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.native.build import texts
+from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
-from soter.native.kept import digest, kept
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -123,7 +123,7 @@ def library() -> ct.CDLL:
         command = [*compiler.command, *flags, str(SOURCE), "-o", str(work / LOOP), "-lm"]
         compile_with(command, work, "the adversary's loop does not compile")
 
-    target = kept("adversary", content, (LOOP,), make) / LOOP
+    target = cached("adversary", content, (LOOP,), make) / LOOP
     lib = ct.CDLL(str(target))
     lib.adversary_level.restype = ct.c_int
     return lib

@@ -218,14 +218,14 @@ system S {{ p: P; module M;{beside} until 10s; }}
 }}"""
 
     def _rate(self, i: int, u: str) -> str:
-        found = [f"{v!r} * x{k}" for k, v in enumerate(self.a[i]) if v]
-        found += [f"{v!r} * {u}{k}" for k, v in enumerate(self.b[i]) if v]
-        found += [f"w{i}"] if self.wind[i] else []
+        summands = [f"{v!r} * x{k}" for k, v in enumerate(self.a[i]) if v]
+        summands += [f"{v!r} * {u}{k}" for k, v in enumerate(self.b[i]) if v]
+        summands += [f"w{i}"] if self.wind[i] else []
         for kind, of, to, factor in self.terms:
             if to == i:
                 f = f"abs(x{of})" if kind == DRAG else f"(1.0 - x{of} * x{of} / 6.0)"
-                found.append(f"{factor!r} * x{of} * {f}")
-        return " + ".join(found) or "0.0"
+                summands.append(f"{factor!r} * x{of} * {f}")
+        return " + ".join(summands) or "0.0"
 
     def _node(self, k: int) -> str:
         node, to = self.nodes[k], "y" if k + 1 == len(self.nodes) else f"z{k + 1}"
@@ -238,13 +238,13 @@ system S {{ p: P; module M;{beside} until 10s; }}
     def _publish(self, who: str) -> str:
         if who == "ac":
             return " ".join(f"publish u{k} = {c!r};" for k, c in enumerate(self.control))
-        found = []
+        statements = []
         for k in range(self.m):
             bias = self.bias[k] if self.bias else 0.0
             laws = [self._law(law[k], self.force[k], bias) for law in self.gain]
             value = laws[0] if len(laws) == 1 else f"turn ? {laws[1]} : {laws[0]}"
-            found.append(f"publish u{k} = {value};")
-        return " ".join(found)
+            statements.append(f"publish u{k} = {value};")
+        return " ".join(statements)
 
     def _law(self, row: tuple[float, ...], force: float, bias: float) -> str:
         terms = " + ".join(f"{v!r} * y.x{i}" for i, v in enumerate(row) if v) or "0.0"
@@ -274,11 +274,11 @@ system S {{ p: P; module M;{beside} until 10s; }}
             f"{at}.x{i} in [{-c!r}, {c!r}]" + (f" / {self.cells[i]}" if self.cells else "")
             for i, c in enumerate(self.box)
         ]
-        found = f"{'grid' if self.cells else word} {', '.join(ranges)};"
+        clause = f"{'grid' if self.cells else word} {', '.join(ranges)};"
         if self.abstract:
             values = ", ".join(f"x{i}: p.truth.x{i}" for i in range(self.n))
-            found += f"\n    abstracts p by q: Q = {{ {values} }};"
-        return found
+            clause += f"\n    abstracts p by q: Q = {{ {values} }};"
+        return clause
 
     def _delays(self) -> str:
         if self.is_map:
@@ -292,11 +292,11 @@ system S {{ p: P; module M;{beside} until 10s; }}
         for k, node in enumerate(self.drivers):
             late.append(f"D{k} {self.ticks(node.late)}")
             took.append(f"D{k} {self.ticks(node.response)}")
-        found = f"    late {', '.join(late)};\n    response {', '.join(took)};\n"
-        found += f"    acts within {self.ticks(t.acts)};\n"
-        found += f"    dropout {self.ticks(t.dropout)};\n" if t.dropout else ""
-        found += f"    levels {self.levels};\n" if self.levels != 3 and not self.ttf else ""
-        return found
+        clauses = f"    late {', '.join(late)};\n    response {', '.join(took)};\n"
+        clauses += f"    acts within {self.ticks(t.acts)};\n"
+        clauses += f"    dropout {self.ticks(t.dropout)};\n" if t.dropout else ""
+        clauses += f"    levels {self.levels};\n" if self.levels != 3 and not self.ttf else ""
+        return clauses
 
     # ------------------------------------------------------------ the adversary's loop
 
@@ -319,29 +319,29 @@ system S {{ p: P; module M;{beside} until 10s; }}
 
     def machine(self) -> Machine:
         """The closed loop, predicates excepted where they are computed."""
-        found = Machine()
-        c, t = found.c, self.times
+        machine = Machine()
+        c, t = machine.c, self.times
         seconds = self.tick_us * 1e-6
         c.n, c.m, c.linear, c.is_map = self.n, self.m, int(not self.terms), int(self.is_map)
         c.substeps, c.terms, c.laws, c.h = SUBSTEPS, len(self.terms), len(self.gain), seconds
         for i, (kind, of, to, factor) in enumerate(self.terms):
             c.term_kind[i], c.term_of[i], c.term_to[i], c.term_k[i] = kind, of, to, factor
-        found.fill("a", np.array(self.a), N)
-        found.fill("b", np.array(self.b), U)
+        machine.fill("a", np.array(self.a), N)
+        machine.fill("b", np.array(self.b), U)
         if not self.is_map:
             phi, gamma = self.exact(seconds)
-            found.fill("phi", phi, N)
-            found.fill("gam_u", gamma @ np.array(self.b), U)
-            found.fill("gam_w", gamma, N)
-        found.fill("u_low", [-v for v in self.control])
-        found.fill("u_high", self.control)
-        found.fill("u_first", self.defaults)
-        found.fill("wind", self.wind)
-        found.fill("error", self.error)
-        found.fill("low", [-v for v in self.box])
-        found.fill("high", self.box)
-        found.fill("force", self.force)
-        found.fill("bias", self.bias)
+            machine.fill("phi", phi, N)
+            machine.fill("gam_u", gamma @ np.array(self.b), U)
+            machine.fill("gam_w", gamma, N)
+        machine.fill("u_low", [-v for v in self.control])
+        machine.fill("u_high", self.control)
+        machine.fill("u_first", self.defaults)
+        machine.fill("wind", self.wind)
+        machine.fill("error", self.error)
+        machine.fill("low", [-v for v in self.box])
+        machine.fill("high", self.box)
+        machine.fill("force", self.force)
+        machine.fill("bias", self.bias)
         for law, rows in enumerate(self.gain):
             for k, row in enumerate(rows):
                 for i, v in enumerate(row):
@@ -362,14 +362,14 @@ system S {{ p: P; module M;{beside} until 10s; }}
             rows_of = [(*f.a, f.bend, f.limit) for f in faces]
             rows_of += [(*(-v for v in f.a), -f.bend, f.limit) for f in faces]
             c.faces[which] = len(rows_of)
-            c.face[which] = found.pointer(np.array(rows_of))
-        self._directions(found)
-        return found
+            c.face[which] = machine.pointer(np.array(rows_of))
+        self._directions(machine)
+        return machine
 
     def _closed(self) -> Array:
         return np.asarray(np.array(self.a) - np.array(self.b) @ np.array(self.gain[0]))
 
-    def _directions(self, found: Machine) -> None:
+    def _directions(self, machine: Machine) -> None:
         """Co-states of the faces over several times, and gradients of quadratic forms."""
         h = self.tick_us * 1e-6
         horizons = (0, self.times.sc, self.times.dm + self.times.sc, 4 * self.times.dm)
@@ -383,14 +383,14 @@ system S {{ p: P; module M;{beside} until 10s; }}
         unique = [r for i, r in enumerate(rows) if not any(np.allclose(r, q) for q in rows[:i])]
         padded = np.zeros((len(unique), N))
         padded[:, : self.n] = unique
-        found.c.rows = len(unique)
-        found.c.row = found.pointer(padded)
+        machine.c.rows = len(unique)
+        machine.c.row = machine.pointer(padded)
         grads = [g for a in (np.array(self.a), self._closed()) if (g := self._form(a)) is not None]
         grads.append(np.diag(1.0 / np.array(self.box) ** 2))
         full = np.zeros((len(grads), N, N))
         full[:, : self.n, : self.n] = grads
-        found.c.grads = len(grads)
-        found.c.grad = found.pointer(full)
+        machine.c.grads = len(grads)
+        machine.c.grad = machine.pointer(full)
 
     def _form(self, a: Array) -> Array | None:
         """P of A'P + PA = -I for A moved far enough to the left; of the flow."""
@@ -404,22 +404,22 @@ system S {{ p: P; module M;{beside} until 10s; }}
         return np.asarray(form / np.linalg.norm(form))
 
 
-def with_tables(module: Module, found: Machine, edges: list[Array], levels: Levels) -> None:
+def with_tables(module: Module, machine: Machine, edges: list[Array], levels: Levels) -> None:
     """Computed predicates of one group on a grid over all states, in order."""
-    c = found.c
+    c = machine.c
     c.pred_tables, c.groups, c.axes[0] = 1, 1, module.n
     for i, e in enumerate(edges):
         c.axis[i], c.cells[i] = i, len(e) - 1
-        c.edges[i] = found.pointer(e)
-    c.level[0] = found.pointer(levels, "u1")
+        c.edges[i] = machine.pointer(e)
+    c.level[0] = machine.pointer(levels, "u1")
 
 
-def with_rows(module: Module, found: Machine, outer: Array, inner: Array) -> None:
+def with_rows(module: Module, machine: Machine, outer: Array, inner: Array) -> None:
     """Computed predicates of a polytope: rows (coefficients, limit) of S_0 and S_(m-2)."""
     for which, rows in enumerate((outer, inner)):
         full = np.insert(rows, module.n, 0.0, axis=1)
-        found.c.faces[which] = len(full)
-        found.c.face[which] = found.pointer(full)
+        machine.c.faces[which] = len(full)
+        machine.c.face[which] = machine.pointer(full)
 
 
 def declared(module: Module, start: tuple[float, ...]) -> Module:

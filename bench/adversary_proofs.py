@@ -17,8 +17,8 @@ import numpy as np
 from bench.adversary_modules import Face, Module, with_rows, with_tables
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_of
-from soter.reach import verify
+from soter.program.front_end import check_file, system_of
+from soter.reach import verify_module
 from soter.reach.claims.results import PROVED, Finding
 from soter.reach.grid.sets import UnboundedError
 from soter.reach.problem.estimates import errors_of
@@ -77,7 +77,7 @@ def prove(module: Module, *, whole: bool = True, seconds: float = CPU_S) -> Proo
 
 def _sets_only(module: Module) -> Proof:
     """Without compiling the DM: for what only looks for a better start."""
-    with patch.object(verify, "_decision_module", lambda _: Finding(PROVED)):
+    with patch.object(verify_module, "_decision_module", lambda _: Finding(PROVED)):
         return _prove(module)
 
 
@@ -88,7 +88,7 @@ def _prove(module: Module) -> Proof:
         return Proof(module, "refused", False, f"{first.code} {first.message}")
     flat = system_of(checked, "S")
     try:
-        result = verify.verify_module(extract(flat, flat.modules[0]), refute=False)
+        result = verify_module.verify_module(extract(flat, flat.modules[0]), refute=False)
     except SoterError as error:
         first = error.diagnostics[0]
         return Proof(module, "refused", False, f"{first.code} {first.message}")
@@ -103,9 +103,9 @@ def _prove(module: Module) -> Proof:
 def armed(proof: Proof) -> Machine:
     """The machine with the predicates of the proof."""
     module, result = proof.module, proof.result
-    found = module.machine()
+    machine = module.machine()
     if module.ttf or result is None:
-        return found
+        return machine
     case = result.cases[0]
     if case.polytopes:
         deployed = case.polytopes[0].deployed
@@ -113,15 +113,15 @@ def armed(proof: Proof) -> Machine:
         outer, inner = (
             np.column_stack([p.faces[0], np.nextafter(p.faces[1], np.inf)]) for p in deployed
         )
-        with_rows(module, found, outer, inner)
-        return found
+        with_rows(module, machine, outer, inner)
+        return machine
     part = case.groups[0]
     assert part.deployed is not None
     order = np.argsort([a.state for a in part.group.axes])
     sure, inner_cells = (np.transpose(cells, order) for cells in part.deployed)
     edges = [np.array(part.group.axes[k].edges) for k in order]
-    with_tables(module, found, edges, sure.astype(np.uint8) + (inner_cells & sure))
-    return found
+    with_tables(module, machine, edges, sure.astype(np.uint8) + (inner_cells & sure))
+    return machine
 
 
 # ---------------------------------------------------------------- a start at the border

@@ -160,11 +160,11 @@ def _one(name: str, module: Module, rng: Rng) -> int:
 
 
 def _changed(policy: Ints, module: Module, rng: Rng) -> Ints:
-    found: Ints = policy.copy()
+    new_policy: Ints = policy.copy()
     for _ in range(int(rng.integers(1, 4))):
         k = int(rng.integers(0, len(POLICY)))
-        found[k] = _one(POLICY[k], module, rng)
-    return found
+        new_policy[k] = _one(POLICY[k], module, rng)
+    return new_policy
 
 
 def _started(machine: Machine, module: Module, policy: Ints, rng: Rng, *, border: bool) -> Run:

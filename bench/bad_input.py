@@ -45,17 +45,17 @@ def trials(share: tuple[str, range], *, seed: int, sample: Path, work: Path) -> 
         for words in one.commands:  # a re-check leaves the workers of its pool
             start_up = forked.warm if one.sealed is None else forked.accepted
             start_up([*words], sample, one.stdin)
-    found = []
+    outcomes = []
     for k in numbers:
         chance = Random(f"{seed} {name} {k}")  # noqa: S311 - a benchmark
         folder = forked.folder(sample)
         if one is None:
-            found.append(forked.run(wrong_options(chance, k), folder, f"{name} {k}"))
+            outcomes.append(forked.run(wrong_options(chance, k), folder, f"{name} {k}"))
         else:
             how = placed(one, k, chance, folder)
             line = [*chance.choice(one.commands)]
-            found.append(forked.run(line, folder, f"{name} {k}: {how}", one.stdin))
-    return name, found, time.monotonic() - start
+            outcomes.append(forked.run(line, folder, f"{name} {k}: {how}", one.stdin))
+    return name, outcomes, time.monotonic() - start
 
 
 def shares(names: list[str], count: int, jobs: int) -> list[tuple[str, range]]:

@@ -131,10 +131,10 @@ def _import_all() -> None:
 
     import soter  # noqa: PLC0415 - the same
 
-    for found in pkgutil.walk_packages(soter.__path__, "soter."):
-        if not found.name.endswith("__main__"):
+    for module_info in pkgutil.walk_packages(soter.__path__, "soter."):
+        if not module_info.name.endswith("__main__"):
             with suppress(ImportError):
-                importlib.import_module(found.name)
+                importlib.import_module(module_info.name)
     for name in ("mcap.reader", "pygls", "flint"):
         with suppress(ImportError):
             importlib.import_module(name)
@@ -165,9 +165,9 @@ def _command(words: list[str], folder: Path, said: Path, stdin: str) -> None:
         sys.stdin = open(0, encoding="utf-8", errors="surrogateescape", closefd=False)  # noqa: SIM115
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        from soter.cli.terminal import crash  # noqa: PLC0415 - the same
+        from soter.cli.terminal import crash_report  # noqa: PLC0415 - the same
 
-        crash.apologise = _apologise  # type: ignore[assignment] # what failed, in full
+        crash_report.apologise = _apologise  # type: ignore[assignment] # what failed, in full
         code = _exit_of(words)
     except BaseException as error:  # noqa: BLE001 - a defect too
         _apologise(error, words)
@@ -222,7 +222,7 @@ def _orphans(session: int) -> int:
 
 def _of_session(session: int) -> list[int]:
     """Who lives of the session, or was adopted from whoever left it; zombies are waited for."""
-    found = []
+    pids = []
     for place in Path("/proc").iterdir():
         if not place.name.isdigit():
             continue
@@ -237,5 +237,5 @@ def _of_session(session: int) -> list[int]:
             with suppress(ChildProcessError):
                 os.waitpid(pid, os.WNOHANG)
         elif state != "Z":
-            found.append(pid)
-    return found
+            pids.append(pid)
+    return pids

@@ -154,10 +154,10 @@ def noise(raw: bytes, chance: Random) -> bytes:
 
 def other_number(raw: bytes, chance: Random) -> bytes:
     """A number is another one, perhaps none that fits anywhere."""
-    found = [m.span() for m in NUMBER.finditer(raw[:200_000])]
-    if not found:
+    spans = [m.span() for m in NUMBER.finditer(raw[:200_000])]
+    if not spans:
         return put_in(raw, chance)
-    at, to = chance.choice(found)
+    at, to = chance.choice(spans)
     return raw[:at] + chance.choice(NUMBERS) + raw[to:]
 
 
@@ -172,10 +172,10 @@ def other_line(raw: bytes, chance: Random) -> bytes:
 
 def other_word(raw: bytes, chance: Random) -> bytes:
     """A word stands where another was."""
-    found = [m.span() for m in re.finditer(rb"\w+", raw[:200_000])]
-    if len(found) < 2:
+    spans = [m.span() for m in re.finditer(rb"\w+", raw[:200_000])]
+    if len(spans) < 2:
         return flipped(raw, chance)
-    (at, to), (a, b) = chance.choice(found), chance.choice(found)
+    (at, to), (a, b) = chance.choice(spans), chance.choice(spans)
     return raw[:at] + raw[a:b] + raw[to:]
 
 
@@ -217,7 +217,7 @@ def other_json(raw: bytes, chance: Random) -> bytes:
     return json.dumps(document).encode()
 
 
-def _places(value: Any, found: list[tuple[Any, Any]]) -> None:  # noqa: ANN401 - JSON
+def _places(value: Any, places: list[tuple[Any, Any]]) -> None:  # noqa: ANN401 - JSON
     keys = (
         list(value)
         if isinstance(value, dict)
@@ -226,8 +226,8 @@ def _places(value: Any, found: list[tuple[Any, Any]]) -> None:  # noqa: ANN401 -
         else ()
     )
     for key in keys:
-        found.append((value, key))
-        _places(value[key], found)
+        places.append((value, key))
+        _places(value[key], places)
 
 
 # ---------------------------------------------------------------- no files

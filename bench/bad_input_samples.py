@@ -239,7 +239,7 @@ def seal(folder: Path) -> None:
     for name in manifest["files"]:
         if (proof / name).is_file() and (proof / name).stat().st_size < 2**24:
             manifest["files"][name] = hashlib.sha256((proof / name).read_bytes()).hexdigest()
-    from soter.recheck.certificate.folder import canonical  # noqa: PLC0415 - not for others
+    from soter.certificate.format.folder import canonical  # noqa: PLC0415 - not for others
 
     raw = canonical(manifest)
     (proof / "manifest.json").write_bytes(raw)
@@ -269,8 +269,8 @@ def samples(folder: Path, names: Sequence[str]) -> None:
         said = _soter(folder, MADE[name][0])
         if name == "test_report":
             (folder / "report.json").write_bytes(said)
-        for found in folder.glob(MADE[name][1] or "none"):
-            shutil.move(found, folder / "traces" / found.name.split("-")[-1])
+        for trace_file in folder.glob(MADE[name][1] or "none"):
+            shutil.move(trace_file, folder / "traces" / trace_file.name.split("-")[-1])
         shutil.rmtree(folder / ".soter", ignore_errors=True)
 
 

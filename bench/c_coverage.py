@@ -26,7 +26,7 @@ from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.build import KERNEL, RUNTIME
 from soter.native.compiler import STRICT
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.program.model.types import FloatType, leaves
 from soter.report.summary import table
 
@@ -158,13 +158,13 @@ def run(program: Path, seed: int, instants: int, environment: dict[str, str], *m
 
 def rows(files: Any, names: tuple[str, ...]) -> list[list[str]]:  # noqa: ANN401 - JSON
     """A row a file: lines, branches and conditions reached of how many."""
-    found = []
+    table_rows = []
     for file in files:
         if Path(file["filename"]).name in names:
             s = file["summary"]
             cells = [f"{s[k]['covered']} / {s[k]['count']}" for k in ("lines", "branches", "mcdc")]
-            found.append([Path(file["filename"]).name, *cells])
-    return sorted(found)
+            table_rows.append([Path(file["filename"]).name, *cells])
+    return sorted(table_rows)
 
 
 def missed(files: Any, names: tuple[str, ...]) -> Iterator[str]:  # noqa: ANN401 - JSON

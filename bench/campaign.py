@@ -26,12 +26,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import soter
-from soter.campaign.fleet import Fleet
-from soter.campaign.flying import fly
-from soter.campaign.store import About, Store, digest_of
+from soter.campaign.batch_flights import Fleet
+from soter.campaign.fly_campaign import fly
+from soter.campaign.store import CampaignIdentity, CampaignStore, digest_of
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.compiler import find
-from soter.program.flatten.derived import faultless
+from soter.program.elaborate.derived_systems import faultless
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
@@ -96,8 +96,8 @@ def workers(flat: System, flights: int) -> bool:
             with tempfile.TemporaryDirectory() as folder:
                 names = [m.name for m in flat.modules]
                 measures = [m.name for m in flat.measures]
-                about = About("x", "", "", {}, fleet.until_ns, 1, names, measures)
-                store = Store(Path(folder) / "c", about)
+                about = CampaignIdentity("x", "", "", {}, fleet.until_ns, 1, names, measures)
+                store = CampaignStore(Path(folder) / "c", about)
                 began = time.perf_counter()
                 fly(fleet, store, flights, threads, lambda _: None)
                 took.append(time.perf_counter() - began)
@@ -123,7 +123,7 @@ def overhead() -> None:
 
 def compilers(flat: System, names: list[str]) -> bool:
     """The same flights, whoever compiles them."""
-    found: dict[str, str] = {}
+    digest_by_compiler: dict[str, str] = {}
     seen: set[str] = set()
     before = os.environ.get("SOTER_CC")
     for name in names:
@@ -137,14 +137,14 @@ def compilers(flat: System, names: list[str]) -> bool:
         seen.add(used.identity)
         for optimise in OPTIMISE:
             fleet = Fleet(flat, 60 * SECOND, optimise)
-            found[f"{name} {optimise}"] = digest_of(fleet.fly(range(4), first_seed=1))
+            digest_by_compiler[f"{name} {optimise}"] = digest_of(fleet.fly(range(4), first_seed=1))
     os.environ.pop("SOTER_CC", None)
     if before:
         os.environ["SOTER_CC"] = before
     find.cache_clear()
-    same = len(set(found.values())) == 1
-    told = "the same" if same else str(found)
-    print(f"digest by {', '.join(found)} ({len(seen)} different compilers): {told}")
+    same = len(set(digest_by_compiler.values())) == 1
+    told = "the same" if same else str(digest_by_compiler)
+    print(f"digest by {', '.join(digest_by_compiler)} ({len(seen)} different compilers): {told}")
     return same
 
 
@@ -166,13 +166,13 @@ def killed(kills: int) -> bool:
             process.send_signal(signal.SIGKILL)
             process.wait()
         how = {"flights": 6000, "until": "60s", "output": folder}
-        found = soter.load(CART).campaign("Unprotected", **how)
+        campaign = soter.load(CART).campaign("Unprotected", **how)
         shutil.rmtree(folder)
         whole = soter.load(CART).campaign("Unprotected", **how)
-    same = found.result == whole.result
+    same = campaign.result == whole.result
     print(
         f"killed at {kills} random instants ({early} of them while it flew), "
-        f"{6000 - found.flown} flights kept: {'the same digest' if same else 'ANOTHER DIGEST'}"
+        f"{6000 - campaign.flown} flights kept: {'the same digest' if same else 'ANOTHER DIGEST'}"
     )
     return same
 

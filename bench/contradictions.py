@@ -35,13 +35,13 @@ for folder in (ROOT, ROOT / "tests"):
 
 from bench.adversary_families import module  # noqa: E402 - as above
 
-from generators.planners import planner  # noqa: E402 - as above
+from generators.induction_planners import planner  # noqa: E402 - as above
 from soter.api import load, recheck  # noqa: E402 - needs the path
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402 - needs the path
-from soter.program.build import check_file, system_to_prove  # noqa: E402 - needs the path
+from soter.program.front_end import check_file, system_to_prove  # noqa: E402 - needs the path
 from soter.reach.attack import refute as attacks  # noqa: E402 - needs the path
-from soter.reach.attack.attacked import DRAWN, NotAttackableError  # noqa: E402 - needs the path
-from soter.reach.deploy.complete import complete  # noqa: E402 - needs the path
+from soter.reach.attack.attacked_system import DRAWN, NotAttackableError  # noqa: E402 - needs the path
+from soter.reach.deploy.computed_predicates import complete  # noqa: E402 - needs the path
 from soter.semantics.adversary import CHANCE, CORNER, HOLDS, TURN  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
@@ -153,9 +153,9 @@ system S {{ p: P; module M; until 10s; }}
 
 def _with_fast_state(text: str, rng: random.Random) -> str:
     """A state z that nothing moves but itself and what disturbs it, fast or not."""
-    found = re.search(r"plant P period (\d+)us", text)
-    assert found is not None
-    rate = rng.choice((0.2, 0.6, 0.9, 1.5, 2.5, 4.0, 10.0)) / (int(found[1]) * 1e-6)
+    match = re.search(r"plant P period (\d+)us", text)
+    assert match is not None
+    rate = rng.choice((0.2, 0.6, 0.9, 1.5, 2.5, 4.0, 10.0)) / (int(match[1]) * 1e-6)
     pulled = rng.random() < 0.5
     der = f"{rate:.6g} * (dz - z)" if pulled else f"-{rate:.6g} * z"
     more = f"  state z: float = {rng.choice((0.0, 0.3, -0.9))};\n  der z = {der};\n"
@@ -202,18 +202,20 @@ def judged(text: str, work: Path) -> Found:
         return Found("refused " + error.diagnostics[0].code, "")
     proved = report.verdict in ("proved", "assumed")
     checked = recheck(work / "cert")
-    found = [*_against(report, checked.safe, checked.reason)]
+    contradictions = [*_against(report, checked.safe, checked.reason)]
     if CONTROL in text:
-        found.append((KINDS[4], f"Control is the default, and forces: {report.system} is judged"))
+        contradictions.append(
+            (KINDS[4], f"Control is the default, and forces: {report.system} is judged")
+        )
     excused = _coarse(checked.reason) if proved else ""
     if proved:
         for kind, why in _runs(path, report):
             if any(SCHEME in getattr(m, "assumed", ()) for m in report.modules):
                 excused = "assumed"
             else:
-                found.append((kind, why))
+                contradictions.append((kind, why))
     said = "accepted" if checked.safe else "in part" if checked.accepted else "rejected"
-    return Found(report.verdict, said, tuple(dict(found).items()), excused)
+    return Found(report.verdict, said, tuple(dict(contradictions).items()), excused)
 
 
 def _against(report: VerifyReport, safe: bool, reason: str) -> Iterator[tuple[str, str]]:
@@ -297,14 +299,14 @@ def main() -> int:
         signal.alarm(options.seconds)
         try:
             with tempfile.TemporaryDirectory() as work:
-                found = judged(text, Path(work))
+                judgement = judged(text, Path(work))
         except TooLongError:
-            found = Found("too long", "")
+            judgement = Found("too long", "")
         finally:
             signal.alarm(0)
-        verdicts[f"{kind}: {found.verdict}, {found.rechecked or 'not asked'}"] += 1
-        kinds.update([found.excused] if found.excused else [])
-        for what, why in found.contradictions:
+        verdicts[f"{kind}: {judgement.verdict}, {judgement.rechecked or 'not asked'}"] += 1
+        kinds.update([judgement.excused] if judgement.excused else [])
+        for what, why in judgement.contradictions:
             kinds[what] += 1
             shown += 1
             print(f"{what}: {kind} {number}: {why[:200]}", flush=True)

@@ -31,8 +31,8 @@ sys.path.insert(0, str(ROOT))
 from bench.delays_model import AC, Delay, Flown, Node, Timing, fly  # noqa: E402
 
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
-from soter.program.build import check_file  # noqa: E402
-from soter.program.flatten.views import as_seen  # noqa: E402
+from soter.program.elaborate.views import systems_by_view  # noqa: E402
+from soter.program.front_end import check_file  # noqa: E402
 from soter.reach.command import modules_of, verify  # noqa: E402
 from soter.reach.induction.problem import InductionProblem  # noqa: E402
 from soter.reach.problem.extract import extract  # noqa: E402
@@ -94,7 +94,7 @@ def shipped() -> Iterator[tuple[str, Timing | str]]:
         for flat, module in chosen:
             if Path(module.symbol.span.source.name).name == path.name:
                 try:
-                    seen = as_seen(flat, module)[0]
+                    seen = systems_by_view(flat, module)[0]
                 except SoterError as error:
                     yield f"{path.stem}: {module.name}", error.diagnostics[0].message
                     continue
@@ -122,17 +122,17 @@ def _judge(row: Row, timing: Timing, run: tuple[int, Delay, int, int], name: str
         def says_ac(_: Flown, start: int) -> bool:
             return start < switch
 
-        found = fly(timing, until, delay, says_ac, Random(seed), watchdog=watchdog)  # noqa: S311
-        return (found.kept if delay.factor <= 1.0 else found.safe), found
+        flight = fly(timing, until, delay, says_ac, Random(seed), watchdog=watchdog)  # noqa: S311
+        return (flight.kept if delay.factor <= 1.0 else flight.safe), flight
 
-    ok, found = outcome(watchdog=False)
+    ok, flight = outcome(watchdog=False)
     row.kept += ok and delay.factor <= 1.0
     row.lawful += ok and delay.factor > 1.0
     row.third += not ok
     if not ok:
-        row.wrong.append(f"{name} x {delay.factor}: {found}")
-    if found.law:
-        left = found.deadline - found.law
+        row.wrong.append(f"{name} x {delay.factor}: {flight}")
+    if flight.law:
+        left = flight.deadline - flight.law
         row.margin = left if row.margin is None else min(row.margin, left)
     row.watchdog += not outcome(watchdog=True)[0]
 
@@ -164,19 +164,19 @@ def stop_flights(timing: Timing, runs: int, chance: Random, *, watchdog: bool) -
                 motion = Motion(at, sign, timing.acts)
                 mode = [False]
 
-                def says_ac(found: Flown, start: int) -> bool:
-                    read = motion.at(found, max(0, start - timing.age)) + error  # noqa: B023
+                def says_ac(flight: Flown, start: int) -> bool:
+                    read = motion.at(flight, max(0, start - timing.age)) + error  # noqa: B023
                     inside = keep if mode[0] else back  # noqa: B023
                     mode[0] = inside[0] <= read <= inside[1]  # noqa: B023
                     return mode[0]  # noqa: B023
 
                 delay = Delay(k, factor, chance.randint(0, until // node.period // 2))
                 seed = Random(chance.getrandbits(64))  # noqa: S311
-                found = fly(timing, until, delay, says_ac, seed, watchdog=watchdog)
-                times = [when for when, _ in found.changes] + [until]
-                if found.law is not None or isinf(factor):  # what is held now is held for good
+                flight = fly(timing, until, delay, says_ac, seed, watchdog=watchdog)
+                times = [when for when, _ in flight.changes] + [until]
+                if flight.law is not None or isinf(factor):  # what is held now is held for good
                     times.append(until + 20 * 10**9)
-                left += any(abs(motion.at(found, t)) >= 10.0 for t in times)
+                left += any(abs(motion.at(flight, t)) >= 10.0 for t in times)
     return flights, left
 
 
@@ -188,10 +188,10 @@ class Motion:
     sign: float
     acts: int
 
-    def at(self, found: Flown, time: int) -> float:
+    def at(self, flight: Flown, time: int) -> float:
         """X at a time in ns, of what was held until then."""
         x, since, u = self.start, 0, 0.0
-        for when, held in found.changes:
+        for when, held in flight.changes:
             now = min(when + self.acts, time)
             x += u * (now - since) / 1e9
             since, u = now, self.sign if held == AC else 0.0

@@ -91,7 +91,7 @@ def releases(
 ) -> list[tuple[int, int, int]]:
     """(release, start, output) of every step of node k; `verdicts`: outputs of the DM, for SC."""
     node, dm = timing.nodes[k], timing.nodes[0]
-    found: list[tuple[int, int, int]] = []
+    steps: list[tuple[int, int, int]] = []
     number, free = 0, 0
     while (release := node.phase + number * node.period) <= until:
         late = chance.choice((0, node.late, chance.randint(0, node.late)))
@@ -107,9 +107,9 @@ def releases(
                 break  # it waits for ever
             start = max(start, verdicts[awaited])
         free = start + response
-        found.append((release, start, free))
+        steps.append((release, start, free))
         number += 1
-    return found
+    return steps
 
 
 def fly(
@@ -147,15 +147,15 @@ def _events(
 ) -> list[tuple[int, int, int, int, int]]:
     """(time, order in its instant, node or -1 for AC, release, start) of all outputs, in order."""
     verdicts: list[int] = []
-    found: list[tuple[int, int, int, int, int]] = []
+    events: list[tuple[int, int, int, int, int]] = []
     for k in range(len(timing.nodes)):
         steps = releases(timing, k, until, delay, chance, verdicts)
         if k == 0:
             verdicts = [out for _, _, out in steps]
         order = (1, 2)[k] if k < 2 else 0
-        found += [(out, order, k, release, start) for release, start, out in steps]
-    found += [(t, 3, -1, t, t) for t in range(0, until, timing.nodes[1].period)]
-    return sorted(found)
+        events += [(out, order, k, release, start) for release, start, out in steps]
+    events += [(t, 3, -1, t, t) for t in range(0, until, timing.nodes[1].period)]
+    return sorted(events)
 
 
 class _Run:
@@ -172,11 +172,11 @@ class _Run:
 
     def look(self, now: int) -> None:
         """Whether the lease has ended before `now`."""
-        found, lease = self.found, self.lease
-        if found.law is None and 0 <= lease.until < now:
+        flight, lease = self.found, self.lease
+        if flight.law is None and 0 <= lease.until < now:
             assert lease.read(now) == (False, LAW)
-            found.law = lease.until + self.timing.acts
-            found.changes.append((lease.until, LAW))
+            flight.law = lease.until + self.timing.acts
+            flight.changes.append((lease.until, LAW))
 
     def _pass_on(self, now: int, value: float) -> bool:
         given = (now, now + self.timing.longest) if self.watchdog else self.grant.lease(now)
@@ -195,18 +195,18 @@ class _Run:
 
     def step(self, now: int, k: int, release: int, start: int) -> None:
         """A node of the trusted part is done."""
-        found, grant, timing = self.found, self.grant, self.timing
+        flight, grant, timing = self.found, self.grant, self.timing
         due = grant.due(k)
         if not grant.done(k, start, now):
             self.missed = True
-            found.broken = now if found.broken is None else found.broken
+            flight.broken = now if flight.broken is None else flight.broken
         if k == 0:
-            self.mode_ac = self.says_ac(found, start)
+            self.mode_ac = self.says_ac(flight, start)
             if self.mode_ac and not self.missed:
-                found.deadline = release - timing.age + timing.horizon
+                flight.deadline = release - timing.age + timing.horizon
         elif k == 1:
-            found.late_outputs += now > due
+            flight.late_outputs += now > due
             if self.mode_ac:
                 self._pass_on(now, self.command)
             elif self._pass_on(now, SC) and not self.missed:
-                found.deadline = grant.due(1) + timing.acts
+                flight.deadline = grant.due(1) + timing.acts

@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.campaign.fleet import EPISODE_NS, EVENT, LOOK, SPARE, Fleet
-from soter.program.build import check_file, system_of
+from soter.campaign.batch_flights import EPISODE_NS, EVENT, LOOK, SPARE, Fleet
+from soter.program.front_end import check_file, system_of
 
 ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
@@ -36,7 +36,7 @@ if str(ROOT) not in sys.path:
 from bench.device_translation import translated  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
-    from soter.campaign.flight import Flight
+    from soter.campaign.flight import FlightOutcome
 
 SECOND = 10**9
 SEED = 1
@@ -167,7 +167,7 @@ def lanes_of(text: str, fleet: Fleet, count: int, folder: Path) -> tuple[list[An
     ctypes.CDLL(str(built)).soter_fly_lanes(ctypes.byref(given), count)
     wall = time.perf_counter() - began
     counted = bool(recipe.horizon_ns)
-    found = [
+    lanes = [
         (
             (flight["digest"].decode(), flight["trajectory"].decode()),
             [(*look.tolist(),) for look in arrays["looks"][k][["count", "sum", "least", "most"]]],
@@ -177,10 +177,10 @@ def lanes_of(text: str, fleet: Fleet, count: int, folder: Path) -> tuple[list[An
         for k, flight in enumerate(arrays["flights"])
         if arrays["done"][k]
     ]
-    return found, wall
+    return lanes, wall
 
 
-def said_of(flight: Flight) -> Any:  # noqa: ANN401 - a row
+def said_of(flight: FlightOutcome) -> Any:  # noqa: ANN401 - a row
     """The same of a flight of a campaign."""
     looks = [(x.count, x.sum, x.least, x.most) for x in flight.looks]
     return (flight.digest, flight.trajectory), looks, flight.saves, flight.precautions
@@ -240,8 +240,8 @@ def one(path: str, until_ns: int, horizon_ns: int, args: argparse.Namespace, fol
     began = time.perf_counter()
     wanted = [said_of(f) for f in fleet.fly(range(args.flights), SEED)]
     campaign_s = time.perf_counter() - began
-    found, wall = lanes_of(text, fleet, args.flights, folder)
-    same = found == wanted
+    lanes, wall = lanes_of(text, fleet, args.flights, folder)
+    same = lanes == wanted
     print(
         f"  CPU: {args.flights} flights of the same file by g++ ({wall:.2f} s; by the campaign "
         f"{campaign_s:.2f} s): {'the same' if same else 'OTHER'} digests, looks and saves"

@@ -17,7 +17,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.campaign.fleet import BATCH
+from soter.campaign.batch_flights import BATCH
 from soter.native.build import RUNTIME
 
 if TYPE_CHECKING:
@@ -151,15 +151,15 @@ def _own(unit: Unit) -> str:
 
 def _ordered(text: str, structs: Structs, of_type: re.Pattern[str]) -> str:
     """Designators of all initialisers in the order of their structs."""
-    found: list[str] = []
+    pieces: list[str] = []
     at = 0
     while (match := of_type.search(text, at)) is not None:
         begin = match.end() - 1
         end = _closing(text, begin)
         inside = _initialiser(text[begin + 1 : end], match[1], structs, of_type)
-        found += [text[at:begin], "{", inside, "}"]
+        pieces += [text[at:begin], "{", inside, "}"]
         at = end + 1
-    return "".join([*found, text[at:]])
+    return "".join([*pieces, text[at:]])
 
 
 def _initialiser(text: str, type_: str, structs: Structs, of_type: re.Pattern[str]) -> str:

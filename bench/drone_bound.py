@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from flint import arb, arb_mat
 
-from soter.program.build import check_file, system_of
-from soter.recheck.terms.balls import above, exact
+from soter.certificate.terms.arb_balls import above, exact
+from soter.program.front_end import check_file, system_of
 from soter.report.summary import table
 from soter.simulate.run import NativeProgram
 
@@ -69,7 +69,7 @@ class Loop:
 
         The mean of rotors that speed up and that slow down: one goes up where another goes down.
         """
-        found = [arb(0)] * 4
+        bounds = [arb(0)] * 4
         for lag in (self.value("LAG_UP"), self.value("LAG_DOWN")):
             whole, gone = 1 - (-self.value("REACH") / lag).exp(), (-t / lag).exp()
             parts = (
@@ -78,8 +78,8 @@ class Loop:
                 t * t / 2 - lag * t + lag * lag * (1 - gone),
                 gone / lag,
             )
-            found = [x + y / whole / 2 for x, y in zip(found, parts, strict=True)]
-        return found[0], found[1], found[2], found[3]
+            bounds = [x + y / whole / 2 for x, y in zip(bounds, parts, strict=True)]
+        return bounds[0], bounds[1], bounds[2], bounds[3]
 
     def filtered(self, x: Sequence[arb], u: arb, t: arb) -> list[arb]:
         """a, a' and s after t with u held (docs/drone.md, "Behind the gate")."""
@@ -137,12 +137,12 @@ class Loop:
         """(STATES + 1, STEPS): the states k steps after u was 1 for one, and u itself."""
         step = self.matrix(self.after, self.value("STEP"))
         x = [arb(0)] * STATES
-        found = []
+        samples = []
         for k in range(STEPS):
-            found.append([*x, arb(int(k == 0))])
-            column = step * arb_mat([[v] for v in found[-1]])
+            samples.append([*x, arb(int(k == 0))])
+            column = step * arb_mat([[v] for v in samples[-1]])
             x = [column[i, 0] for i in range(STATES)]
-        return arb_mat([list(row) for row in zip(*found, strict=True)])
+        return arb_mat([list(row) for row in zip(*samples, strict=True)])
 
     @cached_property
     def beyond(self) -> arb:
@@ -165,12 +165,12 @@ class Loop:
     def responses(self, of: Callable[..., list[arb]], t: arb) -> tuple[list[list[arb]], list[arb]]:
         """The pulse responses of some outputs at t within a step, and what lies beyond them."""
         rows = self.matrix(of, t)
-        found = rows * self.pulses
+        responses = rows * self.pulses
         tails = [
             self.beyond * sum((abs(rows[i, k]) for k in range(STATES)), arb(0))
             for i in range(rows.nrows())
         ]
-        return [[found[i, k] for k in range(STEPS)] for i in range(rows.nrows())], tails
+        return [[responses[i, k] for k in range(STEPS)] for i in range(rows.nrows())], tails
 
 
 def norm(m: arb_mat) -> arb:
@@ -201,20 +201,20 @@ class Reach:
 def rates(loop: Loop) -> list[float]:
     """|z'|, |f'|, |a'|, |a''| and |s| at most, at any time."""
     step = loop.value("STEP")
-    found: list[float] = []
+    maxima: list[float] = []
     for part in range(PARTS):
         t = step * (exact(part + 0.5) / PARTS + arb(0, 0.5) / PARTS)
         rows, tails = loop.responses(loop.missing, t)
         now = [total(r, e) for r, e in zip(rows, tails, strict=True)]
-        found = [max(x, y) for x, y in zip(found or now, now, strict=True)]
-    return found
+        maxima = [max(x, y) for x, y in zip(maxima or now, now, strict=True)]
+    return maxima
 
 
 def reach_of(loop: Loop) -> Reach:
     """By the sum of a response's magnitudes, and by those of z + m a, f + m a and f - z + m a."""
     speed = rates(loop)
     edges = np.linspace(0.0, 1.0, SLABS + 1)
-    found = np.zeros((3, SLABS))
+    bounds = np.zeros((3, SLABS))
     step, slack = loop.value("STEP"), above(loop.value("STEP")) / (2 * PARTS) * OUTWARD
     moving = (speed[0], speed[1], speed[0] + speed[1])  # of z, f and f - z
     for part in range(PARTS):
@@ -232,9 +232,9 @@ def reach_of(loop: Loop) -> Reach:
                 # where a is in a slab on the high side, and where it is in one on the low side
                 best[0] = np.minimum(best[0], most - np.minimum(m * edges[:-1], m * edges[1:]))
                 best[1] = np.minimum(best[1], most + np.maximum(m * edges[:-1], m * edges[1:]))
-            found[i] = np.maximum(found[i], best.max(axis=0))
-    found = found * OUTWARD + 1e-15
-    return Reach(found[0], found[1], found[2], speed[2], speed[3], speed[4])
+            bounds[i] = np.maximum(bounds[i], best.max(axis=0))
+    bounds = bounds * OUTWARD + 1e-15
+    return Reach(bounds[0], bounds[1], bounds[2], speed[2], speed[3], speed[4])
 
 
 def linear_part(reach: Reach, bound: Floats, gravity: float) -> Floats:
@@ -252,14 +252,14 @@ def linear_part(reach: Reach, bound: Floats, gravity: float) -> Floats:
     size_high = np.sqrt((high**2).sum(axis=0)) * OUTWARD
     least, most = low / size_high / OUTWARD, np.minimum(high / size_low * OUTWARD, 1.0)
     tilt, lift, apart = (x[cells] * bound[:, None] for x in (reach.tilt, reach.lift, reach.apart))
-    found = np.zeros(3)
+    limits = np.zeros(3)
     for axis in range(3):
         ends = (least[axis] ** 2, most[axis] ** 2)
         total_here = np.maximum(*(w * lift[axis] + (1 - w) * tilt[axis] for w in ends))
         for other in {0, 1, 2} - {axis}:
             total_here = total_here + most[axis] * most[other] * apart[other]
-        found[axis] = total_here.max() * OUTWARD
-    return found
+        limits[axis] = total_here.max() * OUTWARD
+    return limits
 
 
 @dataclass(frozen=True)
@@ -341,11 +341,11 @@ def thrusts(bound: Bound, trace: Any) -> Floats:
 def followed(bound: Bound, filtered: Floats) -> Floats:
     """All states of the linear loop, (N, 7, 3), given those of the filter, (N, 3, 3)."""
     step = bound.stepped[:, :STATES]
-    found = np.zeros((len(filtered), STATES, 3))
-    found[:, :TILT] = filtered
+    states = np.zeros((len(filtered), STATES, 3))
+    states[:, :TILT] = filtered
     for k in range(len(filtered) - 1):
-        found[k + 1, TILT:] = step[TILT:] @ found[k]
-    return found
+        states[k + 1, TILT:] = step[TILT:] @ states[k]
+    return states
 
 
 def seen(bound: Bound, run: Any) -> Seen:
@@ -369,7 +369,7 @@ def seen(bound: Bound, run: Any) -> Seen:
     band = bound.constants["iris.BAND"]
     snap = band**2 * (x[:, S] - a) - 2 * band * x[:, J]
     own, reach = bound.bound, bound.reach
-    found: dict[str, tuple[Floats, Floats]] = {
+    quantities: dict[str, tuple[Floats, Floats]] = {
         "a_ref": (a, own),
         "a_ref'": (x[:, J], reach.jerk * own),
         "a_ref''": (snap, reach.snap * own),
@@ -379,10 +379,10 @@ def seen(bound: Bound, run: Any) -> Seen:
         "linear part": (linear, bound.linear),
         "rest": (rest, bound.left),
     }
-    most = {n: np.abs(value).max(axis=0) for n, (value, _) in found.items()}
+    most = {n: np.abs(value).max(axis=0) for n, (value, _) in quantities.items()}
     return {
         f"{n} {'xyz'[i]}": (float(most[n][i]), float(limit[i]))
-        for n, (_, limit) in found.items()
+        for n, (_, limit) in quantities.items()
         for i in range(3)
     }
 
@@ -390,12 +390,12 @@ def seen(bound: Bound, run: Any) -> Seen:
 def flown(bound: Bound, seeds: range, seconds: int, file: Path, name: str) -> Seen:
     """The same over flights of a system of hostile ACs."""
     program = NativeProgram(system_of(check_file(str(file)), name))
-    found: Seen = {}
+    extremes: Seen = {}
     for seed in seeds:
         run = program.run(seconds * 10**9, seed, keep_trace=True)
         for n, (most, limit) in seen(bound, run).items():
-            found[n] = (max(most, found.get(n, (0.0, 0.0))[0]), limit)
-    return found
+            extremes[n] = (max(most, extremes.get(n, (0.0, 0.0))[0]), limit)
+    return extremes
 
 
 def main() -> int:

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.report.summary import table
 from soter.simulate.run import NativeProgram
 
@@ -154,11 +154,11 @@ class Arm:
 
 def arms(laps: int, hostile: int) -> list[Arm]:
     """Laps and corridors, each with its own AC and with those that mean harm."""
-    found = [Arm(LAPS, "Protected", LAPS, laps)]
-    found += [Arm("adversaries.soter", name, LAPS, hostile) for name in HOSTILE]
-    found.append(Arm(CORRIDORS, "Protected", CORRIDORS, hostile))
-    found += [Arm("corridor_adversaries.soter", n, CORRIDORS, hostile) for n in HOSTILE_THERE]
-    return [arm for arm in found if arm.count]
+    candidates = [Arm(LAPS, "Protected", LAPS, laps)]
+    candidates += [Arm("adversaries.soter", name, LAPS, hostile) for name in HOSTILE]
+    candidates.append(Arm(CORRIDORS, "Protected", CORRIDORS, hostile))
+    candidates += [Arm("corridor_adversaries.soter", n, CORRIDORS, hostile) for n in HOSTILE_THERE]
+    return [arm for arm in candidates if arm.count]
 
 
 def campaign(laps: int, hostile: int, jobs: int | None) -> int:

@@ -4,8 +4,8 @@
 
 Purpose: 10,000 plans by RRT* (the real OMPL), 10,000 by the roadmap and 10,000 by RRT* with bugs
 put in. `CoverFor` of examples/drone/cover.soter is called as it is compiled; every corridor that
-it accepts is judged by the exact referee of tests/generators/corridors.py, on fractions, ends of
-the request included.
+it accepts is judged by the exact referee of tests/generators/drone_corridors.py, on fractions, ends
+of the request included.
 Non-goals: flying them.
 
 Starts and goals are drawn evenly from the inner room, where an aim may be, both in the same piece
@@ -30,12 +30,12 @@ ROOT = Path(__file__).resolve().parents[1]
 DRONE = ROOT / "examples" / "drone"
 sys.path[:0] = [str(p) for p in (ROOT / "tests", DRONE) if str(p) not in sys.path]
 
-from generators.corridors import fault_of, room, written  # noqa: E402 - needs the path
-from generators.covering import Covered, Onboard  # noqa: E402 - the same
+from generators.drone_corridors import fault_of, room, written  # noqa: E402 - needs the path
+from generators.drone_covering import Covered, Onboard  # noqa: E402 - the same
 from soter.report.summary import table  # noqa: E402 - the same
 
 if TYPE_CHECKING:
-    from generators.covering import Plan
+    from generators.drone_covering import Plan
 
     Point = tuple[float, float, float]
     Ends = tuple[Point, Point]
@@ -127,13 +127,13 @@ class City:
 
     def ends(self, count: int) -> list[Ends]:
         """Pairs of points that some corridor joins."""
-        found: list[Ends] = []
-        while len(found) < count:
+        ends: list[Ends] = []
+        while len(ends) < count:
             pairs = [(self._point(), self._point()) for _ in range(count)]
-            found += [
+            ends += [
                 e for e, r in zip(pairs, self.onboard.route(pairs), strict=True) if len(r.plan)
             ]
-        return found[:count]
+        return ends[:count]
 
     def _point(self) -> Point:
         low, high = self.inner.low, self.inner.high

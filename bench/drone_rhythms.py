@@ -25,9 +25,9 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.native.build import KERNEL, RUNTIME, texts
+from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
-from soter.native.kept import digest, kept
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.report.summary import table
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def compiled(name: str) -> Path:
         command = [*compiler.command, *flags, f"-I{work}", f"-I{RUNTIME}", *sources]
         compile_with([*command, "-o", str(work / BUILT), "-lm"], work, "no rhythms")
 
-    return kept("rhythms", content, (BUILT,), make) / BUILT
+    return cached("rhythms", content, (BUILT,), make) / BUILT
 
 
 def place(name: str) -> Place:
@@ -123,8 +123,8 @@ def flown(where: Place, rhythms: Floats) -> Floats:
 
 def drawn(rng: np.random.Generator, count: int) -> Floats:
     """Rhythms to begin with: spells at random, even ones, and ones that grow or shrink."""
-    found = np.zeros((count, COLUMNS + LEGS))
-    axes = found[:, :COLUMNS].reshape(count, AXES, 1 + SPELLS)
+    rhythms = np.zeros((count, COLUMNS + LEGS))
+    axes = rhythms[:, :COLUMNS].reshape(count, AXES, 1 + SPELLS)
     axes[:, :, 0] = rng.choice([-1.0, 1.0], (count, AXES))
     spells = rng.exponential(0.25, (count, AXES, SPELLS))
     first = rng.uniform(0.02, 0.8, (count, AXES, 1))
@@ -137,26 +137,28 @@ def drawn(rng: np.random.Generator, count: int) -> Floats:
     spells[together] = spells[together, :1]
     axes[:, :, 1:] = spells
     leg = rng.integers(0, LEGS, count)
-    found[:, COLUMNS] = leg
-    found[:, COLUMNS + 1] = np.minimum(leg + rng.integers(0, 2, count), LEGS - 1)
-    found[:, COLUMNS + 2] = rng.uniform(0.0, LONGEST_S, count)
-    return found
+    rhythms[:, COLUMNS] = leg
+    rhythms[:, COLUMNS + 1] = np.minimum(leg + rng.integers(0, 2, count), LEGS - 1)
+    rhythms[:, COLUMNS + 2] = rng.uniform(0.0, LONGEST_S, count)
+    return rhythms
 
 
 def bred(rng: np.random.Generator, parents: Floats, count: int, spread_s: float) -> Floats:
     """The parents, and rhythms that take each axis from one of two and change some spells."""
     pick = rng.integers(0, len(parents), (2, count - len(parents)))
-    found = parents[pick[0]]
+    children = parents[pick[0]]
     other = parents[pick[1]]
-    axes = found[:, :COLUMNS].reshape(-1, AXES, 1 + SPELLS)
+    axes = children[:, :COLUMNS].reshape(-1, AXES, 1 + SPELLS)
     swapped = rng.random(axes.shape[:2]) < SHARED
     axes[swapped] = other[:, :COLUMNS].reshape(axes.shape)[swapped]
     change = rng.normal(0.0, spread_s, axes[:, :, 1:].shape)
     axes[:, :, 1:] += np.where(rng.random(change.shape) < CHANGED, change, 0.0)
     axes[:, :, 1:] = np.abs(axes[:, :, 1:])
-    found[:, :COLUMNS] = axes.reshape(-1, COLUMNS)
-    found[:, -1] = np.clip(found[:, -1] + rng.normal(0.0, spread_s, len(found)), 0.0, LONGEST_S)
-    return np.concatenate([parents, found])
+    children[:, :COLUMNS] = axes.reshape(-1, COLUMNS)
+    children[:, -1] = np.clip(
+        children[:, -1] + rng.normal(0.0, spread_s, len(children)), 0.0, LONGEST_S
+    )
+    return np.concatenate([parents, children])
 
 
 def search(task: tuple[Place, int, int, int]) -> Worst:
@@ -196,8 +198,8 @@ def rows_of(done: list[tuple[Place, int, Worst]]) -> tuple[list[tuple[str, ...]]
         groups.setdefault((where.name, aim), []).append((where, worst))
     rows: list[tuple[str, ...]] = []
     exceeded = 0
-    for (name, aim), found in groups.items():
-        where, worst = max(found, key=lambda x: float(x[1].missed[aim]))
+    for (name, aim), entries in groups.items():
+        where, worst = max(entries, key=lambda x: float(x[1].missed[aim]))
         whole = aim < AXES
         wind = where.wind if whole else 0.0
         most, bound = wind + float(worst.missed[aim]), wind + where.bounds[aim]
@@ -226,8 +228,8 @@ def main() -> int:
     began = time.perf_counter()
     wanted = tasks(chosen.sequences)
     with multiprocessing.Pool(chosen.jobs) as pool:
-        found = pool.map(search, wanted, chunksize=1)
-    done = [(t[0], t[1], w) for t, w in zip(wanted, found, strict=True)]
+        worst_cases = pool.map(search, wanted, chunksize=1)
+    done = [(t[0], t[1], w) for t, w in zip(wanted, worst_cases, strict=True)]
     rows, exceeded = rows_of(done)
     heads = ("", "", "found", "bound", "", "", "sides and spells in s: along or x, side or y, up")
     print(table(heads, rows))

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter import load
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.report.summary import table
 from soter.simulate.run import NativeProgram
 
@@ -147,15 +147,15 @@ HEADS = (
 
 def campaign(missions: int) -> dict[str, list[Flight]]:
     """Flights, arm by arm in turn, until there were so many missions."""
-    found: dict[str, list[Flight]] = {name: [] for name in ARMS}
+    flights_by_arm: dict[str, list[Flight]] = {name: [] for name in ARMS}
     batch = os.cpu_count() or 1
     with multiprocessing.Pool() as pool:
-        while sum(f.landings for flights in found.values() for f in flights) < missions:
-            first = FIRST_SEED + len(found[ARMS[0]])
+        while sum(f.landings for flights in flights_by_arm.values() for f in flights) < missions:
+            first = FIRST_SEED + len(flights_by_arm[ARMS[0]])
             tasks = [(name, first + k) for name in ARMS for k in range(batch)]
             for (name, _), one in zip(tasks, pool.map(fly, tasks, chunksize=1), strict=True):
-                found[name].append(one)
-    return found
+                flights_by_arm[name].append(one)
+    return flights_by_arm
 
 
 def main() -> int:

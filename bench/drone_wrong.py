@@ -89,11 +89,13 @@ class Row:
 def _shown(row: Row) -> str:
     if row.found is None:
         return f"no flight: {row.wrong.why}" if row.wrong.why else "no flight found"
-    found = row.found
-    how = "repeated" if found.repeated else "NOT REPEATED"
-    what = found.what.removeprefix("always ")
+    refutation = row.found
+    how = "repeated" if refutation.repeated else "NOT REPEATED"
+    what = refutation.what.removeprefix("always ")
     what = what if len(what) <= 40 else what[:37] + "..."
-    return f"{found.world.name} seed {found.seed}, {found.at_s:.4g} s: {what} ({how})"
+    return (
+        f"{refutation.world.name} seed {refutation.seed}, {refutation.at_s:.4g} s: {what} ({how})"
+    )
 
 
 def examine(wrong: Wrong) -> Row:
@@ -101,8 +103,8 @@ def examine(wrong: Wrong) -> Row:
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         said = verdict(laid_out(Path(folder) / "verified", wrong.edits), wrong.verify)
-        found = refuted(Path(folder) / "flown", wrong.edits, wrong.worlds)
-    return Row(wrong, said, found, time.perf_counter() - began)
+        refutation = refuted(Path(folder) / "flown", wrong.edits, wrong.worlds)
+    return Row(wrong, said, refutation, time.perf_counter() - began)
 
 
 def unbroken(chosen: tuple[Wrong, ...]) -> list[tuple[str, str, bool]]:
@@ -122,10 +124,14 @@ def unbroken(chosen: tuple[Wrong, ...]) -> list[tuple[str, str, bool]]:
             if world.narrowed not in trees:
                 there = Path(folder) / f"worlds{len(trees)}"
                 trees[world.narrowed] = laid_out(there, world.narrowed)
-            found = flown(trees[world.narrowed], world)
-            said_ = "no violation" if found is None else f"VIOLATED at {found[2]:.4g} s: {found[1]}"
+            violation = flown(trees[world.narrowed], world)
+            said_ = (
+                "no violation"
+                if violation is None
+                else f"VIOLATED at {violation[2]:.4g} s: {violation[1]}"
+            )
             flights = f"{world.seeds} x {world.until_s:.0f} s"
-            rows.append((f"{world.name}, {flights}", said_, found is None))
+            rows.append((f"{world.name}, {flights}", said_, violation is None))
             _tell(" | ".join(rows[-1][:2]))
     return rows
 

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 
 from soter import SoterError
 from soter.api import load
-from soter.program.build import check_file
-from soter.program.flatten.views import as_seen
+from soter.program.elaborate.views import systems_by_view
+from soter.program.front_end import check_file
 from soter.reach.claims.results import ASSUMED, PROVED
 from soter.reach.command import modules_of, problems_of, refuse_forced
-from soter.reach.verify import verify_module
+from soter.reach.verify_module import verify_module
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -167,29 +167,29 @@ def verdict(tree: Tree, verify: tuple[str, str | None]) -> Verdict:
         refuse_forced(chosen)
         problems = problems_of(views_of(chosen))
         for problem in (p for _, p in sorted(enumerate(problems), key=lambda e: e[0] % TURNS)):
-            found = verify_module(problem, refute=False)
-            name = found.name.rpartition(".")[2]
-            if found.verdict not in (PROVED, ASSUMED):
-                open_ = ", ".join(c for c, f in found.findings.items() if not f.holds)
-                text = f"{found.verdict}: {open_} of {name}"
+            module_result = verify_module(problem, refute=False)
+            name = module_result.name.rpartition(".")[2]
+            if module_result.verdict not in (PROVED, ASSUMED):
+                open_ = ", ".join(c for c, f in module_result.findings.items() if not f.holds)
+                text = f"{module_result.verdict}: {open_} of {name}"
                 return Verdict(False, text, time.perf_counter() - began)
-            told += [*problem.assumptions, *found.notes]
-            names.append(f"{name} {found.verdict}")
+            told += [*problem.assumptions, *module_result.notes]
+            names.append(f"{name} {module_result.verdict}")
     except SoterError as refused:
         return refusal(refused.diagnostics, began)
     text = names[0] if len(names) == 1 else f"all of {len(names)} proved"
     return Verdict(True, text, time.perf_counter() - began, tuple(told))
 
 
-def refusal(found: Iterable[Diagnostic], began: float) -> Verdict:
+def refusal(diagnostics: Iterable[Diagnostic], began: float) -> Verdict:
     """Of a program that is none, or that poses no problem."""
-    codes = ", ".join(dict.fromkeys(d.code for d in found if d.code))
+    codes = ", ".join(dict.fromkeys(d.code for d in diagnostics if d.code))
     return Verdict(False, f"refused {codes}", time.perf_counter() - began)
 
 
 def views_of(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
     """Every module once for each of its views."""
-    return [seen for flat, m in chosen for seen in as_seen(flat, m)]
+    return [seen for flat, m in chosen for seen in systems_by_view(flat, m)]
 
 
 # ---------------------------------------------------------------- flights
@@ -197,30 +197,30 @@ def views_of(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]
 
 def first_violation(run: Run, shows: str) -> tuple[str, float] | None:
     """The first onset of a property with that in its text."""
-    found = [
+    onsets = [
         (v.time_s, v.what)
         for v in run.violation_list
         if v.kind == "property" and shows in v.what and v.time_s is not None
     ]
-    return None if not found else (min(found)[1], min(found)[0])
+    return None if not onsets else (min(onsets)[1], min(onsets)[0])
 
 
 def flown(tree: Tree, world: World) -> tuple[int, str, float] | None:
     """(seed, property, time) of the earliest violation, or of one that is SOON; None: none."""
     program, params = tree.program(world.file), dict(world.params)
-    found = []
+    violations = []
     for seed in range(1, world.seeds + 1):
         run = program.simulate(
             world.system, until=world.until_s, seed=seed, params=params, trace=False
         )
         first = first_violation(run, world.shows)
         if first is not None:
-            found.append((first[1], seed, first[0]))
+            violations.append((first[1], seed, first[0]))
             if first[1] <= SOON_S * _faster(world):
                 break
-    if not found:
+    if not violations:
         return None
-    at_s, seed, what = min(found)
+    at_s, seed, what = min(violations)
     return seed, what, at_s
 
 
@@ -253,12 +253,12 @@ def refuted(folder: Path, edits: tuple[Edit, ...], worlds: Iterable[World]) -> R
             trees[world.narrowed] = laid_out(there, (*edits, *world.narrowed))
         tree = trees[world.narrowed]
         try:
-            found = flown(tree, world)
+            violation = flown(tree, world)
         except SoterError:
             continue  # refused here, too: nothing flies
-        if found is None:
+        if violation is None:
             continue
-        seed, what, at_s = found
+        seed, what, at_s = violation
         again = flown_again(tree, world, seed, what, at_s)
         best = Refutation(world, seed, what, at_s, again)
         if again:
@@ -266,10 +266,10 @@ def refuted(folder: Path, edits: tuple[Edit, ...], worlds: Iterable[World]) -> R
     return best
 
 
-def known(found: Iterable[Wrong]) -> tuple[Wrong, ...]:
+def known(wrongs: Iterable[Wrong]) -> tuple[Wrong, ...]:
     """All of them; AssertionError where two of a kind have the same name."""
     table: dict[tuple[str, str], Wrong] = {}
-    for wrong in found:
+    for wrong in wrongs:
         assert (wrong.kind, wrong.name) not in table, wrong.name
         table[wrong.kind, wrong.name] = wrong
     return tuple(table.values())

@@ -56,8 +56,8 @@ def processor_s(pid: int) -> float:
 
 def waits(client: Editor, path: Path, text: str, near: str, keystrokes: int) -> list[float]:
     """Seconds from key to diagnostics, key by key, behind the place in the middle called `near`."""
-    uri, found = client.checked(path, text)
-    assert not [d for d in found if d.severity == 1], found
+    uri, diagnostics = client.checked(path, text)
+    assert not [d for d in diagnostics if d.severity == 1], diagnostics
     at = text.index(near, len(text) // 2) + len(near)
     steps = [WORD[:n] for n in (*range(1, len(WORD) + 1), *range(len(WORD) - 1, -1, -1))]
     times = []

@@ -85,9 +85,9 @@ def row_of(program: Path, recheck: bool) -> Row:
         cache, certificate = Path(folder) / "cache", Path(folder) / "certificate"
         name = str(program.relative_to(ROOT))
         run = spent(["verify", name, "--json"], cache)
-        found = json.loads(run.said)
-        if "modules" not in found:
-            sys.exit(f"{name}: {found.get('diagnostics')}")
+        report = json.loads(run.said)
+        if "modules" not in report:
+            sys.exit(f"{name}: {report.get('diagnostics')}")
         said, times = "", (0.0, 0.0)
         if recheck:
             spent(["verify", name, "--cert", str(certificate)], cache)
@@ -96,14 +96,14 @@ def row_of(program: Path, recheck: bool) -> Row:
             first = lines[0] if lines else ""
             said = f"{checked.code}: {first.replace(str(certificate), '').replace('    ', '  ')}"
             times = (checked.wall_s, checked.cpu_s)
-    modules = list(found["modules"].values())
+    modules = list(report["modules"].values())
     properties = [(p, f) for m in modules for p, f in m["properties"].items()]
     seconds = {p: sum(float(f["seconds"]) for q, f in properties if q == p) for p, _ in properties}
     unproved = (p for p, f in properties if f["verdict"] not in ("proved", "assumed"))
     given = [m["shares"]["lets_ac"] for m in modules if "lets_ac" in m.get("shares", {})]
     return Row(
         program.stem,
-        found["together"],
+        report["together"],
         tuple(dict.fromkeys(unproved)),
         run.wall_s,
         run.cpu_s,

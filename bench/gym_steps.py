@@ -25,9 +25,9 @@ import numpy as np
 
 import soter
 from soter.gym import Protected, make_vec
-from soter.gym.compiled import Compiled, Roles
-from soter.gym.leaves import Seen
-from soter.gym.worlds import Worlds
+from soter.gym.batched_states import BatchedStates
+from soter.gym.compiled_system import CompiledEnvironment, Roles
+from soter.gym.leaves import ObservedPart
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,8 +69,9 @@ def bare_worlds(count: int, actions: Array) -> Callable[[], object]:
         path.write_text(BARE.format(cliff=CAR / "cliff.soter"))
         flat = soter.load(path).flat()
     driver, car = flat.component("Driver"), flat.component("car")
-    made = Compiled(flat, Roles(driver.index), {}, [Seen(car.scope.topics[car.plant.drives[0][0]])])  # type: ignore[union-attr]
-    worlds, nobody = Worlds(made, count), np.zeros(count, dtype=bool)
+    topic = car.scope.topics[car.plant.drives[0][0]]  # type: ignore[union-attr]
+    made = CompiledEnvironment(flat, Roles(driver.index), {}, [ObservedPart(topic)])
+    worlds, nobody = BatchedStates(made, count), np.zeros(count, dtype=bool)
     worlds.seeds[:] = np.arange(count)
     worlds.begin(np.ones(count, dtype=bool))
     return lambda: worlds.step(actions, nobody)
@@ -120,17 +121,17 @@ def one(env: gymnasium.Env[Any, Any]) -> Callable[[], object]:
 
 def medians(ways: dict[str, tuple[Callable[[], object], int]], seconds: float) -> dict[str, float]:
     """Steps a second of each, in turns."""
-    found: dict[str, list[float]] = {name: [] for name in ways}
+    rates_by_way: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(ROUNDS):
         for name, (step, steps) in ways.items():
-            found[name].append(rate(step, steps, seconds))
-    return {name: statistics.median(values) for name, values in found.items()}
+            rates_by_way[name].append(rate(step, steps, seconds))
+    return {name: statistics.median(values) for name, values in rates_by_way.items()}
 
 
 def vectors(count: int, seconds: float) -> bool:
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 1))
     few = min(count, 64)
-    found = medians(
+    speeds = medians(
         {
             "protected, arrays of its own": (protected_worlds(count, actions, copy=False), count),
             "protected, copies": (protected_worlds(count, actions, copy=True), count),
@@ -140,9 +141,9 @@ def vectors(count: int, seconds: float) -> bool:
         },
         seconds,
     )
-    ours = found["protected, arrays of its own"]
+    ours = speeds["protected, arrays of its own"]
     print(f"{count:,} worlds, steps a second, and beside protected ones (median of {ROUNDS}):")
-    for name, value in found.items():
+    for name, value in speeds.items():
         print(f"  {name:32s} {value / 1e6:8.3f} M   x {value / ours:6.2f}")
     print(f"  target >= {VECTOR_TARGET / 1e6:g} M protected steps a second (goal 3)")
     return ours >= VECTOR_TARGET
@@ -163,8 +164,8 @@ def singles(seconds: float) -> bool:
         "protected, no alarm": Protected(program, cliff_env.make(), alarm=False),
         "protected, through functions": through_python,
     }
-    found = medians({name: (one(env), 1000) for name, env in ways.items()}, seconds)
-    costs = {name: 1e6 / value for name, value in found.items()}
+    speeds = medians({name: (one(env), 1000) for name, env in ways.items()}, seconds)
+    costs = {name: 1e6 / value for name, value in speeds.items()}
     print(f"one environment, us a step (median of {ROUNDS}):")
     for name, cost in costs.items():
         print(f"  {name:32s} {cost:8.2f}   over bare {cost - costs['bare']:6.2f}")

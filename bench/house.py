@@ -110,13 +110,13 @@ def against(commit: str, runs: int) -> None:
                 words = [sys.executable, "-m", "compileall", "-q", str(root / "src")]
                 subprocess.run(words, check=True)
             for name, command in COMMANDS.items():
-                found: list[list[float]] = [[], []]
+                timings: list[list[float]] = [[], []]
                 for run in range(runs + 1):
-                    for times, root in zip(found, (old, ROOT), strict=True):
+                    for times, root in zip(timings, (old, ROOT), strict=True):
                         took = cpu(command, root, str(Path(at) / f"cache-{root.name}"))
                         if run:
                             times.append(took)
-                a, b = (statistics.median(times) for times in found)
+                a, b = (statistics.median(times) for times in timings)
                 print(f"{name:20} CPU {a:6.2f} s before, {b:6.2f} s now, ratio {b / a:.2f}")
         finally:
             subprocess.run([*git, "remove", "--force", str(old)], check=True)
@@ -129,7 +129,7 @@ def assertions(runs: int) -> None:
     """
     with tempfile.TemporaryDirectory() as at:
         for name, command in ENGINES.items():
-            found: list[list[float]] = [[], []]
+            timings: list[list[float]] = [[], []]
             for run in range(runs + 1):
                 for k, started in enumerate((("-c", UNCHECKED), ("-m", "soter.cli.main"))):
                     cache = Path(at) / f"cache-{k}"
@@ -137,8 +137,8 @@ def assertions(runs: int) -> None:
                         kept.unlink()
                     took = cpu(command, ROOT, str(cache), started)
                     if run:
-                        found[k].append(took)
-            a, b = (statistics.median(times) for times in found)
+                        timings[k].append(took)
+            a, b = (statistics.median(times) for times in timings)
             print(f"{name:20} CPU {a:6.2f} s unchecked, {b:6.2f} s checked, ratio {b / a:.2f}")
 
 

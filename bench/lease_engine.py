@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from cffi import FFI
 
 from soter.native.build import RUNTIME
+from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, WARNINGS, compile_with, find
-from soter.native.kept import digest, kept
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +37,7 @@ def engine() -> tuple[Any, Any]:
         command = [*compiler.command, *flags, *map(str, names[:2]), "-o", LIBRARY]
         compile_with(command, work, "the lease does not compile", ())
 
-    folder = kept("leases", digest(parts), (LIBRARY,), make)
+    folder = cached("leases", digest(parts), (LIBRARY,), make)
     ffi = FFI()
     ffi.cdef(
         """

@@ -24,7 +24,7 @@ import soter
 from soter.native.library import RunStatus
 from soter.report.summary import table
 from soter.simulate.externs.bindings import bind, callables
-from soter.simulate.externs.externs import ExternAnswers
+from soter.simulate.externs.python_answers import ExternAnswers
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram
 
@@ -197,7 +197,7 @@ class Conformed:
 
 
 def explained(
-    found: Conformed,
+    tally: Conformed,
     exact: tuple[float, float],
     before: tuple[float, float, float],
     after: NDArray[np.float32],
@@ -210,18 +210,18 @@ def explained(
     x, v = float(after[0]), float(after[1])
     off_v = v - exact[1]
     if abs(exact[1]) == limits["V_MAX"]:
-        found.clipped += 1
+        tally.clipped += 1
         if abs(v) != limits["V_MAX"]:  # the map clipped, Gymnasium did not: ask before clipping
             slope = limits["SLOPE"] * math.cos(3.0 * before[0])
             off_v = v - (before[1] + limits["POWER"] * before[2] - slope)
     off_x = x - (before[0] + v)
     if x == limits["X_MAX"]:
-        found.clipped += 1
+        tally.clipped += 1
         off_x = max(0.0, off_x)
     share_x, share_v = abs(off_x) / limits["x"], abs(off_v) / limits["v"]
-    found.steps += 1
-    found.exceeded += share_x > 1.0 or share_v > 1.0
-    found.worst_x, found.worst_v = max(found.worst_x, share_x), max(found.worst_v, share_v)
+    tally.steps += 1
+    tally.exceeded += share_x > 1.0 or share_v > 1.0
+    tally.worst_x, tally.worst_v = max(tally.worst_x, share_x), max(tally.worst_v, share_v)
 
 
 def throttle(rng: np.random.Generator, kind: int, v: float) -> float:
@@ -238,7 +238,7 @@ def conform(count: int) -> Conformed:
     limits = {n: float(program.constant(n)) for n in ("V_MAX", "X_MAX", "POWER", "SLOPE")}
     limits["x"] = float(program.constant("ULP_X"))
     limits["v"] = 2.0 * float(program.constant("ULP_V"))
-    exact, found, rng = ExactMap(program), Conformed(), np.random.default_rng(7)
+    exact, tally, rng = ExactMap(program), Conformed(), np.random.default_rng(7)
     env: Any = gymnasium.make("MountainCarContinuous-v0").unwrapped
     env.min_position = -1.4  # the wall is what the cliff replaces
     env.reset(seed=0)
@@ -253,17 +253,17 @@ def conform(count: int) -> Conformed:
         force = np.float32(throttle(rng, kind, float(before[1])))
         after, *_ = env.step(np.array([force]))
         at = (float(before[0]), float(before[1]), float(force))
-        explained(found, exact.step(*at), at, after, limits)
-    return found
+        explained(tally, exact.step(*at), at, after, limits)
+    return tally
 
 
 def conformance(count: int) -> int:
     """Print how far Gymnasium's steps are from the map's; how many targets were missed."""
-    found = conform(count)
-    print(f"{found.steps:,} steps, {found.clipped:,} of them at the border or the greatest speed")
-    print(f"rounding needed: {found.worst_x:.3f} of what is declared for x, ", end="")
-    print(f"{found.worst_v:.3f} for v")
-    return judge((("steps outside", str(found.exceeded), "0", found.exceeded == 0),))
+    tally = conform(count)
+    print(f"{tally.steps:,} steps, {tally.clipped:,} of them at the border or the greatest speed")
+    print(f"rounding needed: {tally.worst_x:.3f} of what is declared for x, ", end="")
+    print(f"{tally.worst_v:.3f} for v")
+    return judge((("steps outside", str(tally.exceeded), "0", tally.exceeded == 0),))
 
 
 def main() -> int:

@@ -864,9 +864,9 @@ DRONE_SINGLE = {
 
 def drone_defaults() -> Params:
     """The numbers as the shipped module has them."""
-    found: Params = {k: tuple(_said(x) for x in v) for k, v in DRONE_NUMBERS.items()}
-    found |= {k: _said(x) for k, x in DRONE_SINGLE.items()}
-    return found | {"SIGN": 1.0, "TTF": "fits", "SAFER": "fits", "BLIND": None, "ERRORS": 1.0}
+    params: Params = {k: tuple(_said(x) for x in v) for k, v in DRONE_NUMBERS.items()}
+    params |= {k: _said(x) for k, x in DRONE_SINGLE.items()}
+    return params | {"SIGN": 1.0, "TTF": "fits", "SAFER": "fits", "BLIND": None, "ERRORS": 1.0}
 
 
 def _said(head: str, file: Path = DRONE_FILE) -> float:

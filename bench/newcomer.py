@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.fix import applied
 from soter.diagnostics.render import render
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
@@ -83,27 +83,27 @@ class Answer:
 
 def slips() -> list[Slip]:
     """Those of the file, in its order."""
-    found: list[Slip] = []
+    entries: list[Slip] = []
     habit = ""
     old: list[str] = []
     new: list[str] = []
     for line in [*(HERE / "newcomer.txt").read_text(encoding="utf-8").split("\n"), ""]:
         if new and line[:1] != "+":
-            found[-1].edits.append(("\n".join(old), "\n".join(new)))
+            entries[-1].edits.append(("\n".join(old), "\n".join(new)))
             old, new = [], []
         if line.startswith("= "):
-            found.append(Slip(line[2:], habit))
+            entries.append(Slip(line[2:], habit))
         elif line.startswith("file: "):
-            found[-1].file = line[6:]
+            entries[-1].file = line[6:]
         elif line.startswith("- "):
             old.append(line[2:])
         elif line.startswith("+ "):
             new.append(line[2:])
         elif line.startswith("? "):
-            found[-1].remedy = line[2:]
+            entries[-1].remedy = line[2:]
         elif line.isupper():
             habit = line
-    return found
+    return entries
 
 
 def ask(slip: Slip, folder: Path) -> Answer:
@@ -132,11 +132,11 @@ def mends(fix: Fix, severity: Severity) -> bool:
     before = {source: source.text for source in texts}
     for source, text in texts.items():
         Path(source.name).write_text(text, encoding="utf-8")
-    found = check_file(next(iter(before)).name).diagnostics.items
+    diagnostics = check_file(next(iter(before)).name).diagnostics.items
     for source, text in before.items():
         Path(source.name).write_text(text, encoding="utf-8")
-    errors = [d for d in found if d.severity is Severity.ERROR]
-    return not (errors or (severity is Severity.WARNING and found))
+    errors = [d for d in diagnostics if d.severity is Severity.ERROR]
+    return not (errors or (severity is Severity.WARNING and diagnostics))
 
 
 def main() -> int:

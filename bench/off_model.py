@@ -134,25 +134,25 @@ def main() -> int:
     folder = args.output / made_of()[:12]
     folder.mkdir(parents=True, exist_ok=True)
     chosen = args.system or SYSTEMS
-    found = {}
+    rows_by_system = {}
     began = time.perf_counter()
     for k, system in enumerate(chosen):
         stop = began + 60 * args.minutes * (k + 1) / len(chosen)
-        found[system] = fly(system, args.hours, stop, folder)
-    found = {system: rows for system, rows in found.items() if rows}
+        rows_by_system[system] = fly(system, args.hours, stop, folder)
+    rows_by_system = {system: rows for system, rows in rows_by_system.items() if rows}
     head = ["system", "hours", "violations", "AC share", "steps", "alarms", "in flights"]
     head += ["most used by", "|d| 50 %", "99 %", "along, x", "side, y", "up, z", "of D"]
-    print(table(head, [told(system, rows) for system, rows in found.items()]))
+    print(table(head, [told(system, rows) for system, rows in rows_by_system.items()]))
     print(
         f"\nthe least |d| that explains 5 ms, m/s^2; D = {declared('motion_primitive.soter'):.3f}"
     )
-    for system, rows in found.items():
+    for system, rows in rows_by_system.items():
         wall = sum(float(r["wall_s"]) for r in rows)
         flown = sum(float(r["flown_s"]) for r in rows)
         ten = 600 * wall / flown
         print(f"{system}: {flown / wall:.1f} x real time, 10 h in {ten:.0f} min")
     print(f"each flight: {folder}")
-    bad = [r for s, rows in found.items() if s != "InAir" for r in rows]
+    bad = [r for s, rows in rows_by_system.items() if s != "InAir" for r in rows]
     return int(any(float(r["alarms"]) or float(r["violations"]) for r in bad))
 
 

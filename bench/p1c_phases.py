@@ -5,9 +5,9 @@
 Purpose: for each case a program is written, checked and flattened, and what H must be as `soter
 check` says it is compared with the longest switch: from the state behind the last "AC" to the
 effect of SC's first output, over all delays of releases, lengths of steps, ages of what is read and
-every release of the DM, for the case's phases (`tests/generators/switches.py`, which has no formula
-in it). *Exceeded*: an execution takes longer than Soter says. *Slack*: what Soter says less the
-longest. *Undecided* are threads with more work than time: Soter knows that they miss, and the
+every release of the DM, for the case's phases (`tests/generators/switch_threads.py`, which has no
+formula in it). *Exceeded*: an execution takes longer than Soter says. *Slack*: what Soter says less
+the longest. *Undecided* are threads with more work than time: Soter knows that they miss, and the
 executions, four hyperperiods of them, do not see it yet. Exit code 1 where a figure misses its
 target. `--blind` adds something to the case that the program does not say, to show that the
 comparison sees it.
@@ -31,9 +31,9 @@ for folder in (ROOT, ROOT / "tests"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 
-from generators.switches import TICK_NS, Case, drawn, longest, program  # noqa: E402 - as above
-from soter.program.build import check_file, system_to_prove  # noqa: E402 - needs the path
-from soter.reach.time.switching import switch_of  # noqa: E402 - needs the path
+from generators.switch_threads import TICK_NS, Case, drawn, longest, program  # noqa: E402 - as above
+from soter.program.front_end import check_file, system_to_prove  # noqa: E402 - needs the path
+from soter.reach.time.switch_latency import switch_of  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -71,17 +71,17 @@ def needed(case: Case) -> int | None:
     if not checked.ok:
         raise SystemExit(f"{checked.diagnostics.items}\n{program(case)}")
     flat = system_to_prove(checked, "S")
-    found = switch_of(flat, flat.modules[0]).needed
-    assert found is None or found % TICK_NS == 0
-    return None if found is None else found // TICK_NS
+    horizon_ns = switch_of(flat, flat.modules[0]).needed
+    assert horizon_ns is None or horizon_ns % TICK_NS == 0
+    return None if horizon_ns is None else horizon_ns // TICK_NS
 
 
 def slacks(cases: int, change: Callable[[Case], Case]) -> tuple[list[int], Counter[str]]:
     """Of each case the slack in ticks, and of how many there is none, by reason."""
     rng = random.Random(20261122)  # noqa: S311 - schedules, not secrets
-    found: list[int] = []
+    slack_ticks: list[int] = []
     without: Counter[str] = Counter()
-    while len(found) < cases:
+    while len(slack_ticks) < cases:
         case = drawn(rng)
         worst = longest(change(case))
         if worst is None:
@@ -91,8 +91,8 @@ def slacks(cases: int, change: Callable[[Case], Case]) -> tuple[list[int], Count
         if said is None:
             without["undecided"] += 1
             continue
-        found.append(said - worst)
-    return found, without
+        slack_ticks.append(said - worst)
+    return slack_ticks, without
 
 
 def main() -> int:
@@ -104,15 +104,21 @@ def main() -> int:
     began = time.process_time()
     if args.blind:
         return blind(args.cases)
-    found, without = slacks(args.cases, BLIND["nothing"])
-    exceeded = sum(s < 0 for s in found)
-    print(f"{len(found):,} cases, {exceeded} exceeded (target 0)")
-    print(f"slack in ticks: least {min(found)} (target 0), median {statistics.median(found):g}, ")
-    print(f"most {max(found)}; none in {100 * found.count(0) / len(found):.1f}% of the cases")
+    slack_ticks, without = slacks(args.cases, BLIND["nothing"])
+    exceeded = sum(s < 0 for s in slack_ticks)
+    print(f"{len(slack_ticks):,} cases, {exceeded} exceeded (target 0)")
+    print(
+        f"slack in ticks: least {min(slack_ticks)} (target 0), median "
+        f"{statistics.median(slack_ticks):g}, "
+    )
+    print(
+        f"most {max(slack_ticks)}; none in "
+        f"{100 * slack_ticks.count(0) / len(slack_ticks):.1f}% of the cases"
+    )
     left_out = ", ".join(f"{n:,} {why}" for why, n in without.items())
     print(f"drawn beside these: {left_out}")
     print(f"{time.process_time() - began:.0f} s of CPU time")
-    return 0 if exceeded == 0 and min(found) == 0 else 1
+    return 0 if exceeded == 0 and min(slack_ticks) == 0 else 1
 
 
 def blind(cases: int) -> int:
@@ -120,9 +126,9 @@ def blind(cases: int) -> int:
     seen = True
     print("in the executions only      exceeded")
     for name, change in BLIND.items():
-        found, _ = slacks(cases, change)
-        exceeded = sum(s < 0 for s in found)
-        print(f"{name:<27} {exceeded:,} of {len(found):,}")
+        slack_ticks, _ = slacks(cases, change)
+        exceeded = sum(s < 0 for s in slack_ticks)
+        print(f"{name:<27} {exceeded:,} of {len(slack_ticks):,}")
         seen &= (exceeded > 0) == (name != "nothing")
     return 0 if seen else 1
 

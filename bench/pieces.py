@@ -25,10 +25,10 @@ class Pieces:
         if path is not None and path.exists():
             for line in path.read_text(encoding="utf-8").splitlines():
                 try:
-                    found = json.loads(line)
+                    record = json.loads(line)
                 except ValueError:
                     continue  # the line at which it was stopped
-                self._done[found["key"]] = found["value"]
+                self._done[record["key"]] = record["value"]
 
     def piece(self, name: str, make: Callable[[], Any]) -> Any:  # noqa: ANN401 - as JSON has it
         """What `make` gives, now or when it was made; anything that JSON can hold."""

@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 import browser  # noqa: E402 - the tests' own
 import soter  # noqa: E402 - as above
-from soter.playground.session import Session  # noqa: E402 - as above
+from soter.playground.session import PlaygroundSession  # noqa: E402 - as above
 from soter.playground.write import write_playground  # noqa: E402 - as above
 
 CART = ROOT / "examples" / "wall" / "cart.soter"
@@ -46,7 +46,7 @@ def opened(path: Path) -> tuple[float, float, float, list[str]]:
 
 def in_cpython() -> float:
     """Seconds of the same run here."""
-    session = Session(str(CART), CART.read_text(encoding="utf-8"))
+    session = PlaygroundSession(str(CART), CART.read_text(encoding="utf-8"))
     began = time.perf_counter()
     while '"done": true' not in session.advance(1.0):
         pass

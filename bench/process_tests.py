@@ -63,9 +63,9 @@ def pytest_configure() -> None:
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Which test it is that starts processes."""
     _now["test"] = item.nodeid
-    found = yield
+    outcome = yield
     _now["test"] = ""
-    return found
+    return outcome
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.program.build import check_file, system_of
-from soter.reach.enclose.library import ReachLibrary
+from soter.program.front_end import check_file, system_of
+from soter.reach.enclose.engine_library import ReachLibrary
 from soter.reach.enclose.unit import generate_enclosures
 from soter.reach.grid.policies import core_synthesis
 from soter.reach.grid.sets import GridGroup, of_problem
@@ -65,8 +65,8 @@ def problem_of(file: str, system: str, *, synthesize: bool = False) -> tuple[Pro
 def timed(work: Callable[[], Any]) -> tuple[Any, float]:
     """A result and the wall seconds it took."""
     began = time.perf_counter()
-    found = work()
-    return found, time.perf_counter() - began
+    result = work()
+    return result, time.perf_counter() - began
 
 
 # ------------------------------------------------------------------ double integrator
@@ -118,11 +118,11 @@ class Peer:
             if before is not None and np.array_equal(before, now):
                 break
             before = now
-        found = [now]
+        sets = [now]
         for t in (HORIZON_NS, PERIOD_NS, PERIOD_NS):
             values = self.solve(values, "min", t * 1e-9)
-            found.append(np.asarray(values) > 0)
-        return found
+            sets.append(np.asarray(values) > 0)
+        return sets
 
 
 def peer_of(group: GridGroup) -> Peer | None:
@@ -159,9 +159,9 @@ def peer_of(group: GridGroup) -> Peer | None:
         done.block_until_ready()
         return jnp.asarray(done)
 
-    found = Peer(grid, solve, WALL - jnp.abs(grid.states[..., 0]))
-    found.sets()
-    return found
+    peer = Peer(grid, solve, WALL - jnp.abs(grid.states[..., 0]))
+    peer.sets()
+    return peer
 
 
 # ------------------------------------------------------------------ mountain car

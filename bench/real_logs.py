@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.api import load
-from soter.monitor.logs.mapping import read_mapping
+from soter.monitor.logs.topic_mapping import read_mapping
 from soter.report.summary import table
 
 if TYPE_CHECKING:
@@ -71,17 +71,17 @@ def legs_of(data: Path | None) -> dict[Key, list[Row]]:
 
 
 def _by_leg(rows: list[Row]) -> dict[Key, list[Row]]:
-    found: dict[Key, list[Row]] = {}
+    rows_by_leg: dict[Key, list[Row]] = {}
     for row in rows:
-        found.setdefault((row["set"], row["leg"]), []).append(row)
-    return found
+        rows_by_leg.setdefault((row["set"], row["leg"]), []).append(row)
+    return rows_by_leg
 
 
 def judge(legs: dict[Key, list[Row]], radii: list[float], folder: Path) -> list[Judged]:
     """Every leg in every tube."""
     program = load(DRONE / "goto.soter")
     mapping = read_mapping(DRONE / "px4_goto.toml")
-    found = []
+    judgements = []
     for key, rows in legs.items():
         path = folder / f"{key[0]}-{key[1]}.csv"
         with path.open("w", encoding="utf-8", newline="") as file:
@@ -93,9 +93,9 @@ def judge(legs: dict[Key, list[Row]], radii: list[float], folder: Path) -> list[
             began = time.perf_counter()
             judged = program.judge_log(path, mapping, params=params)
             wall = time.perf_counter() - began
-            found.append(Judged(key, radius, len(rows), wall, judged))
+            judgements.append(Judged(key, radius, len(rows), wall, judged))
         path.unlink()
-    return found
+    return judgements
 
 
 def summary(judged: list[Judged]) -> list[list[str]]:
@@ -152,13 +152,13 @@ def _share(count: int, of: int) -> str:
 
 def errors(judged: list[Judged]) -> list[list[str]]:
     """What is derived, over all legs: the worst of each quantile, and its median."""
-    found: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
+    errors_by_quantity: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
     for j in judged:
         if j.radius == judged[0].radius:
             for d in j.log.derived:
-                found.setdefault((d.name, d.how.split(";")[0]), []).append(d.error)
+                errors_by_quantity.setdefault((d.name, d.how.split(";")[0]), []).append(d.error)
     rows = []
-    for (name, how), triples in found.items():
+    for (name, how), triples in errors_by_quantity.items():
         all_ = np.array(triples)
         middle, worst = np.median(all_, axis=0), all_.max(axis=0)
         rows.append([name, how, f"{middle[0]:.3f}", f"{middle[1]:.3f}", f"{worst[2]:.2f}"])

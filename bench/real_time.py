@@ -91,12 +91,12 @@ def turn(
     options = ["--until", f"{seconds}", "--policy", policy, "--core", str(core), "--bare", "0"]
     options += ["--late", str(LATE_US), "--early", str(early_us if policy != "other" else 0)]
     with busy(core, count):
-        found = run(program, *options, "--log", str(log))
-    wake = found["wake"]
+        report = run(program, *options, "--log", str(log))
+    wake = report["wake"]
     refused = ""
-    if found["policy"] == "ordinary" and policy != "other":
-        refused = found["notes"][0]
-    return [*independent(log), found["late_instants"], wake["max_ns"], wake["p50_ns"], refused]
+    if report["policy"] == "ordinary" and policy != "other":
+        refused = report["notes"][0]
+    return [*independent(log), report["late_instants"], wake["max_ns"], wake["p50_ns"], refused]
 
 
 def gaps(spinner: Path, core: int) -> list[int]:
@@ -121,12 +121,14 @@ def misses(
     turns = max(round(minutes * 60 / TURN_S), 1)
     seconds = minutes * 60 / turns
     spinner = spinner_in(place)
-    found: dict[str, list[Any]] = {p: [] for p in POLICIES}
+    rows_by_policy: dict[str, list[Any]] = {p: [] for p in POLICIES}
     taken = []
     for k in range(turns):
         for p in POLICIES:
             name = f"misses {p}, {count} busy, early {early_us}, {seconds:g} s, turn {k} of {turns}"
-            found[p].append(kept.piece(name, partial(turn, program, place, p, seconds, load)))
+            rows_by_policy[p].append(
+                kept.piece(name, partial(turn, program, place, p, seconds, load))
+            )
         taken.append(kept.piece(f"gaps, turn {k} of {turns}", lambda: gaps(spinner, core)))
     print(
         f"1 kHz, processor {core} kept busy by {count} ordinary processes, {minutes:g} min a "
@@ -135,7 +137,7 @@ def misses(
     )
     print("policy    instants   late, other clock   late, driver   not seen   p50 us   worst us")
     shares = {}
-    for p, rows in found.items():
+    for p, rows in rows_by_policy.items():
         n, late, unseen, own = (sum(r[i] for r in rows) for i in range(4))
         worst, median = max(r[4] for r in rows) / 1e3, statistics.median(r[5] for r in rows) / 1e3
         shares[p] = late / max(n, 1)
@@ -151,11 +153,11 @@ def misses(
         f"{sum(g[2] for g in taken)} gaps of more than {LATE_US} us, the longest "
         f"{max(g[5] for g in taken) / 1e3:.0f} us; late by them: {100 * late / looked:.3f} %"
     )
-    granted = [p for p in POLICIES[:2] if not any(r[6] for r in found[p])]
+    granted = [p for p in POLICIES[:2] if not any(r[6] for r in rows_by_policy[p])]
     best = min((shares[p] for p in granted), default=1.0)
-    ratio = shares["other"] / max(best, 1 / max(sum(r[0] for r in found["fifo"]), 1))
+    ratio = shares["other"] / max(best, 1 / max(sum(r[0] for r in rows_by_policy["fifo"]), 1))
     print(f"fewer than ordinary: {ratio:.0f} x (target {FEWER:.0f} x): {said(ratio >= FEWER)}")
-    unseen = sum(r[2] for rows in found.values() for r in rows)
+    unseen = sum(r[2] for rows in rows_by_policy.values() for r in rows)
     print(f"late and not seen: {unseen}: {said(unseen == 0)}")
     return bool(unseen == 0)
 
@@ -167,8 +169,8 @@ def output(program: Path, turns: int, kept: Pieces) -> bool:
     """From the release to SC's output, against bare wake-ups of the same thread."""
 
     def once() -> list[int]:
-        found = run(program, "--until", "3", "--bare", "3", "--late", "1000000")
-        return [found["bare"]["p50_ns"], found["output"]["p50_ns"]]
+        report = run(program, "--until", "3", "--bare", "3", "--late", "1000000")
+        return [report["bare"]["p50_ns"], report["output"]["p50_ns"]]
 
     rows = [kept.piece(f"output, turn {k}", once) for k in range(turns)]
     bare = statistics.median(b for b, _ in rows) / 1e3

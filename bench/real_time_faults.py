@@ -58,13 +58,13 @@ def lives(program: Path, place: Path, kind: str) -> list[int]:
     faults.unlink(missing_ok=True)
     fault = {} if kind == "none" else {"AC_FAULT": kind, "AC_FAULT_LOG": str(faults)}
     options = ("--until", str(SLICE_S), "--patience", "0.03", "--worker-memory", "256")
-    found = run(program, *options, *LIVES, "--log", str(log), **fault)
+    report = run(program, *options, *LIVES, "--log", str(log), **fault)
     times = []
     if faults.exists():
-        times = [int(x) - found["origin_ns"] for x in faults.read_text().split()]
+        times = [int(x) - report["origin_ns"] for x in faults.read_text().split()]
     counts = judged(times, log_of(log))
-    late = trusted_misses(found)
-    return [found["violations"], int(steps_left_out(found)), late, found["instants"], *counts]
+    late = trusted_misses(report)
+    return [report["violations"], int(steps_left_out(report)), late, report["instants"], *counts]
 
 
 def faults(program: Path, place: Path, trials: int, pieces: Pieces) -> bool:
@@ -76,8 +76,8 @@ def faults(program: Path, place: Path, trials: int, pieces: Pieces) -> bool:
         turn = 0
         while total[4] < trials and (turn == 0 or kind != "none"):
             name = f"faults {kind}, slice {turn}"
-            found = pieces.piece(name, partial(lives, program, place, kind))
-            total = [a + int(b) for a, b in zip(total, found, strict=True)]
+            counts = pieces.piece(name, partial(lives, program, place, kind))
+            total = [a + int(b) for a, b in zip(total, counts, strict=True)]
             turn += 1
             if turn > trials:
                 break
@@ -110,13 +110,13 @@ def worker_of(process: int) -> int | None:
 
 def children(process: int) -> list[int]:
     """Processes that a process started and that are there."""
-    found = []
+    pids = []
     for task in Path(f"/proc/{process}/task").glob("*/children"):
         try:
-            found += [int(w) for w in task.read_text().split()]
+            pids += [int(w) for w in task.read_text().split()]
         except OSError:
             continue
-    return found
+    return pids
 
 
 def batch(program: Path, place: Path, number: int, kills: int) -> dict[str, Any]:
@@ -139,33 +139,33 @@ def batch(program: Path, place: Path, number: int, kills: int) -> dict[str, Any]
         time.sleep(0.05)
         process.send_signal(signal.SIGTERM)
         out, _ = process.communicate()
-    found = json.loads(out)
-    counts = judged([t - found["origin_ns"] for t in times], log_of(log))
+    report = json.loads(out)
+    counts = judged([t - report["origin_ns"] for t in times], log_of(log))
     return {
         "kills": len(times),
         "judged": counts,
-        "violations": found["violations"],
-        "left_out": int(steps_left_out(found)),
-        "late": trusted_misses(found),
-        "instants": found["instants"],
-        "ends": found["workers"][WORKER]["ends"],
-        "share": found["modules"][MODULE]["ac_share"],
+        "violations": report["violations"],
+        "left_out": int(steps_left_out(report)),
+        "late": trusted_misses(report),
+        "instants": report["instants"],
+        "ends": report["workers"][WORKER]["ends"],
+        "share": report["modules"][MODULE]["ac_share"],
     }
 
 
 def killed(program: Path, place: Path, kills: int, pieces: Pieces) -> bool:
     """AC killed at random instants, in runs of `BATCH` kills."""
-    found = []
+    batches = []
     for number, first in enumerate(range(0, kills, BATCH)):
         count = min(BATCH, kills - first)
         name = f"kills {first} to {first + count}"
-        found.append(pieces.piece(name, partial(batch, program, place, number, count)))
+        batches.append(pieces.piece(name, partial(batch, program, place, number, count)))
 
     def total(what: str) -> int:
-        return sum(x[what] for x in found)
+        return sum(x[what] for x in batches)
 
-    seen, controlled, lost = (sum(x["judged"][i] for x in found) for i in range(3))
-    share = sum(x["share"] * x["instants"] for x in found) / max(total("instants"), 1)
+    seen, controlled, lost = (sum(x["judged"][i] for x in batches) for i in range(3))
+    share = sum(x["share"] * x["instants"] for x in batches) / max(total("instants"), 1)
     left_out = total("left_out")
     print(f"AC killed at {total('kills')} random instants, in {total('instants')} instants of 1 ms")
     print(

@@ -55,9 +55,9 @@ class Actuators:
             line = self.process.stderr.readline()
             if not line:
                 raise RuntimeError("the actuators have ended")
-            found = SAID.match(line)
-            if found:
-                self.at, self.state = float(found[1]), found[2]
+            match = SAID.match(line)
+            if match:
+                self.at, self.state = float(match[1]), match[2]
         return True
 
 
@@ -117,22 +117,22 @@ def leases(place: Path, kills: int, pieces: Pieces) -> bool:
     """The table of all batches; False where an old command was applied, or a law did not come."""
     for system in ("Vehicle", "World"):
         build(STOP, place / "stop" / system, system)
-    found = []
+    batches = []
     for number, first in enumerate(range(0, kills, BATCH)):
         channels = place / f"channels_{number}"
         channels.mkdir(exist_ok=True)
         count = min(BATCH, kills - first)
-        found.append(
+        batches.append(
             pieces.piece(
                 f"trusted part killed {first} to {first + count}",
                 partial(batch, place / "stop", channels, number, count),
             )
         )
-    done, older = sum(x["kills"] for x in found), sum(x["older"] for x in found)
-    starts, taken = sum(x["starts"] for x in found), sum(x["taken"] for x in found)
-    violations = sum(x["violations"] for x in found)
-    after = sorted(t for x in found for t in x["after_ms"])
-    worst = max(x["law_after_ns"] for x in found) / 1e3
+    done, older = sum(x["kills"] for x in batches), sum(x["older"] for x in batches)
+    starts, taken = sum(x["starts"] for x in batches), sum(x["taken"] for x in batches)
+    violations = sum(x["violations"] for x in batches)
+    after = sorted(t for x in batches for t in x["after_ms"])
+    worst = max(x["law_after_ns"] for x in batches) / 1e3
     print(f"trusted part killed at {done} random instants while its commands were obeyed")
     print(
         f"  the law every time; from the kill to the law {after[len(after) // 2]:.1f} ms at the "

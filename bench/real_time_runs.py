@@ -60,8 +60,8 @@ def run(program: Path, *options: str, **environment: str) -> dict[str, Any]:
     )
     if done.returncode not in (0, 3, 4):
         raise RuntimeError(done.stderr.decode("utf-8", "replace")[-500:])
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    report: dict[str, Any] = json.loads(done.stdout)
+    return report
 
 
 def log_of(path: Path) -> list[Line]:
@@ -93,15 +93,15 @@ def busy(core: int, count: int) -> Iterator[None]:
         yield
 
 
-def steps_left_out(found: dict[str, Any]) -> bool:
+def steps_left_out(report: dict[str, Any]) -> bool:
     """Whether a step of DM or SC of the loop did not happen."""
-    instants, nodes = found["instants"], found["nodes"]
+    instants, nodes = report["instants"], report["nodes"]
     decided = nodes["SafeCart.dm"]["completion"]["count"]
     careful = nodes["SafeCart.Careful"]["completion"]["count"]
     return bool(careful != instants or decided != -(-instants // 10))
 
 
-def trusted_misses(found: dict[str, Any]) -> int:
+def trusted_misses(report: dict[str, Any]) -> int:
     """Late steps of DM and SC of the loop."""
-    nodes = (found["nodes"][n] for n in ("SafeCart.dm", "SafeCart.Careful"))
+    nodes = (report["nodes"][n] for n in ("SafeCart.dm", "SafeCart.Careful"))
     return sum(n["released_late"] + n["completed_late"] for n in nodes)

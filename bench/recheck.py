@@ -25,7 +25,7 @@ import soter
 from soter.api import recheck
 
 if TYPE_CHECKING:
-    from soter.recheck.rechecker import Report
+    from soter.certificate.rechecker import Report
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -58,15 +58,15 @@ def noticed(folder: Path, count: int, seed: int) -> int:
     """Of so many flipped bits, how many are rejected; the folder is as before afterwards."""
     draw = np.random.default_rng(seed)
     files = sorted(p for p in folder.rglob("*") if p.is_file())
-    found = 0
+    rejections = 0
     for _ in range(count):
         path = files[draw.integers(len(files))]
         data = path.read_bytes()
         at, bit = int(draw.integers(len(data))), 1 << int(draw.integers(8))
         path.write_bytes(data[:at] + bytes([data[at] ^ bit]) + data[at + 1 :])
-        found += not recheck(folder).accepted
+        rejections += not recheck(folder).accepted
         path.write_bytes(data)
-    return found
+    return rejections
 
 
 def measure(example: Example, flips: int) -> dict[str, object]:
@@ -101,12 +101,12 @@ def main() -> int:
     parser.add_argument("--bytes", type=int, default=200)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
-    found = {}
+    row_by_example = {}
     missed = False
     for example in EXAMPLES:
         if args.only not in (None, example.name):
             continue
-        row = found[example.name] = measure(example, args.bytes)
+        row = row_by_example[example.name] = measure(example, args.bytes)
         print(f"{example.name}: {row['verdict']}, {row['cells']:,} cells, {row['bytes']:,} bytes")
         said = "accepted" if row["accepted"] else f"REJECTED: {row['reason']}"
         spent = f"{row['seconds']:.1f} s, {row['processor_s']:.1f} s of all processors together"
@@ -116,7 +116,7 @@ def main() -> int:
         in_time = float(row["seconds"]) <= example.target_s  # type: ignore[arg-type]
         missed |= not (row["accepted"] and in_time and row["noticed"] == row["flipped"])
     if args.json:
-        args.json.write_text(json.dumps(found, indent=1))
+        args.json.write_text(json.dumps(row_by_example, indent=1))
     return 1 if missed else 0
 
 

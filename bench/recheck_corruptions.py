@@ -33,10 +33,10 @@ if str(ROOT) not in sys.path:
 
 from bench.recheck_models import Attack, Cart, Tables  # noqa: E402 - needs the path
 
-from soter.program.build import check_file, system_of  # noqa: E402
-from soter.recheck.certificate.folder import canonical  # noqa: E402
-from soter.recheck.reading.problem import DiffersError, read_facts  # noqa: E402
-from soter.recheck.rechecker import TIME_KEYS, recheck  # noqa: E402
+from soter.certificate.format.folder import canonical  # noqa: E402
+from soter.certificate.reading.problem import DiffersError, read_facts  # noqa: E402
+from soter.certificate.rechecker import TIME_KEYS, recheck  # noqa: E402
+from soter.program.front_end import check_file, system_of  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -391,22 +391,22 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     began = time.perf_counter()
-    found = run(args.count, args.seed, args.jobs, args.drag)
-    kinds = Counter(o.kind for o in found)
+    outcomes = run(args.count, args.seed, args.jobs, args.drag)
+    kinds = Counter(o.kind for o in outcomes)
     heads = ("count", "rejected", "accepted, true", "accepted, FALSE")
     print(f"{'corruption':<26}{heads[0]:>7}{heads[1]:>10}{heads[2]:>16}{heads[3]:>17}")
     for kind in CORRUPTIONS:
-        of = [o for o in found if o.kind == kind]
+        of = [o for o in outcomes if o.kind == kind]
         true = sum(o.accepted and not o.broken for o in of)
         false = sum(bool(o.accepted and o.broken) for o in of)
         print(f"{kind:<26}{kinds[kind]:>7}{len(of) - true - false:>10}{true:>16}{false:>17}")
-    wrong = [o for o in found if o.accepted and o.broken]
-    rejected = sum(not o.accepted for o in found)
-    true = len(found) - rejected - len(wrong)
-    print(f"{'all':<26}{len(found):>7}{rejected:>10}{true:>16}{len(wrong):>17}")
+    wrong = [o for o in outcomes if o.accepted and o.broken]
+    rejected = sum(not o.accepted for o in outcomes)
+    true = len(outcomes) - rejected - len(wrong)
+    print(f"{'all':<26}{len(outcomes):>7}{rejected:>10}{true:>16}{len(wrong):>17}")
     print(f"{time.perf_counter() - began:.0f} s, target: 0 accepted and false")
     if args.json:
-        args.json.write_text(json.dumps([vars(o) for o in found], indent=1))
+        args.json.write_text(json.dumps([vars(o) for o in outcomes], indent=1))
     return 1 if wrong else 0
 
 

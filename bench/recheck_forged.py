@@ -47,8 +47,8 @@ from bench.recheck_forgeries import (  # noqa: E402 - needs the path
     proved_of,
 )
 
-from soter.cli.terminal.outcome import FINE  # noqa: E402
-from soter.recheck.rechecker import recheck  # noqa: E402
+from soter.certificate.rechecker import recheck  # noqa: E402
+from soter.cli.terminal.command_outcome import FINE  # noqa: E402
 
 if TYPE_CHECKING:
     from bench.recheck_forgeries import Base, Claim
@@ -124,10 +124,10 @@ def judge(kind: str, family: str, seed: int) -> Outcome:
         code, out, err, seconds = checked(folder, "--json")
         reason, wrong = "", ""
         if code in (0, 3, 4):
-            found = json.loads(out)
-            reason = str(found["reason"])
-            if found["accepted"]:
-                wrong = _overstated(made, found, code)
+            report = json.loads(out)
+            reason = str(report["reason"])
+            if report["accepted"]:
+                wrong = _overstated(made, report, code)
             shown = checked(folder) if kind in DRAWING else (None, "", "")
             if shown[0] is not None and _unheard(shown[1] + shown[2]):
                 wrong = wrong or "what it prints moves the cursor"
@@ -138,9 +138,9 @@ def judge(kind: str, family: str, seed: int) -> Outcome:
         return Outcome(family, kind, made.name, code, round(seconds, 2), reason, wrong)
 
 
-def _overstated(made: Forged, found: dict[str, Any], code: int) -> str:
+def _overstated(made: Forged, report: dict[str, Any], code: int) -> str:
     """What was confirmed and is not so; empty where all of it is."""
-    for label, module in found["modules"].items():
+    for label, module in report["modules"].items():
         name = label.removeprefix(module["system"] + ".").split(" as ")[0]
         sets = f"system {module['system']} {{ set" in made.text
         if sets and module["otherwise"] and code == FINE:
@@ -163,7 +163,7 @@ def _overstated(made: Forged, found: dict[str, Any], code: int) -> str:
 
 def untouched() -> list[Outcome]:
     """Every certificate as `soter verify` wrote it: whatever is proved has to be accepted."""
-    found = []
+    outcomes = []
     for base in _BASES.values():
         for name, variant in {"": base, **base.variants}.items():
             if not variant.proved:
@@ -175,16 +175,16 @@ def untouched() -> list[Outcome]:
             wrong = "" if report.accepted else "a right one is rejected"
             label = f"{base.name} {name}".strip()
             code = 0 if report.accepted else 3
-            found.append(
+            outcomes.append(
                 Outcome(base.family, "untouched", label, code, report.seconds, report.reason, wrong)
             )
-    return found
+    return outcomes
 
 
 def run(count: int, seed: int, jobs: int, kinds: list[str]) -> list[Outcome]:
     """`count` forgeries of each kind, dealt out to the families in turn."""
     _BASES.update({name: base_of(name) for name in PROGRAMS})
-    found = untouched()
+    outcomes = untouched()
     families = list(dict.fromkeys(b.family for b in _BASES.values()))
     work = [
         (kind, families[k % len(families)], seed * 1_000_000 + 1000 * n + k)
@@ -196,18 +196,18 @@ def run(count: int, seed: int, jobs: int, kinds: list[str]) -> list[Outcome]:
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("fork")) as pool:
         asked = [pool.submit(judge, *item) for item in work]
         for k, answer in enumerate(asked, 1):
-            found.append(answer.result())
+            outcomes.append(answer.result())
             if k % 50 == 0:
                 print(f"{k} of {len(work)}", file=sys.stderr, flush=True)
-    return found
+    return outcomes
 
 
-def table(found: list[Outcome]) -> str:
+def table(outcomes: list[Outcome]) -> str:
     """Kinds by families: accepted of all; then what is wrong."""
-    families = list(dict.fromkeys(o.family for o in found))
+    families = list(dict.fromkeys(o.family for o in outcomes))
     lines = [f"{'kind':<22}" + "".join(f"{f:>14}" for f in families) + f"{'FALSE':>8}{'HANG':>6}"]
     for kind in ("untouched", *KINDS):
-        of = [o for o in found if o.kind == kind]
+        of = [o for o in outcomes if o.kind == kind]
         if not of:
             continue
         row = f"{kind:<22}"
@@ -230,19 +230,19 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     began = time.perf_counter()
-    found = run(args.count, args.seed, args.jobs, args.kind or list(KINDS))
+    outcomes = run(args.count, args.seed, args.jobs, args.kind or list(KINDS))
     print("accepted (exit 0 or 4) of all that were made")
-    print(table(found))
-    for o in found:
+    print(table(outcomes))
+    for o in outcomes:
         if o.wrong:
             print(f"  {o.family}, {o.kind}, {o.name}: {o.wrong} {o.reason[:160]}")
-    slowest = max(o.seconds for o in found)
-    reasons = Counter(o.reason.split("`")[0][:60] for o in found if o.exit == 3)
+    slowest = max(o.seconds for o in outcomes)
+    reasons = Counter(o.reason.split("`")[0][:60] for o in outcomes if o.exit == 3)
     print(f"{len(reasons)} reasons; the slowest took {slowest:.1f} s")
     print(f"{time.perf_counter() - began:.0f} s, target: 0 false, 0 right rejected, 0 hangs")
     if args.json:
-        args.json.write_text(json.dumps([asdict(o) for o in found], indent=1))
-    return 1 if any(o.wrong for o in found) else 0
+        args.json.write_text(json.dumps([asdict(o) for o in outcomes], indent=1))
+    return 1 if any(o.wrong for o in outcomes) else 0
 
 
 if __name__ == "__main__":

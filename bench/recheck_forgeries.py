@@ -23,13 +23,13 @@ from bench.recheck_small import FORCED, SYSTEM
 from bench.recheck_small import PROGRAMS as SMALL
 
 import soter
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.folder import canonical
+from soter.certificate.induction.facts import read_induction
+from soter.certificate.reading.problem import DiffersError, read_facts
+from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_to_prove
-from soter.recheck.certificate.errors import RejectedError
-from soter.recheck.certificate.folder import canonical
-from soter.recheck.induction.facts import read_induction
-from soter.recheck.reading.problem import DiffersError, read_facts
-from soter.recheck.terms.terms import NotRecheckedError
+from soter.program.front_end import check_file, system_to_prove
 from unit.reach.test_composition import COUPLED
 from unit.recheck.test_polytope_certificates import program as polytope_program
 from unit.recheck.test_recheck_induction import PLANNER
@@ -134,8 +134,8 @@ class Forged:
 
     def entry(self, dice: Dice) -> dict[str, Any]:
         """One of its modules."""
-        found: dict[str, Any] = dice.choice(self.manifest["modules"])
-        return found
+        entry: dict[str, Any] = dice.choice(self.manifest["modules"])
+        return entry
 
     def seal(self) -> None:
         """Every file written, every hash right."""
@@ -156,12 +156,12 @@ def certificate_of(name: str, family: str, text: str) -> Base | None:
         path = Path(at) / MAIN
         path.write_text(text)
         try:
-            found = soter.load(path).verify(cert=Path(at) / "cert", refute=False)
+            report = soter.load(path).verify(cert=Path(at) / "cert", refute=False)
         except SoterError:
             return None
         manifest = json.loads((Path(at) / "cert" / "manifest.json").read_text())
         contents = {n: (Path(at) / "cert" / n).read_bytes() for n in manifest["files"]}
-    return Base(name, family, text, manifest, contents, found.verdict == "proved")
+    return Base(name, family, text, manifest, contents, report.verdict == "proved")
 
 
 def base_of(name: str) -> Base:
@@ -179,15 +179,15 @@ def base_of(name: str) -> Base:
 
 def edited(text: str, edits: tuple[tuple[str, str, str], ...]) -> list[tuple[str, str]]:
     """The edits that change a text, with what they make of it."""
-    found = []
+    variants = []
     for name, old, new in edits:
         changed, count = re.subn(old, new, text, flags=re.DOTALL)
         if count and name in DRIVEN:
             state = "x" if "state x" in text else "p"
             changed = re.sub(DRIVEN[name][0], DRIVEN[name][1].replace("STATE", state), changed)
         if count and changed != text:
-            found.append((name, changed))
-    return found
+            variants.append((name, changed))
+    return variants
 
 
 @lru_cache(maxsize=4096)
@@ -199,11 +199,11 @@ def proved_of(text: str, claim: Claim) -> frozenset[str]:
         path.write_text(text)
         params = {n: float(v) for n, v in values}
         try:
-            found = soter.load(path).verify(module, system=system, params=params, refute=False)
+            report = soter.load(path).verify(module, system=system, params=params, refute=False)
         except SoterError:
             return frozenset()
     return frozenset(
-        n for m in found.modules for n, f in m.findings.items() if f.verdict == "proved"
+        n for m in report.modules for n, f in m.findings.items() if f.verdict == "proved"
     )
 
 
@@ -317,10 +317,10 @@ def _program_of_another(made: Forged, dice: Dice, of: Any = EDITS) -> None:  # n
 
 def _adapted(entry: dict[str, Any], flat: Any) -> None:  # noqa: ANN401 - a system
     if "induction" in entry:
-        found = read_induction(flat, entry["module"])
-        clocks = {c.name: [c.period_ns, c.phase_ns, 0, 0] for c in found.actors}
-        entry["induction"].update(clocks=clocks, hyperperiod_ns=found.turn)
-        lemmas = [" ".join(e.span.text.split()) for e in found.symbol.verify.lemmas]
+        induction = read_induction(flat, entry["module"])
+        clocks = {c.name: [c.period_ns, c.phase_ns, 0, 0] for c in induction.actors}
+        entry["induction"].update(clocks=clocks, hyperperiod_ns=induction.turn)
+        lemmas = [" ".join(e.span.text.split()) for e in induction.symbol.verify.lemmas]
         entry["induction"]["lemmas"] = lemmas
         return
     facts = read_facts(flat, entry["module"])

@@ -131,8 +131,8 @@ class Tables:
         i = np.searchsorted(self.edges[0], x, side="right") - 1
         j = np.searchsorted(self.edges[1], v, side="right") - 1
         inside = (i >= 0) & (i < table.shape[0]) & (j >= 0) & (j < table.shape[1])
-        found = table[np.clip(i, 0, table.shape[0] - 1), np.clip(j, 0, table.shape[1] - 1)]
-        return np.where(inside, found, 0)
+        entries = table[np.clip(i, 0, table.shape[0] - 1), np.clip(j, 0, table.shape[1] - 1)]
+        return np.where(inside, entries, 0)
 
     def sample(
         self, cells: NDArray[Any], count: int, draw: np.random.Generator

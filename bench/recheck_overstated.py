@@ -43,14 +43,14 @@ from bench.recheck_small import (  # noqa: E402 - needs the path
 
 import soter  # noqa: E402
 from generators.every_schedule_of_module import EverySchedule  # noqa: E402 - needs the path
-from generators.schedules import scaled  # noqa: E402 - needs the path
+from generators.schedule_systems import scaled  # noqa: E402 - needs the path
+from soter.certificate.format.folder import canonical  # noqa: E402
+from soter.certificate.reading.facts import DiffersError  # noqa: E402
+from soter.certificate.reading.problem import read_facts  # noqa: E402
+from soter.certificate.rechecker import Report, recheck  # noqa: E402
+from soter.certificate.terms.terms import NotRecheckedError  # noqa: E402
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
-from soter.program.build import check_file, system_of  # noqa: E402
-from soter.recheck.certificate.folder import canonical  # noqa: E402
-from soter.recheck.reading.facts import DiffersError  # noqa: E402
-from soter.recheck.reading.problem import read_facts  # noqa: E402
-from soter.recheck.rechecker import Report, recheck  # noqa: E402
-from soter.recheck.terms.terms import NotRecheckedError  # noqa: E402
+from soter.program.front_end import check_file, system_of  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -114,9 +114,9 @@ def proved_anew(folder: Path, text: str, values: dict[str, str] | None = None) -
 def base_of(name: str) -> Base:
     """The certificate of a program, accepted."""
     with tempfile.TemporaryDirectory() as at:
-        found = proved_anew(Path(at), PROGRAMS[name])
-        assert found is not None
-        assert found.verdict == "proved", name
+        proof = proved_anew(Path(at), PROGRAMS[name])
+        assert proof is not None
+        assert proof.verdict == "proved", name
         folder = Path(at) / "cert"
         report = recheck(folder, workers=1)
         assert report.accepted, (name, report.reason)
@@ -124,7 +124,7 @@ def base_of(name: str) -> Base:
         contents = {n: (folder / n).read_bytes() for n in manifest["files"]}
     said = tuple(a.key for a in report.said)
     confirmed = tuple(report.modules[0].confirmed)
-    reached = reached_by(found.modules[0].problem.times.schedule)
+    reached = reached_by(proof.modules[0].problem.times.schedule)
     return Base(name, PROGRAMS[name], manifest, contents, said, confirmed, reached)
 
 
@@ -237,8 +237,8 @@ def _against(report: Report, anew: Any) -> str:  # noqa: ANN401
         return "the prover has nothing to verify there"
     (module,) = report.modules
     for other in anew.modules:
-        found = {n: f.verdict for n, f in other.findings.items()}
-        missed = [n for n in module.confirmed if found.get(n) != "proved"]
+        verdict_by_property = {n: f.verdict for n, f in other.findings.items()}
+        missed = [n for n in module.confirmed if verdict_by_property.get(n) != "proved"]
         if missed:
             return f"{NOT_PROVED}: {', '.join(missed)}"
         told = "\n".join(other.problem.assumptions)
@@ -297,12 +297,12 @@ def run(share: float, seed: int, jobs: int) -> list[Outcome]:
     if jobs == 1:
         return [_judge(job) for job in todo]
     with multiprocessing.get_context("fork").Pool(jobs) as pool:
-        found = []
+        outcomes = []
         for outcome in pool.imap(_judge, todo, chunksize=8):
-            found.append(outcome)
-            if len(found) % 100 == 0:
-                print(f"{len(found)} of {len(todo)}", file=sys.stderr, flush=True)
-        return found
+            outcomes.append(outcome)
+            if len(outcomes) % 100 == 0:
+                print(f"{len(outcomes)} of {len(todo)}", file=sys.stderr, flush=True)
+        return outcomes
 
 
 def main() -> int:
@@ -314,25 +314,25 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     began = time.perf_counter()
-    found = run(args.share, args.seed, args.jobs)
+    outcomes = run(args.share, args.seed, args.jobs)
     heads = ("count", "rejected", "accepted, true", "OVERSTATED", "written", "REJECTED")
     print(f"{'edit':<14}{heads[0]:>7}{heads[1]:>10}{heads[2]:>16}{heads[3]:>12}", end="")
     print(f"{heads[4]:>9}{heads[5]:>10}")
     for kind in (*KINDS, "all"):
-        of = [o for o in found if kind in (o.kind, "all")]
+        of = [o for o in outcomes if kind in (o.kind, "all")]
         wrong = sum(bool(o.wrong) for o in of)
         accepted = sum(o.accepted for o in of)
         print(f"{kind:<14}{len(of):>7}{len(of) - accepted:>10}{accepted - wrong:>16}", end="")
         print(f"{wrong:>12}{sum(o.proved for o in of):>9}{sum(bool(o.written) for o in of):>10}")
-    for o in found:
+    for o in outcomes:
         if o.wrong:
             print(f"  {o.base}: {o.kind}: {o.name}: {o.wrong}")
-    for reason, count in Counter(o.written for o in found if o.written).most_common(12):
+    for reason, count in Counter(o.written for o in outcomes if o.written).most_common(12):
         print(f"  written by verify and rejected, {count} times: {reason}")
     print(f"{time.perf_counter() - began:.0f} s, target: 0 overstated, 0 written and rejected")
     if args.json:
-        args.json.write_text(json.dumps([asdict(o) for o in found], indent=1))
-    return 1 if any(o.wrong for o in found) else 0
+        args.json.write_text(json.dumps([asdict(o) for o in outcomes], indent=1))
+    return 1 if any(o.wrong for o in outcomes) else 0
 
 
 if __name__ == "__main__":

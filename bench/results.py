@@ -23,10 +23,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import soter
-from soter.campaign.fleet import EVENT, TO_AC, TO_SC
+from soter.campaign.batch_flights import EVENT, TO_AC, TO_SC
 from soter.campaign.statistics import rate
 from soter.campaign.tables import faults as faults_table
-from soter.campaign.words import an_hour, bound, guilt, interval, listed, verdict
+from soter.campaign.wording import an_hour, bound, guilt, interval, listed, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -57,9 +57,9 @@ def row(*cells: object) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
-def beside_the_paper(found: Campaign, outside: Campaign) -> Iterator[str]:
+def beside_the_paper(campaign: Campaign, outside: Campaign) -> Iterator[str]:
     """Our figures beside those of the paper's Section V-D."""
-    ours = [list(figures(c)) for c in (found, outside)]
+    ours = [list(figures(c)) for c in (campaign, outside)]
     papers = {
         "simulated": f"{HOURS:g} h in Gazebo",
         "flown": f"about {KM:,.0f} km",
@@ -68,24 +68,27 @@ def beside_the_paper(found: Campaign, outside: Campaign) -> Iterator[str]:
         "takeovers": f"{PAPERS_TAKEOVERS}",
         f"AC share, {MOTION}": "> 96 %",
     }
-    yield row("", "the paper", f"`{found.system}`", f"`{outside.system}`")
+    yield row("", "the paper", f"`{campaign.system}`", f"`{outside.system}`")
     yield row(*["---"] * 4)
     for (name, inside), (_, other) in zip(*ours, strict=True):
         yield row(name, papers.get(name, "-"), inside, other)
 
 
-def figures(found: Campaign) -> Iterator[tuple[str, str]]:
+def figures(campaign: Campaign) -> Iterator[tuple[str, str]]:
     """What is told of a campaign, by name."""
-    r = found.result
+    r = campaign.result
     speed, height, clearance = (
         next(m for m in r.measures if m.name == name) for name in ("speed", "height", "clearance")
     )
     episodes = sum(m.episodes for m in r.modules)
     saves = sum(m.saves or 0 for m in r.modules)
     hour = an_hour(r)
-    inside = sum(1 for _, why in found.faults if why)
-    yield "faults inside, outside of what proofs assume", f"{inside}, {len(found.faults) - inside}"
-    yield "simulated", f"{r.hours:,.1f} h, {r.hours_told:,.1f} h of it aloft"
+    inside = sum(1 for _, why in campaign.faults if why)
+    yield (
+        "faults inside, outside of what proofs assume",
+        f"{inside}, {len(campaign.faults) - inside}",
+    )
+    yield "simulated", f"{r.hours:,.1f} h, {r.rate_hours:,.1f} h of it aloft"
     yield "flights, of them distinct", f"{r.flights:,}, {r.distinct:,}"
     yield "flown", f"{r.km or 0.0:,.0f} km, below {height.most:.1f} m"
     yield "violations", f"{r.violations:,} in {r.flights_violated:,} flights"
@@ -94,18 +97,18 @@ def figures(found: Campaign) -> Iterator[tuple[str, str]]:
     yield "takeovers", f"{sum(m.disengagements for m in r.modules):,}"
     yield "episodes (takeovers within 2 s are one)", f"{episodes:,}"
     yield "saves, precautions", f"{saves:,}, {episodes - saves:,}"
-    yield f"saves {hour}", f"{saves / r.hours_told:.2f}"
+    yield f"saves {hour}", f"{saves / r.rate_hours:.2f}"
     for m in r.modules:
         yield f"AC share, {m.name}", f"{m.ac_share:.2%}"
         yield f"episodes {hour}, 95 %, {m.name}", f"{interval(*m.per_hour)} ({m.basis})"
     yield "all modules in AC at once", f"{r.ac_share:.2%}"
-    yield "mean speed aloft", f"{speed.mean * r.hours / r.hours_told:.2f} m/s"
+    yield "mean speed aloft", f"{speed.mean * r.hours / r.rate_hours:.2f} m/s"
     yield "least clearance of the hull", f"{clearance.least:.2f} m"
 
 
-def histogram(found: Campaign, name: str, width: int = 40) -> Iterator[str]:
+def histogram(campaign: Campaign, name: str, width: int = 40) -> Iterator[str]:
     """A measure as bars of text: five bins together."""
-    m = next(x for x in found.result.measures if x.name == name)
+    m = next(x for x in campaign.result.measures if x.name == name)
     inner, total = m.bins[1:-1], sum(m.bins)
     groups = [(m.edges[k], m.edges[min(k + 5, len(inner))], sum(inner[k : k + 5]))
               for k in range(0, len(inner), 5)]  # fmt: skip
@@ -119,12 +122,12 @@ def histogram(found: Campaign, name: str, width: int = 40) -> Iterator[str]:
     yield "```"
 
 
-def other_rules(found: Campaign) -> Iterator[str]:
+def other_rules(campaign: Campaign) -> Iterator[str]:
     """Crashes and violations by arm."""
     yield row("arm", "flights", "crashed", "violated anything", "of them clean without what is "
               "outside", "all in AC", "what is different")  # fmt: skip
     yield row(*["---"] * 7)
-    for a in found.arms:
+    for a in campaign.arms:
         r = a.result
         yield row(
             a.name, f"{r.flights:,}", f"{crashes(a):,}", f"{r.flights_violated:,}",
@@ -145,49 +148,50 @@ def introduction(again: list[bool]) -> str:
     )
 
 
-def judged(found: Campaign, flat: System) -> str:
+def judged(campaign: Campaign, flat: System) -> str:
     """What counts as a violation, and what came of it."""
     what = listed([f"{p.kind} {p.text}" for p in flat.properties])
-    r = found.result
-    because = f" {guilt(r)[0].upper()}{guilt(r)[1:]}." if r.violations and found.faults else ""
+    r = campaign.result
+    because = f" {guilt(r)[0].upper()}{guilt(r)[1:]}." if r.violations and campaign.faults else ""
     return (
-        f"A violation of `{found.system}` is one of {what}: {verdict(r)} in {r.hours_told:,.1f} h, "
+        f"A violation of `{campaign.system}` is one of {what}: {verdict(r)} in "
+        f"{r.rate_hours:,.1f} h, "
         f"with 95 % confidence {bound(r)}.{because}"
     )
 
 
-def declared(found: Campaign) -> str:
+def declared(campaign: Campaign) -> str:
     """How many faults there are, and where they stand to the assumptions."""
-    count = len(found.faults)
-    inside = sum(1 for _, why in found.faults if why)
+    count = len(campaign.faults)
+    inside = sum(1 for _, why in campaign.faults if why)
     if not count:
-        return f"Nothing was declared to go wrong in `{found.system}`."
+        return f"Nothing was declared to go wrong in `{campaign.system}`."
     if inside == count:
         return (
-            f"In `{found.system}` {count} faults were declared, all of them inside of what the "
+            f"In `{campaign.system}` {count} faults were declared, all of them inside of what the "
             "proofs assume:"
         )
     return (
-        f"In `{found.system}` {count} faults were declared, {inside} of them inside of what the "
+        f"In `{campaign.system}` {count} faults were declared, {inside} of them inside of what the "
         f"proofs assume and {count - inside} outside:"
     )
 
 
-def broken(found: Campaign) -> list[str]:
+def broken(campaign: Campaign) -> list[str]:
     """What was violated, a row each."""
     rows = [row("times", "violated"), row("---", "---")]
-    rows += [row(f"{n:,}", f"`{what}`") for what, n in found.result.broken]
-    return [*rows, ""] if found.result.broken else []
+    rows += [row(f"{n:,}", f"`{what}`") for what, n in campaign.result.broken]
+    return [*rows, ""] if campaign.result.broken else []
 
 
-def lateness(found: Campaign) -> str:
+def lateness(campaign: Campaign) -> str:
     """What the arm `paper` was flown with."""
-    return f"Lateness of `paper`: {found.lateness}."
+    return f"Lateness of `paper`: {campaign.lateness}."
 
 
-def table(found: Campaign) -> list[str]:
+def table(campaign: Campaign) -> list[str]:
     """The faults of a campaign."""
-    head, rows = faults_table(found)
+    head, rows = faults_table(campaign)
     if not rows:
         return []
     return [row(*head), row(*["---"] * len(head)), *(row(*cells) for cells in rows), ""]
@@ -209,23 +213,23 @@ def page(
     stack, outside = campaigns
     r, o = stack.result, outside.result
     told = (
-        f"{r.hours_told:,.0f} and {o.hours_told:,.0f} hours aloft, {r.km:,.0f} and {o.km:,.0f} km"
+        f"{r.rate_hours:,.0f} and {o.rate_hours:,.0f} hours aloft, {r.km:,.0f} and {o.km:,.0f} km"
     )
     lines = [f"# Results: {told}", "", *prose(introduction(again))]
     lines += ["## The whole drone, beside the paper's rigorous simulation", ""]
     lines += [*beside_the_paper(stack, outside), ""]
-    for found, flat in zip(campaigns, flats, strict=True):
-        lines += [f"### {found.system}", "", *prose(judged(found, flat)), *broken(found)]
-        lines += [*prose(declared(found)), *table(found)]
+    for campaign, flat in zip(campaigns, flats, strict=True):
+        lines += [f"### {campaign.system}", "", *prose(judged(campaign, flat)), *broken(campaign)]
+        lines += [*prose(declared(campaign)), *table(campaign)]
         every = next(m.every_ns for m in flat.measures if m.name == "clearance") / 1e6
         lines += [
             *prose(f"`clearance`, m, every {every:g} ms:"),
-            *histogram(found, "clearance"),
+            *histogram(campaign, "clearance"),
             "",
         ]
         lines += prose(
-            f"Saves are counted with a horizon of {found.horizon_s:g} s. Digest of the "
-            f"{found.result.flights:,} flights: `{found.result.digest[:16]}`."
+            f"Saves are counted with a horizon of {campaign.horizon_s:g} s. Digest of the "
+            f"{campaign.result.flights:,} flights: `{campaign.result.digest[:16]}`."
         )
     lines += ["## The same seeds by other rules: the stack", ""]
     lines += [*other_rules(rules), "", *prose(lateness(rules))]
@@ -237,12 +241,12 @@ def page(
 # ---------------------------------------------------------------- flown again
 
 
-def run_again(program: Program, found: Campaign) -> Iterator[bool]:
+def run_again(program: Program, campaign: Campaign) -> Iterator[bool]:
     """Whether flights without a violation, evenly over a campaign, are those of `soter run`."""
-    clean = [f for f in found.flights if not f.violations]
+    clean = [f for f in campaign.flights if not f.violations]
     for k in range(min(AGAIN, len(clean))):
         flight = clean[k * (len(clean) - 1) // max(AGAIN - 1, 1)]
-        run = program.simulate(found.system, found.until_s, flight.seed, trace=False)
+        run = program.simulate(campaign.system, campaign.until_s, flight.seed, trace=False)
         events = [(c.time_ns, TO_AC if c.to == "AC" else TO_SC, c.module) for c in run.changes]
         said = np.array(events, dtype=EVENT).tobytes() + run.final.tobytes()
         yield hashlib.sha256(said).hexdigest() == flight.digest
@@ -270,8 +274,8 @@ def main() -> int:
     args.page.write_text(written, encoding="utf-8")
     right = all(again) and (stack.result.km or 0.0) >= KM
     for name, r in (("inside", stack.result), ("outside", outside.result)):
-        right &= r.hours_told >= HOURS and r.violated_inside == 0
-        print(f"{name}: {r.violations} violations, {r.hours_told:,.1f} h aloft, {r.km:,.0f} km")
+        right &= r.rate_hours >= HOURS and r.violated_inside == 0
+        print(f"{name}: {r.violations} violations, {r.rate_hours:,.1f} h aloft, {r.km:,.0f} km")
     right &= all(why for _, why in stack.faults)
     right &= stack.result.violations == rules.result.violations == laps.result.violations == 0
     print(f"stack by other rules: {[(a.name, crashes(a)) for a in rules.arms]}")

@@ -547,8 +547,8 @@ def machine() -> str:
     cpu = "unknown CPU"
     info = Path("/proc/cpuinfo")
     if info.exists():
-        found = re.search(r"model name\s*: (.*)", info.read_text())
-        cpu = found.group(1) if found else cpu
+        match = re.search(r"model name\s*: (.*)", info.read_text())
+        cpu = match.group(1) if match else cpu
     cc = subprocess.run(["cc", "--version"], capture_output=True, text=True, check=False)
     compiler = cc.stdout.splitlines()[0] if cc.stdout else "no cc"
     python = platform.python_version()
@@ -563,10 +563,14 @@ def sections() -> dict[str, str]:
     return dict(zip(parts[::2], (text.strip() for text in parts[1::2]), strict=True))
 
 
-def write(found: dict[str, str]) -> None:
+def write(section_by_name: dict[str, str]) -> None:
     """The page in the order of BENCHMARKS."""
     parts = [HEAD.format(machine=machine())]
-    parts += [f"## {b.name}\n\n{found[b.name]}\n" for b in BENCHMARKS if b.name in found]
+    parts += [
+        f"## {b.name}\n\n{section_by_name[b.name]}\n"
+        for b in BENCHMARKS
+        if b.name in section_by_name
+    ]
     PAGE.write_text("\n".join(parts), encoding="utf-8")
 
 
@@ -575,7 +579,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", help="run the benchmarks whose name contains this")
     arguments = parser.parse_args()
-    found = sections()
+    section_by_name = sections()
     failed = 0
     for b in BENCHMARKS:
         if arguments.only and arguments.only.lower() not in b.name.lower():
@@ -590,8 +594,8 @@ def main() -> int:
             print("no figures: the section stays as it was", flush=True)
             continue
         command = "python " + " ".join(b.arguments)
-        found[b.name] = f"`{command}`\n\n{b.about}\n\n```\n{done.stdout.rstrip()}\n```"
-        write(found)
+        section_by_name[b.name] = f"`{command}`\n\n{b.about}\n\n```\n{done.stdout.rstrip()}\n```"
+        write(section_by_name)
     print(f"wrote {PAGE.relative_to(ROOT)}")
     return 1 if failed else 0
 

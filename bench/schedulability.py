@@ -6,8 +6,8 @@ Purpose: sets that keep the thread busy for 60 to 100 % of the time. Of a set th
 execution may miss a deadline: the one in which all is as late and as long as it may be, and random
 ones, tick by tick over all first releases and two hyperperiods. Of a set that is refused the
 instance that comes with it is replayed, and has to miss there. The simulator
-(`tests/generators/threads.py`) knows the model only. Exit code 1 where a figure misses its target.
-`--blind` hides something from the analysis, to show that the comparison sees it.
+(`tests/generators/simulated_thread.py`) knows the model only. Exit code 1 where a figure misses its
+target. `--blind` hides something from the analysis, to show that the comparison sees it.
 Non-goals: times of day; whether the model is that of a machine (docs/timing.md).
 """
 
@@ -26,8 +26,8 @@ for folder in (ROOT, ROOT / "tests"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 
-from generators.threads import Job, at_worst, busy, drawn, simulate, turn  # noqa: E402 - as above
-from soter.timing.calendar import Analysis, Task, analyse  # noqa: E402 - needs the path
+from generators.simulated_thread import Job, at_worst, busy, drawn, simulate, turn  # noqa: E402 - as above
+from soter.timing.response_times import Analysis, Task, analyse  # noqa: E402 - needs the path
 
 LOW, HIGH = 0.6, 1.0
 BANDS = ((0.6, 0.7), (0.7, 0.8), (0.8, 0.9), (0.9, 1.01))
@@ -79,22 +79,22 @@ def misses(rng: random.Random, jobs: list[Job], executions: int) -> bool:
 def run(sets: int, executions: int, hidden: str) -> Counts:
     """Counts: of sets, refused, accepted that miss, refused without an instance, by band."""
     rng = random.Random(20261122)  # noqa: S311 - schedules, not secrets
-    found: Counts = Counter()
+    counts: Counts = Counter()
     for _ in range(sets):
         jobs = drawn_between(rng)
         band = next(f"{lo:.1f}" for lo, hi in BANDS if lo <= busy(jobs) < hi)
-        found["sets", band] += 1
+        counts["sets", band] += 1
         said = analysed(jobs, hidden)
         if said.miss is None:
             wrong = misses(rng, jobs, executions)
-            found["accepted, missed", band] += wrong
+            counts["accepted, missed", band] += wrong
             continue
-        found["refused", band] += 1
+        counts["refused", band] += 1
         s = said.miss.step
         late = at_worst(jobs, s.end + 1)
         replayed = (s.task, s.number, s.end) in late
-        found["instances replayed", band] += replayed
-    return found
+        counts["instances replayed", band] += replayed
+    return counts
 
 
 def main() -> int:
@@ -107,13 +107,13 @@ def main() -> int:
     began = time.process_time()
     if args.blind:
         return blind(args.sets, args.executions)
-    found = run(args.sets, args.executions, "nothing")
+    counts = run(args.sets, args.executions, "nothing")
     words = ("sets", "refused", "accepted, missed", "instances replayed")
     print("| utilisation | sets | refused | accepted, and one misses | refused, instance misses |")
     print("|---|---|---|---|---|")
     total: Counter[str] = Counter()
     for low, high in BANDS:
-        row = {w: found[w, f"{low:.1f}"] for w in words}
+        row = {w: counts[w, f"{low:.1f}"] for w in words}
         total.update(row)
         print(f"| {low:.1f} to {min(high, 1.0):.1f} | {_cells(row, words)} |")
     print(f"| all | {_cells(total, words)} |")
@@ -138,10 +138,10 @@ def blind(sets: int, executions: int) -> int:
     print("hidden from the analysis   accepted, and one misses   refused, instance does not")
     seen = True
     for hidden in HIDDEN:
-        found = run(sets, executions, hidden)
+        counts = run(sets, executions, hidden)
         bands = [f"{low:.1f}" for low, _ in BANDS]
-        wrong = sum(found["accepted, missed", b] for b in bands)
-        gone = sum(found["refused", b] - found["instances replayed", b] for b in bands)
+        wrong = sum(counts["accepted, missed", b] for b in bands)
+        gone = sum(counts["refused", b] - counts["instances replayed", b] for b in bands)
         print(f"{hidden:<26} {wrong:>24,} {gone:>28,}")
         seen &= (wrong + gone > 0) == (hidden != "nothing")
     return 0 if seen else 1

@@ -34,17 +34,17 @@ EXAMPLES = (
 def row(example: str, compilers: list[str]) -> list[str]:
     """Name, bytes by each compiler, whether all fit, the last function of the first one's way."""
     program = soter.load(ROOT / "examples" / f"{example}.soter")
-    found = []
+    bounds = []
     with tempfile.TemporaryDirectory() as folder:
         package = program.build("c", Path(folder) / "out")
         for name in compilers:
             os.environ["SOTER_CC"] = name
             find.cache_clear()
-            found.append(stack_bound(package))
-    sizes = ["-" if s.bytes is None else f"{s.bytes}" for s in found]
-    fits = all(s.bytes is not None and s.bytes <= TARGET for s in found)
-    steps = [w for w in found[0].way if w.endswith("_step") and w not in KERNEL]
-    return [example, *sizes, "yes" if fits else "no", steps[-1] if steps else found[0].why]
+            bounds.append(stack_bound(package))
+    sizes = ["-" if s.bytes is None else f"{s.bytes}" for s in bounds]
+    fits = all(s.bytes is not None and s.bytes <= TARGET for s in bounds)
+    steps = [w for w in bounds[0].way if w.endswith("_step") and w not in KERNEL]
+    return [example, *sizes, "yes" if fits else "no", steps[-1] if steps else bounds[0].why]
 
 
 def main() -> int:

@@ -94,14 +94,14 @@ def main() -> int:
     rows, left = [], []
     used: dict[str, int] = {}
     for program in sys.argv[1:] or PROGRAMS:
-        found, took = analysed(program)
-        unexplained = [a for a in found if why(a) is None]
+        findings, took = analysed(program)
+        unexplained = [a for a in findings if why(a) is None]
         left += [f"{program}: {a}" for a in unexplained]
-        for alarm in found:
+        for alarm in findings:
             said = why(alarm)
             if said:
                 used[said] = used.get(said, 0) + 1
-        cells = (len(found), len(found) - len(unexplained), len(unexplained))
+        cells = (len(findings), len(findings) - len(unexplained), len(unexplained))
         rows.append([program, *map(str, cells), f"{took:.0f} s"])
     print(table(["program", "alarms", "explained", "left", "time"], rows))
     for said, times in used.items():

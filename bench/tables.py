@@ -71,7 +71,7 @@ const A: int = f();
 OPERATIONS = 2000 * (2 * 2000 + 2)
 SPEED = """
 import sys, time
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 began = time.perf_counter()
 assert check_file("m.soter", sys.stdin.read()).ok
 print(time.perf_counter() - began)
@@ -93,8 +93,8 @@ def stages(folder: Path, main: Path) -> dict[str, Any]:
     environment = {**os.environ, "SOTER_CACHE": str(folder / "cache")}
     command = [sys.executable, "-c", STAGES, str(main)]
     done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    measurements: dict[str, Any] = json.loads(done.stdout)
+    return measurements
 
 
 def measure(numbers: int) -> bool:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 if TYPE_CHECKING:
@@ -98,16 +98,16 @@ def searched(row: Row, seconds: float) -> Found:
 
 def measured(row: Row, runs: int, seconds: float) -> Measured:
     """The median of some runs; of one where it takes longer than a tenth of the time."""
-    found = [searched(row, seconds)]
-    while len(found) < runs and found[0].seconds < seconds / 10:
-        found.append(searched(row, seconds))
-    one = found[0]
+    searches = [searched(row, seconds)]
+    while len(searches) < runs and searches[0].seconds < seconds / 10:
+        searches.append(searched(row, seconds))
+    one = searches[0]
     return Measured(
         row.name,
         one.status,
         one.states,
         one.transitions,
-        median(f.seconds for f in found),
+        median(f.seconds for f in searches),
         HORIZON_NS if one.status == "exhausted" else one.covered_ns,
         one.total_bytes,
         row.wanted in {"", one.status},
@@ -121,7 +121,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=175.0)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    found = [measured(r, given.runs, given.seconds) for r in rows()]
+    measurements = [measured(r, given.runs, given.seconds) for r in rows()]
     lines = [
         [
             m.name,
@@ -132,15 +132,15 @@ def main() -> int:
             f"{m.covered_ns / 1e6:.0f} ms",
             f"{m.total_bytes / 1e6:.0f} MB",
         ]
-        for m in found
+        for m in measurements
     ]
     head = ["three modules, 400 ms", "ends", "states", "transitions", "search", "covered", "kept"]
     print(table(head, lines))
-    abstracted = sum(m.seconds for m in found if m.name in ABSTRACTED)
+    abstracted = sum(m.seconds for m in measurements if m.name in ABSTRACTED)
     print(f"one at a time, together: {abstracted:.2f} s (target: {TARGET_S:.0f} s)")
     if given.json is not None:
-        given.json.write_text(json.dumps([asdict(m) for m in found], indent=1))
-    return 0 if all(m.as_wanted for m in found) and abstracted <= TARGET_S else 1
+        given.json.write_text(json.dumps([asdict(m) for m in measurements], indent=1))
+    return 0 if all(m.as_wanted for m in measurements) and abstracted <= TARGET_S else 1
 
 
 if __name__ == "__main__":

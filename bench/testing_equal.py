@@ -22,7 +22,7 @@ from statistics import median
 
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 MEMORY = 2 << 30
@@ -117,17 +117,17 @@ def search(count: int, ticks: int, how: str, runs: int) -> Row:
     seconds = []
     for _ in range(runs):
         with Search(system, Options(reduction=WAYS[how], memory=MEMORY)) as own:
-            found, equal = own.run(), own.equal
-        seconds.append(found.seconds)
+            outcome, equal = own.run(), own.equal
+        seconds.append(outcome.seconds)
     return Row(
         count,
         len(system.components) + len(system.inputs),
         how,
-        found.status,
-        found.states,
-        found.transitions,
+        outcome.status,
+        outcome.states,
+        outcome.transitions,
         tuple(seconds),
-        found.total_bytes,
+        outcome.total_bytes,
         equal,
     )
 

@@ -39,18 +39,18 @@ from bench.testing_falsify_models import BUGS, Bug  # noqa: E402 - the same
 
 import soter  # noqa: E402 - after the path
 from soter.explore.engine.search import Search  # noqa: E402 - the same
-from soter.explore.judge.replay import broken_of, replay  # noqa: E402 - the same
+from soter.explore.judge.replay import replay, violation_id_of  # noqa: E402 - the same
 from soter.explore.methods import SAMPLING  # noqa: E402 - the same
 from soter.explore.results import Options  # noqa: E402 - the same
 from soter.explore.trace.schedule import plan_of  # noqa: E402 - the same
-from soter.explore.trace.trace import BROKEN_KINDS, Trace  # noqa: E402 - the same
-from soter.program.build import system_of_test  # noqa: E402 - the same
+from soter.explore.trace.trace import VIOLATION_KINDS, Trace  # noqa: E402 - the same
+from soter.program.front_end import system_of_test  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.explore.engine.search import Found
-    from soter.explore.results import Looked
+    from soter.explore.results import SearchProgress
     from soter.program.model.system import System
 
 UNGUIDED = "unguided"
@@ -85,7 +85,7 @@ class _Clock:
         self._until = time.process_time() + budget_s
         self.searching = True
 
-    def __call__(self, looked: Looked) -> None:
+    def __call__(self, looked: SearchProgress) -> None:
         del looked
         if self.searching and time.process_time() > self._until:
             self.searching = False
@@ -106,23 +106,23 @@ def examine(system: System, name: str, row: Row, shrink_s: float) -> Row:
     clock = _Clock(row.budget_s)
     with Search(system, options, clock) as search:
         began = time.process_time()
-        found = search.run()
+        outcome = search.run()
         clock.searching = False
-        row.seconds, row.runs = time.process_time() - began, found.runs
-        if found.status != "violated":
+        row.seconds, row.runs = time.process_time() - began, outcome.runs
+        if outcome.status != "violated":
             return row
-        row.steps = len(found.steps) - 1
-        smaller = search.shrunk(found, shrink_s) if shrink_s > 0 else found
+        row.steps = len(outcome.steps) - 1
+        smaller = search.shrunk(outcome, shrink_s) if shrink_s > 0 else outcome
         assert smaller is not None, f"{name}: what was found violates nothing"
         row.shrunk = len(smaller.steps) - 1
         assert replay(_trace(system, smaller, row.seed), system).reproduced, name
     return row
 
 
-def _trace(system: System, found: Found, seed: int) -> Trace:
-    assert found.broken is not None
-    what, index = found.broken
-    broken = broken_of(system, BROKEN_KINDS[what], index)
+def _trace(system: System, outcome: Found, seed: int) -> Trace:
+    assert outcome.broken is not None
+    what, index = outcome.broken
+    broken = violation_id_of(system, VIOLATION_KINDS[what], index)
     assert broken is not None
     plan = plan_of(system)
     return Trace(
@@ -135,7 +135,7 @@ def _trace(system: System, found: Found, seed: int) -> Trace:
         skew_ns=plan.skew_ns,
         horizon_ns=plan.horizon_ns,
         broken=broken,
-        steps=found.steps,
+        steps=outcome.steps,
         minimal=False,
     )
 
@@ -180,19 +180,19 @@ def table(rows: Sequence[Row]) -> list[str]:
     for strategy in dict.fromkeys(r.strategy for r in rows):
         for seed in sorted({r.seed for r in rows if r.strategy == strategy}):
             own = [r for r in rows if (r.strategy, r.seed) == (strategy, seed)]
-            found = [r for r in own if r.steps]
-            short = [r for r in found if r.shrunk <= TIMES_KNOWN * known[r.bug]]
-            times = [r.shrunk / known[r.bug] for r in found]
-            seconds = [r.seconds for r in found]
-            said = f"{strategy:<9} seed {seed}  found {len(found):>2} of {len(own)}"
-            if found:
+            hits = [r for r in own if r.steps]
+            short = [r for r in hits if r.shrunk <= TIMES_KNOWN * known[r.bug]]
+            times = [r.shrunk / known[r.bug] for r in hits]
+            seconds = [r.seconds for r in hits]
+            said = f"{strategy:<9} seed {seed}  found {len(hits):>2} of {len(own)}"
+            if hits:
                 said += (
                     f"  median {median(seconds):5.1f} s, at most {max(seconds):5.1f} s"
                     f"  {len(short)} within {TIMES_KNOWN:g} x known, at most {max(times):.2f} x"
                 )
             missed = [r.bug for r in own if not r.steps]
             lines.append(said)
-            if missed and len(found) * 2 > len(own):
+            if missed and len(hits) * 2 > len(own):
                 lines.append(f"          not {'; '.join(missed)}")
     return lines
 
@@ -228,8 +228,8 @@ def main(argv: list[str] | None = None) -> int:
             args.json.write_text(text + "\n", encoding="utf-8")
     print("\n".join(table(rows)))
     print(f"{time.perf_counter() - began:.0f} s")
-    found = [r.steps > 0 for r in rows if r.strategy == "falsify"]
-    return int(any(found) if args.correct else 10 * sum(found) < 9 * len(found))
+    hits = [r.steps > 0 for r in rows if r.strategy == "falsify"]
+    return int(any(hits) if args.correct else 10 * sum(hits) < 9 * len(hits))
 
 
 if __name__ == "__main__":

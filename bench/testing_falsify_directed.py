@@ -5,7 +5,7 @@
 The rule stands in `testing_falsify_models.py`. Per bug: its size, and the steps of the shortest
 directed execution that shows it. `--check`: the programs with bugs of size 0, which no directed
 schedule violates. Nothing of `falsify` is run, nor of any other strategy: the engine follows the
-schedule (`explore/engine/guided.py`).
+schedule (`explore/engine/guided_execution.py`).
 Purpose: sizes that do not depend on what is measured. Non-goals: the measurement.
 """
 
@@ -28,10 +28,10 @@ sys.path[:0] = [str(p) for p in (ROOT,) if str(p) not in sys.path]
 from bench.testing_falsify_models import BUGS, Bug  # noqa: E402 - needs the path
 
 import soter  # noqa: E402 - after the path
-from soter.explore.engine.engine import Engine  # noqa: E402 - the same
-from soter.explore.engine.guided import BIRTH, NOBODY, STEP  # noqa: E402 - the same
-from soter.program.build import system_of_test  # noqa: E402 - the same
-from soter.semantics.chance.random_draws import fnv  # noqa: E402 - the same
+from soter.explore.engine.explorer_library import Engine  # noqa: E402 - the same
+from soter.explore.engine.guided_execution import BIRTH, NOBODY, STEP  # noqa: E402 - the same
+from soter.program.front_end import system_of_test  # noqa: E402 - the same
+from soter.semantics.random.random_draws import fnv  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -328,25 +328,25 @@ def shortest(bug: Bug, size: float, borders: Sequence[Border]) -> tuple[int, flo
     """Steps of the shortest directed execution to a violation; the share of schedules with one."""
     on = course(bug, size)
     try:
-        found = [on.run(s) for s in schedules(borders, on.releases, on.late)]
+        lengths = [on.run(s) for s in schedules(borders, on.releases, on.late)]
     finally:
         on.close()
-    return min(n for n in found if n), sum(n > 0 for n in found) / len(found)
+    return min(n for n in lengths if n), sum(n > 0 for n in lengths) / len(lengths)
 
 
 def descend(
     bug: Bug, size: float, ratio: float, borders: Sequence[Border]
 ) -> tuple[list[float], Schedule]:
     """The sizes from `size` on, divided by `ratio` each time, until none is violated."""
-    found: list[float] = []
+    sizes: list[float] = []
     last: Schedule | None = None
     for _ in range(RUNGS):
         schedule = violating(bug, size, borders, last)
         if schedule is None:
             assert last is not None, f"{bug.name}: not violated at {size}"
-            return found, last
+            return sizes, last
         last = schedule
-        found.append(size)
+        sizes.append(size)
         size /= ratio
     msg = f"{bug.name}: violated at every size"
     raise AssertionError(msg)

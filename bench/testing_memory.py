@@ -20,12 +20,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.explore.engine.engine import Engine, Settings
-from soter.program.build import check_file, system_of_test
+from soter.explore.engine.explorer_library import Engine, EngineSettings
+from soter.program.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 if TYPE_CHECKING:
-    from soter.explore.engine.engine import Searched
+    from soter.explore.engine.explorer_library import Searched
     from soter.program.model.system import System
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,7 +45,7 @@ def subjects() -> list[tuple[str, System]]:
     """Name and test."""
     system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
     assert system.test is not None
-    found = [
+    tests = [
         (
             f"two_modules, {ticks} ticks",
             replace(system, test=replace(system.test, horizon_ns=ticks * TICK_NS)),
@@ -54,24 +54,24 @@ def subjects() -> list[tuple[str, System]]:
     ]
     for file, test in OTHERS:
         name = f"{Path(file).stem}, {test}"
-        found.append((name, system_of_test(check_file(str(EXAMPLES / file)), test)))
-    return found
+        tests.append((name, system_of_test(check_file(str(EXAMPLES / file)), test)))
+    return tests
 
 
-def line(name: str, engine: Engine, storage: str, found: Searched) -> tuple[list[str], float]:
+def line(name: str, engine: Engine, storage: str, exploration: Searched) -> tuple[list[str], float]:
     """A row, and bytes a configuration (fingerprints) or per packed byte (exact)."""
     packed = -(-engine.bits // 8)
-    each = found.table_bytes / found.states
+    each = exploration.table_bytes / exploration.states
     figure = each / packed if storage == "exact" else each
     target = TARGETS[storage]
     unit = "x packed" if storage == "exact" else "bytes"
     return [
         name,
         storage,
-        f"{found.states:,}",
+        f"{exploration.states:,}",
         f"{engine.bits} bits in {packed} bytes",
         f"{each:.2f}",
-        f"{found.frontier_bytes / found.states:.2f}",
+        f"{exploration.frontier_bytes / exploration.states:.2f}",
         f"{figure:.2f} {unit}",
         f"<= {target:g}",
         "yes" if figure <= target else "NO",
@@ -86,9 +86,11 @@ def main() -> int:
     for name, system in subjects():
         engine = Engine(system)
         for storage in TARGETS:
-            found = engine.explore(Settings(strategy="dfs", storage=storage, reduction="none"))
-            assert found.status == "exhausted", found
-            row, figures[f"{name}, {storage}"] = line(name, engine, storage, found)
+            exploration = engine.explore(
+                EngineSettings(strategy="dfs", storage=storage, reduction="none")
+            )
+            assert exploration.status == "exhausted", exploration
+            row, figures[f"{name}, {storage}"] = line(name, engine, storage, exploration)
             rows.append(row)
     heads = ("test", "storage", "configurations", "packed", "table", "frontier", "figure")
     print(table((*heads, "target", "met"), rows))

@@ -33,14 +33,14 @@ from bench.testing_mutant_models import CONTINUOUS, HARMLESS, MUTANTS  # noqa: E
 
 import soter  # noqa: E402 - after the path
 from generators.brute_force import BruteForce, TooLargeError  # noqa: E402 - the same
-from soter.explore.engine.engine import Engine, Settings  # noqa: E402 - the same
+from soter.explore.engine.explorer_library import Engine, EngineSettings  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from bench.testing_mutant_models import Mutant, Subject
 
-    from soter.explore.engine.engine import Searched
+    from soter.explore.engine.explorer_library import Searched
     from soter.explore.results import TestResult
     from soter.program.model.system import System
 
@@ -153,17 +153,17 @@ def _check(row: Row, system: System, most: int) -> None:
     """Breadth first without reduction and without remembered steps; then the enumerator."""
     engine = Engine(system)
     try:
-        found = engine.explore(Settings(strategy="bfs", reduction="none", plainly=True))
+        exploration = engine.explore(EngineSettings(strategy="bfs", reduction="none", plainly=True))
     finally:
         engine.close()
-    row.shortest = moves(found) if found.broken is not None else None
-    if found.transitions <= most:
+    row.shortest = moves(exploration) if exploration.broken is not None else None
+    if exploration.transitions <= most:
         row.brute = brute(system, most)
 
 
-def moves(found: Searched) -> int:
+def moves(exploration: Searched) -> int:
     """Steps of a trace without the start of the world."""
-    return sum(step.actor >= 0 for step in found.steps)
+    return sum(step.actor >= 0 for step in exploration.steps)
 
 
 def brute(system: System, most: int) -> int | None:

@@ -23,10 +23,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.explore.engine.engine import Engine, Searched, Settings
+from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 if TYPE_CHECKING:
@@ -61,7 +61,9 @@ def program(nodes: int, coupling: str) -> str:
 def searches(engine: Engine, most: int) -> dict[str, Searched]:
     """One search per reduction."""
     return {
-        r: engine.explore(Settings(strategy="bfs", reduction=r, memory=3 * 2**30, max_states=most))
+        r: engine.explore(
+            EngineSettings(strategy="bfs", reduction=r, memory=3 * 2**30, max_states=most)
+        )
         for r in REDUCTIONS
     }
 
@@ -69,18 +71,19 @@ def searches(engine: Engine, most: int) -> dict[str, Searched]:
 def apart(system: System) -> tuple[int, str]:
     """Configurations that `soter test` stores, which explores parts apart, and how many parts."""
     with Search(system, Options(memory=3 * 2**30)) as search:
-        found = search.run()
-        return found.states, f"{found.states:,} in {search.parts}"
+        outcome = search.run()
+        return outcome.states, f"{outcome.states:,} in {search.parts}"
 
 
-def cells(found: dict[str, Searched], parts: str) -> list[str]:
+def cells(exploration_by_reduction: dict[str, Searched], parts: str) -> list[str]:
     """Configurations per reduction, verdict, and by how much there are fewer."""
     shown = [
-        f"{f.states:,}" if f.status == "exhausted" else f"> {f.states:,}" for f in found.values()
+        f"{f.states:,}" if f.status == "exhausted" else f"> {f.states:,}"
+        for f in exploration_by_reduction.values()
     ]
-    share = found["all"].states / found["none"].states
-    at_most = "" if found["none"].status == "exhausted" else "< "
-    statuses = {f.status for f in found.values()}
+    share = exploration_by_reduction["all"].states / exploration_by_reduction["none"].states
+    at_most = "" if exploration_by_reduction["none"].status == "exhausted" else "< "
+    statuses = {f.status for f in exploration_by_reduction.values()}
     return [*shown, f"{at_most}1/{1 / share:.1f}", parts, "/".join(sorted(statuses))]
 
 
@@ -99,10 +102,12 @@ def main() -> int:
         for nodes in SIZES:
             text = program(nodes, coupling)
             system = system_of_test(check_file(f"{coupling}{nodes}.soter", text), "T")
-            found = searches(Engine(system), arguments.most)
+            exploration_by_reduction = searches(Engine(system), arguments.most)
             states, parts = apart(system)
-            rows.append([coupling, str(nodes), *cells(found, parts)])
-            figures[f"{coupling} {nodes}"] = {r: f.states for r, f in found.items()}
+            rows.append([coupling, str(nodes), *cells(exploration_by_reduction, parts)])
+            figures[f"{coupling} {nodes}"] = {
+                r: f.states for r, f in exploration_by_reduction.items()
+            }
             figures[f"{coupling} {nodes}"]["parts"] = states
     heads = ("program", "actors", *REDUCTIONS, "all / none", "soter test: parts", "status")
     print(table(heads, rows))

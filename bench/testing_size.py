@@ -25,14 +25,14 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 from soter.explore import methods
-from soter.explore.engine.engine import Engine, Settings
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 if TYPE_CHECKING:
-    from soter.explore.engine.engine import Searched
+    from soter.explore.engine.explorer_library import Searched
     from soter.explore.engine.search import Found
 
 BEFORE = "before"
@@ -239,33 +239,33 @@ def search(test: str, ticks: int, how: str, strategy: str, runs: int, most: floa
     assert system.test is not None
     system = replace(system, test=replace(system.test, horizon_ns=ticks * TICK_NS))
     seconds = []
-    found: Found | Searched
+    outcome: Found | Searched
     for _ in range(runs):
         if how == APART:
             with Search(system, Options(memory=MEMORY, time=most)) as own:
-                found = own.run()
+                outcome = own.run()
         else:
             engine = Engine(system)
-            settings = Settings(reduction=how, strategy=strategy, memory=MEMORY)
-            found = engine.explore(settings, None, most)
+            settings = EngineSettings(reduction=how, strategy=strategy, memory=MEMORY)
+            outcome = engine.explore(settings, None, most)
             engine.close()
-        seconds.append(found.seconds)
-        if found.stopped:
+        seconds.append(outcome.seconds)
+        if outcome.stopped:
             break
-    status = found.stopped or found.status
+    status = outcome.stopped or outcome.status
     return Row(
         test,
         ticks,
         how,
         strategy,
         status,
-        found.states,
-        found.transitions,
+        outcome.states,
+        outcome.transitions,
         tuple(seconds),
-        found.table_bytes,
-        found.frontier_bytes,
-        found.total_bytes,
-        len(found.steps),
+        outcome.table_bytes,
+        outcome.frontier_bytes,
+        outcome.total_bytes,
+        len(outcome.steps),
     )
 
 

@@ -4,9 +4,10 @@
                                           [--apart | --instants | --joined | --equal]
 
 Per program every exhaustive strategy and every reduction, two threads, fingerprints, and the
-least trace to every violation; tests/generators/agreement.py says what has to be equal. With
-`--equal` programs of two or three instances that are equal, or nearly: verdicts, lengths of traces,
-coverage, and one configuration stored for each orbit (tests/generators/agreement_of_equals.py).
+least trace to every violation; tests/generators/explorer_agreement.py says what has to be equal.
+With `--equal` programs of two or three instances that are equal, or nearly: verdicts, lengths of
+traces, coverage, and one configuration stored for each orbit
+(tests/generators/symmetry_agreement.py).
 
 Purpose: the soundness figure of issue 4. Non-goals: speed.
 """
@@ -25,20 +26,20 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from generators.agreement import (  # noqa: E402 - from tests/
+from generators.equal_instance_programs import equal_instances  # noqa: E402 - from tests/
+from generators.explorer_agreement import (  # noqa: E402 - from tests/
     REDUCTIONS,
     compared,
     small,
     small_ones,
 )
-from generators.agreement_of_equals import compared_as_equals  # noqa: E402 - from tests/
-from generators.equal_instances import equal_instances  # noqa: E402 - from tests/
 from generators.programs_apart import program_apart  # noqa: E402 - from tests/
 from generators.programs_in_instants import (  # noqa: E402 - from tests/
     program_in_instants,
     program_joined,
 )
-from generators.small_programs import small_program  # noqa: E402 - from tests/
+from generators.small_test_programs import small_program  # noqa: E402 - from tests/
+from generators.symmetry_agreement import compared_as_equals  # noqa: E402 - from tests/
 from soter.report.summary import table  # noqa: E402 - after the path
 
 
@@ -112,9 +113,9 @@ def main() -> int:
     whole = states["none"] or math.nan  # no program may be clean
     rows = [(r, f"{states[r]:,}", f"{states[r] / whole:.2f}") for r in REDUCTIONS]
     print(table(("reduction", "configurations of the clean programs", "share"), rows))
-    found = ", ".join(f"{what} {n}" for what, n in sorted(kinds.items()))
+    breakdown = ", ".join(f"{what} {n}" for what, n in sorted(kinds.items()))
     print(
-        f"{arguments.programs} programs, {violated} of them violated ({found}), at most "
+        f"{arguments.programs} programs, {violated} of them violated ({breakdown}), at most "
         f"{largest:,} configurations; {ends} where only ends of instants are stored, "
         f"{joined} with parts that only properties join; "
         f"{finer} stored more finely than needed; "

@@ -42,8 +42,8 @@ TWINS = ROOT / "bench/spin"
 TARGET, GOAL = 3.0, 5.0
 CHILD = """
 import json, sys, time
-from soter.explore.engine.engine import Engine, Settings
-from soter.program.build import check_file, system_of_test
+from soter.explore.engine.explorer_library import Engine, Settings
+from soter.program.front_end import check_file, system_of_test
 engine = Engine(system_of_test(check_file(sys.argv[1]), sys.argv[2]))
 how = Settings(strategy=sys.argv[3], reduction=sys.argv[4])
 before = time.process_time()
@@ -127,13 +127,13 @@ def pans(model: Model, folder: Path, core: str) -> list[Way]:
 
 def explorers(model: Model, core: str) -> list[Way]:
     """The explorer's ways."""
-    found = []
+    ways = []
     for strategy, reduction in WAYS:
         command = ("taskset", "-c", core, sys.executable, "-c", CHILD, str(model.program))
         kind = NONE if reduction == "none" else REDUCED
         whole = (*command, model.test, strategy, reduction)
-        found.append(Way(f"soter {strategy} --reduction {reduction}", whole, kind))
-    return found
+        ways.append(Way(f"soter {strategy} --reduction {reduction}", whole, kind))
+    return ways
 
 
 def measure(way: Way, folder: Path) -> None:
@@ -151,9 +151,9 @@ def measure(way: Way, folder: Path) -> None:
 
 
 def number(pattern: str, text: str) -> float:
-    found = re.search(pattern, text)
-    assert found is not None, text
-    return float(found.group(1))
+    match = re.search(pattern, text)
+    assert match is not None, text
+    return float(match.group(1))
 
 
 def fastest(ways: list[Way]) -> Way:
@@ -196,11 +196,11 @@ def compared(model: Model, folder: Path, core: str, repeats: int) -> Row:
 
 def lines(row: Row) -> list[tuple[str, ...]]:
     """Two for a model."""
-    found: list[tuple[str, ...]] = []
+    rows: list[tuple[str, ...]] = []
     for kind, (spin, soter), ratio in zip(
         (NONE, REDUCED), (row.none, row.reduced), row.ratios, strict=True
     ):
-        found.append(
+        rows.append(
             (
                 row.model.name if kind == NONE else "",
                 kind,
@@ -215,7 +215,7 @@ def lines(row: Row) -> list[tuple[str, ...]]:
                 "yes" if row.same else "NO",
             )
         )
-    return found
+    return rows
 
 
 def figures(way: Way) -> dict[str, object]:

@@ -24,10 +24,10 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from soter.explore.command import Told, explore_test
-from soter.explore.contracts import replaced_in
+from soter.explore.command import TraceHeader, explore_test
+from soter.explore.contract_use import replaced_in
 from soter.explore.results import Options, TestResult
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -66,7 +66,7 @@ class Kind:
 def result_of(text: str) -> TestResult:
     """What the test of a program is told."""
     checked = check_file("small.soter", text)
-    about = Told("small.soter", {}, replaced_in(checked.tests["T"]))
+    about = TraceHeader("small.soter", {}, replaced_in(checked.tests["T"]))
     return explore_test(system_of_test(checked, "T"), Options(minimise=0), about)
 
 
@@ -100,13 +100,15 @@ def vacuous() -> list[str]:
     )
     rows, bad = [], []
     for kind, names, programs, is_vacuous in kinds:
-        found = {name: result_of(programs[name]) for name in names}
-        silent = [n for n, r in found.items() if r.verdict == "exhausted" and not r.vacuous]
-        violated = [n for n, r in found.items() if is_vacuous and r.verdict == "violated"]
-        wolf = [n for n, r in found.items() if r.vacuous or r.bound == "unjudged"]
+        result_by_name = {name: result_of(programs[name]) for name in names}
+        silent = [
+            n for n, r in result_by_name.items() if r.verdict == "exhausted" and not r.vacuous
+        ]
+        violated = [n for n, r in result_by_name.items() if is_vacuous and r.verdict == "violated"]
+        wolf = [n for n, r in result_by_name.items() if r.vacuous or r.bound == "unjudged"]
         missed = silent if is_vacuous else wolf
         count = str(len(silent)) if is_vacuous else "-"
-        rows.append([kind, str(len(found)), count, "-" if is_vacuous else str(len(wolf))])
+        rows.append([kind, str(len(result_by_name)), count, "-" if is_vacuous else str(len(wolf))])
         bad += [f"{kind}: {name}" for name in (*missed, *violated)]
         print(kind, file=sys.stderr)
     print(table(["what is wrong", "tests", "without a word", "cries wolf"], rows))

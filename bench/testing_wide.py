@@ -211,11 +211,11 @@ def cases(most: int, after_s: float) -> Iterator[Case]:
             yield _measured(name, k, file, number, after_s)
 
 
-def report(found: list[Case]) -> str:
+def report(outcomes: list[Case]) -> str:
     """A line a family."""
     rows = []
-    for family in dict.fromkeys(c.family for c in found):
-        own = [c for c in found if c.family == family]
+    for family in dict.fromkeys(c.family for c in outcomes):
+        own = [c for c in outcomes if c.family == family]
         told = [c for c in own if c.signal]
         verdicts = Counter(c.stopped for c in own)
         rows.append(
@@ -234,10 +234,10 @@ def report(found: list[Case]) -> str:
     return table(head, rows)
 
 
-def failures(found: list[Case]) -> list[str]:
+def failures(outcomes: list[Case]) -> list[str]:
     """What misses its target."""
     bad = []
-    for c in found:
+    for c in outcomes:
         name = f"{c.family} {c.size}"
         if c.hung or c.answered_s > ANSWER_S:
             bad.append(f"{name}: {c.signal} answered after {c.answered_s:.2f} s")
@@ -260,17 +260,19 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's `&` has it ignored
-    found = []
+    outcomes = []
     for case in cases(args.tests, args.after):
-        found.append(case)
-        print(f"{len(found):3} {case.family} {case.size}: {case.stopped}", file=sys.stderr)
-    print(report(found))
-    bad = failures(found)
+        outcomes.append(case)
+        print(f"{len(outcomes):3} {case.family} {case.size}: {case.stopped}", file=sys.stderr)
+    print(report(outcomes))
+    bad = failures(outcomes)
     print(
-        "\n".join(bad) if bad else f"{len(found)} tests: 0 hung, 0 clean, answers in {ANSWER_S:g} s"
+        "\n".join(bad)
+        if bad
+        else f"{len(outcomes)} tests: 0 hung, 0 clean, answers in {ANSWER_S:g} s"
     )
     if args.json is not None:
-        args.json.write_text(json.dumps([asdict(c) for c in found], indent=1), encoding="utf-8")
+        args.json.write_text(json.dumps([asdict(c) for c in outcomes], indent=1), encoding="utf-8")
     return 1 if bad else 0
 
 

@@ -22,7 +22,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -46,11 +46,11 @@ def check_times(repeats: int) -> list[float]:
 
 LOAD = """
 import sys, time
-import soter.program.build, soter.simulate.run
+import soter.program.front_end, soter.simulate.run
 from soter.native.library import kernel_interface
 kernel_interface()
 began = time.perf_counter()
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
 NativeProgram(system_of(check_file(sys.argv[1]), "Protected"))
 print(time.perf_counter() - began)
@@ -92,13 +92,13 @@ def speeds(repeats: int) -> tuple[list[float], float]:
 def lap_speed(repeats: int) -> list[float]:
     """The same for the 14 s of a lap only, where most of the control happens."""
     program = NativeProgram(system_of(check_file(str(ROOT / DRONE)), "Protected"))
-    found = []
+    lap_speeds = []
     for seed in range(repeats):
         began = time.perf_counter()
         for k in range(20):
             program.run(14_000_000_000, 1000 * seed + k)
-        found.append(20 * 14.0 / (time.perf_counter() - began))
-    return found
+        lap_speeds.append(20 * 14.0 / (time.perf_counter() - began))
+    return lap_speeds
 
 
 def main() -> None:

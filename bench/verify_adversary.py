@@ -91,22 +91,22 @@ class Batch:
 def of_seed(seed: int, family: str, steps: int) -> Batch:
     """Modules of one plant and law: as drawn, widened to the border, with other times."""
     rng = np.random.default_rng([5, seed])
-    found = Batch()
+    batch = Batch()
     for k in range(1 + VARIANTS):
         drawn = module(seed, family)
         if k:
             drawn = retimed(drawn, rng)
         first = prove(drawn, whole=False)
         if not first.safe:
-            found.tried.append((drawn.family, first.verdict, first.why))
+            batch.tried.append((drawn.family, first.verdict, first.why))
             if k == 0:
                 break  # other times will hardly help
             continue
         last = _closer(first, rng)
-        found.tried.append((drawn.family, last.verdict, last.why))
+        batch.tried.append((drawn.family, last.verdict, last.why))
         if last.safe:
-            found.rows.append(_attacked(last, steps, seed + k))
-    return found
+            batch.rows.append(_attacked(last, steps, seed + k))
+    return batch
 
 
 def _closer(first: Proof, rng: np.random.Generator) -> Proof:
@@ -118,9 +118,9 @@ def _closer(first: Proof, rng: np.random.Generator) -> Proof:
         if bold is not None:
             choices.insert(0, replace(bold, start=wide.start))
     for choice in choices:
-        found = prove(choice)
-        if found.proved:
-            return found
+        proof = prove(choice)
+        if proof.proved:
+            return proof
     return prove(first.module)
 
 
@@ -252,18 +252,18 @@ class Found:
 
 def through(hole: Hole, number: int, steps: int = HOLE_STEPS) -> Found:
     """Modules for one hole until one of them is proved by it, and leaves C."""
-    found = Found(hole.name)
+    finding = Found(hole.name)
     for seed in range(TRIES):
         rng = np.random.default_rng([3, number, seed])
-        found.tried += 1
+        finding.tried += 1
         with hole.open():
             proof = _shaped(hole, hole.make(rng), rng)
         if proof is None or not proof.proved:
             continue
-        found.proved += 1
+        finding.proved += 1
         for border in (False, True):  # rather from where the program starts
             told = attack(armed(proof), proof.module, steps // 2, seed, border=border)
-            found.steps += told.steps
+            finding.steps += told.steps
             if told.violations:
                 break
         if not told.violations:
@@ -271,11 +271,11 @@ def through(hole: Hole, number: int, steps: int = HOLE_STEPS) -> Found:
         honest = prove(proof.module, whole=False)
         if honest.safe:
             continue  # the violation would be one of the prover as it is
-        found.found, found.declared = True, told.declared
-        found.run = _run(proof.module, told)
-        found.without, found.text = f"{honest.verdict}: {honest.why}", proof.module.text
+        finding.found, finding.declared = True, told.declared
+        finding.run = _run(proof.module, told)
+        finding.without, finding.text = f"{honest.verdict}: {honest.why}", proof.module.text
         break
-    return found
+    return finding
 
 
 def _shaped(hole: Hole, drawn: Module, rng: np.random.Generator) -> Proof | None:
@@ -289,20 +289,20 @@ def _shaped(hole: Hole, drawn: Module, rng: np.random.Generator) -> Proof | None
 
 def holes() -> list[Found]:
     """Every hole, with a line each."""
-    found = []
+    findings = []
     print(
         f"{'hole':52} {'tried':>5} {'proved':>6} {'steps':>12} {'found':>5}  start      without it"
     )
     for number, hole in enumerate(HOLES):
         one = through(hole, number)
-        found.append(one)
+        findings.append(one)
         start = "" if not one.found else "declared" if one.declared else "of AC"
         print(
             f"{one.hole:52} {one.tried:5} {one.proved:6} {one.steps:12,} "
             f"{'yes' if one.found else 'NO':>5}  {start:10} {one.without[:70]}",
             flush=True,
         )
-    return found
+    return findings
 
 
 def main() -> int:

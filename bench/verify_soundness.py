@@ -98,14 +98,14 @@ class Cells:
 
         Cells are closed: at a border (within rounding) the largest entry around it.
         """
-        found = np.zeros(x.shape[1], dtype=np.uint8)
+        entries = np.zeros(x.shape[1], dtype=np.uint8)
         inside = np.ones(x.shape[1], dtype=bool)
         for e, v in zip(self.edges, x, strict=True):
             inside &= (v >= e[0] - 1e-9) & (v <= e[-1] + 1e-9)
         for side in np.ndindex(*(2,) * len(self.edges)):
             nudge = 1e-9 * (2.0 * np.array(side) - 1.0)
-            found = np.maximum(found, cells[self.index(x + nudge[:, None])])
-        return np.where(inside, found, 0).astype(np.uint8)
+            entries = np.maximum(entries, cells[self.index(x + nudge[:, None])])
+        return np.where(inside, entries, 0).astype(np.uint8)
 
     def has(self, cells: Bools, x: Array) -> Bools:
         """Whether states lie in some cell of a set."""
@@ -207,8 +207,8 @@ class Past:
 
     def at(self, t: int, age: Ints) -> Array:
         """States `age` ticks before t, an age a run; (n, runs)."""
-        found: Array = self.kept[(t - age) % len(self.kept), :, self.runs].T
-        return found
+        states: Array = self.kept[(t - age) % len(self.kept), :, self.runs].T
+        return states
 
 
 # ---------------------------------------------------------------- the claims, attacked
@@ -336,12 +336,12 @@ def attack_loop(  # noqa: PLR0915 - one tick of a whole loop, from top to bottom
 def lost_by_form(p: RandomProblem, claims: Claims) -> int:
     """Cells of K with a corner that no law could save (closed form)."""
     corners = np.argwhere(claims.witness != 0)
-    found = np.zeros(len(corners), dtype=bool)
+    loss_mask = np.zeros(len(corners), dtype=bool)
     for side in np.ndindex(*(2,) * p.states):
         x = np.array([e[corners[:, i] + side[i]] for i, e in enumerate(claims.edges)])
         if x.size:
-            found |= p.surely_lost(x)
-    return int(found.sum())
+            loss_mask |= p.surely_lost(x)
+    return int(loss_mask.sum())
 
 
 # ---------------------------------------------------------------- one problem
@@ -354,10 +354,10 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     of its time, is left out.
     """
     from soter.diagnostics.diagnostic import SoterError  # noqa: PLC0415 - slow
-    from soter.program.build import check_file, system_of  # noqa: PLC0415
+    from soter.program.front_end import check_file, system_of  # noqa: PLC0415
     from soter.reach.claims import claims  # noqa: PLC0415
     from soter.reach.claims.levels import levels as computed  # noqa: PLC0415
-    from soter.reach.enclose.forms import library_of  # noqa: PLC0415
+    from soter.reach.enclose.compiled_enclosures import library_of  # noqa: PLC0415
     from soter.reach.grid.sets import UnboundedError  # noqa: PLC0415
     from soter.reach.problem.extract import extract  # noqa: PLC0415
 
@@ -482,14 +482,14 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.blind:
         return blinded(range(arguments.first, arguments.first + arguments.problems))
-    found = []
+    findings = []
     for k in range(arguments.first, arguments.first + arguments.problems):
         p = problem(k)
         began = time.perf_counter()
         claims, note = claims_of(p)
         engine_s = time.perf_counter() - began
         f = examine(p, claims, int(arguments.steps / arguments.problems), note)
-        found.append(f)
+        findings.append(f)
         bad = sum(f.escapes.values())
         if bad or f.note or arguments.problems <= 16:
             print(
@@ -498,12 +498,12 @@ def main() -> int:
                 f"{f.escapes if bad else ''} {f.note}",
                 flush=True,
             )
-        if len(found) % 10 == 0:
-            print(f"{len(found)} of {arguments.problems}", file=sys.stderr, flush=True)
-    summary = _summary(found)
-    _print(found, summary)
+        if len(findings) % 10 == 0:
+            print(f"{len(findings)} of {arguments.problems}", file=sys.stderr, flush=True)
+    summary = _summary(findings)
+    _print(findings, summary)
     if arguments.json:
-        document = {"summary": summary, "problems": [asdict(f) for f in found]}
+        document = {"summary": summary, "problems": [asdict(f) for f in findings]}
         arguments.json.write_text(json.dumps(document, indent=2) + "\n")
     return 1 if summary["escapes"] else 0
 
@@ -545,25 +545,25 @@ def blinded(numbers: range) -> int:
     return 1 if wrong else 0
 
 
-def _summary(found: list[Findings]) -> dict[str, float]:
-    outside = [f.outside_lost for f in found if f.outside_lost is not None]
+def _summary(findings: list[Findings]) -> dict[str, float]:
+    outside = [f.outside_lost for f in findings if f.outside_lost is not None]
     return {
-        "problems": len(found),
-        "with_core": sum(f.core_share > 0.01 for f in found),
-        "with_free": sum(f.free_share > 0.01 for f in found),
-        "with_trust": sum(f.trust_share > 0.01 for f in found),
-        "steps": sum(f.steps for f in found),
-        "escapes": sum(sum(f.escapes.values()) for f in found),
+        "problems": len(findings),
+        "with_core": sum(f.core_share > 0.01 for f in findings),
+        "with_free": sum(f.free_share > 0.01 for f in findings),
+        "with_trust": sum(f.trust_share > 0.01 for f in findings),
+        "steps": sum(f.steps for f in findings),
+        "escapes": sum(sum(f.escapes.values()) for f in findings),
         "lost_outside_core": float(np.mean(outside)) if outside else 0.0,
     }
 
 
-def _print(found: list[Findings], summary: dict[str, float]) -> None:
+def _print(findings: list[Findings], summary: dict[str, float]) -> None:
     print(
         f"{'family':10} {'problems':>8} {'K > 1 %':>8} {'mean K':>7} {'mean R':>7} {'escapes':>8}"
     )
-    for family in dict.fromkeys(f.family for f in found):
-        own = [f for f in found if f.family == family]
+    for family in dict.fromkeys(f.family for f in findings):
+        own = [f for f in findings if f.family == family]
         core = float(np.mean([f.core_share for f in own]))
         free = float(np.mean([f.free_share for f in own]))
         some = sum(f.core_share > 0.01 for f in own)

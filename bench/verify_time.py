@@ -78,15 +78,15 @@ def run(program: str, cache: Path) -> Run:
     wall = time.perf_counter() - began
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
-    found = json.loads(done.stdout)
-    if "modules" not in found:
-        sys.exit(f"{program}: {found.get('diagnostics')}")
+    report = json.loads(done.stdout)
+    if "modules" not in report:
+        sys.exit(f"{program}: {report.get('diagnostics')}")
     properties = {
         name: finding["verdict"]
-        for module in found["modules"].values()
+        for module in report["modules"].values()
         for name, finding in module["properties"].items()
     }
-    return Run(wall, cpu, found["verdict"], properties)
+    return Run(wall, cpu, report["verdict"], properties)
 
 
 def times_of(runs: list[Run]) -> Times:

@@ -2,12 +2,12 @@
 
     .venv/bin/python bench/verify_times.py [--systems 5000] [--json FILE] [--blind NAME|all]
 
-Purpose: for each system of `tests/generators/schedules.py` every quantity that a proof takes from
-`soter.reach.time.schedule` (ages, start of SC, j, d, H*, h_0, T_dec, the look ahead) is compared
-with the largest value over all schedules on the grid of times. *Exceeded*: some schedule does worse
-than the model says, the model is wrong, and the first such schedule is printed. *Reached*: some
-schedule does exactly that, no smaller figure would be sound. *In the limit*: short of it by units
-of the grid, however fine the grid is.
+Purpose: for each system of `tests/generators/schedule_systems.py` every quantity that a proof takes
+from `soter.reach.time.schedule` (ages, start of SC, j, d, H*, h_0, T_dec, the look ahead) is
+compared with the largest value over all schedules on the grid of times. *Exceeded*: some schedule
+does worse than the model says, the model is wrong, and the first such schedule is printed.
+*Reached*: some schedule does exactly that, no smaller figure would be sound. *In the limit*: short
+of it by units of the grid, however fine the grid is.
 `--blind` shows that the comparison is no paper tiger: the model is told of less than there is, or
 leaves a term out, and each time the quantities that depend on it must be seen to be exceeded.
 Non-goals: whether the definitions are those of the generated programs.
@@ -31,7 +31,7 @@ for folder in (ROOT, ROOT / "tests"):
         sys.path.insert(0, str(folder))
 
 from generators.every_schedule import QUANTITIES  # noqa: E402 - needs the path
-from generators.schedules import (  # noqa: E402 - needs the path
+from generators.schedule_systems import (  # noqa: E402 - needs the path
     Compared,
     System,
     compare,
@@ -41,8 +41,8 @@ from generators.schedules import (  # noqa: E402 - needs the path
 )
 
 if TYPE_CHECKING:
-    from soter.reach.time.schedule import Output, Releases, Schedule
-    from soter.reach.time.schedule import Path as Way
+    from soter.reach.time.schedule import ActuationPath, Releases, Schedule
+    from soter.reach.time.schedule import SensorPath as Way
 
 SYMBOLS = {
     "age_dm": "A",
@@ -71,15 +71,15 @@ class Row:
     in_the_limit: int = 0
     slacks: list[int] = field(default_factory=list)
 
-    def add(self, found: Compared, *, in_the_limit: bool) -> None:
+    def add(self, comparison: Compared, *, in_the_limit: bool) -> None:
         """Count one system; what nothing can ever read or do there is left out."""
-        if found.slack is None:
+        if comparison.slack is None:
             return
         self.systems += 1
-        self.exceeded += found.slack < 0
-        self.reached += found.slack == 0
+        self.exceeded += comparison.slack < 0
+        self.reached += comparison.slack == 0
         self.in_the_limit += in_the_limit
-        self.slacks.append(found.slack)
+        self.slacks.append(comparison.slack)
 
     def summary(self) -> dict[str, float]:
         """The row as figures."""
@@ -128,7 +128,7 @@ def _every(change: Callable[[Releases], Releases]) -> Callable[[Schedule], Sched
     def path(x: Way) -> Way:
         return replace(x, sensor=change(x.sensor), nodes=tuple(map(change, x.nodes)))
 
-    def output(x: Output) -> Output:
+    def output(x: ActuationPath) -> ActuationPath:
         return replace(x, nodes=tuple(map(change, x.nodes)))
 
     return lambda s: replace(
@@ -194,14 +194,14 @@ BLIND: dict[str, tuple[Callable[[Schedule], Told], tuple[str, ...]]] = {
 """What is hidden from the model, and the quantities that must then be exceeded by some system."""
 
 
-def timeline(found: Compared, drawn: System) -> str:
+def timeline(comparison: Compared, drawn: System) -> str:
     """A counterexample: the system, the figures, and the schedule."""
-    name = f"{SYMBOLS[found.quantity]} ({found.quantity})"
+    name = f"{SYMBOLS[comparison.quantity]} ({comparison.quantity})"
     lines = [
         f"system {drawn.number}: {drawn.schedule}",
-        f"{name}: the model says {found.says}, this schedule reaches {found.reached}:",
+        f"{name}: the model says {comparison.says}, this schedule reaches {comparison.reached}:",
     ]
-    lines += [f"    {at:5}  {what}" for at, what in dict.fromkeys(found.why)]
+    lines += [f"    {at:5}  {what}" for at, what in dict.fromkeys(comparison.why)]
     return "\n".join(lines)
 
 
@@ -213,10 +213,14 @@ def verify(numbers: range) -> tuple[dict[str, Row], list[str]]:
         drawn = system(number)
         compared = compare(drawn.schedule)
         limit = in_the_limit(drawn.schedule, compared)
-        for found in compared:
-            rows[found.quantity].add(found, in_the_limit=found.quantity in limit)
-            if found.slack is not None and found.slack < 0 and found.quantity not in shown:
-                shown[found.quantity] = timeline(found, drawn)
+        for comparison in compared:
+            rows[comparison.quantity].add(comparison, in_the_limit=comparison.quantity in limit)
+            if (
+                comparison.slack is not None
+                and comparison.slack < 0
+                and comparison.quantity not in shown
+            ):
+                shown[comparison.quantity] = timeline(comparison, drawn)
         if (number + 1 - numbers.start) % 500 == 0:
             print(f"{number + 1 - numbers.start} of {len(numbers)}", file=sys.stderr, flush=True)
     return rows, list(shown.values())
@@ -232,10 +236,10 @@ def blinded(numbers: range, names: list[str]) -> int:
         first = ""
         for number in numbers:
             drawn = system(number)
-            for found in compare(drawn.schedule, tell(drawn.schedule)):
-                if found.slack is not None and found.slack < 0:
-                    counts[found.quantity] += 1
-                    first = first or timeline(found, drawn)
+            for comparison in compare(drawn.schedule, tell(drawn.schedule)):
+                if comparison.slack is not None and comparison.slack < 0:
+                    counts[comparison.quantity] += 1
+                    first = first or timeline(comparison, drawn)
         seen = ", ".join(f"{SYMBOLS[q]} {n}" for q, n in counts.items() if n)
         unseen = [SYMBOLS[q] for q in expected if not counts[q]]
         print(f"{name:24} {seen}{'; NOT SEEN: ' + ', '.join(unseen) if unseen else ''}", flush=True)

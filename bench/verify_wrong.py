@@ -112,9 +112,9 @@ def judged(wrong: Wrong, *, refute: bool = False) -> tuple[str, str, str]:
     answer = ANSWERS[said.exit]
     if answer == PROVED:
         for pattern in wrong.named:
-            found = re.search(pattern, said.report)
-            if found:
-                return NAMED, found.group(0), said.text
+            match = re.search(pattern, said.report)
+            if match:
+                return NAMED, match.group(0), said.text
     return answer, "", said.text
 
 
@@ -194,16 +194,16 @@ def main() -> int:
 
 
 def _control_arms() -> dict[str, str]:
-    found = {}
+    answer_by_base = {}
     for base in BASES:
         said = call(base.text, ("verify",))
         runs = call(base.text, ("run",))
         harmed = "" if runs.exit == 0 else "  and its run is violated"
-        found[base.name] = ANSWERS.get(said.exit, BROKEN) + harmed
-        print(f"{'control arm':14} {base.name:58} {found[base.name]}", flush=True)
+        answer_by_base[base.name] = ANSWERS.get(said.exit, BROKEN) + harmed
+        print(f"{'control arm':14} {base.name:58} {answer_by_base[base.name]}", flush=True)
         if said.exit != 0:
             print(said.text)
-    return found
+    return answer_by_base
 
 
 def _table(rows: list[Row]) -> None:

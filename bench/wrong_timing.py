@@ -45,7 +45,7 @@ class Times:
         """LINE with these."""
         horizon = "" if self.horizon is None else f"\n    horizon {self.horizon}ms;"
         begin = 0.0 if self.start is None else self.start
-        found = (
+        edits = (
             ("float max_age 20ms", f"float max_age {self.max_age}ms"),
             (
                 "= 0.0;\n\nplant Line period 10ms",
@@ -69,7 +69,7 @@ class Times:
             ("acts within 0ms;", f"acts within {self.acts}ms;{horizon}"),
             ("always abs(p.truth.x) < 1.0", f"always abs(p.truth.x) < {self.wall}"),
         )
-        return tuple((a, b) for a, b in found if a != b)
+        return tuple((a, b) for a, b in edits if a != b)
 
     def leaves(self) -> float | None:
         """When the loop leaves C, from the first start that does."""
@@ -90,11 +90,11 @@ class Times:
                 max_age=self.max_age,
                 until=5_000,
             )
-            found = _first(
+            exit_time = _first(
                 loop, self.late_dm, self.response_dm, self.late_sc, self.response_sc, self.acts
             )
-            if found is not None:
-                return found
+            if exit_time is not None:
+                return exit_time
         return None
 
     def _starts(self) -> Iterator[float]:
@@ -107,9 +107,9 @@ class Times:
 
 def _first(loop: Loop, *times: int) -> float | None:
     for variant in variants(loop, *times):
-        found = variant.run()
-        if found is not None:
-            return found
+        exit_time = variant.run()
+        if exit_time is not None:
+            return exit_time
     return None
 
 

@@ -138,8 +138,8 @@ class Page:
                 raise AssertionError("the browser is gone")
             self._buffer += part
         message, _, self._buffer = self._buffer.partition(b"\0")
-        found: dict[str, Any] = json.loads(message)
-        return found
+        payload: dict[str, Any] = json.loads(message)
+        return payload
 
 
 @contextmanager

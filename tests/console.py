@@ -65,7 +65,7 @@ WRAPPED = re.compile(r"\n {16,}(?=\S)")
 
 def sessions(page: str) -> list[Session]:
     """The blocks of a page, in order."""
-    found = []
+    blocks = []
     for match in FENCE.finditer(page):
         said: list[tuple[str, list[str]]] = []
         for line in match.group(2).splitlines():
@@ -74,8 +74,8 @@ def sessions(page: str) -> list[Session]:
             elif said:
                 said[-1][1].append(line)
         parts = tuple((c, "\n".join(lines).strip("\n")) for c, lines in said)
-        found.append(Session(match.start(2), match.end(2), "long" in match.group(1), parts))
-    return found
+        blocks.append(Session(match.start(2), match.end(2), "long" in match.group(1), parts))
+    return blocks
 
 
 def files(page: str) -> dict[str, str]:

@@ -89,8 +89,8 @@ class Editor:
                 self._news.clear()
                 await self._news.wait()
 
-        found: list[lsp.Diagnostic] = self.ask(wait())
-        return found
+        diagnostics: list[lsp.Diagnostic] = self.ask(wait())
+        return diagnostics
 
     def checked(self, path: Path, text: str | None = None) -> tuple[str, list[lsp.Diagnostic]]:
         """Open a file and wait for what is said about it."""

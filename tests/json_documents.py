@@ -29,7 +29,7 @@ TYPES: dict[str, tuple[type, ...]] = {
 
 def problems_of(document: dict[str, Any]) -> list[str]:
     """What is wrong with a document, whichever command it is of; nothing undocumented is in it."""
-    found = list(_check(SCHEMAS["common"], document, ""))
+    problems = list(_check(SCHEMAS["common"], document, ""))
     known = set(SCHEMAS["common"]["properties"]) | {"file"}
     name = document.get("command") or ""
     schema = SCHEMAS.get("check_several" if name == "check" and "files" in document else name)
@@ -37,11 +37,11 @@ def problems_of(document: dict[str, Any]) -> list[str]:
         known |= set(schema["properties"])
         done = document["exit"] in (0, 3, 4, 130) and "help" not in document
         if done and not _nothing_reached(document):
-            found += _check(schema, document, "")
+            problems += _check(schema, document, "")
         else:
-            found += _check({**schema, "required": []}, document, "")
-    found += [f"{name}: not documented" for name in set(document) - known]
-    return found
+            problems += _check({**schema, "required": []}, document, "")
+    problems += [f"{name}: not documented" for name in set(document) - known]
+    return problems
 
 
 def _nothing_reached(document: dict[str, Any]) -> bool:

@@ -102,13 +102,13 @@ class Site:
 
     def _index(self) -> list[dict[str, str]]:
         """What the search knows: every heading."""
-        found = []
+        entries = []
         for page in self.pages.values():
             assert page.done is not None
             for _, anchor, text in page.done.headings:
                 address = f"{page.target}#{anchor}"
-                found.append({"page": page.menu, "text": text, "address": address})
-        return found
+                entries.append({"page": page.menu, "text": text, "address": address})
+        return entries
 
     # ------------------------------------------------------------ links
 
@@ -164,7 +164,7 @@ class Site:
         return template
 
     def _menu(self, target: str, up: str) -> str:
-        found = []
+        sections = []
         for kind, what_for, pages in NAV:
             items = []
             for name, menu in pages:
@@ -175,8 +175,8 @@ class Site:
             if kind == "Reference":
                 here = ' aria-current="page"' if target == "codes.html" else ""
                 items.append(f'<li><a href="{up}codes.html"{here}>Diagnostic codes</a></li>')
-            found.append(f"<h2>{kind} <small>{what_for}</small></h2><ul>{''.join(items)}</ul>")
-        return "".join(found)
+            sections.append(f"<h2>{kind} <small>{what_for}</small></h2><ul>{''.join(items)}</ul>")
+        return "".join(sections)
 
     def _write_files(self) -> None:
         """What pages link to: pictures as they are, files in colour, folders as lists."""
@@ -210,12 +210,12 @@ class Site:
     def _read_codes(self) -> list[Page]:
         """The pages of the diagnostic codes, which stand on one page of the site."""
         folder = self.root / "src" / "soter" / "diagnostics" / "pages"
-        found = [Page(path, "codes.html", path.stem) for path in sorted(folder.glob("*.md"))]
-        for page in found:
+        pages = [Page(path, "codes.html", path.stem) for path in sorted(folder.glob("*.md"))]
+        for page in pages:
             text = page.source.read_text(encoding="utf-8")
             text = re.sub(r"^# ", "## ", text)
             page.done = render(text, lambda link, page=page: self._resolved(page, link))  # type: ignore[misc]
-        return found
+        return pages
 
     def _codes(self) -> None:
         """A page with every diagnostic code."""

@@ -79,12 +79,12 @@ class Rendered:
 def slug(text: str, taken: set[str]) -> str:
     """The anchor of a heading, as the forges make it."""
     plain = re.sub(r"[^\w\- ]", "", re.sub(r"[`*_]", "", text).strip().lower()).replace(" ", "-")
-    found, count = plain, 0
-    while found in taken:
+    anchor, count = plain, 0
+    while anchor in taken:
         count += 1
-        found = f"{plain}-{count}"
-    taken.add(found)
-    return found
+        anchor = f"{plain}-{count}"
+    taken.add(anchor)
+    return anchor
 
 
 def render(text: str, resolve: Resolve) -> Rendered:

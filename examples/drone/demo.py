@@ -54,16 +54,16 @@ def show(progress: str) -> None:
 
 def fly(program: soter.Program, laps: int) -> dict[str, list[Lap]]:
     """`laps` seeded laps per arm."""
-    found: dict[str, list[Lap]] = {}
+    laps_by_arm: dict[str, list[Lap]] = {}
     for name, title in ARMS.items():
         show(f"{title}: compiling")
-        found[name] = []
+        laps_by_arm[name] = []
         for seed in range(1, laps + 1):
-            found[name].append(read_lap(program.simulate(name, seed=seed, trace=False)))
+            laps_by_arm[name].append(read_lap(program.simulate(name, seed=seed, trace=False)))
             if seed % 10 == 0:
                 show(f"{title}: {seed} of {laps} laps")
     show("")
-    return found
+    return laps_by_arm
 
 
 def row(laps: list[Lap]) -> dict[str, str]:
@@ -88,9 +88,9 @@ def surveillance(seconds: float, seed: int, output: Path) -> int:
         show(f"{title}: flying")
         flown.append(mission.fly(file, system, title, until_s=seconds, seed=seed))
     show("")
-    found = [mission.quantities(m) for m in flown]
-    quantities = dict.fromkeys(q for figures in found for q in figures)
-    rows = [[q, *(figures.get(q, "-") for figures in found)] for q in quantities]
+    flight_figures = [mission.quantities(m) for m in flown]
+    quantities = dict.fromkeys(q for figures in flight_figures for q in figures)
+    rows = [[q, *(figures.get(q, "-") for figures in flight_figures)] for q in quantities]
     print(f"\nthe surveillance program, {seconds:g} s, twice, seed {seed}\n")
     print(table(["", *(m.title for m in flown)], rows, color=sys.stdout.isatty()))
     for m in flown:

@@ -93,7 +93,7 @@ def eight(
     program: soter.Program, system: str, seeds: Iterable[int], **params: float
 ) -> list[Round]:
     """Flights of a system of eight.soter."""
-    found = []
+    rounds = []
     city = City(program)
     place = program.function("place")
     angles = np.linspace(0.0, 2.0 * np.pi, 720)
@@ -107,10 +107,10 @@ def eight(
         path = path[: touched[0] + 1] if len(touched) else path
         off = np.sqrt(((path[:, np.newaxis] - curve[::4]) ** 2).sum(axis=2)).min(axis=1)
         share = run.modules["SafeMotionPrimitive"].ac_share
-        found.append(
+        rounds.append(
             Round(path, float(loop["pace"][-1]), float(off.max()), bool(len(touched)), share)
         )
-    return found
+    return rounds
 
 
 def figure_5() -> Drawn:
@@ -387,27 +387,27 @@ def _off_plan(flown: mission.Mission) -> NDArray[np.float64]:
 
 def _in_sc(decisions: Iterable[Decision]) -> float:
     """For how long SC flew, s, from each takeover to the return that followed."""
-    found, since = 0.0, None
+    duration_s, since = 0.0, None
     for d in decisions:
         if d.to == "SC":
             since = d.time_s
         elif since is not None:
-            found, since = found + d.time_s - since, None
-    return found
+            duration_s, since = duration_s + d.time_s - since, None
+    return duration_s
 
 
 def _apart(places: list[Any]) -> list[Any]:
     """The first of the places, and each that is not within 2 m of an earlier one."""
-    found: list[Any] = []
+    distinct_places: list[Any] = []
     for p in places:
-        if all(np.linalg.norm(p - q) > 2.0 for q in found):
-            found.append(p)
-    return found
+        if all(np.linalg.norm(p - q) > 2.0 for q in distinct_places):
+            distinct_places.append(p)
+    return distinct_places
 
 
 def _span(values: Iterable[float]) -> str:
-    found = sorted(values)
-    return f"{found[0]:.2f} to {found[-1]:.2f}" if found else "-"
+    sorted_values = sorted(values)
+    return f"{sorted_values[0]:.2f} to {sorted_values[-1]:.2f}" if sorted_values else "-"
 
 
 # ---------------------------------------------------------------- the page

@@ -192,16 +192,16 @@ def decisions(run: soter.Run) -> list[Decision]:
     module = run.trace["modules"][:, 0]
     mode = module["mode"].astype(int)
     time_s = run.time_s()
-    found = []
+    mode_changes = []
     for i in np.flatnonzero(np.diff(mode)) + 1:
         row = module[i]
         seen = {n: bool(row[n]) for n in ("ttf", "safer", "stale", "saw_gate_fault")}
         if mode[i] == 1:
-            found.append(Decision(float(time_s[i]), MODULE, "AC", "φ_safer holds", seen))
+            mode_changes.append(Decision(float(time_s[i]), MODULE, "AC", "φ_safer holds", seen))
         else:
             why = "ttf_2Δ holds" if seen["ttf"] else "stale read" if seen["stale"] else "gate fault"
-            found.append(Decision(float(time_s[i]), MODULE, "SC", why, seen))
-    return found
+            mode_changes.append(Decision(float(time_s[i]), MODULE, "SC", why, seen))
+    return mode_changes
 
 
 def violations(run: soter.Run, city: City, position: NDArray[np.float64]) -> list[Violation]:

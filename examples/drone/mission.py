@@ -239,13 +239,14 @@ class Mission:
     def decisions(self, module: str) -> tuple[Decision, ...]:
         """What a module's DM decided; of the planner's, what it had against the plan."""
         against = {p.time_s: f"`{p.why}`: no plan for the request" for p in self.watch.turned_down}
-        found = [d for d in decisions.changes(self.run) if d.module == module]
+        changes = [d for d in decisions.changes(self.run) if d.module == module]
         reasons = [
-            against.get(d.time_ns / 1e9, d.reason) if module == PLANNER else d.reason for d in found
+            against.get(d.time_ns / 1e9, d.reason) if module == PLANNER else d.reason
+            for d in changes
         ]
         return tuple(
             Decision(d.time_ns / 1e9, d.module, d.after, reason, d.saw.predicates())
-            for d, reason in zip(found, reasons, strict=True)
+            for d, reason in zip(changes, reasons, strict=True)
         )
 
     def docks(self) -> list[int]:
@@ -267,11 +268,11 @@ class Mission:
         return ", ".join(why) or "none"
 
     def _ways(self) -> list[Way]:
-        found = [
+        ways = [
             Way(plan.points, f"plan {plan.number}, in force from {plan.time_s:.1f} s")
             for plan in self.watch.adopted
         ]
-        return found + [
+        return ways + [
             Way(plan.points, f"for request {plan.number} at {plan.time_s:.1f} s: {plan.why}", True)
             for plan in self.watch.turned_down
             if len(plan.points) > 1 and np.isfinite(plan.points).all()
@@ -358,7 +359,7 @@ PAPER = {
 def quantities(mission: Mission) -> dict[str, str]:
     """The figures of one flight, as text."""
     run, book = mission.run, mission.last["landings"]
-    found = {
+    text_by_quantity = {
         "flown": f"{run.duration_s:g} s, {mission.flown_m() / 1000:.2f} km",
         "violations": f"{run.violations}",
         "takeovers by SC, all modules": f"{sum(m.switches_to_sc for m in run.modules.values())}",
@@ -368,21 +369,23 @@ def quantities(mission: Mission) -> dict[str, str]:
         (PLANNER, "planner"),
         (MOTION, "motion primitive"),
     ):
-        found[f"AC in control, {text}"] = f"{100 * run.modules[name].ac_share:.1f} %"
-    found["plans in force"] = f"{len(mission.watch.adopted)}"
-    found["plans turned down by the DM"] = f"{len(mission.watch.turned_down)}"
-    found["plans refused on board"] = mission.refused()
-    found["landings, of them by the DM"] = f"{int(book['number'])}, {int(book['forced'])}"
+        text_by_quantity[f"AC in control, {text}"] = f"{100 * run.modules[name].ac_share:.1f} %"
+    text_by_quantity["plans in force"] = f"{len(mission.watch.adopted)}"
+    text_by_quantity["plans turned down by the DM"] = f"{len(mission.watch.turned_down)}"
+    text_by_quantity["plans refused on board"] = mission.refused()
+    text_by_quantity["landings, of them by the DM"] = (
+        f"{int(book['number'])}, {int(book['forced'])}"
+    )
     if book["number"]:
         left = f"{100 * float(book['least']):.1f} %, {float(book['left']):.0f} s"
-        found["least charge and time left at touch-down"] = left
-    return found
+        text_by_quantity["least charge and time left at touch-down"] = left
+    return text_by_quantity
 
 
 def page(missions: Sequence[Mission], command: str) -> ReportPage:
     """The report of the flights."""
-    found = [quantities(m) for m in missions]
-    rows = {quantity: None for figures in found for quantity in figures}
+    flight_figures = [quantities(m) for m in missions]
+    rows = {quantity: None for figures in flight_figures for quantity in figures}
     comparison = Comparison(
         tuple(m.title for m in missions),
         tuple(
@@ -390,7 +393,7 @@ def page(missions: Sequence[Mission], command: str) -> ReportPage:
                 q,
                 tuple(
                     Cell(figures.get(q, "-"), "" if i else PAPER.get(q, ""))
-                    for i, figures in enumerate(found)
+                    for i, figures in enumerate(flight_figures)
                 ),
             )
             for q in rows

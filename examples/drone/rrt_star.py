@@ -228,8 +228,8 @@ def rrt_star(
     path = problem.getSolutionPath()
     if path is None or not (approximate or problem.hasExactSolution()):
         return []
-    found = [layers.city(path.getState(i)) for i in range(path.getStateCount())]
-    return [next((e for e in ends if math.dist(e, p) < SAME), p) for p in found]
+    points = [layers.city(path.getState(i)) for i in range(path.getStateCount())]
+    return [next((e for e in ends if math.dist(e, p) < SAME), p) for p in points]
 
 
 def _after(iterations: int) -> Callable[[], bool]:
@@ -288,7 +288,7 @@ class RRTStar:
             clear = sampled(believed)
         seed = (self.seed * 1_000_003 + self.answered * 7919) % (2**32 - 1) + 1
         approximate = bug == "ApproximateAccepted"
-        found = rrt_star(
+        plan = rrt_star(
             believed,
             (start, goal),
             seed,
@@ -296,22 +296,22 @@ class RRTStar:
             approximate,
             ITERATIONS // 8 if approximate else ITERATIONS,
         )
-        found = smoothed(found, _every_second() if bug == "NoRecheckOnSmoothing" else clear)
-        return self._published(found, bug)
+        plan = smoothed(plan, _every_second() if bug == "NoRecheckOnSmoothing" else clear)
+        return self._published(plan, bug)
 
-    def _published(self, found: Plan, bug: str) -> Plan | None:
-        before, self.last = self.last, found or self.last
+    def _published(self, plan: Plan, bug: str) -> Plan | None:
+        before, self.last = self.last, plan or self.last
         if bug == "MissingFrameShift":
-            return [_shifted(p) for p in found] or None
+            return [_shifted(p) for p in plan] or None
         if bug == "EmptyPlan":
             return []
-        if bug == "NotANumber" and found:
-            return [*found[:-1], (math.nan, found[-1][1], found[-1][2])]
+        if bug == "NotANumber" and plan:
+            return [*plan[:-1], (math.nan, plan[-1][1], plan[-1][2])]
         if bug == "LatePlan":
             return before or None
         if bug == "DuplicatedPlan":
-            return [*found, *found] or None
-        return found or None
+            return [*plan, *plan] or None
+        return plan or None
 
 
 def _everything(p: Point, q: Point) -> bool:  # noqa: ARG001 - the bug is that nobody looks

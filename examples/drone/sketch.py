@@ -125,16 +125,16 @@ class Panel:
 
     def _axes(self) -> list[str]:
         bottom = self.height - EDGE
-        found = []
+        labels = []
         for value in ticks(*self.x):
             x, _ = self.place(value, self.y[0])
-            found.append(_words(x, bottom + 16, f"{value:g}", "middle"))
+            labels.append(_words(x, bottom + 16, f"{value:g}", "middle"))
         for value in ticks(*self.y):
             _, y = self.place(self.x[0], value)
-            found.append(_words(EDGE - 6, y + 4, f"{value:g}", "end"))
-        found.append(_words(self.width - 10, bottom + 34, self.names[0], "end"))
-        found.append(_words(EDGE + 8, 26, self.names[1], "start"))
-        return found
+            labels.append(_words(EDGE - 6, y + 4, f"{value:g}", "end"))
+        labels.append(_words(self.width - 10, bottom + 34, self.names[0], "end"))
+        labels.append(_words(EDGE + 8, 26, self.names[1], "start"))
+        return labels
 
 
 WORDS = "font:12px var(--font);fill:var(--ink);"
@@ -204,10 +204,10 @@ def where(
     time_s: NDArray[np.float64], position: NDArray[np.float64], at_s: float
 ) -> NDArray[np.float64]:
     """Where it was at a time, (3,); `time_s` (n,), `position` (n, 3)."""
-    found: NDArray[np.float64] = position[
+    point: NDArray[np.float64] = position[
         min(int(np.searchsorted(time_s, at_s)), len(position) - 1)
     ]
-    return found
+    return point
 
 
 def decided(

@@ -177,9 +177,9 @@ def main() -> None:
     given = parser.parse_args()
     program = soter.load(PROGRAM)
     result = program.verify().modules[0]
-    found = result.cases[0].groups[0]
-    edges = [np.array(e) for e in found.edges]
-    sets = [found.core != 0, found.levels[0], found.levels[-1]]
+    group = result.cases[0].groups[0]
+    edges = [np.array(e) for e in group.edges]
+    sets = [group.core != 0, group.levels[0], group.levels[-1]]
     given.output.parent.mkdir(parents=True, exist_ok=True)
     figure = draw(program, depth_of(sets), edges, given.seed)
     figure.write_html(given.output, config={"displayModeBar": False})

@@ -40,8 +40,8 @@ class Outcome(NamedTuple):
 
 def height(seen: NDArray[np.float64]) -> NDArray[np.float64]:
     """Energy of the cars (n, 2), per mass: (n,)."""
-    found: NDArray[np.float64] = 0.5 * seen[:, 1] ** 2 + 0.0025 / 3.0 * np.sin(3.0 * seen[:, 0])
-    return found
+    energy: NDArray[np.float64] = 0.5 * seen[:, 1] ** 2 + 0.0025 / 3.0 * np.sin(3.0 * seen[:, 0])
+    return energy
 
 
 def reward(seen: Any, action: Any, after: Any) -> NDArray[np.float64]:  # noqa: ANN401 - arrays
@@ -105,10 +105,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     for name, system in (("unprotected", "LearnedAdvanced"), ("protected", "LearnedProtected")):
-        found = train(system, worlds=given.worlds, steps=given.steps, seed=given.seed)
+        training = train(system, worlds=given.worlds, steps=given.steps, seed=given.seed)
         print(
-            f"{name:<12} {found.steps:>9,} steps  {found.falls:>6,} falls  {found.goals:>6,} goals"
-            f"  reward {found.reward:6.3f} a step  {found.wall_s:5.1f} s"
+            f"{name:<12} {training.steps:>9,} steps  {training.falls:>6,} falls  "
+            f"{training.goals:>6,} goals"
+            f"  reward {training.reward:6.3f} a step  {training.wall_s:5.1f} s"
         )
 
 

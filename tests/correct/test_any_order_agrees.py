@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.any_order import first_disagreement
-from generators.engines import compile_library, subject
-from generators.programs import program
+from generators.any_order_driver import first_disagreement
+from generators.engine_comparison import compile_library, subject
+from generators.random_programs import program
 from long_tests import examples
 
 if TYPE_CHECKING:

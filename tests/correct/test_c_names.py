@@ -10,7 +10,7 @@ import pytest
 
 import processes
 import soter
-from generators.packages import package
+from generators.c_packages import package
 from long_tests import examples
 from soter.codegen.c.names import file_level_name, no_linked_name
 from soter.codegen.unit import generate
@@ -103,9 +103,9 @@ def macros(folder: Path) -> list[str]:
 
 def test_everything_else_may_have_any_name(tmp_path: Path) -> None:
     """Fields, topics, members, nodes, functions, constants, locals and parameters."""
-    found = macros(tmp_path)
-    assert "EINVAL" in found
-    names = list(dict.fromkeys([*WORDS, *found[:: max(1, len(found) // (6 * NAMES))]]))
+    macro_names = macros(tmp_path)
+    assert "EINVAL" in macro_names
+    names = list(dict.fromkeys([*WORDS, *macro_names[:: max(1, len(macro_names) // (6 * NAMES))]]))
     fields = ", ".join(f"{n}: float" for n in names)
     text = f"soter 1;\ntype Words = {{ {fields} }};\ntopic words: Words;\n"
     text += f"type Members = enum {{ {', '.join(names)} }};\ntopic member: Members ="

@@ -96,5 +96,5 @@ def test_what_the_page_says_of_changes_is_so(
     path.write_text(text.replace(old, new), encoding="utf-8")
     report = load(path).verify(refute=False)
     for module in report.modules:
-        found = {n for n, f in module.findings.items() if f.verdict == "undecided"}
-        assert found == wrong.get(module.name, set())
+        undecided_names = {n for n, f in module.findings.items() if f.verdict == "undecided"}
+        assert undecided_names == wrong.get(module.name, set())

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.agreement import compared, enumerated
 from generators.brute_force import TooLargeError
-from generators.contracted import VARIANTS, contracted
+from generators.contract_programs import VARIANTS, contracted
+from generators.explorer_agreement import compared, enumerated
 from long_tests import examples
-from soter.program.flatten.trials import contracts
+from soter.program.elaborate.tests_and_faults import contract_stand_ins
 from soter.program.model import typed
 
 if TYPE_CHECKING:
@@ -35,33 +35,33 @@ WRONG = (46, 88)
 def violated(seed: int) -> dict[tuple[str, bool], set[Broken]] | None:
     """What each variant violates, with the property asked and without; None: it is too large."""
     program = contracted(seed)
-    found = {}
+    violations = {}
     for name in VARIANTS:
         for asked in (False, True):
             try:
                 of = enumerated(seed, program.variant(name, asked=asked), MOST).found
             except TooLargeError:
                 return None
-            found[name, asked] = set(of.least)
-    return found
+            violations[name, asked] = set(of.least)
+    return violations
 
 
 def hidden(seed: int) -> tuple[list[str], bool]:
     """What the abstractions of a program hide, and whether there was anything to hide."""
-    found = violated(seed)
-    if found is None:
+    violations = violated(seed)
+    if violations is None:
         return [], False
-    kept = not found["M", False] and not found["N", False]
+    kept = not violations["M", False] and not violations["N", False]
     some = []
-    if found["concrete", False] and kept:
+    if violations["concrete", False] and kept:
         some.append("a contract that the whole breaks is kept by each module alone")
-    if kept and found["concrete", True]:
+    if kept and violations["concrete", True]:
         some += [
             f"the property is not violated with {name} as it is"
             for name in VARIANTS
-            if not found[name, True]
+            if not violations[name, True]
         ]
-    return some, bool(found["concrete", True])
+    return some, bool(violations["concrete", True])
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
@@ -75,14 +75,14 @@ def test_what_the_whole_violates_is_found_one_module_at_a_time(chunk: int) -> No
 
 
 def test_an_abstraction_that_leaves_out_a_value_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = contracts._any_value
+    whole = contract_stand_ins._any_value
 
-    def fewer(*about: object) -> tuple[typed.Expr, int]:
+    def fewer(*about: object) -> tuple[typed.TypedExpr, int]:
         value, count = whole(*about)  # type: ignore[arg-type]
-        assert isinstance(value, typed.Choose)
+        assert isinstance(value, typed.TypedChoose)
         return replace(value, count=value.count - 1), count
 
-    monkeypatch.setattr(contracts, "_any_value", fewer)
+    monkeypatch.setattr(contract_stand_ins, "_any_value", fewer)
     assert all(hidden(seed)[0] for seed in WRONG)
 
 

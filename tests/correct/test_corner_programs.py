@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.engines import (
+from generators.engine_comparison import (
     compile_library,
     first_difference,
     interpreted_trace,
     native_trace,
 )
-from generators.shipped import ROOT, files, subjects_of
+from generators.shipped_programs import ROOT, files, subjects_of
 from long_tests import examples
-from soter.native.kept import cache_dir
-from soter.program.build import check_file, system_of
+from soter.native.cache import cache_dir
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:

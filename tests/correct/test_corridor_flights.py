@@ -11,16 +11,16 @@ import pytest
 
 from long_tests import examples
 from soter.api import load
-from soter.program.build import check_file
-from soter.recheck.case import Case
-from soter.recheck.inclusions.inclusion import ChainCheck
-from soter.recheck.rechecker import recheck
+from soter.certificate.case_check import CaseCheck
+from soter.certificate.inclusions.group_claims import ChainCheck
+from soter.certificate.rechecker import recheck
+from soter.program.front_end import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from soter.certificate.inclusions.tables import Block, Grid
     from soter.reach.claims.results import VerifyReport
-    from soter.recheck.inclusions.tables import Block, Grid
 
     Show = Callable[[Block], Iterator[Block]]
 
@@ -62,21 +62,21 @@ def test_the_re_checker_confirms_samples_of_every_view(
     draw = np.random.default_rng(2)
     asked = []
 
-    def some(case: Case, what: str, grid: Grid, show: Show) -> None:
+    def some(case: CaseCheck, what: str, grid: Grid, show: Show) -> None:
         for _ in range(BLOCKS):
             low = [int(draw.integers(n)) for n in grid.shape]
             at = tuple((a, min(a + 3, n)) for a, n in zip(low, grid.shape, strict=True))
             case.tasks.append((what, grid, show, at))
         asked.append(what)
 
-    monkeypatch.setattr(Case, "_add", some)
+    monkeypatch.setattr(CaseCheck, "_add", some)
     monkeypatch.setattr(ChainCheck, "leads_in_parts", lambda *_: False)
-    found = recheck(proved[0])
-    assert found.accepted, found.reason
-    assert [m.name.rpartition(" ")[2] for m in found.modules] == list(WALLS)
-    assert all("P2b" in m.confirmed for m in found.modules)
+    report = recheck(proved[0])
+    assert report.accepted, report.reason
+    assert [m.name.rpartition(" ")[2] for m in report.modules] == list(WALLS)
+    assert all("P2b" in m.confirmed for m in report.modules)
     assert len(asked) == 6 * len(WALLS)
-    for module in found.modules:
+    for module in report.modules:
         (shown,) = module.shown
         assert shown.key.endswith(" flown")
         (jumps,) = [a.text for a in module.assumptions if a.key.startswith("jumps ")]
@@ -122,8 +122,8 @@ def test_a_box_that_is_entered_anywhere_is_left(tmp_path: Path) -> None:
     path.write_text(
         text.replace(guard, "if boxes.Contains(blocks[at + 1], m.p) {"), encoding="utf-8"
     )
-    found = [
+    runs = [
         load(folder / "corridor_adversaries.soter").simulate(name, until=300.0, seed=1, trace=False)
         for name in ("Ramming", "Pushing", "Jerking", "Failing")
     ]
-    assert sum(run.violations for run in found) > 0
+    assert sum(run.violations for run in runs) > 0

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.agreement import compared, enumerated, small
+from generators.explorer_agreement import compared, enumerated, small
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants, program_joined
-from generators.small_programs import small_program
+from generators.small_test_programs import small_program
 from long_tests import examples
-from soter.explore.engine.engine import Engine, Settings
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,6 +63,6 @@ def test_what_only_another_order_violates_is_not_found(strategy: str) -> None:
         assert bool(s.found.least) == wanted
         engine = Engine(s.system)
         runs = 200 if strategy in {"random", "pct", "falsify"} else 0
-        found = engine.explore(Settings(strategy=strategy, reduction="all", runs=runs))
+        exploration = engine.explore(EngineSettings(strategy=strategy, reduction="all", runs=runs))
         engine.close()
-        assert (found.status == "violated") == wanted, (strategy, said, found.status)
+        assert (exploration.status == "violated") == wanted, (strategy, said, exploration.status)

@@ -13,10 +13,10 @@ import pytest
 
 from long_tests import examples
 from soter.api import load
-from soter.monitor.logs.margins import Margins
-from soter.program.meaning.arith import StepFault
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator
+from soter.monitor.logs.predicate_margins import PredicateMargins
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType
 
 if TYPE_CHECKING:
@@ -62,7 +62,10 @@ def test_a_distance_has_the_sign_of_its_predicate(file: str) -> None:
     for module in flat_.modules:
         evaluator = Evaluator.of(module.scope)
         for predicate in module.symbol.predicates:
-            margin, truth = Margins(evaluator).of(predicate), evaluator.expression(predicate)
+            margin, truth = (
+                PredicateMargins(evaluator).of(predicate),
+                evaluator.expression(predicate),
+            )
             both = set()
             for _ in range(examples("SOTER_MARGINS", quick=300, long=5000)):
                 env = Environment(topics=[read_at_random(t, chance) for t in flat_.topics])
@@ -108,7 +111,7 @@ def test_no_read_nearer_than_the_distance_decides_otherwise(tmp_path: Path) -> N
     chance = random.Random(3)  # noqa: S311
     tried = 0
     for predicate in module.symbol.predicates:
-        margin, truth = Margins(evaluator).of(predicate), evaluator.expression(predicate)
+        margin, truth = PredicateMargins(evaluator).of(predicate), evaluator.expression(predicate)
         for _ in range(examples("SOTER_MARGINS", quick=400, long=5000)):
             x, y = chance.uniform(-2.0, 11.0), chance.uniform(-1.0, 4.0)
             n, b = chance.randint(0, 4), chance.random() < 0.5

@@ -33,9 +33,9 @@ def test_the_battery_is_proved_and_confirmed(tmp_path: Path) -> None:
     report = program.verify(refute=False, cert=tmp_path / "cert")
     (module,) = report.modules
     assert module.verdict == "proved"
-    found = soter.recheck(tmp_path / "cert")
-    assert found.accepted
-    assert {c for m in found.modules for c in m.confirmed} >= ALL
+    recheck_report = soter.recheck(tmp_path / "cert")
+    assert recheck_report.accepted
+    assert {c for m in recheck_report.modules for c in m.confirmed} >= ALL
 
 
 IN_THE_BENCH = ("no reserve", "cheap landing", "SC flies on", "slow start")
@@ -138,9 +138,9 @@ def test_from_everywhere_a_dock_is_no_farther_than_a_landing_may_lead(script: An
     longest = float(program.constant("LONGEST"))
     room = script.inner_room()
     docks = [(float(d.x), float(d.y), float(d.z)) for d in program.constant("DOCK")]
-    found = json.loads((DRONE / "roadmap.json").read_text(encoding="utf-8"))
-    nodes = [(n["x"], n["y"], n["z"]) for n in found["nodes"]]
-    ways = homes(room, docks, nodes, found["metres"], found["hop"])
+    roadmap = json.loads((DRONE / "roadmap.json").read_text(encoding="utf-8"))
+    nodes = [(n["x"], n["y"], n["z"]) for n in roadmap["nodes"]]
+    ways = homes(room, docks, nodes, roadmap["metres"], roadmap["hop"])
     assert [h.metres for h in program.constant("HOMES")][: len(nodes)] == pytest.approx(ways)
     ends = [*zip(nodes, ways, strict=True), *((d, 0.0) for d in docks)]
     todo, farthest = [(c, 0) for c in script.cells_of(room)], 0.0

@@ -39,12 +39,12 @@ def test_the_linear_part_leaves_something_of_the_residual(place: str) -> None:
 def test_no_hostile_flight_is_beyond_what_is_derived_and_some_come_close(place: str) -> None:
     file, systems = FLIGHTS[place]
     assert "Rhythmic" in systems
-    found = flown(bound(place), range(3), 60, DRONE / file, "Rhythmic")
-    assert len(found) == 24
-    assert not {n: x for n, x in found.items() if x[0] > x[1]}
+    extremes = flown(bound(place), range(3), 60, DRONE / file, "Rhythmic")
+    assert len(extremes) == 24
+    assert not {n: x for n, x in extremes.items() if x[0] > x[1]}
     axes = "xyz" if place == "corridors" else "xz"  # this AC never leaves the leg along x
     close = {f"{n} {axis}" for n in SHARP for axis in axes}
-    assert not {n: found[n] for n in close if found[n][0] < 0.8 * found[n][1]}
+    assert not {n: extremes[n] for n in close if extremes[n][0] < 0.8 * extremes[n][1]}
 
 
 CHANGED = {
@@ -71,8 +71,8 @@ def test_a_vehicle_that_follows_worse_is_told(change: str, tmp_path: Path) -> No
     iris.write_text(text.replace(before, after), encoding="utf-8")
     b = derived("corridors", folder)
     if change in FLOWN:
-        found = flown(b, range(1), 30, folder / FLIGHTS["corridors"][0], "Rhythmic")
-        assert {n for n, (most, limit) in found.items() if most > limit} & {
+        extremes = flown(b, range(1), 30, folder / FLIGHTS["corridors"][0], "Rhythmic")
+        assert {n for n, (most, limit) in extremes.items() if most > limit} & {
             "rest x",
             "rest y",
             "rest z",

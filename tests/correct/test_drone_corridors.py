@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from generators.corridors import Room, exact, fault_of, room, uncovered, written
-from generators.covering import Onboard
+from generators.drone_corridors import Room, exact, fault_of, room, uncovered, written
+from generators.drone_covering import Onboard
 
 if TYPE_CHECKING:
-    from generators.corridors import Exact
+    from generators.drone_corridors import Exact
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 NAN, INF = float("nan"), float("inf")
@@ -294,8 +294,8 @@ def city_with(folder: Path, old: str, new: str) -> soter.Program:
 def only_message(program: soter.Program) -> tuple[str, str]:
     with pytest.raises(soter.SoterError) as caught:
         program.check()
-    found = [d for d in caught.value.diagnostics if d.code[0] != "W"]
-    return found[0].code, found[0].message
+    errors = [d for d in caught.value.diagnostics if d.code[0] != "W"]
+    return errors[0].code, errors[0].message
 
 
 def test_an_inverted_building_is_an_error(tmp_path: Path) -> None:

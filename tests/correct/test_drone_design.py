@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:
@@ -55,13 +55,13 @@ def gap_between(centre: Floats, axes: Floats, half: Floats, low: Floats, high: F
 
 
 def tubes_as_boxes(constants: dict[str, Any]) -> list[tuple[Floats, Floats, Floats]]:
-    found = []
+    boxes = []
     for start, along, side, up, length, radius, height, back, front in constants["city.TUBES"]:
         axes = np.array([along, side, up])
         half = np.array([(length + back + front) / 2, radius, height])
         centre = np.array(start) + axes[0] * (length + front - back) / 2
-        found.append((centre, axes, half))
-    return found
+        boxes.append((centre, axes, half))
+    return boxes
 
 
 def test_the_tubes_keep_the_vehicle_clear_of_every_building(constants: dict[str, Any]) -> None:
@@ -111,8 +111,8 @@ def residual(run: Any) -> Floats:
     leg = next(topics[n] for n in topics.dtype.names if n.endswith("tubeState"))["leg"]
     # what stands in the topic after t is the reference for the next instant
     gap = flown[1:] - reference[:-1]
-    found: Floats = np.abs(np.einsum("nij,nj->ni", tubes[leg[1:].astype(int)], gap))
-    return found
+    residuals: Floats = np.abs(np.einsum("nij,nj->ni", tubes[leg[1:].astype(int)], gap))
+    return residuals
 
 
 def _tubes(run: Any) -> Any:
@@ -229,7 +229,7 @@ def test_SC_stops_before_every_wall_from_the_boundary_of_S0(  # noqa: N802 - the
 def test_the_aggressive_AC_keeps_control_for_most_of_its_laps() -> None:  # noqa: N802 - their names
     times: dict[str, list[float]] = {"Protected": [], "AdvancedOnly": []}
     shares = []
-    for system, found in times.items():
+    for system, lap_times in times.items():
         program = NativeProgram(
             system_of(check_file(str(DRONE / "motion_primitive.soter")), system)
         )
@@ -240,6 +240,6 @@ def test_the_aggressive_AC_keeps_control_for_most_of_its_laps() -> None:  # noqa
                 assert run.violations == 0
                 shares.append(float(lap["ac_s"]) / float(lap["lap_s"]))
             if lap["finished"] and not run.violations:
-                found.append(float(lap["lap_s"]))
+                lap_times.append(float(lap["lap_s"]))
     assert np.mean(shares) >= 0.96
     assert np.mean(times["Protected"]) <= 1.05 * np.mean(times["AdvancedOnly"])

@@ -50,10 +50,10 @@ def test_plans_are_kept_as_they_came_into_force(mission: Any) -> None:
 def test_a_liars_plans_are_turned_down_each_for_a_reason_of_the_program() -> None:
     one = flown("Lying", 60.0, 3, 1.0)
     planner = one.run.modules["SafePlanner"]
-    found = {p.why for p in one.watch.turned_down}
+    reasons = {p.why for p in one.watch.turned_down}
     assert 100 < len(one.watch.turned_down) <= planner.switches_to_sc
-    assert {"InBuilding", "Elsewhere", "Empty"} <= found
-    assert "Covered" not in found
+    assert {"InBuilding", "Elsewhere", "Empty"} <= reasons
+    assert "Covered" not in reasons
     refused = [way for way in one.flight().ways if way.refused]
     assert len(refused) > 50
     assert all(np.isfinite(way.points).all() for way in refused)

@@ -14,7 +14,7 @@ import pytest
 
 import processes
 import soter
-from generators.covering import Onboard
+from generators.drone_covering import Onboard
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -121,8 +121,8 @@ def test_each_bug_shows_and_is_refused(
     rrt: Any, clearance: Any, onboard: Onboard, bug: str, reasons: set[str]
 ) -> None:
     """A bug that never shows would be no test of who refuses it."""
-    found = [planned(rrt, clearance, bug, number) for number in range(40)]
-    plans = [p for p in found if p is not None and len(p) <= onboard.points]
+    candidates = [planned(rrt, clearance, bug, number) for number in range(40)]
+    plans = [p for p in candidates if p is not None and len(p) <= onboard.points]
     assert plans
     refused = {a.verdict for a in onboard.cover(plans, [(START, GOAL)] * len(plans))} - {"Covered"}
     assert refused

@@ -16,7 +16,7 @@ from bench import drone_rhythms as search
 from bench.drone_bound import DRONE, derived, seen
 from bench.drone_conformance import needed
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:
@@ -65,10 +65,10 @@ def test_a_rhythm_is_flown_as_the_program_flies_it(tmp_path: Path) -> None:
     known = {n: c.value for n, c in checked.program.consts.items()}
     d, stray = needed(run, known)
     rest = [seen(derived("corridors"), run)[f"rest {axis}"][0] for axis in "xyz"]
-    found = search.flown(search.place("corridors"), rhythm())[0]
+    maxima = search.flown(search.place("corridors"), rhythm())[0]
     assert stray < 1e-9
-    assert found[:3] == pytest.approx(d.max(axis=0), rel=1e-6)
-    assert found[3:] == pytest.approx(rest, rel=1e-6)
+    assert maxima[:3] == pytest.approx(d.max(axis=0), rel=1e-6)
+    assert maxima[3:] == pytest.approx(rest, rel=1e-6)
 
 
 def test_a_search_breeds_rhythms_that_are_followed_worse() -> None:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from generators.corridors import fault_of, room, written
-from generators.covering import Onboard
+from generators.drone_corridors import fault_of, room, written
+from generators.drone_covering import Onboard
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,8 +35,8 @@ def onboard(tmp_path_factory: pytest.TempPathFactory) -> Onboard:
 
 
 def document() -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((DRONE / "roadmap.json").read_text(encoding="utf-8"))
-    return found
+    roadmap: dict[str, Any] = json.loads((DRONE / "roadmap.json").read_text(encoding="utf-8"))
+    return roadmap
 
 
 @pytest.mark.long
@@ -84,8 +84,8 @@ def test_every_node_leads_to_every_other_in_its_piece_of_the_room(script: Any) -
                     if min(shared) >= 0.0 and sum(s > 0.0 for s in shared) >= 2:
                         piece[j] = first
                         wait.append(j)
-    found = document()
-    nodes = [(n["x"], n["y"], n["z"]) for n in found["nodes"]]
+    roadmap = document()
+    nodes = [(n["x"], n["y"], n["z"]) for n in roadmap["nodes"]]
     of = [
         next(
             piece[i]
@@ -94,7 +94,7 @@ def test_every_node_leads_to_every_other_in_its_piece_of_the_room(script: Any) -
         )
         for p in nodes
     ]
-    for i, row in enumerate(found["hop"]):
+    for i, row in enumerate(roadmap["hop"]):
         assert [h >= 0 for h in row] == [of[i] == of[j] for j in range(len(nodes))]
 
 
@@ -128,18 +128,18 @@ def test_where_the_vehicle_cannot_be_there_is_no_way(onboard: Onboard) -> None:
         assert all(len(r.plan) == 0 for r in onboard.route([(free, p), (p, free)]))
 
 
-def no_edge(found: dict[str, Any]) -> None:
-    a = found["hop"][0]
-    beside = {e["b"] for e in found["edges"] if e["a"] == 0} | {
-        e["a"] for e in found["edges"] if e["b"] == 0
+def no_edge(roadmap: dict[str, Any]) -> None:
+    a = roadmap["hop"][0]
+    beside = {e["b"] for e in roadmap["edges"] if e["a"] == 0} | {
+        e["a"] for e in roadmap["edges"] if e["b"] == 0
     }
     j = next(j for j in range(1, len(a)) if a[j] > 0)
     a[j] = next(k for k in range(1, len(a)) if k not in beside and k != j)
 
 
-def goes_round(found: dict[str, Any]) -> None:
-    e = found["edges"][0]
-    hop = found["hop"]
+def goes_round(roadmap: dict[str, Any]) -> None:
+    e = roadmap["edges"][0]
+    hop = roadmap["hop"]
     j = next(
         j
         for j in range(len(hop))
@@ -148,20 +148,20 @@ def goes_round(found: dict[str, Any]) -> None:
     hop[e["b"]][j] = e["a"]
 
 
-def into_a_building(found: dict[str, Any]) -> None:
-    found["nodes"][0] = {"x": 35.0, "y": 30.0, "z": 2.0}
+def into_a_building(roadmap: dict[str, Any]) -> None:
+    roadmap["nodes"][0] = {"x": 35.0, "y": 30.0, "z": 2.0}
 
 
-def edge_through_a_wall(found: dict[str, Any]) -> None:
-    nodes = found["nodes"]
+def edge_through_a_wall(roadmap: dict[str, Any]) -> None:
+    nodes = roadmap["nodes"]
     low = [i for i in range(len(nodes)) if nodes[i]["z"] < 3.0]  # below the tops of the walls
     west = min(low, key=lambda i: nodes[i]["x"])
     east = max(low, key=lambda i: nodes[i]["x"])
-    found["edges"].append({"a": west, "b": east})
+    roadmap["edges"].append({"a": west, "b": east})
 
 
-def a_row_less(found: dict[str, Any]) -> None:
-    found["hops"].pop()
+def a_row_less(roadmap: dict[str, Any]) -> None:
+    roadmap["hops"].pop()
 
 
 @pytest.mark.parametrize(
@@ -180,9 +180,9 @@ def test_a_wrong_file_is_an_error_of_the_compiler(
     for path in DRONE.iterdir():
         if path.suffix in {".soter", ".json"}:
             shutil.copy(path, tmp_path)
-    found = document()
-    damage(found)
-    (tmp_path / "roadmap.json").write_text(json.dumps(found), encoding="utf-8")
+    roadmap = document()
+    damage(roadmap)
+    (tmp_path / "roadmap.json").write_text(json.dumps(roadmap), encoding="utf-8")
     with pytest.raises(soter.SoterError) as caught:
         soter.load(tmp_path / "roadmap.soter").check()
     assert words in caught.value.diagnostics[0].message

@@ -53,9 +53,9 @@ def test_a_stack_that_breaks_an_assumption_is_proved_and_says_so() -> None:
 def test_a_flight_of_another_seed_repeats_nothing(tmp_path: Path) -> None:
     (world, *_) = RESERVE.worlds
     tree = laid_out(tmp_path, (*RESERVE.edits, *world.narrowed))
-    found = flown(tree, world)
-    assert found is not None
-    seed, what, at_s = found
+    violation = flown(tree, world)
+    assert violation is not None
+    seed, what, at_s = violation
     assert flown_again(tree, world, seed, what, at_s)
     assert not flown_again(tree, world, seed, what, at_s - 1.0)
     assert not flown_again(tree, world, seed, "another property", at_s)

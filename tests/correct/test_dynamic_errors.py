@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from generators.found import files_in
-from soter.program.build import check_file, system_of
-from soter.program.meaning.arith import FaultKind
+from generators.file_listing import files_in
+from soter.program.evaluate.arithmetic import FaultKind
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
@@ -58,10 +58,10 @@ def _holds(run: Run, expectation: str) -> None:
     elif kind == "mode":
         assert _module(run, words[0])["mode"] == (words[1] == "AC")
     elif kind == "property":
-        found = re.fullmatch(r'"(.*)" (\d+)', rest)
-        assert found
+        match = re.fullmatch(r'"(.*)" (\d+)', rest)
+        assert match
         counts = {v.what: v.count for v in run.violation_list}
-        assert counts[found.group(1)] == int(found.group(2))
+        assert counts[match.group(1)] == int(match.group(2))
     else:
         pytest.fail(f"unknown expectation: {expectation}")
 

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators import from_outside
-from generators.engines import (
+from generators import outside_input_driver
+from generators.engine_comparison import (
     CompileError,
     compile_library,
     first_difference,
@@ -34,18 +34,18 @@ from generators.engines import (
     native_trace,
     subject,
 )
-from generators.programs import program
-from generators.reduce import reduced
-from generators.tally import happened, table
+from generators.program_reducer import reduced
+from generators.random_programs import program
+from generators.run_statistics import happened, table
 from long_tests import examples
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
-from soter.program.meaning.arith import FaultKind
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.program.model.system import environment_topics
 from soter.syntax.printer import format_source
 
 if TYPE_CHECKING:
-    from generators.engines import Subject
+    from generators.engine_comparison import Subject
 
 INSTANTS = 500
 BATCH = 15
@@ -98,11 +98,11 @@ def complaint_of_any(subjects: list[Subject]) -> tuple[Subject, str] | None:
     except CompileError:
         for s in subjects:
             try:
-                found = complaint([s])
+                failure = complaint([s])
             except CompileError as error:
                 return s, str(error)
-            if found is not None:
-                return found
+            if failure is not None:
+                return failure
         raise
 
 
@@ -117,10 +117,10 @@ def report(number: int, s: Subject, words: str) -> str:
 
     def fails(text: str) -> bool:
         try:
-            found = complaint_of_any([make(number, text)])
+            failure = complaint_of_any([make(number, text)])
         except Exception:  # noqa: BLE001 - it does not check, or fails in another way
             return False
-        return found is not None and kind_of(found[1]) == kind_of(words)
+        return failure is not None and kind_of(failure[1]) == kind_of(words)
 
     text = reduced(s.text, fails)
     smaller = complaint_of_any([make(number, text)])
@@ -135,10 +135,10 @@ def test_engines_agree_on_every_byte(chunk: int) -> None:
     todo = numbers(chunk)
     for start in range(0, len(todo), BATCH):
         batch = {n: make(n) for n in todo[start : start + BATCH]}
-        found = complaint_of_any(list(batch.values()))
-        if found is not None:
-            number = next(n for n, s in batch.items() if s is found[0])
-            pytest.fail(report(number, *found), pytrace=False)
+        failure = complaint_of_any(list(batch.values()))
+        if failure is not None:
+            number = next(n for n, s in batch.items() if s is failure[0])
+            pytest.fail(report(number, *failure), pytrace=False)
 
 
 @pytest.mark.parametrize("chunk", first_of_four(1))
@@ -147,9 +147,9 @@ def test_engines_agree_where_every_struct_is_large(
 ) -> None:
     monkeypatch.setattr("soter.codegen.c.types.LARGE", 0)
     batch = {n: make(n) for n in range(40_000 + chunk, 40_000 + 4 * BATCH, 4)}
-    found = complaint_of_any(list(batch.values()))
-    if found is not None:
-        pytest.fail(report(next(n for n, s in batch.items() if s is found[0]), *found))
+    failure = complaint_of_any(list(batch.values()))
+    if failure is not None:
+        pytest.fail(report(next(n for n, s in batch.items() if s is failure[0]), *failure))
 
 
 @pytest.mark.parametrize("chunk", first_of_four(2))
@@ -159,7 +159,7 @@ def test_engines_agree_on_inputs_from_outside(chunk: int, tmp_path: Path) -> Non
     library = compile_library(subjects, tmp_path, "-O2" if chunk % 2 else "-O0")
     kinds: list[int] = []
     for s in subjects:
-        words = from_outside.first_disagreement(s, library, 100, kinds)
+        words = outside_input_driver.first_disagreement(s, library, 100, kinds)
         assert words is None, f"{words}\n\n{s.text}"
     seen = Counter(kinds)
     assert min(seen[k] for k in (0, *map(int, REFUSALS))) > 20, seen

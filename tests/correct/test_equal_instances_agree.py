@@ -1,7 +1,7 @@
 """Equal instances: as many configurations are stored as there are orbits, and nothing is missed.
 
 The orbits are counted over the configurations of the brute-force enumerator, with instances
-swapped by their names; see tests/generators/agreement_of_equals.py. More programs:
+swapped by their names; see tests/generators/symmetry_agreement.py. More programs:
 bench/testing_soundness.py --equal.
 
     SOTER_EQUAL_PROGRAMS=300 pytest tests/correct/test_equal_instances_agree.py -n 2
@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import pytest
 
-from generators.agreement import small
-from generators.agreement_of_equals import compared_as_equals
-from generators.equal_instances import equal_instances
+from generators.equal_instance_programs import equal_instances
+from generators.explorer_agreement import small
+from generators.symmetry_agreement import compared_as_equals
 from long_tests import examples
 
 PROGRAMS = examples("SOTER_EQUAL_PROGRAMS", quick=12, long=108)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.agreement import compared, enumerated, small
 from generators.brute_force import BruteForce, TooLargeError
-from generators.lasting import lasting_program
+from generators.explorer_agreement import compared, enumerated, small
+from generators.lasting_step_programs import lasting_program
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants, program_joined
 from generators.small_fleets import small_fleet

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import pytest
 
-from generators.engines import Subject, first_difference
+from generators.engine_comparison import Subject, first_difference
 from soter.native.compiler import WARNINGS
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ import pytest
 
 from long_tests import examples
 from soter import SoterError, load, recheck
-from soter.program.build import check_file, system_of
-from soter.program.flatten.derived import faultless, with_faults
+from soter.program.elaborate.derived_systems import faultless, with_faults
+from soter.program.front_end import check_file, system_of
 from soter.program.model.system import Fault
-from soter.semantics.chance.faults import happens, is_active, is_released, next_release
-from soter.semantics.chance.random_draws import draw_bits
+from soter.semantics.random.faults import happens, is_active, is_released, next_release
+from soter.semantics.random.random_draws import draw_bits
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def slowly(folder: Path, faults: str, takes: dict[str, str]) -> System:
 
 
 def random_faults(rng: random.Random) -> str:
-    found = ["order any;"] if rng.random() < 0.5 else []
+    faults = ["order any;"] if rng.random() < 0.5 else []
     for _ in range(rng.randint(1, 6)):
         often = f"at {rng.choice([200, 700, 1900])} per 1h"
         lasts = rng.choice(["", f" for {rng.choice([30, 100, 450])}ms"])
@@ -103,11 +103,11 @@ def random_faults(rng: random.Random) -> str:
         if kind == "late":
             times = [0, *sorted(rng.randint(0, 30) for _ in range(rng.randint(1, 3)))]
             by = f"[{', '.join(f'{t}ms' for t in times)}]" if rng.random() < 0.5 else "6ms"
-            found.append(f"late {rng.choice(TIMED)} by {by};")
+            faults.append(f"late {rng.choice(TIMED)} by {by};")
         elif kind == "held":
-            found.append(f"late {rng.choice(TIMED)} by {rng.choice([15, 120, 400])}ms {often};")
+            faults.append(f"late {rng.choice(TIMED)} by {rng.choice([15, 120, 400])}ms {often};")
         elif kind == "skip":
-            found.append(f"skip {rng.choice(TIMED)} {often}{lasts};")
+            faults.append(f"skip {rng.choice(TIMED)} {often}{lasts};")
         elif kind == "value":
             what = rng.choice(["nan", "saturated", "bias", "noise", "scale", "stuck", "silent"])
             where = rng.choice(VALUED)
@@ -116,15 +116,15 @@ def random_faults(rng: random.Random) -> str:
             if what == "silent" and where.count(".") + where.count("[") > 1:
                 where = "M.Slow"
             by = f" by {rng.choice(['0.5', '-1.5', '3.0'])}" if what in "bias noise scale" else ""
-            found.append(f"{what} {where}{by} {often}{lasts};")
+            faults.append(f"{what} {where}{by} {often}{lasts};")
         elif kind == "overrun":
             by = rng.choice(["1ns", "3ms", "7ms", "10ms", "25ms", "160ms"])
-            found.append(f"overrun {rng.choice(LASTING)} by {by} {often}{lasts};")
+            faults.append(f"overrun {rng.choice(LASTING)} by {by} {often}{lasts};")
         elif kind == "odd":
-            found.append(f"stuck {rng.choice(ODD)} {often}{lasts};")
+            faults.append(f"stuck {rng.choice(ODD)} {often}{lasts};")
         else:
-            found.append(f"scale p.{rng.choice(['wind', 'gust'])} by 7.0 {often}{lasts};")
-    return "\n    ".join(found)
+            faults.append(f"scale p.{rng.choice(['wind', 'gust'])} by 7.0 {often}{lasts};")
+    return "\n    ".join(faults)
 
 
 @pytest.mark.parametrize("number", range(RANDOM_PROGRAMS))
@@ -425,7 +425,7 @@ def expected(flat: System, seed: int, until: int) -> dict[int, int]:
     low, high = c.takes_ns or (0, 0)
     longer = [f for f in flat.faults if f.kind == "overrun"]
     moved = [f for f in flat.faults if f.of_time]
-    found, busy, steps = {}, -1, 0
+    step_by_time, busy, steps = {}, -1, 0
     for k in range(until // c.period_ns + 1):
         t = happens(flat, moved, c, seed, k)
         if t is None or t < busy:
@@ -433,8 +433,8 @@ def expected(flat: System, seed: int, until: int) -> dict[int, int]:
         steps += 1
         busy = t + sum(int(f.amount[0]) for f in longer if is_active(f, seed, t, c.period_ns))
         busy += low + draw_bits(seed, "N.takes", k) % (high - low + 1)
-        found[busy] = steps
-    return {t: n for t, n in found.items() if t <= until}
+        step_by_time[busy] = steps
+    return {t: n for t, n in step_by_time.items() if t <= until}
 
 
 @pytest.mark.parametrize(

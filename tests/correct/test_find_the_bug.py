@@ -16,9 +16,9 @@ SPACES = re.compile(r"[ ─]+")
 
 
 def _block(name: str) -> str:
-    found = re.findall(rf"^```soter find={name}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-    assert len(found) == 1, name
-    return str(found[0])
+    blocks = re.findall(rf"^```soter find={name}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 1, name
+    return str(blocks[0])
 
 
 EXTERN = _block("hoist.soter")

@@ -13,18 +13,18 @@ import pytest
 
 import processes
 import soter
-from generators.packages import EXAMPLES, make, package
+from generators.c_packages import EXAMPLES, make, package
 from long_tests import examples
 from processes import PIPE
 from soter.api.deploying import stack_bound
 from soter.lower.layout import state_layout
 from soter.native.compiler import MEANING, WARNINGS, find
-from soter.native.stack import SILENT
-from soter.program.meaning.arith import FaultKind
+from soter.native.stack_bound import SILENT
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
-from soter.simulate.image import image
+from soter.simulate.state_bytes import state_bytes
 
 CART = EXAMPLES / "wall" / "cart_firmware.soter"
 SHUTTLE = EXAMPLES / "wall" / "shuttle_firmware.soter"
@@ -69,8 +69,8 @@ def linked(built: Path, compiler: list[str], source: Path, *flags: str) -> Path:
 
 
 def compilers(*names: str) -> list[str]:
-    found = [n for n in names if shutil.which(n)]
-    return found or [pytest.param("", marks=pytest.mark.skip(reason="none is here"))]  # type: ignore[list-item]
+    available = [n for n in names if shutil.which(n)]
+    return available or [pytest.param("", marks=pytest.mark.skip(reason="none is here"))]  # type: ignore[list-item]
 
 
 # ---------------------------------------------------------------- told line by line
@@ -206,11 +206,11 @@ def test_two_bad_ticks_of_a_sensor_cost_control_at_most_and_latch_nothing(
             lines.append(f"motion 0.0 -inf {now} {now}")
         lines.append(f"step {now}")
     lines += ticks(60, 40)
-    found = steps(told(*lines))
-    assert [found[k].mode for k in (19, 20, 59)] == [1, 1, 0], "stale after 20 ms, seen in 50 ms"
-    assert {s.mode for s in found[60:]} == {1}, "the DM of 300 ms finds it fresh"
-    assert not any(s.said & (LATCHED | LATE | BEHIND) for s in found)
-    old = [k for k, s in enumerate(found) if s.said & STALE]
+    records = steps(told(*lines))
+    assert [records[k].mode for k in (19, 20, 59)] == [1, 1, 0], "stale after 20 ms, seen in 50 ms"
+    assert {s.mode for s in records[60:]} == {1}, "the DM of 300 ms finds it fresh"
+    assert not any(s.said & (LATCHED | LATE | BEHIND) for s in records)
+    old = [k for k, s in enumerate(records) if s.said & STALE]
     assert old == list(range(24, 60, 2)), "SC's steps from 120 ms on, 25 ms after the last value"
     short = ["start 0", "goal 0 0 0", *ticks(0, 20)]
     for k in (20, 21):
@@ -285,13 +285,13 @@ class Model:
             self.stale |= at % (10 * MS) == 0 and stamp != NEVER and at - stamp > 20 * MS
             self.c = self.interpreter.instant(self.c, choose_input=lambda _: (), record=self.record)
         layout = state_layout(self.system)
-        return image(self.system, layout, self.c, self.record, 1).hex()
+        return state_bytes(self.system, layout, self.c, self.record, 1).hex()
 
 
 def script(seed: int) -> list[tuple[str, tuple[float, ...], int, int]]:
     """A loop that is late, hurried, confused about time and lied to."""
     rng = random.Random(seed)  # noqa: S311 - not a secret
-    now, found = rng.choice([0, 5, -(10**15), 10**15]), []
+    now, calls = rng.choice([0, 5, -(10**15), 10**15]), []
     origin = now
     for _ in range(120):
         now += rng.choice([0, MS, 5 * MS, 5 * MS, 5 * MS + 1, 12 * MS, 37 * MS])
@@ -301,8 +301,8 @@ def script(seed: int) -> list[tuple[str, tuple[float, ...], int, int]]:
         wild = rng.random() < 0.1
         x = rng.choice([math.nan, math.inf, 1e300]) if wild else rng.uniform(-9.5, 9.5)
         values = (x, rng.uniform(-7, 7)) if kind == "motion" else (x,)
-        found.append((kind, values, measured, told))
-    return [("start", (), origin, origin), *found]
+        calls.append((kind, values, measured, told))
+    return [("start", (), origin, origin), *calls]
 
 
 @pytest.mark.parametrize("seed", range(LOOPS))

@@ -10,7 +10,7 @@ import pytest
 
 import processes
 import soter
-from generators.packages import EXAMPLES, make
+from generators.c_packages import EXAMPLES, make
 from soter.native.compiler import MEANING, WARNINGS, find
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -137,9 +137,9 @@ def careless(code: str) -> bool:
 
 
 def test_every_c_block_of_the_pages_obeys_what_a_step_says() -> None:
-    found = blocks()
-    assert [page for page, code in found if careless(code)] == []
-    acting = [code for _, code in found if COMMANDS.search(code)]
+    page_blocks = blocks()
+    assert [page for page, code in page_blocks if careless(code)] == []
+    acting = [code for _, code in page_blocks if COMMANDS.search(code)]
     assert acting, "the page of the firmware has one"
     assert all(careless(code.replace("SOTER_STALE | ", "")) for code in acting)
 

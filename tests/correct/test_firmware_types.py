@@ -11,7 +11,7 @@ import pytest
 
 import processes
 import soter
-from generators.packages import make
+from generators.c_packages import make
 from soter.native.compiler import MEANING, WARNINGS, find
 
 if TYPE_CHECKING:
@@ -176,14 +176,14 @@ def test_names_do_not_depend_on_the_file_that_declares_the_parts(tmp_path: Path)
     (tmp_path / "parts.soter").write_text(parts)
     apart = re.sub(r"(external topic|node) ", r"\1 p.", system)
     (tmp_path / "two.soter").write_text(f'soter 1;\nimport "parts.soter" as p;\n{apart}')
-    found = []
+    identifiers = []
     for name in ("one", "two"):
         soter.load(tmp_path / f"{name}.soter").build("c", tmp_path / name)
         header = (tmp_path / name / "Robot_firmware.h").read_text()
-        found.append(sorted(set(re.findall(r"\bRobot_\w+", header))))
+        identifiers.append(sorted(set(re.findall(r"\bRobot_\w+", header))))
         messages = json.loads((tmp_path / name / "messages.json").read_text())
-        found[-1].append(messages["layout"])
-    assert found[0] == found[1]
+        identifiers[-1].append(messages["layout"])
+    assert identifiers[0] == identifiers[1]
 
 
 def test_the_layout_hash_changes_with_a_type_and_not_with_a_step(tmp_path: Path) -> None:

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.engines import (
+from generators.engine_comparison import (
     compile_library,
     first_difference,
     interpreted_trace,
     native_trace,
     subject,
 )
-from generators.fleets import fleet
+from generators.random_fleets import fleet
 from long_tests import examples
 
 if TYPE_CHECKING:

@@ -12,11 +12,11 @@ from bench import testing_mutants as bench
 from bench.testing_mutant_models import Mutant, Subject
 
 import soter
-from generators.agreement import compared, enumerated
-from generators.found import files_in
+from generators.explorer_agreement import compared, enumerated
+from generators.file_listing import files_in
 from soter.diagnostics.render import render_all
-from soter.explore.engine.engine import Engine, Settings
-from soter.program.build import check_file
+from soter.explore.engine.explorer_library import Engine, EngineSettings
+from soter.program.front_end import check_file
 
 if TYPE_CHECKING:
     from soter.explore.results import TestResult
@@ -215,10 +215,10 @@ def test_every_program_of_the_gallery_is_in_the_list() -> None:
 def test_right_versions_are_exhausted_and_the_page_has_the_figures(
     name: str, tmp_path: Path
 ) -> None:
-    found = soter.load(GALLERY / f"{name}.soter").explore(output=tmp_path).tests
+    results = soter.load(GALLERY / f"{name}.soter").explore(output=tmp_path).tests
     rows = [row[1:] for row in ROW.findall(PAGE) if row[0] == name]
-    assert [row[0] for row in rows] == [t.name for t in found]
-    for (_, verdict, horizon_ms, states, steps), t in zip(rows, found, strict=True):
+    assert [row[0] for row in rows] == [t.name for t in results]
+    for (_, verdict, horizon_ms, states, steps), t in zip(rows, results, strict=True):
         assert t.verdict == verdict == ("exhausted" if t.name in CLEAN[name] else "violated")
         assert any(f"the horizon, {horizon_ms} ms" in a for a in t.assumptions)
         assert states == (f"{t.states:,}" if t.name in CLEAN[name] else "")
@@ -227,15 +227,15 @@ def test_right_versions_are_exhausted_and_the_page_has_the_figures(
 
 @pytest.mark.parametrize("w", WRONG, ids=lambda w: w.test)
 def test_a_wrong_version_is_violated_by_the_least_trace(w: Wrong, tmp_path: Path) -> None:
-    found = _of(w.file, w.test, tmp_path)
-    assert found.verdict == "violated"
-    assert found.broken is not None
-    assert found.broken.text == w.violated
-    assert found.minimal
-    assert found.trace is not None
-    assert soter.replay(found.trace).reproduced
-    assert found.replayed is not None
-    steps = [s for s in found.replayed.trace.steps if s.actor]
+    test_result = _of(w.file, w.test, tmp_path)
+    assert test_result.verdict == "violated"
+    assert test_result.broken is not None
+    assert test_result.broken.text == w.violated
+    assert test_result.minimal
+    assert test_result.trace is not None
+    assert soter.replay(test_result.trace).reproduced
+    assert test_result.replayed is not None
+    steps = [s for s in test_result.replayed.trace.steps if s.actor]
     assert (len(steps), steps[-1].time_ns // 1_000_000) == (w.steps, w.at_ms)
     told = {
         (s.time_ns // 1_000_000, s.actor, what)
@@ -243,18 +243,18 @@ def test_a_wrong_version_is_violated_by_the_least_trace(w: Wrong, tmp_path: Path
         for what in (s.kind, *(str(c.value) for c in s.choices))
     }
     assert set(w.seen) <= told
-    assert _shortest(found) == w.steps
+    assert _shortest(test_result) == w.steps
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=str)
 def test_a_right_version_with_one_line_changed_is_violated(change: Change, tmp_path: Path) -> None:
     m = change.mutant()
-    found = bench.explored(m.subject, bench.changed(m, tmp_path), tmp_path)
-    assert found.verdict == "violated"
-    assert found.broken is not None
-    assert change.violated in ("", found.broken.text)
-    assert found.trace is not None
-    assert soter.replay(found.trace).reproduced
+    test_result = bench.explored(m.subject, bench.changed(m, tmp_path), tmp_path)
+    assert test_result.verdict == "violated"
+    assert test_result.broken is not None
+    assert change.violated in ("", test_result.broken.text)
+    assert test_result.trace is not None
+    assert soter.replay(test_result.trace).reproduced
 
 
 @pytest.mark.parametrize(
@@ -271,15 +271,17 @@ def test_two_robots_with_one_line_changed_are_violated(
 ) -> None:
     """Traces of these are long: nobody looks for the shortest."""
     m = Mutant(Subject("gallery/two_robots.soter", test), "", old, new)
-    found = soter.load(bench.changed(m, tmp_path)).explore(test, minimise=0)[test]
-    assert found.verdict == "violated"
+    test_result = soter.load(bench.changed(m, tmp_path)).explore(test, minimise=0)[test]
+    assert test_result.verdict == "violated"
 
 
-def _shortest(found: TestResult) -> int:
+def _shortest(test_result: TestResult) -> int:
     """Breadth first without any reduction, every step run."""
-    engine = Engine(found.system)
+    engine = Engine(test_result.system)
     try:
-        return bench.moves(engine.explore(Settings(strategy="bfs", reduction="none", plainly=True)))
+        return bench.moves(
+            engine.explore(EngineSettings(strategy="bfs", reduction="none", plainly=True))
+        )
     finally:
         engine.close()
 

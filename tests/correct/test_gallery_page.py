@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import processes
-from generators.found import files_in
+from generators.file_listing import files_in
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from soter.gym.worlds import FACTS
+from soter.gym.batched_states import FACTS
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -22,10 +22,10 @@ def test_the_gym_page_runs_from_top_to_bottom(
             shutil.copy(path, tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    found = BLOCK.findall((ROOT / "docs" / "gym.md").read_text(encoding="utf-8"))
-    assert len(found) == 6
+    blocks = BLOCK.findall((ROOT / "docs" / "gym.md").read_text(encoding="utf-8"))
+    assert len(blocks) == 6
     names: dict[str, object] = {}
-    for number, text in enumerate(found):
+    for number, text in enumerate(blocks):
         exec(compile(text, f"docs/gym.md, block {number + 1}", "exec"), names)  # noqa: S102
 
 

@@ -1,7 +1,8 @@
 """Inductions against systematic testing: nothing is proved that has a run which violates it.
 
 The explorer knows nothing of the relation: it runs the compiled steps, and a violation of its is
-replayed by the reference interpreter. Programs are drawn by chance (`generators/planners.py`).
+replayed by the reference interpreter. Programs are drawn by chance
+(`generators/induction_planners.py`).
 """
 
 from __future__ import annotations
@@ -10,14 +11,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.planners import planner
+from generators.induction_planners import planner
 from long_tests import examples
-from soter.explore.command import Told, explore_test
+from soter.explore.command import TraceHeader, explore_test
 from soter.explore.results import EXHAUSTED, VIOLATED, Options
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.induction.problem import extract_induction
 from soter.reach.induction.prove import induct
-from soter.reach.induction.refute import any_ac, asked_of
+from soter.reach.induction.refute import any_ac, system_as_test
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,18 +39,18 @@ def compared(seed: int, folder: Path, *, late: bool) -> tuple[str, str]:
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     flat = system_of(checked, None, {}, exact=False)
     problem = extract_induction(flat, flat.modules[0])
-    found = induct(problem)
-    asked = asked_of(problem, any_ac(problem), HORIZON_NS[late])
-    explored = explore_test(asked, OPTIONS, Told(str(path), {})).verdict
-    return "proved" if found.proved else found.about or "open", explored
+    induction = induct(problem)
+    asked = system_as_test(problem, any_ac(problem), HORIZON_NS[late])
+    explored = explore_test(asked, OPTIONS, TraceHeader(str(path), {})).verdict
+    return "proved" if induction.proved else induction.about or "open", explored
 
 
 @pytest.mark.parametrize("late", [False, True])
 def test_nothing_is_proved_that_a_run_violates(tmp_path: Path, *, late: bool) -> None:
     seeds = range(1000, 1000 + (2 * PLANNERS if late else PLANNERS))
-    found = [compared(seed, tmp_path, late=late) for seed in seeds]
-    assert ("proved", VIOLATED) not in found
-    clean = [said for said, explored in found if explored == EXHAUSTED]
-    violated = [said for said, explored in found if explored == VIOLATED]
+    verdicts = [compared(seed, tmp_path, late=late) for seed in seeds]
+    assert ("proved", VIOLATED) not in verdicts
+    clean = [said for said, explored in verdicts if explored == EXHAUSTED]
+    violated = [said for said, explored in verdicts if explored == VIOLATED]
     assert clean.count("proved") >= len(clean) // 2 > 0
     assert "open" not in violated

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import soter
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,21 +50,21 @@ def test_an_example_checks_clean_and_runs_alike_on_both_engines(
 
 
 def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path) -> None:
-    found: dict[str, str] = {}
+    verdict_by_test: dict[str, str] = {}
     for number, (_, text) in enumerate(BLOCKS):
         path = tmp_path / f"example_{number}.soter"
         path.write_text(text)
         if check_file(str(path)).tests:
             report = soter.load(path).explore(output=None)
-            found |= {t.name: t.verdict for t in report.tests}
-    assert found == {
+            verdict_by_test |= {t.name: t.verdict for t in report.tests}
+    assert verdict_by_test == {
         "AsItIs": "exhausted",
         "InItsPlace": "exhausted",
         "InTime": "exhausted",
         "Delayed": "violated",
         "TwoLate": "exhausted",
     }
-    for name, verdict in found.items():
+    for name, verdict in verdict_by_test.items():
         assert re.search(rf"`{name}` is \*{verdict}", PAGE)
 
 

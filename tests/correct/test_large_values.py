@@ -1,7 +1,7 @@
 """Large values of generated C go by address: every copy that must be made is made (decision 109).
 
 `large_values.soter` has what could go wrong; each of its functions and nodes differs from the
-interpreter where one rule of `codegen/storage/plan.py` is left out.
+interpreter where one rule of `codegen/storage/storage_plan.py` is left out.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import pytest
 from soter import load
 from soter.api.deploying import stack_bound
 from soter.codegen.unit import generate
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:

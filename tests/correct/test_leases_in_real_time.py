@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import processes
-from generators.outside import (
+from generators.c_packages import EXAMPLES
+from generators.channel_programs import (
     AC,
     LAW,
     PROGRAM,
@@ -28,8 +29,7 @@ from generators.outside import (
     programs,
     soon,
 )
-from generators.packages import EXAMPLES
-from generators.real_time import FORGIVING, QUIET, built, owned, report
+from generators.posix_packages import FORGIVING, QUIET, built, owned, report
 from soter.native.compiler import WARNINGS
 
 if TYPE_CHECKING:
@@ -87,15 +87,15 @@ def test_a_killed_trusted_part_is_survived_by_the_law_and_a_restart_begins_in_sc
             assert speed.read() == LAW, "nobody has armed the actuators"
             actuator.send_signal(signal.SIGUSR1)
             soon(lambda: speed.read() == AC)
-            found = ended(again)
+            run_report = ended(again)
         soon(lambda: speed.read() == LAW)
         assert world.poll() is None, "the world goes on"
         moved = ended(world)
         acted = ended(actuator)
-    guard = found["modules"]["Guard"]
+    guard = run_report["modules"]["Guard"]
     assert guard["switches_to_ac"] == guard["switches_to_sc"] + 1, "it began in SC, and ended in AC"
-    assert found["leases"]["Guard"]["given"] > 0
-    assert found["topics"]["position"]["taken"] > 0
+    assert run_report["leases"]["Guard"]["given"] > 0
+    assert run_report["topics"]["position"]["taken"] > 0
     assert moved["topics"]["speed"]["taken"] > 0
     guard = acted["modules"]["Guard"]
     assert acted["armed"] == 1
@@ -121,10 +121,10 @@ def test_a_trusted_part_that_is_held_up_gives_no_more_leases(
         os.kill(trusted.pid, signal.SIGCONT)
         time.sleep(1.0)
         assert speed.read() == LAW
-        found = ended(trusted)
+        run_report = ended(trusted)
         acted = ended(actuator)["modules"]["Guard"]
-    assert found["leases"]["Guard"]["ended_ns"] is not None
-    assert found["misses"] > 0
+    assert run_report["leases"]["Guard"]["ended_ns"] is not None
+    assert run_report["misses"] > 0
     assert (acted["ends"], acted["older"]) == (1, 0)
 
 
@@ -143,14 +143,14 @@ def test_a_sensor_that_falls_silent_ends_the_lease(
 ) -> None:
     position = Number(code, tmp_path, "position", number_of(vehicle, "position"), writes=True)
     position.write(1.0)
-    found = heard_by(vehicle, tmp_path, "2")
-    assert found["topics"]["position"]["taken"] == 1
-    lease = found["leases"]["Guard"]
+    run_report = heard_by(vehicle, tmp_path, "2")
+    assert run_report["topics"]["position"]["taken"] == 1
+    lease = run_report["leases"]["Guard"]
     assert lease["given"] > 0
     assert lease["stale"] > 0
     assert 400_000_000 < lease["ended_ns"] < 800_000_000, "0.6 s after the last value"
-    assert found["modules"]["Guard"]["takeovers"]["stale"] == 1
-    assert found["misses"] == 0
+    assert run_report["modules"]["Guard"]["takeovers"]["stale"] == 1
+    assert run_report["misses"] == 0
 
 
 @pytest.mark.real_time
@@ -173,13 +173,13 @@ def test_a_sensor_that_speaks_nonsense_for_a_while_latches_nothing(
                 position.write(1.0)
             time.sleep(0.03)
         assert speed.read() == AC
-        found = ended(trusted)
+        run_report = ended(trusted)
         acted = ended(actuator)["modules"]["Guard"]
-    topic = found["topics"]["position"]
+    topic = run_report["topics"]["position"]
     assert topic["refused"] <= 2
     assert topic["taken"] > 10
     assert topic["refused"] + topic["older"] + topic["future"] >= 1
-    assert found["leases"]["Guard"]["ended_ns"] is None
+    assert run_report["leases"]["Guard"]["ended_ns"] is None
     assert acted["ends"] == 0
 
 
@@ -202,12 +202,12 @@ def test_a_value_that_is_none_is_counted_and_not_taken(
 
 
 def test_a_sensor_that_nobody_speaks_for_is_told(made: Programs, tmp_path: Path) -> None:
-    found = report(
+    run_report = report(
         made.trusted, "--channels", str(tmp_path), "--until", "0.5", "--wait", "0.1", *FORGIVING
     )
-    assert any("nobody speaks on `position`" in n for n in found["notes"])
-    assert found["leases"]["Guard"]["given"] == 0
-    assert found["leases"]["Guard"]["stale"] > 0
+    assert any("nobody speaks on `position`" in n for n in run_report["notes"])
+    assert run_report["leases"]["Guard"]["given"] == 0
+    assert run_report["leases"]["Guard"]["stale"] > 0
 
 
 @pytest.mark.real_time
@@ -228,11 +228,11 @@ def test_an_sc_that_latched_gives_no_leases_whoever_has_control(
         for _ in range(30):
             assert becomes(LAW, 1.0)
             time.sleep(0.02)
-        found = ended(trusted)
-    assert found["violations"] == 1, "the fault of SC"
-    assert found["leases"]["Guard"]["ended_ns"] > 0
-    assert found["misses"] == found["leases"]["Guard"]["stale"] == 0
-    guard = found["modules"]["Guard"]
+        run_report = ended(trusted)
+    assert run_report["violations"] == 1, "the fault of SC"
+    assert run_report["leases"]["Guard"]["ended_ns"] > 0
+    assert run_report["misses"] == run_report["leases"]["Guard"]["stale"] == 0
+    guard = run_report["modules"]["Guard"]
     assert guard["switches_to_ac"] > guard["switches_to_sc"], "AC has control, and is not obeyed"
 
 
@@ -249,12 +249,12 @@ def test_the_sensor_of_the_page_is_heard_and_hears(tmp_path: Path) -> None:
         going(vehicle.with_name("stop_vehicle_actuator"), tmp_path) as actuator,
         processes.started([tmp_path / "sensor", tmp_path, "300"], stdout=processes.PIPE) as sensor,
     ):
-        found = report(vehicle, "--channels", str(tmp_path), "--until", "1")
+        run_report = report(vehicle, "--channels", str(tmp_path), "--until", "1")
         said, _ = sensor.communicate(timeout=processes.TIMEOUT_S)
         acted = ended(actuator)["modules"]["Guard"]
-    assert found["notes"] == []
-    assert found["topics"]["position"]["taken"] > 10
-    late = found["leases"]["Guard"]["ended_ns"]
+    assert run_report["notes"] == []
+    assert run_report["topics"]["position"]["taken"] > 10
+    late = run_report["leases"]["Guard"]["ended_ns"]
     assert acted["taken"] > 0 or late is not None, "a machine may be late by a millisecond"
     assert acted["ends"] == (1 if acted["taken"] else 0)
     assert acted["older"] == 0
@@ -290,9 +290,9 @@ def test_a_value_of_another_layout_is_not_taken(
 ) -> None:
     other = Number(code, tmp_path, "position", 12345, writes=True)
     other.write(1.0)
-    found = report(
+    run_report = report(
         made.trusted, "--channels", str(tmp_path), "--until", "0.3", "--wait", "0", *FORGIVING
     )
-    topic = found["topics"]["position"]
+    topic = run_report["topics"]["position"]
     assert topic["taken"] == 0
     assert topic["bad"] > 0

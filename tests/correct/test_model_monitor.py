@@ -196,9 +196,9 @@ def test_what_was_measured_is_judged_alike_without_true_states(
     program, log = load(world(tmp_path, wind, lag)), tmp_path / "run.mcap"
     program.simulate(seed=5, log=log)
     mapping = mapping_of(program, ["seen", "push"])
-    found = log_explained(program.flat, log, mapping)
-    assert found == program.monitor(log, estimates=True)
-    assert found[0].alarms == 0 or (wind, lag) != (0.2, 1.0)
+    explanations = log_explained(program.flat, log, mapping)
+    assert explanations == program.monitor(log, estimates=True)
+    assert explanations[0].alarms == 0 or (wind, lag) != (0.2, 1.0)
 
 
 def test_parameters_are_read_off_the_topics_where_there_are_no_true_states(tmp_path: Path) -> None:
@@ -206,9 +206,9 @@ def test_parameters_are_read_off_the_topics_where_there_are_no_true_states(tmp_p
     program.simulate(seed=5, until="6s", log=log)
     (told,) = program.monitor(log, estimates=True)
     mapping = mapping_of(program, ["tubeState", "control"])
-    (found,) = log_explained(program.flat, log, mapping)
-    assert (found.steps, found.alarms) == (told.steps, told.alarms)
-    assert found.steps > 500
+    (explanation,) = log_explained(program.flat, log, mapping)
+    assert (explanation.steps, explanation.alarms) == (told.steps, told.alarms)
+    assert explanation.steps > 500
 
 
 def test_a_log_without_commands_does_not_say_whether_the_model_explains_it(

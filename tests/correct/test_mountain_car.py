@@ -56,8 +56,8 @@ def test_the_safe_controller_is_what_the_command_finds(tmp_path: Path) -> None:
         if path.suffix in {".soter", ".py", ".json"}:
             shutil.copy(path, tmp_path)
     shipped = PROGRAM.read_text()
-    found = r"// Found by `soter verify --synthesize`\..*?\n}\n\n(?=rta )"
-    stripped, count = re.subn(found, "", shipped, flags=re.DOTALL)
+    pattern = r"// Found by `soter verify --synthesize`\..*?\n}\n\n(?=rta )"
+    stripped, count = re.subn(pattern, "", shipped, flags=re.DOTALL)
     assert count == 1
     stripped = stripped.replace("sc SafeCarSC;", "sc synthesized period 1s;")
     (tmp_path / "cliff.soter").write_text(stripped)
@@ -113,10 +113,10 @@ def test_the_bench_counts_what_a_run_says(program: soter.Program, beside: Any) -
 
 
 def test_gymnasiums_car_is_the_map_within_the_declared_rounding(beside: Any) -> None:
-    found = beside("mountain_car").conform(10_000)
-    assert (found.steps, found.exceeded) == (10_000, 0)
-    assert 0.0 < found.worst_x <= 1.0
-    assert 0.0 < found.worst_v <= 1.0
+    tally = beside("mountain_car").conform(10_000)
+    assert (tally.steps, tally.exceeded) == (10_000, 0)
+    assert 0.0 < tally.worst_x <= 1.0
+    assert 0.0 < tally.worst_v <= 1.0
 
 
 def test_with_a_quarter_of_the_rounding_it_would_not_be(
@@ -176,9 +176,9 @@ def test_the_figure_shows_sets_both_drives_and_every_switch(
     program: soter.Program, proved: ModuleResult, beside: Any
 ) -> None:
     figure = beside("figure")
-    found = proved.cases[0].groups[0]
-    sets = [found.core != 0, found.levels[0], found.levels[-1]]
-    edges = [np.array(e) for e in found.edges]
+    group = proved.cases[0].groups[0]
+    sets = [group.core != 0, group.levels[0], group.levels[-1]]
+    edges = [np.array(e) for e in group.edges]
     drawn = figure.draw(program, figure.depth_of(sets), edges, 1)
     traces = {t.name: t for t in drawn.data}
     run = figure.drive(program, "Protected", 1)

@@ -126,8 +126,8 @@ def test_the_same_seed_flies_the_same_lap_and_stays_in_its_tube() -> None:
 def test_the_wind_comes_from_the_seed(quad: Any) -> None:
     vehicle = quad.Quad()
     spins = dict.fromkeys(quad.ROTORS, 800.0)
-    found = []
+    samples = []
     for seed in (3, 4, 3):
         vehicle.reset(seed)
-        found.append(vehicle.step(inputs((1, 0, 0, 0), np.zeros(3), np.zeros(3), spins)))
-    assert found[0] == found[2] != found[1]
+        samples.append(vehicle.step(inputs((1, 0, 0, 0), np.zeros(3), np.zeros(3), spins)))
+    assert samples[0] == samples[2] != samples[1]

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.elf import undefined_symbols
-from generators.engines import (
+from generators.engine_comparison import (
     call_compiler,
     kernel_sources,
     subject,
     write_units,
 )
-from generators.programs import program
-from generators.shipped import files, subjects_of
+from generators.random_programs import program
+from generators.shipped_programs import files, subjects_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from generators.engines import Subject
+    from generators.engine_comparison import Subject
 
 _HEAP = """
 malloc calloc realloc reallocarray free aligned_alloc posix_memalign memalign valloc pvalloc strdup
@@ -39,12 +39,12 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads ELF objec
 
 def needs(folder: Path, level: str, sources: list[str]) -> set[str]:
     """What C files need that none of them has."""
-    found: set[str] = set()
+    symbols: set[str] = set()
     for number, source in enumerate(sources):
         target = folder / f"object_{number}.o"
         call_compiler(folder, level, "-c", "-o", str(target), source)
-        found |= undefined_symbols(target.read_bytes())
-    return {name for name in found if not name.startswith("soter_")}
+        symbols |= undefined_symbols(target.read_bytes())
+    return {name for name in symbols if not name.startswith("soter_")}
 
 
 def programs_and_kernel(subjects: list[Subject], folder: Path, level: str) -> set[str]:
@@ -54,9 +54,9 @@ def programs_and_kernel(subjects: list[Subject], folder: Path, level: str) -> se
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 def test_random_programs_need_only_what_is_allowed(level: str, tmp_path: Path) -> None:
     subjects = [subject(f"p{n}", program(n), n, 10) for n in range(40_000, 40_020)]
-    found = programs_and_kernel(subjects, tmp_path, level)
-    assert not found & HEAP
-    assert found <= ALLOWED
+    symbols = programs_and_kernel(subjects, tmp_path, level)
+    assert not symbols & HEAP
+    assert symbols <= ALLOWED
 
 
 @pytest.mark.parametrize(
@@ -69,9 +69,9 @@ def test_random_programs_need_only_what_is_allowed(level: str, tmp_path: Path) -
 def test_examples_need_only_what_is_allowed(folder: str, level: str, tmp_path: Path) -> None:
     subjects = [s for path in files(folder) for s in subjects_of(path, 10)]
     assert subjects
-    found = programs_and_kernel(subjects, tmp_path, level)
-    assert not found & HEAP
-    assert found <= ALLOWED
+    symbols = programs_and_kernel(subjects, tmp_path, level)
+    assert not symbols & HEAP
+    assert symbols <= ALLOWED
 
 
 def test_a_call_of_the_heap_would_be_seen(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.packages import command, make, trace
-from generators.shipped import ROOT, files, subjects_of
+from generators.c_packages import command, make, trace
+from generators.shipped_programs import ROOT, files, subjects_of
 from soter.lower.steps import lower
 from soter.simulate.run import NativeProgram
 from soter.targets.c99 import c99_package
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from generators.engines import Subject
+    from generators.engine_comparison import Subject
 
 MACHINES = {
     "aarch64": ("aarch64-linux-gnu-gcc", "qemu-aarch64"),

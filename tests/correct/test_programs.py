@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from generators.found import files_in
+from generators.file_listing import files_in
 from soter.diagnostics.render import render_all
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 FOLDER = Path(__file__).parent

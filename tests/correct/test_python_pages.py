@@ -34,9 +34,9 @@ def test_the_python_page_runs_from_top_to_bottom(here: Path) -> None:
     for name in ("robot.soter", "policy.py"):
         shutil.copy(here / "robot" / name, here)
     names: dict[str, object] = {}
-    found = blocks("python.md", "python")
-    assert len(found) > 6
-    for number, text in enumerate(found):
+    page_blocks = blocks("python.md", "python")
+    assert len(page_blocks) > 6
+    for number, text in enumerate(page_blocks):
         exec(compile(text, f"docs/python.md, block {number + 1}", "exec"), names)  # noqa: S102
 
 

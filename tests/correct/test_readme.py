@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import processes
-from generators.found import files_below
+from generators.file_listing import files_below
 from soter.prelude.bounds import BOUNDS
 
 ROOT = Path(__file__).resolve().parents[2]

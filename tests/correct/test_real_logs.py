@@ -19,7 +19,7 @@ from json_documents import problems_of
 from soter.api import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.derive import slopes
+from soter.monitor.logs.derived_signals import slopes
 from soter.program.model.types import IntType, leaves
 from soter.simulate.decisions import changes
 
@@ -69,12 +69,12 @@ def as_csv(log: Path, names: list[str]) -> Path:
             for path, value in flat(json.loads(message.data)):
                 row[f"{channel.topic}.{path}"] = value
     head = ["t", *dict.fromkeys(k for row in rows.values() for k in row)]
-    found = log.with_suffix(".csv")
-    with found.open("w", newline="") as file:
+    csv_path = log.with_suffix(".csv")
+    with csv_path.open("w", newline="") as file:
         writer = csv.DictWriter(file, head)
         writer.writeheader()
         writer.writerows({"t": t, **row} for t, row in rows.items())
-    return found
+    return csv_path
 
 
 def flat(value: Any, path: str = "") -> Any:
@@ -105,10 +105,10 @@ def test_a_run_read_as_a_foreign_log_is_decided_as_it_was(
     (module,) = run.modules.values()
     assert module.gate_faults == 0
     told = [(c.time_ns / 1e9, c.after, c.reason) for c in changes(run)]
-    (found,) = judged.modules
-    assert [(c.time_s, c.to, c.reason) for c in found.changes] == told
+    (module_of_log,) = judged.modules
+    assert [(c.time_s, c.to, c.reason) for c in module_of_log.changes] == told
     assert told, "a run without a change says little"
-    assert found.steps > 200
+    assert module_of_log.steps > 200
 
 
 @pytest.mark.parametrize(("file", "names", "nodes"), REPLAYED)
@@ -202,12 +202,14 @@ def test_nothing_that_comes_later_counts(tmp_path: Path) -> None:
 def test_a_slope_is_that_of_the_samples_up_to_now(window_s: float) -> None:
     times = np.cumsum(np.where(np.arange(60) % 7, 0.1, 0.23))
     curve = 3.0 - 2.0 * times + 0.7 * times**2
-    found = slopes(times, curve, window_s)
-    assert math.isnan(found[0]), "one sample has no slope"
-    assert found[1] == pytest.approx((curve[1] - curve[0]) / (times[1] - times[0]))
-    assert found[2:] == pytest.approx(-2.0 + 1.4 * times[2:], abs=1e-9), "exact of a parabola"
+    slope_values = slopes(times, curve, window_s)
+    assert math.isnan(slope_values[0]), "one sample has no slope"
+    assert slope_values[1] == pytest.approx((curve[1] - curve[0]) / (times[1] - times[0]))
+    assert slope_values[2:] == pytest.approx(-2.0 + 1.4 * times[2:], abs=1e-9), (
+        "exact of a parabola"
+    )
     for k in range(3, 60):
-        assert slopes(times[:k], curve[:k], window_s)[-1] == found[k - 1]
+        assert slopes(times[:k], curve[:k], window_s)[-1] == slope_values[k - 1]
 
 
 def test_reads_too_old_or_refused_or_empty_end_with_sc(tmp_path: Path) -> None:
@@ -307,9 +309,9 @@ def test_the_command_names_what_is_missing_and_what_that_leaves_open(capsys: Any
 def positions() -> Path:
     """The mapping without the leg, as a file."""
     text = PX4_MAP.read_text()
-    found = Path("positions.toml")
-    found.write_text(text[: text.index("[topics.leg]")])
-    return found
+    mapping_path = Path("positions.toml")
+    mapping_path.write_text(text[: text.index("[topics.leg]")])
+    return mapping_path
 
 
 @pytest.fixture(autouse=True)
@@ -401,15 +403,15 @@ def test_the_faults_of_a_system_are_not_put_into_a_log(tmp_path: Path) -> None:
     rows: list[list[object]] = [[k / 10, k / 20] for k in range(30)]
     log = track(tmp_path / "a.csv", rows, ["t", "x"])
     mapping = {"time": {"from": "t"}, "topics": {"raw": {"fields": {"value": "x"}}}}
-    found = []
+    judgements = []
     faults = "faults { silent Filter.pose at 800 per 1h for 1s; late M.dm by 90ms at 3600 per 1h; }"
     for more in ("", faults):
         path = tmp_path / "estimator.soter"
         path.write_text(ESTIMATOR.replace("module M; }", f"module M; {more} }}"))
         program = load(path)
         assert program.ok, program.diagnostics
-        found.append(program.judge_log(log, mapping).modules)
-    assert found[0] == found[1]
+        judgements.append(program.judge_log(log, mapping).modules)
+    assert judgements[0] == judgements[1]
 
 
 def test_a_module_that_reads_the_mode_of_an_undecided_one_is_undecided(tmp_path: Path) -> None:

@@ -15,9 +15,9 @@ import pytest
 
 import processes
 import soter
-from generators.outside import PROGRAM
-from generators.packages import CART
-from generators.real_time import (
+from generators.c_packages import CART
+from generators.channel_programs import PROGRAM
+from generators.posix_packages import (
     FAST,
     QUIET,
     built,
@@ -82,79 +82,93 @@ int fast_step{rest[:begin]}
 
 @pytest.mark.parametrize("seed", [1, 7])
 def test_a_run_without_a_miss_has_the_trace_of_virtual_time(cart: Path, seed: int) -> None:
-    found = report(cart, "--until", "0.5", "--seed", str(seed))
-    assert found["trace_sha256"] == end_of(CART, "0.5s", seed=seed)
-    assert found["misses"] == found["late_instants"] == found["late_untrusted_instants"] == 0
-    assert found["instants"] == 101
-    assert 4_000_000 < found["silence_ns"] < 5_000_000, "an instant every 5 ms"
+    run_report = report(cart, "--until", "0.5", "--seed", str(seed))
+    assert run_report["trace_sha256"] == end_of(CART, "0.5s", seed=seed)
+    assert (
+        run_report["misses"]
+        == run_report["late_instants"]
+        == run_report["late_untrusted_instants"]
+        == 0
+    )
+    assert run_report["instants"] == 101
+    assert 4_000_000 < run_report["silence_ns"] < 5_000_000, "an instant every 5 ms"
 
 
 def test_an_ac_in_a_process_of_its_own_changes_nothing(cart_apart: Path) -> None:
-    found = report(cart_apart, "--until", "1")
-    worker = found["workers"][WORKER]
+    run_report = report(cart_apart, "--until", "1")
+    worker = run_report["workers"][WORKER]
     assert worker["answered"] == worker["asked"] == 101
     assert worker["later"] == worker["missing"] == 0
-    assert found["trace_sha256"] == end_of(CART, "1s")
+    assert run_report["trace_sha256"] == end_of(CART, "1s")
 
 
 def test_the_report_counts_every_node_at_every_release(cart: Path) -> None:
-    found = report(cart, "--until", "0.5")
-    counts = {name: node["completion"]["count"] for name, node in found["nodes"].items()}
+    run_report = report(cart, "--until", "0.5")
+    counts = {name: node["completion"]["count"] for name, node in run_report["nodes"].items()}
     assert counts == {"c": 101, "SafeCart.dm": 11, "SafeCart.Careful": 51, "SafeCart.Fast": 51}
-    assert sum(n for _, n in found["wake"]["bins"]) == found["instants"]
-    assert found["modules"]["SafeCart"].keys() >= {"ac_share", "switches_to_sc", "takeovers"}
+    assert sum(n for _, n in run_report["wake"]["bins"]) == run_report["instants"]
+    assert run_report["modules"]["SafeCart"].keys() >= {"ac_share", "switches_to_sc", "takeovers"}
 
 
 # ---------------------------------------------------------------- late
 
 
 def test_a_trusted_part_that_is_held_up_is_seen_and_its_module_goes_to_sc(cart: Path) -> None:
-    found = report(cart, "--until", "1.2", events=["held:795000000:200000000"], expected=4)
-    nodes = found["nodes"]
+    run_report = report(cart, "--until", "1.2", events=["held:795000000:200000000"], expected=4)
+    nodes = run_report["nodes"]
     late = {name: n["released_late"] + n["completed_late"] for name, n in nodes.items()}
     assert late == {"c": 0, "SafeCart.dm": 4, "SafeCart.Careful": 20, "SafeCart.Fast": 0}
-    assert found["misses"] == 24
-    assert (found["late_instants"], found["late_untrusted_instants"]) == (20, 20)
-    assert found["modules"]["SafeCart"]["takeovers"]["missed"] == 1
-    assert found["violations"] == found["calendars"] == 0
-    assert found["instants"] == 241, "all of them are made up for"
+    assert run_report["misses"] == 24
+    assert (run_report["late_instants"], run_report["late_untrusted_instants"]) == (20, 20)
+    assert run_report["modules"]["SafeCart"]["takeovers"]["missed"] == 1
+    assert run_report["violations"] == run_report["calendars"] == 0
+    assert run_report["instants"] == 241, "all of them are made up for"
 
 
 def test_an_instant_of_plants_alone_is_counted_and_no_miss(cart: Path) -> None:
-    found = report(cart, "--until", "0.5", events=["held:395000000:2000000"])
-    assert (found["misses"], found["late_instants"], found["late_untrusted_instants"]) == (0, 0, 1)
+    run_report = report(cart, "--until", "0.5", events=["held:395000000:2000000"])
+    assert (
+        run_report["misses"],
+        run_report["late_instants"],
+        run_report["late_untrusted_instants"],
+    ) == (0, 0, 1)
 
 
 def test_who_wakes_early_begins_no_step_early_and_changes_nothing(
     cart: Path, tmp_path: Path
 ) -> None:
     log = tmp_path / "log.csv"
-    found = report(cart, "--until", "0.5", "--early", "2000", "--log", str(log))
+    run_report = report(cart, "--until", "0.5", "--early", "2000", "--log", str(log))
     late = [int(x.split(",")[1]) for x in log.read_text().splitlines()[1:]]
     assert len(late) == 101
     assert 0 <= min(late) <= max(late) < 20_000, "it looked at the clock until it was time"
-    assert found["trace_sha256"] == end_of(CART, "0.5s")
+    assert run_report["trace_sha256"] == end_of(CART, "0.5s")
 
 
 def test_every_late_step_is_a_miss_where_nothing_may_be_late(cart: Path) -> None:
-    found = report(cart, "--until", "0.3", "--late", "0", expected=4)
-    trusted = found["nodes"]["SafeCart.dm"], found["nodes"]["SafeCart.Careful"]
+    run_report = report(cart, "--until", "0.3", "--late", "0", expected=4)
+    trusted = run_report["nodes"]["SafeCart.dm"], run_report["nodes"]["SafeCart.Careful"]
     assert [n["released_late"] for n in trusted] == [7, 31]
-    assert found["modules"]["SafeCart"]["ac_share"] == 0.0
+    assert run_report["modules"]["SafeCart"]["ac_share"] == 0.0
 
 
 # ---------------------------------------------------------------- a second behind, and more
 
 
 def test_a_calendar_that_is_a_second_behind_begins_anew(cart: Path) -> None:
-    found = report(cart, "--until", "0.5", events=[STOPPED], expected=4)
-    assert found["calendars"] == 1
-    assert found["trace_sha256"] is None
-    assert found["instants"] == 101
-    assert (found["silence_ns"] // 10**6, found["silence_after_ns"]) == (2004, 390_000_000)
-    late = {name: n["released_late"] for name, n in found["nodes"].items()}
+    run_report = report(cart, "--until", "0.5", events=[STOPPED], expected=4)
+    assert run_report["calendars"] == 1
+    assert run_report["trace_sha256"] is None
+    assert run_report["instants"] == 101
+    assert (run_report["silence_ns"] // 10**6, run_report["silence_after_ns"]) == (
+        2004,
+        390_000_000,
+    )
+    late = {name: n["released_late"] for name, n in run_report["nodes"].items()}
     assert late == {"c": 0, "SafeCart.dm": 40, "SafeCart.Careful": 200, "SafeCart.Fast": 0}
-    assert found["misses"] == 240 + found["calendars"], "all releases that were slept through"
+    assert run_report["misses"] == 240 + run_report["calendars"], (
+        "all releases that were slept through"
+    )
 
 
 def test_after_the_gap_it_begins_in_sc(cart: Path) -> None:
@@ -173,10 +187,12 @@ def test_after_the_gap_it_begins_in_sc(cart: Path) -> None:
 
 
 def test_what_ac_answered_before_the_gap_is_not_taken(cart_apart: Path) -> None:
-    found = report(cart_apart, "--until", "0.5", events=["held:365000000:2000000000"], expected=4)
-    worker = found["workers"][WORKER]
+    run_report = report(
+        cart_apart, "--until", "0.5", events=["held:365000000:2000000000"], expected=4
+    )
+    worker = run_report["workers"][WORKER]
     assert (worker["asked"], worker["answered"], worker["missing"]) == (51, 50, 1)
-    assert found["modules"]["SafeCart"]["takeovers"]["missed"] == 1
+    assert run_report["modules"]["SafeCart"]["takeovers"]["missed"] == 1
 
 
 @pytest.mark.parametrize(("allowed", "exit_code"), [("0", 4), ("240", 4), ("241", 0)])
@@ -184,8 +200,8 @@ def test_more_misses_than_are_allowed_are_told_and_no_success(
     cart: Path, allowed: str, exit_code: int
 ) -> None:
     options = ["--until", "0.5", "--misses", allowed, "--quiet"]
-    found = report(cart, *options, events=[STOPPED], expected=exit_code)
-    assert found["misses_allowed"] == int(allowed)
+    run_report = report(cart, *options, events=[STOPPED], expected=exit_code)
+    assert run_report["misses_allowed"] == int(allowed)
     words = processes.run(
         [cart, *options], capture_output=True, text=True, env={**os.environ, "OWNED_CLOCK": STOPPED}
     )
@@ -199,11 +215,11 @@ def test_more_misses_than_are_allowed_are_told_and_no_success(
 
 def test_what_actuators_did_in_the_silence_is_told(track: Path) -> None:
     """The lease of the SC release at 900 ms, given for ones to come, ends 0.14 s behind 1 s."""
-    found = report(track, "--until", "2", events=["held:1000000000:2000000000"], expected=4)
-    lease = found["leases"]["Guard"]
+    run_report = report(track, "--until", "2", events=["held:1000000000:2000000000"], expected=4)
+    lease = run_report["leases"]["Guard"]
     assert lease["ended_ns"] is not None
     assert lease["law"] > 10
-    assert 1_800_000_000 < lease["silence_law_ns"] < 2_000_000_000 < found["silence_ns"]
+    assert 1_800_000_000 < lease["silence_law_ns"] < 2_000_000_000 < run_report["silence_ns"]
     with over(track, "held:1000000000:2000000000"):
         run = soter.load(track.parent.parent / "stop.soter").simulate(until=2.0, real_time=True)
     (note,) = [n for n in run.notes if "the trusted part was late" in n]
@@ -213,22 +229,22 @@ def test_what_actuators_did_in_the_silence_is_told(track: Path) -> None:
 
 
 def test_plants_that_are_here_obey_leases_and_nothing_else_changes(track: Path) -> None:
-    found = report(track, "--until", "1")
-    leases = found["leases"]["Guard"]
+    run_report = report(track, "--until", "1")
+    leases = run_report["leases"]["Guard"]
     silent = leases["silence_law_ns"]
     assert leases == {
         "given": leases["given"], "stale": 0, "law": 0, "silence_law_ns": silent, "ended_ns": None
     }  # fmt: skip
     assert leases["given"] > 10
-    assert found["trace_sha256"] == end_of(track.parent.parent / "stop.soter", "1s")
+    assert run_report["trace_sha256"] == end_of(track.parent.parent / "stop.soter", "1s")
 
 
 def test_plants_that_are_here_are_held_by_the_law_once_a_lease_has_ended(track: Path) -> None:
-    found = report(track, "--until", "3", events=["held:1000000000:400000000"], expected=4)
-    leases = found["leases"]["Guard"]
+    run_report = report(track, "--until", "3", events=["held:1000000000:400000000"], expected=4)
+    leases = run_report["leases"]["Guard"]
     assert leases["ended_ns"] is not None
     assert leases["law"] > 10
-    assert found["calendars"] == 0
+    assert run_report["calendars"] == 0
 
 
 # ---------------------------------------------------------------- controllers that fail
@@ -273,10 +289,10 @@ def test_an_ac_that_fails_loses_control_and_nothing_else_happens(
     body = body.replace("SEGMENT[", "segment[").replace("SEGMENT", "segment")
     body = body.replace("for (;;)", "volatile uint64_t *segment = SEGMENT; (void)segment; for (;;)")
     options = [*faulty(tmp_path, body, MAPPED), "--restarts", "0", "--worker-memory", "256"]
-    found = report(cart_apart, *options, "--until", "1.5", events=[SETTLED.get(kind, "")])
-    module, worker = found["modules"]["SafeCart"], found["workers"][WORKER]
-    assert found["violations"] == 0
-    assert found["instants"] == 301
+    run_report = report(cart_apart, *options, "--until", "1.5", events=[SETTLED.get(kind, "")])
+    module, worker = run_report["modules"]["SafeCart"], run_report["workers"][WORKER]
+    assert run_report["violations"] == 0
+    assert run_report["instants"] == 301
     assert module["gate_faults"] > 50
     assert module["takeovers"]["silent"] + module["takeovers"]["gate"] == 1
     assert (module["switches_to_ac"], module["switches_to_sc"]) == (1, 1), "it ends in SC"
@@ -286,20 +302,20 @@ def test_an_ac_that_fails_loses_control_and_nothing_else_happens(
 
 def test_an_ac_that_is_killed_is_started_again_and_wins_control_back(cart_apart: Path) -> None:
     events = ["killed:900000000:1", "started:1500000000:2"]
-    found = report(cart_apart, "--until", "2.5", events=events)
-    worker, module = found["workers"][WORKER], found["modules"]["SafeCart"]
+    run_report = report(cart_apart, "--until", "2.5", events=events)
+    worker, module = run_report["workers"][WORKER], run_report["modules"]["SafeCart"]
     assert (worker["starts"], worker["ends"]) == (2, 1)
     assert worker["missing"] >= 1
     assert module["takeovers"]["silent"] >= 1
     assert module["switches_to_ac"] >= 2
-    assert found["violations"] == 0
+    assert run_report["violations"] == 0
 
 
 def test_restarts_are_bounded(cart_apart: Path, tmp_path: Path) -> None:
     option = faulty(tmp_path, "_exit(7);")
     events = ["started:1000000000:2", "ended:2000000000:2"]
-    found = report(cart_apart, *option, "--until", "2.5", "--restarts", "1", events=events)
-    worker = found["workers"][WORKER]
+    run_report = report(cart_apart, *option, "--until", "2.5", "--restarts", "1", events=events)
+    worker = run_report["workers"][WORKER]
     assert (worker["starts"], worker["ends"]) == (2, 2)
 
 
@@ -310,13 +326,13 @@ def test_an_ac_whose_program_is_missing_leaves_its_module_with_sc(cart_apart: Pa
     worker = cart_apart.parent / "cart_SafeCart_Fast"
     away = worker.rename(worker.with_suffix(".away"))
     try:
-        found = report(cart_apart, "--until", "0.3")
+        run_report = report(cart_apart, "--until", "0.3")
     finally:
         away.rename(worker)
-    assert any("there is no program `cart_SafeCart_Fast`" in n for n in found["notes"])
-    assert found["modules"]["SafeCart"]["ac_share"] == 0.0
-    assert found["violations"] == 0
-    assert found["instants"] == 61
+    assert any("there is no program `cart_SafeCart_Fast`" in n for n in run_report["notes"])
+    assert run_report["modules"]["SafeCart"]["ac_share"] == 0.0
+    assert run_report["violations"] == 0
+    assert run_report["instants"] == 61
 
 
 def test_an_ac_of_another_layout_is_never_believed(cart_apart: Path, tmp_path: Path) -> None:
@@ -324,18 +340,20 @@ def test_an_ac_of_another_layout_is_never_believed(cart_apart: Path, tmp_path: P
     source.write_text(source.read_text().replace("subscribes motion, goal;", "subscribes motion;"))
     (source.parent / "fast.c").write_text(FAST.replace("in->goal", "9.5"))
     older = built(source, tmp_path / "out").parent / "cart_SafeCart_Fast"
-    found = report(cart_apart, "--until", "0.5", "--worker", f"Fast=exec {older}", "--wait", "1")
-    worker = found["workers"][WORKER]
+    run_report = report(
+        cart_apart, "--until", "0.5", "--worker", f"Fast=exec {older}", "--wait", "1"
+    )
+    worker = run_report["workers"][WORKER]
     assert worker["answered"] == 0
     assert worker["layout"] == worker["missing"] > 0
-    assert found["modules"]["SafeCart"]["ac_share"] == 0.0
+    assert run_report["modules"]["SafeCart"]["ac_share"] == 0.0
 
 
 def test_a_log_on_a_full_disk_ends_and_the_run_goes_on(cart: Path) -> None:
-    found = report(cart, "--until", "0.5", "--log", "/dev/full")
-    assert any("the log `/dev/full` cannot be written" in n for n in found["notes"])
-    assert found["instants"] == 101
-    assert found["trace_sha256"] == end_of(CART, "0.5s")
+    run_report = report(cart, "--until", "0.5", "--log", "/dev/full")
+    assert any("the log `/dev/full` cannot be written" in n for n in run_report["notes"])
+    assert run_report["instants"] == 101
+    assert run_report["trace_sha256"] == end_of(CART, "0.5s")
 
 
 def test_the_log_has_a_line_an_instant(cart: Path, tmp_path: Path) -> None:
@@ -349,18 +367,18 @@ def test_the_log_has_a_line_an_instant(cart: Path, tmp_path: Path) -> None:
 def test_without_permission_the_run_says_what_is_lost(cart: Path) -> None:
     if os.geteuid() != 0:
         pytest.skip("nobody to take permissions from")
-    found = json.loads(
+    run_report = json.loads(
         processes.run(
             ["setpriv", "--bounding-set=-all", "--inh-caps=-all", "--securebits=+noroot",
              "prlimit", "--memlock=65536", cart, *QUIET, "--until", "0.2"],
             capture_output=True, text=True, check=True, cwd=cart.parent,
         ).stdout
     )  # fmt: skip
-    said = " ".join(found["notes"])
+    said = " ".join(run_report["notes"])
     assert "SCHED_FIFO is not permitted" in said
     assert "memory is not locked" in said
-    assert (found["policy"], found["locked"]) == ("ordinary", False)
-    assert found["violations"] == 0
+    assert (run_report["policy"], run_report["locked"]) == ("ordinary", False)
+    assert run_report["violations"] == 0
 
 
 def test_one_processor_is_said(cart: Path) -> None:
@@ -406,10 +424,10 @@ def test_without_shared_memory_the_trusted_part_goes_on(cart_apart: Path, tmp_pa
         cwd=cart_apart.parent,
         env={**os.environ, "LD_PRELOAD": str(library)},
     )
-    found = json.loads(done.stdout)
-    assert any("no shared memory" in n for n in found["notes"])
-    assert found["instants"] == 61
-    assert found["modules"]["SafeCart"]["ac_share"] == 0.0
+    run_report = json.loads(done.stdout)
+    assert any("no shared memory" in n for n in run_report["notes"])
+    assert run_report["instants"] == 61
+    assert run_report["modules"]["SafeCart"]["ac_share"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -430,9 +448,9 @@ def test_a_wrong_option_is_refused(cart: Path, options: list[str]) -> None:
 
 
 def test_a_signal_ends_the_run_with_its_report(cart: Path) -> None:
-    found = report(cart, "--until", "30", events=["terminated:800000000:0"], expected=130)
-    assert found["stopped"] is True
-    assert found["instants"] == 160
+    run_report = report(cart, "--until", "30", events=["terminated:800000000:0"], expected=130)
+    assert run_report["stopped"] is True
+    assert run_report["instants"] == 160
 
 
 def test_the_machine_s_own_clock_brings_a_run_to_its_end(
@@ -440,6 +458,6 @@ def test_the_machine_s_own_clock_brings_a_run_to_its_end(
 ) -> None:
     """However late: nothing else is judged."""
     program = built(CART, tmp_path_factory.mktemp("shipped") / "out")
-    found = report(program, "--until", "0.5", "--misses", "1000000")
-    assert found["instants"] == 101
-    assert found["violations"] == 0
+    run_report = report(program, "--until", "0.5", "--misses", "1000000")
+    assert run_report["instants"] == 101
+    assert run_report["violations"] == 0

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from generators.interrupted import anywhere, chance, in_pieces, once
-from generators.wandering import wanderers
+from generators.interrupted_searches import anywhere, chance, in_pieces, once
+from generators.long_search_programs import wanderers
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path

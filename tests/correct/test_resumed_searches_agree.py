@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.interrupted import (
+from generators.interrupted_searches import (
     NEVER_S,
     anywhere,
     bounds,
@@ -23,12 +23,12 @@ from generators.interrupted import (
 )
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants
-from generators.small_programs import small_program
+from generators.small_test_programs import small_program
 from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.checkpoint.asked import Asked
+from soter.explore.checkpoint.checkpoint_options import CheckpointOptions
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -120,7 +120,7 @@ def test_in_pieces_a_search_sees_nearly_as_soon_that_it_holds_for_ever(
             assert said.status == whole.status
             later = said.closed_ns - whole.closed_ns  # a cut in the layer that is to be kept
             assert 0 <= later <= said.middles * math.lcm(10, every) * 1_000_000
-            again = once(system, way, Asked(tmp_path / str(n), NEVER_S, resume=True))
+            again = once(system, way, CheckpointOptions(tmp_path / str(n), NEVER_S, resume=True))
             assert again == said, "what had come to its end says so again"
         assert as_soon >= 2
 

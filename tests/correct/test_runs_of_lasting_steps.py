@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.brute_force import BruteForce, World
-from generators.lasting import lasting_program
+from generators.lasting_step_programs import lasting_program
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_of, system_of_test
+from soter.program.front_end import check_file, system_of, system_of_test
 from soter.semantics.interpreter import Interpreter
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
     from soter.program.model.types import Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.record import Record
+    from soter.semantics.observer_records import Record
 
     Seen = tuple[int, tuple[Value, ...], tuple[int, ...]]
 
@@ -53,11 +53,11 @@ def tried(judge: BruteForce, left: set[int]) -> set[Seen] | None:
     """What of everything observable is seen; None where that is too much."""
     todo: list[World] = list(judge._births())
     known = set(todo)
-    found: set[Seen] = set()
+    observations: set[Seen] = set()
     while todo:
         w = todo.pop()
         if judge.observable(w):
-            found.add(seen_of(judge.system, w.c, left))
+            observations.add(seen_of(judge.system, w.c, left))
         for move in judge.moves(w):
             for after, _ in judge.made(w, move):
                 if after is not None and after not in known:
@@ -65,7 +65,7 @@ def tried(judge: BruteForce, left: set[int]) -> set[Seen] | None:
                     todo.append(after)
         if len(known) > MOST:
             return None
-    return found
+    return observations
 
 
 def compared(seed: int) -> int:

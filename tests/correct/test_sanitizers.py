@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 import processes
-from generators.engines import (
+from generators.engine_comparison import (
     final_states,
     first_difference,
     interpreted_trace,
     subject,
 )
-from generators.programs import program
-from generators.shipped import files, subjects_of
+from generators.random_programs import program
+from generators.shipped_programs import files, subjects_of
 from long_tests import examples
 from soter.native.build import RUNTIME
 from soter.native.compiler import find
@@ -28,7 +28,7 @@ from soter.native.compiler import find
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from generators.engines import Subject
+    from generators.engine_comparison import Subject
 
 FLAGS = (
     "-O1", "-g", "-fsanitize=address,undefined", "-fsanitize=float-cast-overflow",
@@ -85,6 +85,6 @@ def test_the_sanitizers_would_complain(tmp_path: Path, monkeypatch: pytest.Monke
     cheated = tmp_path / "kernel.c"
     cheated.write_text(kernel.replace("0, p->state_size)", "0, p->state_size + 1U)"))
     sources = [str(cheated), str(RUNTIME / "soter_virtual.c")]
-    monkeypatch.setattr("generators.engines.kernel_sources", lambda: sources)
+    monkeypatch.setattr("generators.engine_comparison.kernel_sources", lambda: sources)
     with pytest.raises(AssertionError, match="heap-buffer-overflow"):
         final_states([subject("p1", program(1), 1, 10)], tmp_path, *FLAGS)

@@ -19,9 +19,9 @@ import pytest
 
 import processes
 import soter
-from generators.outside import PROGRAM
-from generators.packages import CART
-from generators.real_time import (
+from generators.c_packages import CART
+from generators.channel_programs import PROGRAM
+from generators.posix_packages import (
     FAST,
     FORGIVING,
     PATIENT,
@@ -57,14 +57,14 @@ def cart_apart(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @contextmanager
-def going(program: Path, found: dict[str, Any], *options: str) -> Iterator[processes.Process]:
+def going(program: Path, run_report: dict[str, Any], *options: str) -> Iterator[processes.Process]:
     """The process of a run; what it reports is `found` when the block is left."""
     with processes.started(
         [program, *QUIET, *PATIENT, *options], cwd=program.parent, stdout=processes.PIPE
     ) as running:
         yield running
         out, _ = running.communicate(timeout=processes.TIMEOUT_S)
-        found.update(json.loads(out), exit=running.returncode)
+        run_report.update(json.loads(out), exit=running.returncode)
 
 
 def stop(process: processes.Process, after_s: float, for_s: float) -> None:
@@ -76,17 +76,17 @@ def stop(process: processes.Process, after_s: float, for_s: float) -> None:
 
 
 def test_a_run_without_a_miss_has_the_trace_of_virtual_time(cart: Path) -> None:
-    found = report(cart, "--until", "0.5", *FORGIVING)
-    assert found["misses"] == 0
-    assert found["trace_sha256"] == end_of(CART, "0.5s")
+    run_report = report(cart, "--until", "0.5", *FORGIVING)
+    assert run_report["misses"] == 0
+    assert run_report["trace_sha256"] == end_of(CART, "0.5s")
 
 
 def test_an_ac_in_a_process_of_its_own_changes_nothing(cart_apart: Path) -> None:
-    found = report(cart_apart, "--until", "1", *FORGIVING)
-    worker = found["workers"][WORKER]
+    run_report = report(cart_apart, "--until", "1", *FORGIVING)
+    worker = run_report["workers"][WORKER]
     assert worker["later"] == worker["missing"] == 0
     assert worker["answered"] == worker["asked"] == 101
-    assert found["trace_sha256"] == end_of(CART, "1s")
+    assert run_report["trace_sha256"] == end_of(CART, "1s")
 
 
 def test_an_ac_in_python_changes_nothing(tmp_path: Path) -> None:
@@ -101,35 +101,39 @@ def test_an_ac_in_python_changes_nothing(tmp_path: Path) -> None:
 
 
 def test_a_trusted_part_that_is_held_up_is_seen_and_its_module_goes_to_sc(cart: Path) -> None:
-    found: dict[str, Any] = {}
-    with going(cart, found, "--until", "1.2", "--late", "50000") as running:
+    run_report: dict[str, Any] = {}
+    with going(cart, run_report, "--until", "1.2", "--late", "50000") as running:
         stop(running, 0.8, 0.2)
-    assert found["exit"] == 4
-    assert found["misses"] > 0
-    assert found["modules"]["SafeCart"]["takeovers"]["missed"] >= 1
-    assert found["silence_ns"] > 150_000_000
-    assert found["violations"] == 0
+    assert run_report["exit"] == 4
+    assert run_report["misses"] > 0
+    assert run_report["modules"]["SafeCart"]["takeovers"]["missed"] >= 1
+    assert run_report["silence_ns"] > 150_000_000
+    assert run_report["violations"] == 0
 
 
 def test_a_calendar_that_is_a_second_behind_begins_anew(cart: Path) -> None:
-    found: dict[str, Any] = {}
-    with going(cart, found, "--until", "0.5") as running:
+    run_report: dict[str, Any] = {}
+    with going(cart, run_report, "--until", "0.5") as running:
         stop(running, 0.4, 1.5)
-    assert found["exit"] == 4
-    assert (found["calendars"], found["trace_sha256"], found["instants"]) == (1, None, 101)
-    assert found["misses"] > 100
+    assert run_report["exit"] == 4
+    assert (run_report["calendars"], run_report["trace_sha256"], run_report["instants"]) == (
+        1,
+        None,
+        101,
+    )
+    assert run_report["misses"] > 100
 
 
 def test_an_ac_that_is_killed_is_started_again_and_wins_control_back(cart_apart: Path) -> None:
-    found: dict[str, Any] = {}
-    with going(cart_apart, found, "--until", "2.5", *FORGIVING) as running:
+    run_report: dict[str, Any] = {}
+    with going(cart_apart, run_report, "--until", "2.5", *FORGIVING) as running:
         time.sleep(0.9)
         os.kill(_child_called("cart_SafeCart_F", running.pid), signal.SIGKILL)
-    worker, module = found["workers"][WORKER], found["modules"]["SafeCart"]
+    worker, module = run_report["workers"][WORKER], run_report["modules"]["SafeCart"]
     assert (worker["starts"], worker["ends"]) == (2, 1)
     assert module["takeovers"]["silent"] >= 1
     assert module["switches_to_ac"] >= 2
-    assert found["violations"] == 0
+    assert run_report["violations"] == 0
 
 
 def _child_called(name: str, ancestor: int) -> int:
@@ -145,17 +149,17 @@ def _child_called(name: str, ancestor: int) -> int:
         parents[int(text[:begin])] = (int(text[end + 2 :].split()[1]), text[begin + 1 : end])
     for _ in range(3):
         known |= {pid for pid, (parent, _) in parents.items() if parent in known}
-    (found,) = [pid for pid in known if pid in parents and parents[pid][1] == name]
-    return found
+    (child_pid,) = [pid for pid in known if pid in parents and parents[pid][1] == name]
+    return child_pid
 
 
 def test_a_signal_ends_the_run_with_its_report(cart: Path) -> None:
-    found: dict[str, Any] = {}
-    with going(cart, found, "--until", "30") as running:
+    run_report: dict[str, Any] = {}
+    with going(cart, run_report, "--until", "30") as running:
         time.sleep(0.8)
         os.kill(running.pid, signal.SIGTERM)
-    assert (found["exit"], found["stopped"]) == (130, True)
-    assert 0 < found["instants"] < 6000
+    assert (run_report["exit"], run_report["stopped"]) == (130, True)
+    assert 0 < run_report["instants"] < 6000
 
 
 def test_plants_that_are_here_obey_leases_until_one_ends(tmp_path: Path) -> None:
@@ -165,9 +169,9 @@ def test_plants_that_are_here_obey_leases_until_one_ends(tmp_path: Path) -> None
     leases = report(track, "--until", "1", *FORGIVING)["leases"]["Guard"]
     assert leases["ended_ns"] is None
     assert leases["given"] > 10
-    found: dict[str, Any] = {}
-    with going(track, found, "--until", "3") as running:
+    run_report: dict[str, Any] = {}
+    with going(track, run_report, "--until", "3") as running:
         stop(running, 1.0, 0.4)
-    leases = found["leases"]["Guard"]
+    leases = run_report["leases"]["Guard"]
     assert leases["ended_ns"] is not None
     assert leases["law"] > 10

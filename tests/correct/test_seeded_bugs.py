@@ -26,8 +26,8 @@ EVERY = (*MUTANTS, *CONTINUOUS, *HARMLESS)
 
 
 def seeded(file: str, kind: str) -> Mutant:
-    (found,) = [m for m in MUTANTS if file in m.subject.file and m.kind == kind]
-    return found
+    (mutant,) = [m for m in MUTANTS if file in m.subject.file and m.kind == kind]
+    return mutant
 
 
 @pytest.mark.parametrize(("file", "kind", "violated"), QUICKEST)

@@ -16,22 +16,22 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from soter.program.flatten.grid import quantum_of
-from soter.program.meaning.arith import StepFault
-from soter.program.meaning.statements import Evaluator
+from soter.program.elaborate.time_grid import quantum_of
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.evaluate.statements import Evaluator
 from soter.program.model import typed
+from soter.program.model.tree_walk import nodes
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType
-from soter.program.model.walk import nodes
-from soter.semantics.chance.random_draws import chosen_value
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.record import AC, SC, Outcome, Verdict
+from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
+from soter.semantics.random.random_draws import chosen_value
 from soter.semantics.rules import environment_input
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.program.meaning.environment import Environment
+    from soter.program.evaluate.environment import Environment
     from soter.program.model.system import Bound, Component, Module, Scope, System, TestPlan
     from soter.program.model.types import Type, Value
     from soter.semantics.configuration import Configuration
@@ -185,11 +185,11 @@ class Found:
 
     def shortest_to(self) -> dict[Broken, int]:
         """The same as `least`, also of what is violated together with what counts."""
-        found: dict[Broken, int] = {}
+        moves_by_violation: dict[Broken, int] = {}
         for moves, some in sorted(self.together, key=lambda both: both[0]):
             for broken in some:
-                found.setdefault(broken, moves)
-        return found
+                moves_by_violation.setdefault(broken, moves)
+        return moves_by_violation
 
     def blame(self, broken: list[Broken], moves: int) -> None:
         """Remember what is violated at once, of which the first counts.
@@ -227,7 +227,7 @@ class BruteForce:
         self.premises = [_condition(t.scope, t.premise) for t in self.plan.timed]
         self.wanted = [_condition(*self._timed_condition(t)) for t in self.plan.timed]
 
-    def _timed_condition(self, t: Any) -> tuple[Scope, typed.Expr | None]:
+    def _timed_condition(self, t: Any) -> tuple[Scope, typed.TypedExpr | None]:
         if t.kind == "invariant":
             module = self.system.modules[t.module]
             return module.scope, module.symbol.safe
@@ -246,7 +246,7 @@ class BruteForce:
 
         With `first`, no further than to the first violation.
         """
-        found = Found()
+        exploration = Found()
         seen: set[Canonical] = set()
         todo: deque[tuple[World, int]] = deque()
 
@@ -255,30 +255,30 @@ class BruteForce:
             if key in seen:
                 return
             seen.add(key)
-            found.configurations.add(self.canonical(w))
+            exploration.configurations.add(self.canonical(w))
             if self.observable(w):
-                found.ends.add(self.canonical(w))
-            broken = self._judged(w, found)
+                exploration.ends.add(self.canonical(w))
+            broken = self._judged(w, exploration)
             if broken:
-                found.blame(broken, moves)
+                exploration.blame(broken, moves)
             else:
                 todo.append((w, moves))
 
         for w in self._births():
             reach(w, 0)
-        while todo and not (first and found.least):
+        while todo and not (first and exploration.least):
             world, moves = todo.popleft()
             for move in self.moves(world):
                 for after, broken in self.made(world, move):
-                    found.transitions += 1
-                    if found.transitions > most:
+                    exploration.transitions += 1
+                    if exploration.transitions > most:
                         raise TooLargeError
                     if after is None:
                         assert broken is not None
-                        found.blame([broken], moves + 1)
+                        exploration.blame([broken], moves + 1)
                     else:
                         reach(after, moves + 1)
-        return found
+        return exploration
 
     def _births(self) -> Iterator[World]:
         none = (0,) * len(self.actors)
@@ -378,7 +378,7 @@ class BruteForce:
         if broken is not None:
             return w, broken
         w = replace(w, c=after)
-        if isinstance(event, Verdict):
+        if isinstance(event, DecisionVerdict):
             return self._note_verdict(w, event), None
         published = dict(event.published) if before.OE[n] else {}
         if move.kind == "begins":
@@ -386,7 +386,11 @@ class BruteForce:
         return self._note_sc(w, n, bool(published)), None
 
     def _step_violates(
-        self, before: Configuration, after: Configuration, n: int, event: Verdict | Outcome
+        self,
+        before: Configuration,
+        after: Configuration,
+        n: int,
+        event: DecisionVerdict | StepOutcome,
     ) -> Broken | None:
         component = self.system.components[n]
         contracts = [p for p in self.system.properties if p.component == n]
@@ -394,7 +398,7 @@ class BruteForce:
         for p in assumed:
             if not self._holds(self.conditions[p.index], before, component):
                 return "contract", p.index
-        if isinstance(event, Verdict):
+        if isinstance(event, DecisionVerdict):
             return None
         if event.fault is not None:
             return None if component.role == "ac" else ("fault", n)
@@ -440,7 +444,7 @@ class BruteForce:
 
     # ------------------------------------------------------------ properties
 
-    def _note_verdict(self, w: World, verdict: Verdict) -> World:
+    def _note_verdict(self, w: World, verdict: DecisionVerdict) -> World:
         """The latest time that the DM said AC; SC has not published since."""
         if verdict.after != AC:
             return w
@@ -478,12 +482,12 @@ class BruteForce:
                 due[i] = deadline if deadline <= self.plan.horizon_ns else None
         return replace(w, due=tuple(due))
 
-    def _judged(self, w: World, found: Found) -> list[Broken]:
+    def _judged(self, w: World, exploration: Found) -> list[Broken]:
         """All violations in a configuration, the one that counts first."""
         observable = self.observable(w)
         broken: list[Broken] = []
         if observable:
-            found.observed.add(self.sees.projection(w))
+            exploration.observed.add(self.sees.projection(w))
             broken += [
                 ("property", p.index)
                 for p in self.instants
@@ -570,7 +574,7 @@ def _put(values: tuple[Any, ...], index: int, value: object) -> tuple[Any, ...]:
     return (*values[:index], value, *values[index + 1 :])
 
 
-def _condition(scope: Scope, e: typed.Expr | None) -> Callable[[Environment], Value]:
+def _condition(scope: Scope, e: typed.TypedExpr | None) -> Callable[[Environment], Value]:
     return (lambda _env: True) if e is None else Evaluator.of(scope).expression(e)
 
 
@@ -580,11 +584,11 @@ def _condition(scope: Scope, e: typed.Expr | None) -> Callable[[Environment], Va
 def actors_of(system: System) -> tuple[Actor, ...]:
     """Components in their order, then inputs."""
     assert system.test is not None
-    found = []
+    actors = []
     for n in system.components:
         by = {f.kind: f for f in system.test.faults if f.component == n.index}
         late = by["late"].by_ns if "late" in by else 0
-        found.append(
+        actors.append(
             Actor(
                 "component",
                 n.index,
@@ -596,8 +600,8 @@ def actors_of(system: System) -> tuple[Actor, ...]:
                 least=by["overrun"].least_ns if "overrun" in by else 0,
             )
         )
-    found += [Actor("input", i, d.every_ns, 0) for i, d in enumerate(system.inputs)]
-    return tuple(found)
+    actors += [Actor("input", i, d.every_ns, 0) for i, d in enumerate(system.inputs)]
+    return tuple(actors)
 
 
 # ---------------------------------------------------------------- what can be seen

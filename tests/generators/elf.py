@@ -21,7 +21,7 @@ def undefined_symbols(data: bytes) -> set[str]:
     sections = [
         struct.unpack_from("<IIQQQQIIQQ", data, sections_at + i * size) for i in range(count)
     ]
-    found: set[str] = set()
+    symbols: set[str] = set()
     for _, kind, _, _, offset, length, link, _, _, entry in sections:
         if kind != SYMBOL_TABLE:
             continue
@@ -30,5 +30,5 @@ def undefined_symbols(data: bytes) -> set[str]:
             name, _, _, section = struct.unpack_from("<IBBH", data, at)
             if section == UNDEFINED:
                 end = data.index(b"\0", names + name)
-                found.add(data[names + name : end].decode())
-    return found - {""}
+                symbols.add(data[names + name : end].decode())
+    return symbols - {""}

@@ -6,7 +6,7 @@ where two things happen at one instant and their order is open, both orders are 
 are sets (of ages, of starts, of instants at which a command acts), and a quantity is the largest
 element. No greatest common divisor, no closed form; written from the definitions alone, and it
 uses nothing of `soter.reach.time.schedule` but the fields of the description of a system.
-Non-goals: speed, large periods; making systems and comparing (`schedules.py`).
+Non-goals: speed, large periods; making systems and comparing (`schedule_systems.py`).
 
 What a schedule consists of, and why sets of parts suffice: every release chooses its start and its
 publication for itself (late + response <= period, so that no choice of one release restricts
@@ -41,7 +41,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.reach.time.schedule import Path, Releases
+    from soter.reach.time.schedule import Releases, SensorPath
 
 QUANTITIES = (
     "age_dm",
@@ -57,7 +57,7 @@ QUANTITIES = (
     "published_age",
     "available",
 )
-"""The names of `Schedule`; of `Path` the last two (P and F): the greatest of all paths."""
+"""The names of `Schedule`; of `SensorPath` the last two (P and F): the greatest of all paths."""
 
 
 class Event(NamedTuple):
@@ -151,7 +151,7 @@ def publications(sensor: Releases, silence: int, at: int) -> Iterator[int]:
 class Reads:
     """Everything that can be read at the end of a path."""
 
-    path: Path
+    path: SensorPath
     silence: int
     name: str
     multiple: int = 1
@@ -171,10 +171,10 @@ class Reads:
         """What can be read after so many nodes of the path; one of each age and stamp."""
         key = (level, at % self.multiple, by_module)
         if key not in self._seen:
-            found: dict[tuple[int, int], Seen] = {}
+            distinct_reads: dict[tuple[int, int], Seen] = {}
             for seen in self._all_seen(level, at, by_module=by_module):
-                found.setdefault((seen.age, seen.stamp), seen)
-            self._seen[key] = tuple(found.values())
+                distinct_reads.setdefault((seen.age, seen.stamp), seen)
+            self._seen[key] = tuple(distinct_reads.values())
         return self._seen[key]
 
     def _all_seen(self, level: int, at: int, *, by_module: bool) -> Iterator[Seen]:
@@ -192,10 +192,10 @@ class Reads:
 
     def ages(self, level: int, at: int) -> list[tuple[int, Event]]:
         """The ages that a path node can read, each with one timeline."""
-        found: dict[int, Event] = {}
+        event_by_age: dict[int, Event] = {}
         for seen in self.seen(level, at, by_module=False):
-            found.setdefault(seen.age, seen.why)
-        return list(found.items())
+            event_by_age.setdefault(seen.age, seen.why)
+        return list(event_by_age.items())
 
     def age_of_publication(self) -> int:
         """P: the greatest age that the state of a publication can have when it is published."""
@@ -251,11 +251,11 @@ class Reads:
 
     @staticmethod
     def _two_steps(node: Releases, at: int, then: int, *, by_module: bool) -> set[tuple[int, int]]:
-        found = set()
+        pairs = set()
         for first in steps_seen(node, at, by_module=by_module):
             for second in steps_seen(node, then, by_module=by_module):
                 if second == first:
-                    found.add((first.start, first.start))
+                    pairs.add((first.start, first.start))
                 elif second.release > first.release and second.published >= at:
-                    found.add((first.start, second.start))
-        return found
+                    pairs.add((first.start, second.start))
+        return pairs

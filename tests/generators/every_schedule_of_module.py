@@ -2,7 +2,7 @@
 
 Purpose: the quantities of a system, each the largest value that some schedule reaches, from the
 definitions and the sets of `every_schedule.py`; see there for how they are enumerated.
-Non-goals: making systems and comparing (`schedules.py`).
+Non-goals: making systems and comparing (`schedule_systems.py`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from generators.every_schedule import QUANTITIES, Event, Reads, Seen, Step, Wors
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.reach.time.schedule import Output, Releases, Schedule
+    from soter.reach.time.schedule import ActuationPath, Releases, Schedule
 
 Line = tuple[int, str]
 
@@ -36,7 +36,7 @@ def timeline(at: int, event: Event | None) -> list[Line]:
 class Acts:
     """When one component of what SC publishes acts."""
 
-    output: Output
+    output: ActuationPath
     name: str
     multiple: int = 1
     _after: dict[int, tuple[tuple[int, tuple[Line, ...]], ...]] = field(default_factory=dict)
@@ -48,10 +48,10 @@ class Acts:
         """All instants at which it can act, each with one timeline of the nodes between."""
         turn = published % self.multiple
         if turn not in self._after:
-            found: dict[int, tuple[Line, ...]] = {}
+            lines_by_instant: dict[int, tuple[Line, ...]] = {}
             for at, lines in self._through(0, turn):
-                found.setdefault(at, lines)
-            self._after[turn] = tuple(found.items())
+                lines_by_instant.setdefault(at, lines)
+            self._after[turn] = tuple(lines_by_instant.items())
         by = published - turn
         return [
             (at + by, tuple((x + by, what) for x, what in lines)) for at, lines in self._after[turn]
@@ -64,12 +64,12 @@ class Acts:
                 yield published + latency, ()
             return
         node = self.output.nodes[level]
-        found: dict[int, int] = {}
+        start_by_instant: dict[int, int] = {}
         for start in finding(node, published):
             for again in range(start, start + node.response + 1):
-                found.setdefault(again, start)
+                start_by_instant.setdefault(again, start)
         name = f"{self.name}: node {level + 1}"
-        for again, start in found.items():
+        for again, start in start_by_instant.items():
             own = (start, f"{name} starts"), (again, f"{name} publishes")
             for at, lines in self._through(level + 1, again):
                 yield at, (*own, *lines)
@@ -147,20 +147,20 @@ class EverySchedule:
         """
         turns = releases(self.dm, due - 2 * self.dm.period, due)
         each = [[s.published for s in steps(self.dm, r)] for r in turns]
-        found: dict[int, tuple[Line, ...]] = {}
+        lines_by_instant: dict[int, tuple[Line, ...]] = {}
         for verdicts in product(*(sorted(set(e)) for e in each)):
             lines = tuple((v, "a verdict is in force") for v in verdicts)
-            found.setdefault(max(verdicts, default=due), lines)
-        return list(found.items())
+            lines_by_instant.setdefault(max(verdicts, default=due), lines)
+        return list(lines_by_instant.items())
 
     def starts(self, due: int) -> list[tuple[int, tuple[Line, ...]]]:
         """When a release of SC can start."""
-        found: dict[int, tuple[Line, ...]] = {}
+        lines_by_instant: dict[int, tuple[Line, ...]] = {}
         for wait, lines in self.waits(due):
             for ready in range(due, due + self.sc.late + 1):
                 own = (due, "SC is due"), (ready, "SC is ready")
-                found.setdefault(max(ready, wait), (*lines, *own))
-        return list(found.items())
+                lines_by_instant.setdefault(max(ready, wait), (*lines, *own))
+        return list(lines_by_instant.items())
 
     def starts_of_sc(self) -> None:
         """Lambda: how long after its release SC starts at the latest."""
@@ -215,14 +215,14 @@ class EverySchedule:
 
     def acts_of_step(self, output: Acts, start: int) -> list[tuple[int, tuple[Line, ...]]]:
         """When the output of a step of SC can act that starts there, whenever it publishes."""
-        found: dict[int, tuple[Line, ...]] = {}
+        lines_by_instant: dict[int, tuple[Line, ...]] = {}
         for published in range(start, start + self.sc.response + 1):
             own = (start, "SC starts"), (published, "SC publishes")
             for at, lines in output.after(published):
                 act = (at, f"{output.name} acts")
-                if at not in found:
-                    found[at] = (*own, *lines, act)
-        return list(found.items())
+                if at not in lines_by_instant:
+                    lines_by_instant[at] = (*own, *lines, act)
+        return list(lines_by_instant.items())
 
     def last_act(self, published: int) -> tuple[int, tuple[Line, ...]]:
         """The latest that every component of a publication of SC has acted."""
@@ -275,7 +275,7 @@ class EverySchedule:
         """
         waiting: dict[int, tuple[Line, ...]] = {wait: ()}
         for due in turns:
-            found: dict[int, tuple[Line, ...]] = {}
+            lines_by_instant: dict[int, tuple[Line, ...]] = {}
             following: dict[int, tuple[Line, ...]] = {}
             for last, lines in waiting.items():
                 for verdict, start, published in self._runs(due, since, last, known):
@@ -287,10 +287,12 @@ class EverySchedule:
                     )
                     early = passes_from is not None and published < passes_from
                     blind = reads_from is not None and start < reads_from
-                    into, key = (following, verdict) if early or blind else (found, published)
+                    into, key = (
+                        (following, verdict) if early or blind else (lines_by_instant, published)
+                    )
                     if key not in into:
                         into[key] = (*lines, *ran)
-            yield from found.items()
+            yield from lines_by_instant.items()
             if not following:
                 return
             waiting, since = following, max(since, due)
@@ -390,20 +392,20 @@ def available(reads: Reads) -> dict[int, tuple[Line, ...]]:
     What has read a default publishes a default.
     """
     sensor, level = reads.path.sensor, len(reads.path.nodes)
-    found: dict[int, tuple[Line, ...]] = {
+    lines_by_instant: dict[int, tuple[Line, ...]] = {
         x: ((x, f"{reads.name}: sensor publishes"),)
         for x in range(sensor.phase, sensor.phase + reads.silence + 1, sensor.period)
     }
     for k, node in enumerate(reads.path.nodes, 1):
         following: dict[int, tuple[Line, ...]] = {}
-        for at, lines in found.items():
+        for at, lines in lines_by_instant.items():
             for step in first_steps(node, at):
                 what = (step.published, f"{reads.name}: node {k} publishes, started {step.start}")
                 following.setdefault(step.published + 1, (*lines, what))
                 if k < level or step.start < step.published:
                     following.setdefault(step.published, (*lines, what))
-        found = following
-    return found
+        lines_by_instant = following
+    return lines_by_instant
 
 
 def first_steps(node: Releases, at: int) -> set[Step]:

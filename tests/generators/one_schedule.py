@@ -18,7 +18,7 @@ from generators.every_schedule import Step
 if TYPE_CHECKING:
     import random
 
-    from soter.reach.time.schedule import Output, Path, Releases, Schedule
+    from soter.reach.time.schedule import ActuationPath, Releases, Schedule, SensorPath
 
 
 class Value(NamedTuple):
@@ -78,7 +78,7 @@ class OneSchedule:
         wait = max([0, *(v - step.start for v in verdicts)])
         return Step(step.release, step.start + wait, step.published + wait)
 
-    def topic(self, path: Path) -> list[Value]:
+    def topic(self, path: SensorPath) -> list[Value]:
         """What is published at the end of a path."""
         sensor, last = path.sensor, path.sensor.phase - path.sensor.period
         topic = []
@@ -99,14 +99,14 @@ class OneSchedule:
     def read(self, topic: list[Value], at: int, *, by_module: bool) -> Value:
         """The last value before an instant, or one of that instant if the order is such."""
         now = self.draw.random() < 0.5
-        found = NOTHING
+        latest_value = NOTHING
         for value in topic:
             then = value.seen_then == "always" or (
                 now and not (by_module and value.seen_then == "by nodes")
             )
             if value.published < at or (value.published == at and then):
-                found = value
-        return found
+                latest_value = value
+        return latest_value
 
     def judge_dm(self, topics: list[list[Value]]) -> None:
         """A, T_dec, and how far the next look may be ahead."""
@@ -164,7 +164,7 @@ class OneSchedule:
             acted = [a[k][1] for a in acts]
             self.note("switch", max(a for a in acted if a is not None) - ac.start)
 
-    def acts(self, output: Output) -> list[tuple[int | None, int | None]]:
+    def acts(self, output: ActuationPath) -> list[tuple[int | None, int | None]]:
         """When each publication of SC acts (None: a later one did), and when it or a later one."""
         held = [Value(s.published, k, "perhaps") for k, s in enumerate(self.sc)]
         for node in output.nodes:

@@ -1,9 +1,9 @@
 """Random programs whose parts share nothing but time.
 
-Purpose: what `small_programs.py` makes too rarely: a few nodes that publish at moments of their
-own, late or skewed, beside clocks that only let time pass, under properties that depend on which
-moments are observed. They find two reductions that were believed and wrong: parts that ignore the
-time they share, and ample sets that add observations.
+Purpose: what `small_test_programs.py` makes too rarely: a few nodes that publish at moments of
+their own, late or skewed, beside clocks that only let time pass, under properties that depend on
+which moments are observed. They find two reductions that were believed and wrong: parts that ignore
+the time they share, and ample sets that add observations.
 Non-goals: anything else of the language.
 """
 

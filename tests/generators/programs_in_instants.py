@@ -1,7 +1,7 @@
 """Random programs whose actors fall into groups within an instant.
 
-Purpose: what `small_programs.py` makes too rarely: nothing skewed, late or long, so that only ends
-of instants are stored; two or three clusters of actors that are due together, read mostly what
+Purpose: what `small_test_programs.py` makes too rarely: nothing skewed, late or long, so that only
+ends of instants are stored; two or three clusters of actors that are due together, read mostly what
 their own cluster wrote in the same instant, and break contracts or fault there; properties that
 read across clusters, which often share nothing else. Now and then something that switches a
 reduction off.
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from random import Random
 
-from generators.small_programs import TICK, Maker, Seen, Topic
+from generators.small_test_programs import TICK, Maker, Seen, Topic
 
 TYPES = ("bool", "bool", "Small", "Signed", "Color")
 

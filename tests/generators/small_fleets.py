@@ -2,7 +2,7 @@
 
 Purpose: what the explorer and the brute-force enumerator are compared on where systems have arrays
 of instances, loops, wires between instances, parameters set for an instance, and tests that set
-them: the programs of `small_programs.py`, put into a system that is a part.
+them: the programs of `small_test_programs.py`, put into a system that is a part.
 Non-goals: meaning (`tests/correct/test_fleets_agree.py` compares with what is written out).
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from random import Random
 
-from generators.small_programs import HEAD, RANGES, Maker, Seen, Topic
+from generators.small_test_programs import HEAD, RANGES, Maker, Seen, Topic
 
 PARAMETERS = {"Small": "LEVEL", "Cell": "LEVEL", "bool": "FLAG"}
 DECLARED = "param LEVEL: Small = 1 in [0, 2];\nparam FLAG: bool = true;\n"
@@ -76,13 +76,13 @@ class FleetMaker(Maker):
 
     def _sets(self, path: str) -> list[str]:
         """Settings for one place, without what ends them."""
-        found = []
+        settings = []
         if self.chance(0.4):
             level = self.pick((0, 1, 2, "i", "2 - i") if path == "" and not self.spread else (0, 2))
-            found.append(f"set {path}LEVEL = {level}")
+            settings.append(f"set {path}LEVEL = {level}")
         if self.chance(0.4):
-            found.append(f"set {path}FLAG = {self.pick(('true', 'false'))}")
-        return found
+            settings.append(f"set {path}FLAG = {self.pick(('true', 'false'))}")
+        return settings
 
     spread = False
 
@@ -105,7 +105,7 @@ class FleetMaker(Maker):
 
     def _wires(self) -> list[str]:
         """Inputs of each element that are driven topics of the other one."""
-        found = []
+        wires = []
         for t in self.p.topics:
             driven = [
                 d.name
@@ -114,10 +114,10 @@ class FleetMaker(Maker):
             ]
             if t.input and driven and self.chance(0.7):
                 other = self.pick(driven)
-                found.append(f"{t.name} = r[(i + 1) % 2].{other}")
+                wires.append(f"{t.name} = r[(i + 1) % 2].{other}")
                 if t.name in self.p.queued:
                     self.p.queued.add(other)
-        return found
+        return wires
 
 
 assert set(PARAMETERS) - {"bool"} <= set(RANGES)

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.found import files_in
+from generators.file_listing import files_in
 from soter.diagnostics.diagnostic import Diagnostics, Severity
 from soter.diagnostics.fix import applied
 from soter.diagnostics.source import Source
-from soter.program.build import Checked, check_file
+from soter.program.front_end import CheckResult, check_file
 from soter.syntax.parser import parse
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ SHOWN_BY_A_FIX = {
 }
 
 
-def after(name: str, fix: Fix) -> Checked | None:
+def after(name: str, fix: Fix) -> CheckResult | None:
     """The program checked with a fix; None where the fix is of another file."""
     texts = {source.name: text for source, text in applied(fix).items()}
     return check_file(name, texts[name]) if set(texts) == {name} else None
@@ -45,8 +45,8 @@ def same(one: Diagnostic, other: Diagnostic) -> bool:
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_a_help_that_is_an_edit_removes_the_error_and_brings_no_other(name: str) -> None:
-    found = check_file(name).diagnostics.items
-    for d in found:
+    diagnostics = check_file(name).diagnostics.items
+    for d in diagnostics:
         for fix in d.fixes:
             assert fix.title in d.helps
             assert fix.edits
@@ -55,7 +55,7 @@ def test_a_help_that_is_an_edit_removes_the_error_and_brings_no_other(name: str)
                 continue
             left = mended.diagnostics.items
             assert not any(same(d, x) for x in left), (fix, [x.message for x in left])
-            told = {(x.code, x.message) for x in found}
+            told = {(x.code, x.message) for x in diagnostics}
             errors = [x for x in left if x.severity is Severity.ERROR]
             new = [x for x in errors if (x.code, x.message) not in told]
             assert {x.code for x in new} <= SHOWN_BY_A_FIX.get(name, set()), (fix, new)
@@ -111,19 +111,19 @@ def is_soter(code: str) -> bool:
 
 
 def _parses(text: str) -> bool:
-    found = Diagnostics()
-    parse(Source("help.soter", f"soter 1;\n{text}\n"), found)
-    return not found.has_errors
+    diagnostics = Diagnostics()
+    parse(Source("help.soter", f"soter 1;\n{text}\n"), diagnostics)
+    return not diagnostics.has_errors
 
 
 def helps() -> list[tuple[str, str]]:
     os.chdir(FOLDER)
-    found: dict[str, str] = {}
+    name_by_help: dict[str, str] = {}
     for name in PROGRAMS:
         for d in check_file(name).diagnostics.items:
             titles = {f.title for f in d.fixes}
-            found |= {h: name for h in d.helps if h not in titles and "`" in h}
-    return sorted(found.items())
+            name_by_help |= {h: name for h in d.helps if h not in titles and "`" in h}
+    return sorted(name_by_help.items())
 
 
 def test_code_in_a_help_is_soter() -> None:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.found import files_in
+from generators.file_listing import files_in
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.render import render_all
-from soter.program.build import Checked, check_file
+from soter.program.front_end import CheckResult, check_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,7 +29,7 @@ def expected(name: str) -> list[str]:
     return first.removeprefix("// expect: ").split()
 
 
-def check(name: str) -> Checked:
+def check(name: str) -> CheckResult:
     checked = check_file(name)
     for d in checked.diagnostics.items:
         for label in (*([d.primary] if d.primary else []), *d.secondary):
@@ -43,14 +43,14 @@ def test_a_wrong_program_gets_the_expected_diagnostics(
     name: str, golden: Callable[[str, str], None]
 ) -> None:
     checked = check(name)
-    found = checked.diagnostics.items
-    assert [d.code for d in found] == expected(name)
-    assert found[0].code == name.split("_", 1)[0]
-    errors = [d for d in found if d.severity is Severity.ERROR]
+    diagnostics = checked.diagnostics.items
+    assert [d.code for d in diagnostics] == expected(name)
+    assert diagnostics[0].code == name.split("_", 1)[0]
+    errors = [d for d in diagnostics if d.severity is Severity.ERROR]
     assert checked.diagnostics.has_errors == bool(errors)
     assert checked.ok == (not errors)
-    assert all((d.severity is Severity.WARNING) == d.code.startswith("W") for d in found)
-    golden(f"static_error/{Path(name).stem}.txt", render_all(found) + "\n")
+    assert all((d.severity is Severity.WARNING) == d.code.startswith("W") for d in diagnostics)
+    golden(f"static_error/{Path(name).stem}.txt", render_all(diagnostics) + "\n")
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from generators.found import files_below
+from generators.file_listing import files_below
 
 SOTER = Path(__file__).resolve().parents[2] / "src" / "soter"
 BEGIN = re.compile(r"^[A-Za-z_][^;={}]*?\b([a-z_0-9]+)\([^;{}]*\) \{$", re.MULTILINE)
@@ -19,14 +19,14 @@ NOT_SIMPLE = 8
 
 def functions(text: str) -> list[tuple[str, int, int]]:
     """Name, lines and cyclomatic complexity of each; assertions do not branch."""
-    found = []
+    figures = []
     blank = NOT_CODE.sub(lambda m: "\n" * m.group().count("\n"), text)
     for begin in BEGIN.finditer(blank):
         end = blank.index("\n}\n", begin.end())
         body = blank[begin.start() : end]
         branches = BRANCH.findall(CHECK.sub("", body))
-        found.append((begin.group(1), body.count("\n") + 2, 1 + len(branches)))
-    return found
+        figures.append((begin.group(1), body.count("\n") + 2, 1 + len(branches)))
+    return figures
 
 
 def all_functions() -> list[tuple[str, str, int, int]]:
@@ -52,11 +52,11 @@ def test_the_count_knows_branches_comments_and_assertions() -> None:
 
 
 def test_no_function_of_the_c_is_long() -> None:
-    found = all_functions()
-    assert len(found) > 400
-    assert [f for f in found if f[2] > LONGEST] == []
+    figures = all_functions()
+    assert len(figures) > 400
+    assert [f for f in figures if f[2] > LONGEST] == []
 
 
 def test_few_functions_of_the_c_have_many_branches() -> None:
-    found = [f for f in all_functions() if f[3] > SIMPLE]
-    assert len(found) <= NOT_SIMPLE, found
+    figures = [f for f in all_functions() if f[3] > SIMPLE]
+    assert len(figures) <= NOT_SIMPLE, figures

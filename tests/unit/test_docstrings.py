@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.found import files_below
+from generators.file_listing import files_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -81,7 +81,7 @@ def _words(node: ast.AST) -> set[str]:
 @cache
 def _aliases() -> dict[tuple[str, str], set[str]]:
     """The names that each module gives to other types, with the words of what they stand for."""
-    found: dict[tuple[str, str], set[str]] = {}
+    words_by_alias: dict[tuple[str, str], set[str]] = {}
     for path in SOURCES:
         for node in ast.walk(_tree(path)):
             if isinstance(node, ast.Assign):
@@ -92,8 +92,8 @@ def _aliases() -> dict[tuple[str, str], set[str]]:
                 continue
             type_like = isinstance(value, ast.Subscript | ast.BinOp | ast.Attribute)
             if isinstance(target, ast.Name) and target.id[0].isupper() and type_like:
-                found[_module(path), target.id] = _words(value)
-    return found
+                words_by_alias[_module(path), target.id] = _words(value)
+    return words_by_alias
 
 
 def _arrays(path: Path) -> set[str]:
@@ -111,29 +111,29 @@ def _arrays(path: Path) -> set[str]:
 
 @cache
 def _array_aliases() -> dict[str, set[str]]:
-    found: dict[str, set[str]] = {}
+    aliases_by_module: dict[str, set[str]] = {}
     for (module, name), words in _aliases().items():
-        if words & ({"NDArray", "ndarray"} | found.get(module, set())):
-            found.setdefault(module, set()).add(name)
-    return found
+        if words & ({"NDArray", "ndarray"} | aliases_by_module.get(module, set())):
+            aliases_by_module.setdefault(module, set()).add(name)
+    return aliases_by_module
 
 
 def unsaid_shapes(path: Path) -> list[str]:
     """The public functions of a file that take or give arrays and say no shape."""
-    arrays, found = _arrays(path), []
+    arrays, offenders = _arrays(path), []
     for _, function in _public(_tree(path).body):
         args = function.args
         given = [*args.posonlyargs, *args.args, *args.kwonlyargs, args.vararg, args.kwarg]
         notes = [a.annotation for a in given if a is not None] + [function.returns]
         if any(_words(n) & arrays for n in notes if n) and not SHAPE.search(_said(function)):
-            found.append(f"{function.name}:{function.lineno}")
-    return found
+            offenders.append(f"{function.name}:{function.lineno}")
+    return offenders
 
 
 @cache
 def _bases() -> dict[str, set[str]]:
     """Every class, of ours and of Python, with the classes that it is one of."""
-    found = {
+    bases_by_class = {
         name: {b.__name__ for b in kind.__mro__}
         for name, kind in vars(builtins).items()
         if isinstance(kind, type) and issubclass(kind, BaseException)
@@ -141,24 +141,24 @@ def _bases() -> dict[str, set[str]]:
     classes = [n for p in SOURCES for n in ast.walk(_tree(p)) if isinstance(n, ast.ClassDef)]
     for _ in range(3):  # no family of exceptions is deeper
         for node in classes:
-            own = {b.id for b in node.bases if isinstance(b, ast.Name)} & found.keys()
+            own = {b.id for b in node.bases if isinstance(b, ast.Name)} & bases_by_class.keys()
             if own:
-                found[node.name] = {node.name}.union(*(found[b] for b in own))
-    return found
+                bases_by_class[node.name] = {node.name}.union(*(bases_by_class[b] for b in own))
+    return bases_by_class
 
 
 @cache
 def _makers() -> dict[tuple[str, str], str]:
     """The functions that give an exception to raise, by module and (last resort) by name alone."""
-    found: dict[tuple[str, str], str] = {}
+    class_by_maker: dict[tuple[str, str], str] = {}
     for path in SOURCES:
         for node in ast.walk(_tree(path)):
             if isinstance(node, ast.FunctionDef) and node.returns is not None:
                 made = ast.unparse(node.returns).strip("'\"")
                 if made in _bases():
-                    found[_module(path), node.name] = made
-                    found["", node.name] = made
-    return found
+                    class_by_maker[_module(path), node.name] = made
+                    class_by_maker["", node.name] = made
+    return class_by_maker
 
 
 def _raised(node: ast.Raise, module: str) -> str | None:
@@ -173,41 +173,41 @@ def _raised(node: ast.Raise, module: str) -> str | None:
 
 
 def _caught(node: ast.Try) -> set[str]:
-    found: set[str] = set()
+    classes: set[str] = set()
     for handler in node.handlers:
         again = any(isinstance(n, ast.Raise) and n.exc is None for n in ast.walk(handler))
         if not again:
-            found |= _words(handler.type) if handler.type else {"BaseException"}
-    return found
+            classes |= _words(handler.type) if handler.type else {"BaseException"}
+    return classes
 
 
 def _escaping(nodes: list[ast.stmt] | list[ast.AST], module: str) -> set[str]:
     """The classes raised by these statements themselves that they do not catch."""
-    found: set[str] = set()
+    classes: set[str] = set()
     for node in nodes:
         if isinstance(node, ast.Raise):
             name = _raised(node, module)
-            found |= {name} if name else set()
+            classes |= {name} if name else set()
         elif isinstance(node, ast.Try):
             inner, caught = _escaping(node.body, module), _caught(node)
-            found |= {n for n in inner if not _bases().get(n, {n}) & caught}
+            classes |= {n for n in inner if not _bases().get(n, {n}) & caught}
             rest = [*node.handlers, *node.orelse, *node.finalbody]
-            found |= _escaping(list[ast.AST](rest), module)
+            classes |= _escaping(list[ast.AST](rest), module)
         elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            found |= _escaping(list(ast.iter_child_nodes(node)), module)
-    return found - UNSAID
+            classes |= _escaping(list(ast.iter_child_nodes(node)), module)
+    return classes - UNSAID
 
 
 def unsaid_exceptions(path: Path) -> list[str]:
     """The public functions of a file that raise what their docstring does not name."""
-    found = []
+    offenders = []
     for owner, function in _public(_tree(path).body):
         said = _said(function, owner)
         for name in sorted(_escaping(function.body, _module(path))):
             coded = "SoterError" in _bases().get(name, ()) and CODE.search(said)
             if not coded and not re.search(rf"\b{name}\b", said):
-                found.append(f"{function.name}:{function.lineno} {name}")
-    return found
+                offenders.append(f"{function.name}:{function.lineno} {name}")
+    return offenders
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(SOTER)))

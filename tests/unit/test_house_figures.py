@@ -41,15 +41,15 @@ def imports() -> dict[str, set[str]]:
     names = {name_of(p) for p in TREES}
     graph: dict[str, set[str]] = {}
     for path, tree in TREES.items():
-        found = graph.setdefault(name_of(path), set())
+        modules = graph.setdefault(name_of(path), set())
         for node in ast.walk(tree):
             if isinstance(node, ast.Import):
-                found |= {a.name for a in node.names}
+                modules |= {a.name for a in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module:
                 wholes = {f"{node.module}.{a.name}" for a in node.names}
-                found |= wholes & names or {node.module}
-                found |= {node.module} if wholes - names else set()
-        found &= names - {name_of(path)}
+                modules |= wholes & names or {node.module}
+                modules |= {node.module} if wholes - names else set()
+        modules &= names - {name_of(path)}
     return graph
 
 
@@ -65,8 +65,8 @@ def circles(graph: dict[str, set[str]]) -> list[set[str]]:
         return seen
 
     reach = {name: reached(name) for name in graph}
-    found = {frozenset(m for m in reach[n] if n in reach[m]) for n in graph if n in reach[n]}
-    return [set(c) for c in found]
+    components = {frozenset(m for m in reach[n] if n in reach[m]) for n in graph if n in reach[n]}
+    return [set(c) for c in components]
 
 
 def long_files() -> Iterator[str]:
@@ -97,7 +97,7 @@ def long_calls() -> Iterator[str]:
 def test_circles_are_seen() -> None:
     graph = {"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a", "e"}, "e": {"d"}}
     assert sorted(map(sorted, circles(graph))) == [["b", "c"], ["d", "e"]]
-    assert "soter.program.model.system" in imports()["soter.program.flatten.derived"]
+    assert "soter.program.model.system" in imports()["soter.program.elaborate.derived_systems"]
 
 
 def test_files_do_not_import_each_other_in_circles() -> None:
@@ -114,7 +114,7 @@ def test_a_call_names_its_arguments_where_they_are_many() -> None:
 
 
 REASONS = {
-    "soter/program/flatten/elaborate.py": "one pass: the order of mention numbers the topics",
+    "soter/program/elaborate/elaborator.py": "one pass: the order of mention numbers the topics",
     "soter/program/model/typed.py": "the checked tree, records only",
     "soter/syntax/tree.py": "the tree, records only",
 }

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import processes
-from generators.found import files_below
+from generators.file_listing import files_below
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = sorted(
@@ -38,24 +38,24 @@ def test_a_module_opens_with_its_purpose(path: Path) -> None:
 
 
 def test_committed_text_names_no_path_of_a_machine() -> None:
-    found = []
+    paths = []
     for path in _tracked():
         if path.suffix in {".png", ".npy", ".gz"} or path == Path(__file__):
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
-        found += [f"{path.relative_to(ROOT)}: {m.group()}" for m in MACHINE_PATHS.finditer(text)]
-    assert found == []
+        paths += [f"{path.relative_to(ROOT)}: {m.group()}" for m in MACHINE_PATHS.finditer(text)]
+    assert paths == []
 
 
 def test_there_are_no_postponed_repairs() -> None:
     words = ("TO" + "DO", "FIX" + "ME", "XX" + "X")
-    found = [
+    paths = [
         str(p.relative_to(ROOT))
         for p in _tracked()
         if p.suffix in {".py", ".c", ".h", ".soter"}
         and any(w in p.read_text(encoding="utf-8", errors="replace") for w in words)
     ]
-    assert found == []
+    assert paths == []
 
 
 @pytest.mark.parametrize("room", ["runtime", "reach/engine", "explore/engine/c"])

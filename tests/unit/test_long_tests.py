@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import processes
-from generators.found import files_below
+from generators.file_listing import files_below
 from long_tests import COMMAND, examples
 from quick_lines import QUICK
 
@@ -68,12 +68,12 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
 def test_a_table_has_as_many_lines_as_it_is_said_in_a_quick_run() -> None:
     (test, count), *_ = QUICK["correct/test_corner_programs.py"].items()
     file = "tests/correct/test_corner_programs.py"
-    found = []
+    counts = []
     for more in ((), ("--long",)):
         command = [sys.executable, "-m", "pytest", "--collect-only", "-q", file, *more]
         done = processes.run(command, cwd=ROOT, capture_output=True, text=True)
-        found.append(done.stdout.count(f"::test_{test}["))
-    assert 0 < found[0] <= count < found[1]
+        counts.append(done.stdout.count(f"::test_{test}["))
+    assert 0 < counts[0] <= count < counts[1]
 
 
 def test_every_table_that_is_cut_is_there() -> None:

@@ -27,10 +27,10 @@ def test_what_a_process_started_ends_with_it() -> None:
 
 def test_every_test_starts_its_processes_so() -> None:
     own = {TESTS / "processes.py", Path(__file__)}
-    found = [
+    paths = [
         p for p in TESTS.rglob("*.py") if p not in own and "import subprocess" in p.read_text()
     ]
-    assert found == []
+    assert paths == []
 
 
 ASKS = "import signal; print(*[signal.getsignal(n) == signal.SIG_IGN for n in (1, 2)])"
@@ -55,6 +55,6 @@ def test_what_hangs_is_ended_after_one_time_that_is_long_enough_anywhere() -> No
     """Ten minutes: a minute of a test's own is what a busy machine needs now and then."""
     own = {TESTS / "processes.py", Path(__file__)}
     timeouts = re.compile(r"\btimeout=\d|process\.wait\(\d|wait_for\([^)]*, \d")
-    found = [p for p in TESTS.rglob("*.py") if p not in own and timeouts.search(p.read_text())]
-    assert found == []
+    paths = [p for p in TESTS.rglob("*.py") if p not in own and timeouts.search(p.read_text())]
+    assert paths == []
     assert processes.TIMEOUT_S >= 600.0

@@ -8,12 +8,12 @@ Non-goals: printing, exit codes (`cli/`).
 
 from __future__ import annotations
 
+from soter.api.arguments import ENGINES
+from soter.api.check_report import CheckReport, ModuleReport, StepReport, SystemReport
 from soter.api.files import format_text, read_text, require_writers
-from soter.api.given import ENGINES
 from soter.api.program import Program, load
 from soter.api.rechecking import recheck
 from soter.api.replaying import ReplayReport, replay
-from soter.api.reports import CheckReport, ModuleReport, StepReport, SystemReport
 from soter.api.timing import SwitchReport, ThreadRow, TimingReport
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.uncaught import install

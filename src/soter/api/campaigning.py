@@ -15,29 +15,29 @@ from math import ceil, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.api.arguments import end_of, mistake, time_ns
 from soter.api.files import require_writable
-from soter.api.given import end_of, mistake, time_ns
 from soter.campaign.arms import OURS, PAPER, arms_of
-from soter.campaign.fleet import Fleet
-from soter.campaign.flying import flights_of, fly
-from soter.campaign.lateness import kept
+from soter.campaign.batch_flights import Fleet
+from soter.campaign.fault_attribution import ORDER, blames, occurred
+from soter.campaign.fly_campaign import flights_of, fly
 from soter.campaign.page import write_page
 from soter.campaign.parquet import write_parquet
-from soter.campaign.ray_flying import cluster, require_ray
+from soter.campaign.ray_cluster import cluster, require_ray
+from soter.campaign.release_lateness import kept
 from soter.campaign.result import Result, result_of
-from soter.campaign.store import About, Store
-from soter.campaign.troubles import ORDER, blames, occurred
+from soter.campaign.store import CampaignIdentity, CampaignStore
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError
-from soter.simulate.params import changed
-from soter.simulate.settings import seed_value
+from soter.simulate.run_parameters import changed
+from soter.simulate.run_settings import seed_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.campaign.arms import Arm
-    from soter.campaign.flight import Flight
-    from soter.campaign.flying import Workers
-    from soter.campaign.lateness import Lateness
+    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.fly_campaign import Workers
+    from soter.campaign.release_lateness import Lateness
     from soter.program.model.system import System
     from soter.simulate.externs.bindings import Bindings
 
@@ -56,7 +56,7 @@ class FlownArm:
     text: str
     system: System
     folder: Path
-    flights: tuple[Flight, ...]
+    flights: tuple[FlightOutcome, ...]
     result: Result
     flown: int
     wall_s: float
@@ -75,7 +75,7 @@ class Campaign:
     until_s: float
     first_seed: int
     folder: Path
-    flights: tuple[Flight, ...]
+    flights: tuple[FlightOutcome, ...]
     result: Result
     flown: int
     wall_s: float
@@ -217,10 +217,12 @@ def _threads(workers: int | str | None) -> int:
 
 def _faults(flat: System) -> tuple[tuple[str, str], ...]:
     """A fault of several components is inside where it is for each of them."""
-    found: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
+    places_by_fault: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
     for f in (f for f in flat.faults if f.on is None):
-        found.setdefault(f.text, []).append(f.inside)
-    return tuple((t, next(iter(w)) or "" if None not in w else "") for t, w in found.items())
+        places_by_fault.setdefault(f.text, []).append(f.inside)
+    return tuple(
+        (t, next(iter(w)) or "" if None not in w else "") for t, w in places_by_fault.items()
+    )
 
 
 def own_folder(flat: System, path: str, until: Any, seed: int) -> Path:  # noqa: ANN401
@@ -228,8 +230,8 @@ def own_folder(flat: System, path: str, until: Any, seed: int) -> Path:  # noqa:
     return _folder(path, _about(flat, path, end_of(flat, until), seed, 0))
 
 
-def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -> About:
-    return About(
+def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -> CampaignIdentity:
+    return CampaignIdentity(
         program=Path(path).name,
         program_sha256=flat.program.sha256,
         system=flat.name,
@@ -266,13 +268,13 @@ def _flown(
     text: str,
     fleet: Fleet,
     folder: Path,
-    about: About,
+    about: CampaignIdentity,
     count: int,
     workers: int | Workers,
     progress: Progress,
 ) -> FlownArm:
     began = time.perf_counter()
-    store = Store(folder, about)
+    store = CampaignStore(folder, about)
     before = len(store.flights)
     try:
         if before < count:
@@ -281,7 +283,7 @@ def _flown(
         store.close()
     wanted = store.flights[:count]
 
-    def again(other: System, numbers: Sequence[int]) -> Iterator[Flight]:
+    def again(other: System, numbers: Sequence[int]) -> Iterator[FlightOutcome]:
         compiled = Fleet(other, fleet.until_ns)
         for some in flights_of(compiled, numbers, about.first_seed, workers):
             yield from some
@@ -323,36 +325,37 @@ def _count(hours: float | None, flights: int | None, until_ns: int) -> int:
     return ceil(wanted * 3600.0e9 / until_ns)
 
 
-def _folder(path: str, about: About) -> Path:
+def _folder(path: str, about: CampaignIdentity) -> Path:
     parts = [Path(path).stem, about.system, f"{about.until_ns / 1e9:g}s", str(about.first_seed)]
     parts += [f"{k}={v}" for k, v in about.params.items()]
     name = re.sub(r"[^A-Za-z0-9_.=+-]", "_", "-".join(parts))[:120]
     return Path(".soter") / f"campaign-{name}"
 
 
-def figures(found: Campaign) -> dict[str, Any]:
+def figures(flown_campaign: Campaign) -> dict[str, Any]:
     """The fields of `--json` (docs/json.md)."""
     return {
-        "system": found.system,
-        **_figures(found.result),
-        "flight_s": found.until_s,
-        "seed": found.first_seed,
-        "saves_horizon_s": found.horizon_s or None,
-        "arms": {a.name: {"text": a.text, **_figures(a.result)} for a in found.arms},
-        "lateness": found.lateness or None,
+        "system": flown_campaign.system,
+        **_figures(flown_campaign.result),
+        "flight_s": flown_campaign.until_s,
+        "seed": flown_campaign.first_seed,
+        "saves_horizon_s": flown_campaign.horizon_s or None,
+        "arms": {a.name: {"text": a.text, **_figures(a.result)} for a in flown_campaign.arms},
+        "lateness": flown_campaign.lateness or None,
         "faults": [
-            {"fault": t, "inside": w or None, "times": found.occurred[t]} for t, w in found.faults
+            {"fault": t, "inside": w or None, "times": flown_campaign.occurred[t]}
+            for t, w in flown_campaign.faults
         ],
-        "folder": str(found.folder),
-        "wall_s": found.wall_s,
-        "workers": found.workers,
+        "folder": str(flown_campaign.folder),
+        "wall_s": flown_campaign.wall_s,
+        "workers": flown_campaign.workers,
     }
 
 
 def _figures(r: Result) -> dict[str, Any]:
     counted = r.modules and r.modules[0].saves is not None
     return {
-        "hours": r.hours_told,
+        "hours": r.rate_hours,
         "hours_of": "all" if r.hours_aloft is None else "aloft",
         "hours_flown": r.hours,
         "km": r.km,
@@ -417,7 +420,7 @@ def _number(x: float) -> float | None:
 
 
 def written(
-    found: Campaign, path: str, report: str | Path | None, *, parquet: bool = False
+    flown_campaign: Campaign, path: str, report: str | Path | None, *, parquet: bool = False
 ) -> list[Path]:
     """Write the page and the tables that are asked for; SoterError D006, D007.
 
@@ -425,11 +428,11 @@ def written(
     """
     made: list[Path] = []
     if report is not None:
-        target = Path(report or found.folder / "report.html")
+        target = Path(report or flown_campaign.folder / "report.html")
         require_writable(target)
-        made.append(write_page(found, path, target))
+        made.append(write_page(flown_campaign, path, target))
     if parquet:
-        folders = dict.fromkeys([found.folder, *(a.folder for a in found.arms)])
+        folders = dict.fromkeys([flown_campaign.folder, *(a.folder for a in flown_campaign.arms)])
         made += [write_parquet(folder) for folder in folders]
     return made
 

@@ -2,7 +2,7 @@
 
 Purpose: the certificate is checked again, compared with the program and the parameters at hand, and
 its verdicts are told of the modules of the deployed system that it covers.
-Non-goals: what is covered (`reach/deploy/inherited.py`), the checker (`soter.recheck`).
+Non-goals: what is covered (`reach/deploy/proof_transfer.py`), the checker (`soter.recheck`).
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from typing import TYPE_CHECKING
 from soter.api.rechecking import recheck
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.load.loader import load
-from soter.reach.remembered import known
+from soter.reach.proof_cache import stored_verdicts
 from soter.simulate.outputs.assumptions import unproved
 from soter.targets.build import build_package
-from soter.targets.package import File
+from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.api.given import Progress
-    from soter.native.stack import Stack
+    from soter.api.arguments import Progress
+    from soter.certificate.report import RecheckedModule, Report
+    from soter.native.stack_bound import StackBound
     from soter.program.load.loader import LoadedFile
     from soter.program.model.system import System
-    from soter.reach.deploy.inherited import Inherited
-    from soter.recheck.report import ModuleReport, Report
+    from soter.reach.deploy.proof_transfer import TransferredProof
     from soter.simulate.externs.bindings import Bindings
     from soter.targets.package import Package
 
@@ -41,7 +41,7 @@ NO_PART = frozenset({"soter_app.c", "soter_virtual.c", "soter_sha256.c"})
 
 
 @dataclass
-class Deployed:
+class DeploymentReport:
     """`lines`: for people; `document`: the same for programs, a file of the package, too."""
 
     certificate: str = ""
@@ -49,14 +49,16 @@ class Deployed:
     document: dict[str, object] = field(default_factory=dict)
 
     @property
-    def files(self) -> list[File]:
+    def files(self) -> list[PackageFile]:
         """What the package has besides; nothing where no other system is deployed."""
         if not self.document:
             return []
-        return [File(FILE, json.dumps(self.document, indent=1) + "\n")]
+        return [PackageFile(FILE, json.dumps(self.document, indent=1) + "\n")]
 
 
-def deployed(here: System, cert: str | Path | None, progress: Progress | None = None) -> Deployed:
+def deployed(
+    here: System, cert: str | Path | None, progress: Progress | None = None
+) -> DeploymentReport:
     """What a freshly flattened system inherits; nothing where it deploys no other.
 
     `SoterError` D019 where something from outside is not covered, D020 where the certificate is
@@ -69,8 +71,8 @@ def deployed(here: System, cert: str | Path | None, progress: Progress | None = 
             what = f"system `{here.name}` deploys no other: there is nothing to inherit"
             helps = ("write `system NAME deploys PROVED { ... }`",)
             raise SoterError((Diagnostic("U001", what, helps=helps),))
-        return Deployed()
-    from soter.reach.deploy.inherited import inherited  # noqa: PLC0415 - needs NumPy
+        return DeploymentReport()
+    from soter.reach.deploy.proof_transfer import inherited  # noqa: PLC0415 - needs NumPy
 
     modules = inherited(here, there)
     seal, confirmed = "", {}
@@ -87,7 +89,7 @@ def deployed(here: System, cert: str | Path | None, progress: Progress | None = 
         "certificate": seal or None,
         "modules": entries,
     }
-    return Deployed(seal, lines, document)
+    return DeploymentReport(seal, lines, document)
 
 
 def build(
@@ -109,7 +111,7 @@ def build(
     flat.certificate = inherits.certificate
     bindings = bound(flat)
     package = build_package(target, bindings.system, bindings.core, output, inherits.files)
-    told = [] if inherits.lines else unproved(flat, known(flat))
+    told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
     package.notes += [*told, *computed, *(_not_carried(bindings) if target == "c" else ())]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
@@ -125,12 +127,12 @@ def _not_carried(bindings: Bindings) -> list[str]:
     return [f"{n}: its binding to Python is left out, as the package is C" for n in dropped]
 
 
-def stack_bound(package: Package) -> Stack:
+def stack_bound(package: Package) -> StackBound:
     """How much stack the trusted part of a package needs at most, compiled on this machine.
 
     Neither externs nor the virtual-time command are part of it, nor plants.
     """
-    from soter.native.stack import stack_of  # noqa: PLC0415 - runs a compiler
+    from soter.native.stack_bound import stack_of  # noqa: PLC0415 - runs a compiler
 
     files = {
         f.path: f.text
@@ -144,7 +146,9 @@ def stack_bound(package: Package) -> Stack:
 # ---------------------------------------------------------------- what is told
 
 
-def _entry(m: Inherited, report: list[ModuleReport] | None, seal: str) -> dict[str, object]:
+def _entry(
+    m: TransferredProof, report: list[RecheckedModule] | None, seal: str
+) -> dict[str, object]:
     why = m.why_not
     if not why and not seal:
         why = "no certificate was given (--cert DIR)"
@@ -170,7 +174,7 @@ def _entry(m: Inherited, report: list[ModuleReport] | None, seal: str) -> dict[s
 def _lines(entry: dict[str, object], there: str, seal: str) -> list[str]:
     name = entry["module"]
     if not entry["inherited"]:
-        found = [f"{name}: nothing proved: {entry['why_not']}"]
+        lines = [f"{name}: nothing proved: {entry['why_not']}"]
     else:
         confirmed, missing = entry["confirmed"], entry["missing"]
         assert isinstance(confirmed, list)
@@ -179,10 +183,10 @@ def _lines(entry: dict[str, object], there: str, seal: str) -> list[str]:
         if "P1c" not in confirmed and "P1c" not in missing:
             safe += "; P1c is assumed, not proved: not all of its times are declared"
         words = " ".join(confirmed)
-        found = [f"{name}: {words} of `{there}`, certificate {seal[:12]}, checked again{safe}"]
+        lines = [f"{name}: {words} of `{there}`, certificate {seal[:12]}, checked again{safe}"]
     covered = entry["covered"]
     assert isinstance(covered, list)
-    return [*found, *(f"{name}: {line}" for line in covered)]
+    return [*lines, *(f"{name}: {line}" for line in covered)]
 
 
 # ---------------------------------------------------------------- whether it fits
@@ -226,10 +230,10 @@ def _home(there: System, prefix: str) -> Path:
 
 
 def _files(path: str) -> list[LoadedFile]:
-    found = Diagnostics()
-    loaded = load(path, found)
+    diagnostics = Diagnostics()
+    loaded = load(path, diagnostics)
     if loaded is None:
-        raise SoterError(found.items)
+        raise SoterError(diagnostics.items)
     return loaded.files
 
 
@@ -248,16 +252,16 @@ def _renamed(there: System, home: Path) -> dict[str, str]:
     }
 
 
-def _confirmed(report: Report, there: System) -> dict[str, list[ModuleReport]]:
+def _confirmed(report: Report, there: System) -> dict[str, list[RecheckedModule]]:
     """Module -> what was confirmed of it in the proved system, view by view; D020."""
-    from soter.recheck.coverage import parameters_of  # noqa: PLC0415 - an extra
+    from soter.certificate.scope import parameters_of  # noqa: PLC0415 - an extra
 
     prefix = _prefix(there)
     short = there.name.removeprefix(prefix)
     names = _renamed(there, _home(there, prefix))
     ours = set(names.values())
     values = {n: v for n, v in parameters_of(there).items() if _declared(there, n) in ours}
-    found: dict[str, list[ModuleReport]] = {}
+    reports_by_module: dict[str, list[RecheckedModule]] = {}
     for m in report.modules:
         if m.system != short:
             continue
@@ -266,8 +270,8 @@ def _confirmed(report: Report, there: System) -> dict[str, list[ModuleReport]]:
             differ = sorted(set(given.items()) ^ set(values.items()))
             listed = ", ".join(dict.fromkeys(f"`{n}`" for n, _ in differ))
             raise _other(None, f"it is about other values of {listed}")
-        found.setdefault(m.name.partition(" as ")[0], []).append(m)
-    return found
+        reports_by_module.setdefault(m.name.partition(" as ")[0], []).append(m)
+    return reports_by_module
 
 
 def _here(name: str, names: dict[str, str]) -> str:

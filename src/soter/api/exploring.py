@@ -11,28 +11,28 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.api.arguments import complete, params_as_json, time_ns, values_of
 from soter.api.files import write_test_page
-from soter.api.given import complete, params_as_json, time_ns, values_of
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.explore.checkpoint.asked import asked, checkpoints
-from soter.explore.command import Told, chosen, explore_test, save, with_times
-from soter.explore.contracts import replaced_in
+from soter.explore.checkpoint.checkpoint_options import asked, checkpoints
+from soter.explore.command import TraceHeader, chosen, explore_test, save, with_times
+from soter.explore.contract_use import replaced_in
 from soter.explore.results import ExploreReport
 from soter.explore.settings import options_of
-from soter.program.build import system_of_test
+from soter.program.front_end import system_of_test
 from soter.simulate.interrupt import listening, stop_request
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.explore.results import Looked, TestResult
-    from soter.program.build import Checked
+    from soter.explore.results import SearchProgress, TestResult
+    from soter.program.front_end import CheckResult
     from soter.program.model.system import System
     from soter.program.model.types import Value
 
 
 def explore(
-    checked: Checked,
+    checked: CheckResult,
     path: str,
     *,
     test: str | Sequence[str] | None,
@@ -41,7 +41,7 @@ def explore(
     params: Mapping[str, object] | None,
     output: str | Path | None,
     html: bool,
-    progress: Callable[[Looked], None] | None,
+    progress: Callable[[SearchProgress], None] | None,
     checkpoint: str | Path | None,
     checkpoint_every: float | None,
     resume: str | Path | None,
@@ -65,7 +65,7 @@ def explore(
     listener = stop_request()
     with listening(listener), _until_interrupted(results, tests):
         for symbol, system, place in zip(tests, systems, kept, strict=True):
-            about = Told(path, told, replaced_in(symbol))
+            about = TraceHeader(path, told, replaced_in(symbol))
             result = explore_test(system, options, about, progress, listener, place)
             results.append(result)
             if output is not None and save(result, Path(output)) is not None and html:
@@ -91,14 +91,14 @@ def _until_interrupted(results: Sequence[object], tests: Sequence[object]) -> It
 
 
 def _tests(
-    checked: Checked,
+    checked: CheckResult,
     names: Sequence[str],
     values: Mapping[str, Value],
     skew: float | str | None,
     horizon: float | str | None,
 ) -> list[System]:
     """The flattened systems of tests, complete; every diagnostic of all of them at once."""
-    found = Diagnostics()
+    diagnostics = Diagnostics()
     skew_ns, horizon_ns = time_ns("skew", skew), time_ns("horizon", horizon)
     systems = []
     for name in names:
@@ -106,11 +106,11 @@ def _tests(
             system = system_of_test(checked, name, values, exact=len(names) == 1)
         except SoterError as error:
             for d in error.diagnostics:
-                found.add(d)
+                diagnostics.add(d)
         else:
             systems.append(with_times(system, skew_ns, horizon_ns))
-    if found.has_errors:
-        raise SoterError(found.items)
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
     for system in systems:
         complete(system)
     return systems

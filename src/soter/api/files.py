@@ -96,7 +96,7 @@ def _made_by_a_run(path: Path) -> bool:
     return not start or start.startswith((b"\x89mcap", b"<!doctype html"))
 
 
-def write_advice(found: Sequence[Advice], path: Path) -> None:
+def write_advice(advice: Sequence[Advice], path: Path) -> None:
     """The figure of every module; `SoterError` D006 where it cannot be written."""
     from soter.report.errors import ReportError  # noqa: PLC0415 - the same
     from soter.report.html import write_document  # noqa: PLC0415 - the same
@@ -104,14 +104,14 @@ def write_advice(found: Sequence[Advice], path: Path) -> None:
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_document("soter advise", advice_main([a.page() for a in found]), path)
+        write_document("soter advise", advice_main([a.page() for a in advice]), path)
     except (OSError, ReportError) as error:
         raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
 
 
 def write_test_page(result: TestResult) -> Path:
     """The sequence page of a violated test, beside its trace."""
-    from soter.explore.to_report import view_of  # noqa: PLC0415 - see `soter.api`
+    from soter.explore.trace_view import view_of  # noqa: PLC0415 - see `soter.api`
 
     assert result.replayed is not None
     assert result.trace is not None

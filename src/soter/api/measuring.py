@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.given import mistake
-from soter.measure.stopwatch import Made, StepTimes, timed
+from soter.api.arguments import mistake
+from soter.measure.stopwatch import StepTimes, TimedUnit, timed
 from soter.simulate.externs.bindings import bind
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def measure(
     assert run.trace is not None
     size = run.layout.size
     trace = run.trace.view("u1").reshape(len(run.trace), size)
-    made = Made(run.system, bind(run.system, program.bound).core)
+    made = TimedUnit(run.system, bind(run.system, program.bound).core)
     steps = timed(made, trace, samples=samples, margin=margin, seed=seed, progress=progress)
     sha256 = program.sha256
     assert sha256 is not None
@@ -77,14 +77,14 @@ def machine() -> str:
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
 
 
-def document(found: Measured) -> dict[str, Any]:
+def document(measurement: Measured) -> dict[str, Any]:
     """As the file has it; times in ns."""
     return {
         "schema": SCHEMA,
-        "system": found.system,
-        "program_sha256": found.program_sha256,
-        "machine": found.machine,
-        "margin": found.margin,
+        "system": measurement.system,
+        "program_sha256": measurement.program_sha256,
+        "machine": measurement.machine,
+        "margin": measurement.margin,
         "note": NO_BOUND,
         "steps": [
             {
@@ -95,14 +95,14 @@ def document(found: Measured) -> dict[str, Any]:
                 "faulted": s.faulted,
                 "wcet_ns": s.wcet_ns,
             }
-            for s in found.steps
+            for s in measurement.steps
         ],
     }
 
 
-def written(found: Measured, path: str | Path) -> Path:
+def written(measurement: Measured, path: str | Path) -> Path:
     """Writes the file; OSError where that fails."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document(found), indent=2) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(document(measurement), indent=2) + "\n", encoding="utf-8")
     return path

@@ -3,7 +3,7 @@
 Purpose: `judged`, what `Program.monitor` does with a log or a run; `log_judged` and
 `log_explained`, what `Program.judge_log` and `--map` with `--estimates` do with a log of somebody
 else.
-Non-goals: the judgements themselves (`monitor/membership.py`, `monitor/logs/replay.py`).
+Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/logs/replay.py`).
 """
 
 from __future__ import annotations
@@ -11,24 +11,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.api.given import chosen_modules
+from soter.api.arguments import chosen_modules
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.monitor.logs.decidable import decidable
-from soter.monitor.logs.mapping import mapping_of, read_mapping, system_named
+from soter.monitor.logs.decidable_modules import decidable
+from soter.monitor.logs.log_columns import read_columns
 from soter.monitor.logs.replay import replay
 from soter.monitor.logs.samples import recorded as of_samples
 from soter.monitor.logs.samples import samples_of
-from soter.monitor.logs.sources import read_columns
-from soter.monitor.membership import Judgement, judge, needed_topics
+from soter.monitor.logs.topic_mapping import mapping_of, read_mapping, system_named
+from soter.monitor.model_membership import Judgement, judge, needed_topics
 from soter.reach.problem.extract import extract_sets
-from soter.simulate.recorded import read_log, recorded
+from soter.simulate.recorded_run import read_log, recorded
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
-    from soter.monitor.logs.mapping import LogMap
     from soter.monitor.logs.result import LogJudgement
+    from soter.monitor.logs.topic_mapping import LogMap
     from soter.program.model.system import System
     from soter.simulate.result import Run
 
@@ -71,11 +71,11 @@ def log_judged(
         raise SoterError(tuple(lost(flat.modules[m].name, missing[m]) for m in chosen))
     path = Path(log)
     samples = samples_of(path, declared, read_columns(path, declared))
-    found = replay(flat, samples, plan, str(log), progress)
-    found.modules = [found.modules[i] for i in chosen]
-    if not any(m.decided for m in found.modules):
-        raise SoterError(tuple(lost(m.module, m.missing) for m in found.modules))
-    return found
+    judgement = replay(flat, samples, plan, str(log), progress)
+    judgement.modules = [judgement.modules[i] for i in chosen]
+    if not any(m.decided for m in judgement.modules):
+        raise SoterError(tuple(lost(m.module, m.missing) for m in judgement.modules))
+    return judgement
 
 
 def log_explained(

@@ -11,33 +11,33 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.api.arguments import chosen_modules, complete, end_of, mistake, require_engine, values_of
+from soter.api.check_report import CheckReport, check_report
+from soter.api.compiled_systems import PreparedSystems
+from soter.api.diagrams import Diagram, diagram_of
 from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
-from soter.api.given import chosen_modules, complete, end_of, mistake, require_engine, values_of
-from soter.api.prepared import Preparations
-from soter.api.reports import CheckReport, check_report
-from soter.api.showing import Diagram, diagram_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.build import Checked, check_file, system_of
+from soter.program.front_end import CheckResult, check_file, system_of
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.api.assurance.assuring import Assurance
+    from soter.api.arguments import Progress, Tell
+    from soter.api.assurance.safety_case import Assurance
     from soter.api.campaigning import Campaign
-    from soter.api.given import Progress, Tell
-    from soter.explore.results import ExploreReport, Looked
+    from soter.explore.results import ExploreReport, SearchProgress
     from soter.monitor.logs.result import LogJudgement
-    from soter.monitor.membership import Judgement
+    from soter.monitor.model_membership import Judgement
     from soter.program.model.system import System
-    from soter.program.model.typed import Program as TypedProgram
+    from soter.program.model.typed import TypedProgram
     from soter.program.model.types import Value
     from soter.reach.advise import Advice
     from soter.reach.claims.results import VerifyReport
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.outputs.to_log import RunLog
-    from soter.simulate.parts import Kept
     from soter.simulate.result import Run
+    from soter.simulate.trace_parts import Kept
     from soter.targets.package import Package
 
     Params = Mapping[str, object] | None
@@ -57,9 +57,9 @@ class Program:
 
     def __init__(self, path: str, progress: Tell | None = None, text: str | None = None) -> None:
         self.path = path
-        self._checked: Checked = check_file(path, text, tell=progress)
+        self._checked: CheckResult = check_file(path, text, tell=progress)
         self._bound: dict[str, object] = {}
-        self._prepared = Preparations()
+        self._prepared = PreparedSystems()
         self._flat: list[System] = []  # what `bind` looks for names in
 
     def __repr__(self) -> str:
@@ -104,14 +104,14 @@ class Program:
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
         """The value of a constant, by full name (`city.GOALS`), as externs see it; KeyError."""
-        from soter.program.model.values import to_python  # noqa: PLC0415 - see the docstring
+        from soter.program.model.python_values import to_python  # noqa: PLC0415 - see the docstring
 
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
 
     def function(self, name: str) -> Callable[..., Any]:
         """A function of the program as a Python callable; `soter.StepFault` in it, or KeyError."""
-        from soter.simulate.externs.callable import python_function  # noqa: PLC0415 - see the docstring
+        from soter.simulate.externs.soter_callable import python_function  # noqa: PLC0415 - see the docstring
 
         program = self._require_sound()
         return python_function(program, program.funs[name])
@@ -279,8 +279,8 @@ class Program:
         return log_judged(self.flat, log, mapping, **how)
 
     def assure(self, output: str | Path, **how: Any) -> Assurance:  # noqa: ANN401
-        """Write a safety case: see `soter.api.assurance.assuring.assure`."""
-        from soter.api.assurance.assuring import assure  # noqa: PLC0415 - see the docstring
+        """Write a safety case: see `soter.api.assurance.safety_case.assure`."""
+        from soter.api.assurance.safety_case import assure  # noqa: PLC0415 - see the docstring
 
         return assure(self, output, **how)
 
@@ -387,10 +387,10 @@ class Program:
         from soter.reach.command import modules_of, problems_of  # noqa: PLC0415 - the same
 
         chosen = modules_of(self._checked, module, system, self._values(params))
-        found = advise_all(problems_of(chosen), factors, levels, progress)
-        if report is not None and found:
-            write_advice(found, Path(report))
-        return tuple(found)
+        advice = advise_all(problems_of(chosen), factors, levels, progress)
+        if report is not None and advice:
+            write_advice(advice, Path(report))
+        return tuple(advice)
 
     def explore(
         self,
@@ -415,7 +415,7 @@ class Program:
         checkpoint: str | Path | None = None,
         checkpoint_every: float | None = None,
         resume: str | Path | None = None,
-        progress: Callable[[Looked], None] | None = None,
+        progress: Callable[[SearchProgress], None] | None = None,
         partial: bool = False,
     ) -> ExploreReport:
         """Explore every execution of every test, or of some (docs/testing.md).

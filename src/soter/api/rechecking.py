@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.meaning.processor import require_plain
+from soter.program.evaluate.floating_point_mode import require_plain
 
 if TYPE_CHECKING:
-    from soter.api.given import Progress
-    from soter.recheck.rechecker import Report as RecheckReport
+    from soter.api.arguments import Progress
+    from soter.certificate.rechecker import Report as RecheckReport
 
 
 def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckReport:
@@ -37,8 +37,8 @@ def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckRepo
             )
         )
     require_plain()
-    from soter.recheck.certificate.folder import NotACertificateError  # noqa: PLC0415 - an extra
-    from soter.recheck.rechecker import recheck as check  # noqa: PLC0415 - an extra
+    from soter.certificate.format.folder import NotACertificateError  # noqa: PLC0415 - an extra
+    from soter.certificate.rechecker import recheck as check  # noqa: PLC0415 - an extra
 
     try:
         return check(Path(folder), progress)

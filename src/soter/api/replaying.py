@@ -1,7 +1,7 @@
 """Runs in a file, run again: traces of `soter test`, counterexamples of `soter verify`.
 
 Purpose: `replay`, and the `ReplayReport` it gives.
-Non-goals: the run itself (`explore/judge/replay.py`, `reach/attack/runs.py`).
+Non-goals: the run itself (`explore/judge/replay.py`, `reach/attack/counterexample_files.py`).
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.api.arguments import complete, mistake, params_from_json
 from soter.api.files import write_sequence
-from soter.api.given import complete, mistake, params_from_json
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class ReplayReport:
 
         `SoterError` U001 for a counterexample of `soter verify`: a proof has no schedule.
         """
-        from soter.explore.to_report import view_of  # noqa: PLC0415 - see `soter.api`
+        from soter.explore.trace_view import view_of  # noqa: PLC0415 - see `soter.api`
 
         if self.trace is None:
             raise mistake(
@@ -104,15 +104,21 @@ def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
     system = system_of_test(checked, trace.test, params)
     system = with_times(system, trace.skew_ns, trace.horizon_ns)
     complete(system)
-    found = run(trace, system)
+    replay_result = run(trace, system)
     return ReplayReport(
-        str(file), "trace", path, trace.sha256, found.reproduced, found.outcome, trace=found
+        str(file),
+        "trace",
+        path,
+        trace.sha256,
+        replay_result.reproduced,
+        replay_result.outcome,
+        trace=replay_result,
     )
 
 
 def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayReport:
     from soter.explore.trace.trace import no_trace  # noqa: PLC0415 - see `soter.api`
-    from soter.reach.attack.runs import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
+    from soter.reach.attack.counterexample_files import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
 
     program, sha256 = str(document.get("program", "")), str(document.get("program_sha256", ""))
     try:

@@ -1,8 +1,8 @@
 """A run of a system with its externs bound, and what is told of it while it goes on.
 
 Purpose: find the engine, run until the end or a signal, keep the log.
-Non-goals: what may be asked for (`program.py`), what runs share (`prepared.py`), the run itself
-(`simulate/run.py`).
+Non-goals: what may be asked for (`program.py`), what runs share (`compiled_systems.py`), the run
+itself (`simulate/run.py`).
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.phase import phase
+from soter.diagnostics.current_phase import phase
 from soter.lower.layout import state_layout
-from soter.reach.remembered import known
+from soter.reach.proof_cache import stored_verdicts
 from soter.semantics.externs import Stop
 from soter.simulate.externs.bindings import bind_again, callables, close, require_runnable
 from soter.simulate.interrupt import (
@@ -25,27 +25,27 @@ from soter.simulate.interrupt import (
     stoppable,
     stopped_by,
 )
-from soter.simulate.pace import Pacer
-from soter.simulate.params import changed
 from soter.simulate.real_time import run_real_time, why_not
 from soter.simulate.run import run_interpreted
-from soter.simulate.settings import seed_value
+from soter.simulate.run_parameters import changed
+from soter.simulate.run_settings import seed_value
+from soter.simulate.wall_clock_pacing import Pacer
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.api.given import Progress
-    from soter.api.prepared import Preparations, Prepared
+    from soter.api.arguments import Progress
+    from soter.api.compiled_systems import PreparedSystem, PreparedSystems
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.outputs.to_log import RunLog
-    from soter.simulate.parts import Kept
     from soter.simulate.result import Run
+    from soter.simulate.trace_parts import Kept
 
 
 def simulate(
-    preparations: Preparations,
-    prepared: Prepared,
+    preparations: PreparedSystems,
+    prepared: PreparedSystem,
     given: Mapping[str, object],
     engine: str,
     *,
@@ -102,7 +102,7 @@ def simulate(
     run.paced = paced
     run.page = _page
     run.computed = list(prepared.computed)
-    run.proofs = known(prepared.system) if prepared.arm is None else {}
+    run.proofs = stored_verdicts(prepared.system) if prepared.arm is None else {}
     if writer is not None:
         writer.end(run, stopped_by(stop) if run.interrupted else "")
     if run.interrupted and not partial:
@@ -123,7 +123,9 @@ def _in_real_time(
     return run_real_time(bindings, until_ns, seed, quiet=quiet, **wanted)
 
 
-def _engine(engine: str, preparations: Preparations, prepared: Prepared) -> Callable[..., Run]:
+def _engine(
+    engine: str, preparations: PreparedSystems, prepared: PreparedSystem
+) -> Callable[..., Run]:
     """What runs the system: everything slow that is no run happens here."""
     if engine == "interp":
         return partial_(run_interpreted, prepared.system)

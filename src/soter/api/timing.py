@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.program.flatten.numbers import MAX_PERIOD_NS
-from soter.program.load.files import read_json_text
+from soter.program.elaborate.numeric_values import MAX_PERIOD_NS
+from soter.program.load.bounded_read import read_json_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.program.model.system import Component, Module, System
-    from soter.reach.time.switching import Switch
-    from soter.timing.deployment import Timing
+    from soter.reach.time.switch_latency import SwitchLatency
+    from soter.timing.trusted_thread import Timing
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int]]:
     """
     try:
         given = json.loads(read_json_text(Path(path)))
-        found = {s["name"]: s["wcet_ns"] for s in given["steps"]}
+        wcet_by_component = {s["name"]: s["wcet_ns"] for s in given["steps"]}
         sound = given["schema"] == 1 and all(
             isinstance(n, str) and type(ns) is int and 0 < ns <= MAX_PERIOD_NS
-            for n, ns in found.items()
+            for n, ns in wcet_by_component.items()
         )
         program, system = str(given["program_sha256"]), str(given["system"])
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -97,7 +97,7 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int]]:
             notes=("`soter measure` writes one",),
         )
         raise SoterError((problem,))
-    return program, system, found
+    return program, system, wcet_by_component
 
 
 def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> None:
@@ -128,9 +128,9 @@ def timing_reports(
     systems: list[System],
 ) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
     """Of every system whose thread declares execution times, and what does not hold of them."""
-    from soter.timing.deployment import report_miss, timing_of  # noqa: PLC0415 - see `soter.api`
+    from soter.timing.trusted_thread import report_miss, timing_of  # noqa: PLC0415 - see `soter.api`
 
-    found: list[TimingReport] = []
+    reports: list[TimingReport] = []
     diagnostics = Diagnostics()
     for system in systems:
         timing = timing_of(system)
@@ -138,16 +138,16 @@ def timing_reports(
             continue
         report_miss(timing, diagnostics)
         switches = _switches(system, diagnostics)
-        found.append(_report(timing, switches))
-    return tuple(found), diagnostics.items
+        reports.append(_report(timing, switches))
+    return tuple(reports), diagnostics.items
 
 
 def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, ...]:
     if not system.modules:
         return ()
-    from soter.reach.time.switching import switch_of  # noqa: PLC0415 - see `soter.api`
+    from soter.reach.time.switch_latency import switch_of  # noqa: PLC0415 - see `soter.api`
 
-    found = []
+    switches = []
     for at, module in _where_proved(system):
         switch = switch_of(at, module)
         for d in switch.diagnostics:
@@ -162,8 +162,8 @@ def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, .
                 notes=(switch.in_words(),),
                 helps=("a longer `horizon`, which `ttf` has to look ahead, or shorter times",),
             )
-        found.append(_switch(switch))
-    return tuple(found)
+        switches.append(_switch(switch))
+    return tuple(switches)
 
 
 def _where_proved(system: System) -> list[tuple[System, Module]]:
@@ -182,7 +182,7 @@ def _where_proved(system: System) -> list[tuple[System, Module]]:
     return [(there, modules[m.name]) for m in system.modules if m.name in modules]
 
 
-def _switch(switch: Switch) -> SwitchReport:
+def _switch(switch: SwitchLatency) -> SwitchReport:
     largest, ns = switch.largest or (None, None)
     return SwitchReport(
         module=switch.module,
@@ -197,7 +197,7 @@ def _switch(switch: Switch) -> SwitchReport:
 
 
 def _report(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
-    from soter.timing.deployment import schedule_lines  # noqa: PLC0415 - see `soter.api`
+    from soter.timing.trusted_thread import schedule_lines  # noqa: PLC0415 - see `soter.api`
 
     def names(components: tuple[Component, ...]) -> tuple[str, ...]:
         return tuple(c.name for c in components)

@@ -2,7 +2,7 @@
 
 Purpose: from a system to the systems that it is compared with: AC alone, the paper's rules under a
 lateness that was measured, and sweeps of how long nodes are held up.
-Non-goals: measuring (`lateness.py`), flying.
+Non-goals: measuring (`release_lateness.py`), flying.
 
 In the paper's semantics the nodes of an instant step in any order; here DMs step before SCs. The
 sweeps hold nodes up together, as a processor does that has other things to do, and both rules are
@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from math import sqrt
 from typing import TYPE_CHECKING
 
-from soter.campaign.words import listed
+from soter.campaign.wording import listed
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.flatten.derived import forced, with_faults
+from soter.program.elaborate.derived_systems import forced, with_faults
 from soter.program.model.durations import show_ns
 from soter.program.model.system import Fault
 
@@ -52,18 +52,18 @@ def arms_of(system: System, names: Sequence[str], lateness: Sequence[int]) -> li
     if unknown:
         helps = (f"there are {listed(NAMES)}",)
         raise SoterError((Diagnostic("U001", f"there is no arm `{unknown[0]}`", helps=helps),))
-    found = [Arm(OURS, system, "the system as it is declared")]
+    arms = [Arm(OURS, system, "the system as it is declared")]
     if ALONE in names:
-        found.append(Arm(ALONE, _alone(system), "every module forced to AC"))
+        arms.append(Arm(ALONE, _alone(system), "every module forced to AC"))
     if PAPER in names:
         most = f"{lateness[-1] / 1e6:.1f} ms" if lateness else "so"
         text = f"nodes in any order, each release up to {most} late, as measured"
-        found.append(Arm(PAPER, with_faults(system, _late(system, lateness), shuffled=True), text))
+        arms.append(Arm(PAPER, with_faults(system, _late(system, lateness), shuffled=True), text))
     if SWEPT in names:
         for group in GROUPS:
             for burst in BURSTS_NS:
-                found += _swept(system, group, burst)
-    return found
+                arms += _swept(system, group, burst)
+    return arms
 
 
 def arm_of(system: System, name: str, lateness: Sequence[int]) -> Arm:
@@ -71,11 +71,11 @@ def arm_of(system: System, name: str, lateness: Sequence[int]) -> Arm:
 
     `lateness` as of `arms_of`; it matters for the paper's rules alone.
     """
-    found = {a.name: a for a in arms_of(system, [ALONE, PAPER, SWEPT], lateness or (0, 0))}
-    if name not in found:
-        helps = (f"there are {listed(list(found))}",)
+    arm_by_name = {a.name: a for a in arms_of(system, [ALONE, PAPER, SWEPT], lateness or (0, 0))}
+    if name not in arm_by_name:
+        helps = (f"there are {listed(list(arm_by_name))}",)
         raise SoterError((Diagnostic("U001", f"there is no arm `{name}`", helps=helps),))
-    return found[name]
+    return arm_by_name[name]
 
 
 def _alone(system: System) -> System:

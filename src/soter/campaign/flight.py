@@ -1,7 +1,7 @@
 """What one flight of a campaign was like.
 
-Purpose: `Flight` and `Look`, plain data.
-Non-goals: where they come from (`fleet.py`), where they are kept (`store.py`).
+Purpose: `FlightOutcome` and `MetricSample`, plain data.
+Non-goals: where they come from (`batch_flights.py`), where they are kept (`store.py`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Look:
+class MetricSample:
     """One measure over one flight: looks that gave a number, their sum, ends and histogram.
 
     `bins`: (bins + 2,) counts; the first is below the range, the last above.
@@ -24,7 +24,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Flight:
+class FlightOutcome:
     """One run. Shares and times by module, in the order of the system's modules.
 
     `seed` re-flies it (`soter run --seed`); `digest`: SHA-256 over its events and its last state.
@@ -50,4 +50,4 @@ class Flight:
     trajectory: str
     saves: tuple[int, ...] = ()
     precautions: tuple[int, ...] = ()
-    looks: tuple[Look, ...] = ()
+    looks: tuple[MetricSample, ...] = ()

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
-from soter.campaign.words import an_hour, guilt, interval, verdict
+from soter.campaign.wording import an_hour, guilt, interval, verdict
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.report.campaign import CampaignPage, Histogram, Section, campaign_main
+from soter.report.campaign import CampaignPage, Histogram, PageSection, campaign_main
 from soter.report.errors import ReportError
 from soter.report.html import write_document
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.campaign.result import Measured, Result
+    from soter.campaign.result import MetricResult, Result
     from soter.campaign.tables import CampaignLike
 
 SAVE = (
@@ -44,61 +44,63 @@ RESTS_ON = (
 )
 
 
-def write_page(found: CampaignLike, program: str, path: Path) -> Path:
+def write_page(campaign: CampaignLike, program: str, path: Path) -> Path:
     """Write the page; SoterError D006 where it cannot be written."""
-    made = page_of(found, program)
+    made = page_of(campaign, program)
     try:
         return write_document(made.title, campaign_main(made), path)
     except ReportError as error:
         raise SoterError((Diagnostic("D006", str(error)),)) from error
 
 
-def page_of(found: CampaignLike, program: str) -> CampaignPage:
+def page_of(campaign: CampaignLike, program: str) -> CampaignPage:
     """The page as data."""
-    r = found.result
+    r = campaign.result
     way = "" if r.km is None else f", {r.km:,.0f} km"
     aloft = "" if r.hours_aloft is None else " aloft"
-    headline = f"{verdict(r)} in {r.hours_told:,.1f} h{aloft}{way}"
+    headline = f"{verdict(r)} in {r.rate_hours:,.1f} h{aloft}{way}"
     return CampaignPage(
-        title=f"{Path(program).name}: {found.system}, {r.flights:,} flights",
+        title=f"{Path(program).name}: {campaign.system}, {r.flights:,} flights",
         headline=headline,
         verdict="bad" if r.violations else "good" if r.properties else "",
-        sections=tuple(_sections(found, Path(program).name)),
+        sections=tuple(_sections(campaign, Path(program).name)),
         histograms=tuple(_histogram(m) for m in r.measures),
     )
 
 
-def _sections(found: CampaignLike, program: str) -> Iterator[Section]:
-    r = found.result
-    system = f"--system {found.system} --until {found.until_s:g}s --seed {found.first_seed}"
+def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
+    r = campaign.result
+    system = (
+        f"--system {campaign.system} --until {campaign.until_s:g}s --seed {campaign.first_seed}"
+    )
     says = [
-        f"{r.hours:,.2f} h in {r.flights:,} flights of {found.until_s:g} s.",
+        f"{r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s.",
         f"Again: soter campaign {program} {system} --flights {r.flights}",
         f"Flight K of it, looked at: soter run {program} {system} --flight K --report"
-        + (" (of an arm: --arm NAME)" if found.arms else ""),
+        + (" (of an arm: --arm NAME)" if campaign.arms else ""),
         *_bounds(r),
     ]
-    if found.forced:
-        says.append(f"Forced, so that nothing protects them: {', '.join(found.forced)}.")
-    if r.violations and found.faults:
+    if campaign.forced:
+        says.append(f"Forced, so that nothing protects them: {', '.join(campaign.forced)}.")
+    if r.violations and campaign.faults:
         says.append(f"{guilt(r)}.")
-    says.append(f"Program {found.program_sha256}; digest of all flights {r.digest}.")
-    yield Section("What was flown", tuple(says), *tables.broken(found))
+    says.append(f"Program {campaign.program_sha256}; digest of all flights {r.digest}.")
+    yield PageSection("What was flown", tuple(says), *tables.broken(campaign))
     control = []
     if len(r.modules) > 1:
         control.append(f"All modules in AC at once: {r.ac_share:.2%} of the time.")
-    if found.horizon_s > 0:
-        control.append(f"Saves are counted with a horizon of {found.horizon_s:g} s.")
-    late = (f"Lateness of the arm `paper`: {found.lateness}",) if found.lateness else ()
+    if campaign.horizon_s > 0:
+        control.append(f"Saves are counted with a horizon of {campaign.horizon_s:g} s.")
+    late = (f"Lateness of the arm `paper`: {campaign.lateness}",) if campaign.lateness else ()
     for title, texts, (head, rows) in (
-        ("The first violated flights", (), tables.worst(found)),
-        ("Who was in control", tuple(control), tables.modules(found)),
-        ("The same seeds by other rules", late, tables.arms(found)),
-        ("What was declared to go wrong", (), tables.faults(found)),
+        ("The first violated flights", (), tables.worst(campaign)),
+        ("Who was in control", tuple(control), tables.modules(campaign)),
+        ("The same seeds by other rules", late, tables.arms(campaign)),
+        ("What was declared to go wrong", (), tables.faults(campaign)),
     ):
         if rows:
-            yield Section(title, texts, head, rows)
-    yield Section("What this rests on", RESTS_ON)
+            yield PageSection(title, texts, head, rows)
+    yield PageSection("What this rests on", RESTS_ON)
 
 
 def _bounds(r: Result) -> Iterator[str]:
@@ -112,7 +114,7 @@ def _bounds(r: Result) -> Iterator[str]:
         yield f"{r.flights - r.distinct:,} of the flights are copies of others."
 
 
-def _histogram(m: Measured) -> Histogram:
+def _histogram(m: MetricResult) -> Histogram:
     caption = f"mean {m.mean:.4g}, least {m.least:.4g}, most {m.most:.4g}"
     outside = m.bins[0] + m.bins[-1]
     if outside:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.campaign.store import FLIGHTS
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
+from soter.diagnostics.os_error_text import reason
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from math import fsum, inf, isnan, nan
 from typing import TYPE_CHECKING
 
-from soter.campaign.fleet import EPISODE_NS
-from soter.campaign.statistics import FLIGHTS, Interval, interval_of, share_of
+from soter.campaign.batch_flights import EPISODE_NS
+from soter.campaign.statistics import FLIGHTS, RateInterval, interval_of, share_of
 from soter.campaign.store import digest_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.campaign.flight import Flight
-    from soter.campaign.troubles import Blame
+    from soter.campaign.fault_attribution import FaultAttribution
+    from soter.campaign.flight import FlightOutcome
     from soter.program.model.system import System
 
 SPEED = "speed"
@@ -29,7 +29,7 @@ ALOFT = "aloft"
 
 
 @dataclass(frozen=True)
-class Module:
+class ModuleStatistics:
     """One module over all flights. Rates per hour, with 95 % intervals.
 
     `basis`: what the interval rests on (`statistics.Interval`).
@@ -47,7 +47,7 @@ class Module:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MetricResult:
     """A measure over all flights: its mean over looks, its ends, its histogram.
 
     `edges`: (bins + 1,) of the range; `bins`: (bins + 2,) counts, below and above the range, too.
@@ -80,10 +80,10 @@ class Result:
     flights_violated: int
     per_flight: tuple[float, float]
     ac_share: float
-    modules: tuple[Module, ...]
+    modules: tuple[ModuleStatistics, ...]
     broken: tuple[tuple[str, int], ...]
-    worst: tuple[Flight, ...]
-    blames: tuple[Blame, ...]
+    worst: tuple[FlightOutcome, ...]
+    blames: tuple[FaultAttribution, ...]
     """Of each of the worst: whose fault it is."""
     digest: str
     violated_inside: int = 0
@@ -92,7 +92,7 @@ class Result:
     excused: tuple[tuple[str, int, int], ...] = ()
     """Each fault outside with how many violated flights are clean without it alone, and how many
     met it that are clean without all faults outside."""
-    measures: tuple[Measured, ...] = ()
+    measures: tuple[MetricResult, ...] = ()
     hours_aloft: float | None = None
     """Those for which the measure `aloft` (1.0 or 0.0) says so; None without such a measure."""
     km: float | None = None
@@ -104,12 +104,14 @@ class Result:
         return tuple(b.met for b in self.blames)
 
     @property
-    def hours_told(self) -> float:
+    def rate_hours(self) -> float:
         """The hours that all rates are about."""
         return self.hours if self.hours_aloft is None else self.hours_aloft
 
 
-def result_of(flights: Sequence[Flight], system: System, blames: Mapping[int, Blame]) -> Result:
+def result_of(
+    flights: Sequence[FlightOutcome], system: System, blames: Mapping[int, FaultAttribution]
+) -> Result:
     """The figures of these flights. Of none: zeros, and intervals that say nothing.
 
     `blames`: of each violated flight, by its number.
@@ -125,7 +127,7 @@ def result_of(flights: Sequence[Flight], system: System, blames: Mapping[int, Bl
     counts = [f.violations for f in flights]
     rate = interval_of(counts, exposed, most=_onsets_most(flights, system), kinds=kinds)
     if not system.properties:
-        rate = Interval(0.0, inf, FLIGHTS)
+        rate = RateInterval(0.0, inf, FLIGHTS)
     return Result(
         flights=len(flights),
         distinct=len(set(kinds)),
@@ -151,29 +153,29 @@ def result_of(flights: Sequence[Flight], system: System, blames: Mapping[int, Bl
 
 
 def _modules(
-    flights: Sequence[Flight], system: System, hours: Sequence[float], kinds: Sequence[str]
-) -> Iterator[Module]:
+    flights: Sequence[FlightOutcome], system: System, hours: Sequence[float], kinds: Sequence[str]
+) -> Iterator[ModuleStatistics]:
     """Each module; `hours` and `kinds` (flights,), as of `interval_of`."""
     seconds = max(sum(f.seconds for f in flights), 1e-9)
     most = max((int(f.seconds * 1e9) // EPISODE_NS + 1 for f in flights), default=0)
     for k, m in enumerate(system.modules):
         episodes = [f.episodes[k] for f in flights]
-        found = interval_of(episodes, hours, most=most, kinds=kinds)
+        interval = interval_of(episodes, hours, most=most, kinds=kinds)
         saves, precautions = _saved(flights, k)
-        yield Module(
+        yield ModuleStatistics(
             name=m.name,
             ac_share=sum(f.ac_s[k] for f in flights) / seconds,
             disengagements=sum(f.disengagements[k] for f in flights),
             episodes=sum(episodes),
-            per_hour=(found.low, found.high),
-            basis=found.basis,
+            per_hour=(interval.low, interval.high),
+            basis=interval.basis,
             gate_faults=sum(f.gate_faults[k] for f in flights),
             saves=saves,
             precautions=precautions,
         )
 
 
-def _aloft(flights: Sequence[Flight], system: System) -> list[float] | None:
+def _aloft(flights: Sequence[FlightOutcome], system: System) -> list[float] | None:
     """Hours aloft of each flight; of one in which the measure had no number, none."""
     k = next((k for k, m in enumerate(system.measures) if m.name == ALOFT), None)
     if k is None:
@@ -183,7 +185,7 @@ def _aloft(flights: Sequence[Flight], system: System) -> list[float] | None:
     return [s * f.seconds / 3600.0 for s, f in zip(shares, flights, strict=True)]
 
 
-def _onsets_most(flights: Sequence[Flight], system: System) -> int:
+def _onsets_most(flights: Sequence[FlightOutcome], system: System) -> int:
     """How many violations one flight can have at most: each begins in an instant after one without.
 
     A release makes two instants at most: its own, and that in which what it held is published.
@@ -194,21 +196,21 @@ def _onsets_most(flights: Sequence[Flight], system: System) -> int:
     return len(system.properties) * (instants // 2 + 1) + len(system.components)
 
 
-def _excused(blames: Sequence[Blame]) -> tuple[tuple[str, int, int], ...]:
+def _excused(blames: Sequence[FaultAttribution]) -> tuple[tuple[str, int, int], ...]:
     """Each fault that excused flights met: how many are clean without it alone, of how many."""
     met = Counter(text for b in blames if b.excused for text in b.met)
     needed = Counter(text for b in blames for text in b.needed)
     return tuple((text, needed[text], n) for text, n in met.most_common())
 
 
-def _saved(flights: Sequence[Flight], k: int) -> tuple[int | None, int | None]:
+def _saved(flights: Sequence[FlightOutcome], k: int) -> tuple[int | None, int | None]:
     if not flights or not flights[0].saves:
         return None, None
     return sum(f.saves[k] for f in flights), sum(f.precautions[k] for f in flights)
 
 
-def _measured(flights: Sequence[Flight], system: System) -> tuple[Measured, ...]:
-    found = []
+def _measured(flights: Sequence[FlightOutcome], system: System) -> tuple[MetricResult, ...]:
+    measures = []
     for k, m in enumerate(system.measures):
         looks = [f.looks[k] for f in flights if f.looks[k].count]
         count = sum(x.count for x in looks)
@@ -216,8 +218,8 @@ def _measured(flights: Sequence[Flight], system: System) -> tuple[Measured, ...]
         bins = [0] * (m.bins + 2)
         for x in looks:
             bins = [a + b for a, b in zip(bins, x.bins, strict=True)]
-        found.append(
-            Measured(
+        measures.append(
+            MetricResult(
                 name=m.name,
                 mean=fsum(x.sum for x in looks) / count if count else nan,
                 least=min((x.least for x in looks), default=nan),
@@ -226,4 +228,4 @@ def _measured(flights: Sequence[Flight], system: System) -> tuple[Measured, ...]
                 bins=tuple(bins),
             )
         )
-    return tuple(found)
+    return tuple(measures)

@@ -27,7 +27,7 @@ TERMS = 1_000_000
 
 
 @dataclass(frozen=True)
-class Interval:
+class RateInterval:
     """What a rate per hour lies in; `basis`: POISSON or FLIGHTS."""
 
     low: float
@@ -74,20 +74,20 @@ def interval_of(
     *,
     most: int,
     kinds: Sequence[Hashable] | None = None,
-) -> Interval:
+) -> RateInterval:
     """What the rate per hour lies in, of counts (n,) in flights of so many hours (n,).
 
     Garwood's where the dispersion test of Fisher passes or nothing happened, else by flight: with
     at most `most` in one. `kinds` (n,): flights of the same kind are copies, and the interval is
     that of one flight a kind as well, whichever reaches farther.
     """
-    found = _interval(counts, hours, most)
+    interval = _interval(counts, hours, most)
     if kinds is None or len(set(kinds)) == len(kinds):
-        return found
+        return interval
     first = {kind: k for k, kind in reversed(list(enumerate(kinds)))}.values()
     own = _interval([counts[k] for k in first], [hours[k] for k in first], most)
-    basis = POISSON if found.basis == own.basis == POISSON else FLIGHTS
-    return Interval(min(found.low, own.low), max(found.high, own.high), basis)
+    basis = POISSON if interval.basis == own.basis == POISSON else FLIGHTS
+    return RateInterval(min(interval.low, own.low), max(interval.high, own.high), basis)
 
 
 def share_of(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[float, float]:
@@ -116,17 +116,17 @@ def scatters_as_poisson(counts: Sequence[int], hours: Sequence[float]) -> bool:
     return missed / 2 <= below <= 1.0 - missed / 2
 
 
-def _interval(counts: Sequence[int], hours: Sequence[float], most: int) -> Interval:
+def _interval(counts: Sequence[int], hours: Sequence[float], most: int) -> RateInterval:
     amount = fsum(hours)
     if amount <= 0.0:
-        return Interval(0.0, inf, FLIGHTS)
+        return RateInterval(0.0, inf, FLIGHTS)
     total = sum(counts)
     # of no events the bound holds of violated flights, too, whatever a flight's own distribution:
     # -log(missed) / n is no less than Clopper's and Pearson's 1 - missed ** (1 / n)
     if total == 0 or scatters_as_poisson(counts, hours):
-        return Interval(*rate(total, amount), POISSON)
+        return RateInterval(*rate(total, amount), POISSON)
     low, high = _mean(counts, most)
-    return Interval(low * len(counts) / amount, high * len(counts) / amount, FLIGHTS)
+    return RateInterval(low * len(counts) / amount, high * len(counts) / amount, FLIGHTS)
 
 
 def _mean(counts: Sequence[int], most: int) -> tuple[float, float]:
@@ -208,7 +208,7 @@ def _beta_below(a: float, b: float, x: float) -> float:
         return 1.0 - _beta_below(b, a, 1.0 - x)
     tiny, c = 1e-300, 1.0
     d = 1.0 / (1.0 - (a + b) * x / (a + 1.0) or tiny)
-    found, factor = d, 0.0
+    fraction, factor = d, 0.0
     for m in range(1, TERMS):
         if abs(factor - 1.0) < 1e-15:
             break
@@ -219,8 +219,8 @@ def _beta_below(a: float, b: float, x: float) -> float:
             d = 1.0 / (1.0 + up * d or tiny)
             c = 1.0 + up / c or tiny
             factor = c * d
-            found *= factor
-    return found * exp(_log_beta_density(a, b, x) + log(x) + log1p(-x)) / a
+            fraction *= factor
+    return fraction * exp(_log_beta_density(a, b, x) + log(x) + log1p(-x)) / a
 
 
 def _log_beta_density(a: float, b: float, x: float) -> float:

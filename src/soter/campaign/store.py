@@ -18,10 +18,10 @@ from dataclasses import asdict, dataclass, field
 from typing import IO, TYPE_CHECKING
 from zlib import crc32
 
-from soter.campaign.flight import Flight, Look
+from soter.campaign.flight import FlightOutcome, MetricSample
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
-from soter.program.load.files import read_bytes
+from soter.diagnostics.os_error_text import reason
+from soter.program.load.bounded_read import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -47,7 +47,7 @@ LOCK = "campaign.lock"
 
 
 @dataclass(frozen=True)
-class About:
+class CampaignIdentity:
     """What is flown; two campaigns are one where all of this is the same."""
 
     program: str
@@ -65,12 +65,12 @@ class About:
     schema: int = SCHEMA
 
 
-class Store:
+class CampaignStore:
     """One campaign's folder. SoterError D006 where it cannot be written or is another one's."""
 
-    def __init__(self, folder: Path, about: About) -> None:
+    def __init__(self, folder: Path, about: CampaignIdentity) -> None:
         self.folder, self.about = folder, about
-        self.flights: list[Flight] = []
+        self.flights: list[FlightOutcome] = []
         self._lock: IO[str] | None = None
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -136,32 +136,32 @@ class Store:
     def _parts(self) -> tuple[str, ...]:
         return (*COUNTED, *(SAVED if self.about.horizon_ns else ()))
 
-    def _kept(self) -> list[Flight]:
+    def _kept(self) -> list[FlightOutcome]:
         """The flights that stand there whole, from number 0 on; what is behind them is cut off."""
         path = self.folder / FLIGHTS
         if not path.exists():
             return []
         raw = read_bytes(path, FLIGHTS_MAX)
         lines = raw.decode("utf-8", "replace").split("\n")[:-1]
-        found: list[Flight] = []
+        flights: list[FlightOutcome] = []
         if lines and next(csv.reader(lines[:1])) != self._head():
             raise _trouble(self.folder, f"`{FLIGHTS}` has other columns", "give another folder")
         if lines:
             for row in csv.DictReader(lines):
                 flight = self._flight(row) if _is_whole(row) else None
-                if flight is None or flight.number != len(found):
+                if flight is None or flight.number != len(flights):
                     break
-                found.append(flight)
-        size = sum(len(line) + 1 for line in raw.split(b"\n")[: len(found) + 1])
-        if found and size != len(raw):
+                flights.append(flight)
+        size = sum(len(line) + 1 for line in raw.split(b"\n")[: len(flights) + 1])
+        if flights and size != len(raw):
             with path.open("r+b") as file:
                 file.truncate(size)
-        return found
+        return flights
 
-    def _flight(self, row: dict[str, str]) -> Flight | None:
+    def _flight(self, row: dict[str, str]) -> FlightOutcome | None:
         names = self.about.modules
         try:
-            return Flight(
+            return FlightOutcome(
                 number=int(row["number"]),
                 seed=int(row["seed"]),
                 seconds=float(row["seconds"]),
@@ -187,7 +187,7 @@ class Store:
             return ()
         return tuple(int(row[f"{m}.{what}"]) for m in self.about.modules)
 
-    def add(self, flights: Sequence[Flight]) -> None:
+    def add(self, flights: Sequence[FlightOutcome]) -> None:
         """Keep flights, which follow those that are there. SoterError D006 where it cannot."""
         try:
             with (self.folder / FLIGHTS).open("a", encoding="utf-8", newline="") as file:
@@ -216,10 +216,10 @@ def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> 
     return tuple(times)
 
 
-def _look(row: dict[str, str], name: str) -> Look:
+def _look(row: dict[str, str], name: str) -> MetricSample:
     total, least, most = (float(row[f"{name}.{part}"]) for part in ("sum", "least", "most"))
     bins = tuple(int(x) for x in row[f"{name}.histogram"].split())
-    return Look(int(row[f"{name}.count"]), total, least, most, bins)
+    return MetricSample(int(row[f"{name}.count"]), total, least, most, bins)
 
 
 def _digest(text: str) -> str:
@@ -228,7 +228,7 @@ def _digest(text: str) -> str:
     return text
 
 
-def _row(f: Flight) -> list[object]:
+def _row(f: FlightOutcome) -> list[object]:
     counted = (f.ac_s, f.disengagements, f.episodes, f.gate_faults)
     by_module = zip(*counted, *((f.saves, f.precautions) if f.saves else ()), strict=True)
     first = "" if f.first_s is None else repr(f.first_s)
@@ -252,12 +252,12 @@ def _is_whole(row: dict[str, str]) -> bool:
     return None not in row and None not in cells and cells[-1] == _checked(cells[:-1])
 
 
-def digest_of(flights: Iterable[Flight]) -> str:
+def digest_of(flights: Iterable[FlightOutcome]) -> str:
     """SHA-256 of a campaign: over the digests of its flights, in the order of their numbers."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for f in flights:
-        found.update(f"{f.number} {f.seed} {f.digest}\n".encode("ascii"))
-    return found.hexdigest()
+        digest.update(f"{f.number} {f.seed} {f.digest}\n".encode("ascii"))
+    return digest.hexdigest()
 
 
 def _read(path: Path) -> object:

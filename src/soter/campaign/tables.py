@@ -9,13 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from soter.campaign.statistics import FLIGHTS
-from soter.campaign.words import an_hour, interval
+from soter.campaign.wording import an_hour, interval
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from soter.campaign.result import Module, Result
+    from soter.campaign.result import ModuleStatistics, Result
 
     Row = tuple[str, ...]
     Table = tuple[Row, tuple[Row, ...]]
@@ -89,12 +89,12 @@ class CampaignLike(Protocol):
         """As `Campaign.occurred`."""
 
 
-def broken(found: CampaignLike) -> Table:
+def broken(campaign: CampaignLike) -> Table:
     """What was violated, and how often."""
-    return ("times", "violated"), tuple((f"{n:,}", what) for what, n in found.result.broken)
+    return ("times", "violated"), tuple((f"{n:,}", what) for what, n in campaign.result.broken)
 
 
-def worst(found: CampaignLike) -> Table:
+def worst(campaign: CampaignLike) -> Table:
     """The first flights that were violated."""
     rows = tuple(
         (
@@ -105,37 +105,38 @@ def worst(found: CampaignLike) -> Table:
             "; ".join(blame.met),
             {None: "not flown", True: "clean", False: "violated"}[blame.clean_without],
         )
-        for f, blame in zip(found.result.worst, found.result.blames, strict=True)
+        for f, blame in zip(campaign.result.worst, campaign.result.blames, strict=True)
     )
     head = ("flight", "seed", "at s", "what", "faults outside before", "without them")
     return head, rows
 
 
-def modules(found: CampaignLike) -> Table:
+def modules(campaign: CampaignLike) -> Table:
     """Who was in control."""
-    saves = found.horizon_s > 0
-    hourly = f"{an_hour(found.result)}, 95 %"
+    saves = campaign.horizon_s > 0
+    hourly = f"{an_hour(campaign.result)}, 95 %"
     head = ("module", "AC share", "takeovers", "episodes", hourly, "gate faults")
     more = ("saves", "precautions") if saves else ()
-    return (*head, *more), tuple(_module(m, saves=saves) for m in found.result.modules)
+    return (*head, *more), tuple(_module(m, saves=saves) for m in campaign.result.modules)
 
 
-def _module(m: Module, *, saves: bool) -> Row:
+def _module(m: ModuleStatistics, *, saves: bool) -> Row:
     row = (m.name, f"{m.ac_share:.2%}", f"{m.disengagements:,}", f"{m.episodes:,}")
     more = (f"{m.saves:,}", f"{m.precautions:,}") if saves else ()
     often = interval(*m.per_hour) + (" by flight" if m.basis == FLIGHTS else "")
     return (*row, often, f"{m.gate_faults:,}", *more)
 
 
-def measures(found: CampaignLike) -> Table:
+def measures(campaign: CampaignLike) -> Table:
     """What was measured."""
     rows = tuple(
-        (m.name, f"{m.mean:.4g}", f"{m.least:.4g}", f"{m.most:.4g}") for m in found.result.measures
+        (m.name, f"{m.mean:.4g}", f"{m.least:.4g}", f"{m.most:.4g}")
+        for m in campaign.result.measures
     )
     return ("measure", "mean", "least", "most"), rows
 
 
-def arms(found: CampaignLike) -> Table:
+def arms(campaign: CampaignLike) -> Table:
     """The same seeds by other rules."""
     rows = tuple(
         (
@@ -145,17 +146,17 @@ def arms(found: CampaignLike) -> Table:
             f"{a.result.ac_share:.2%}",
             a.text,
         )
-        for a in found.arms
+        for a in campaign.arms
     )
     return ("arm", "flights violated", "violations", "all in AC", "what is different"), rows
 
 
-def faults(found: CampaignLike) -> Table:
+def faults(campaign: CampaignLike) -> Table:
     """What was declared to go wrong, and which violated flights that excuses."""
-    excused = {text: f"{n:,} of {met:,} that met it" for text, n, met in found.result.excused}
+    excused = {text: f"{n:,} of {met:,} that met it" for text, n, met in campaign.result.excused}
     rows = tuple(
-        (_times(found.occurred[t]), t, f"inside: {w}" if w else "outside", excused.get(t, ""))
-        for t, w in found.faults
+        (_times(campaign.occurred[t]), t, f"inside: {w}" if w else "outside", excused.get(t, ""))
+        for t, w in campaign.faults
     )
     head = ("times", "fault", "of what proofs assume", "violated flights, clean without it alone")
     return (head, rows) if excused else (head[:3], tuple(row[:3] for row in rows))

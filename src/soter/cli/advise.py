@@ -9,17 +9,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.loaded import loaded
-from soter.cli.terminal.outcome import FINE, Outcome, UsageError, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings
-from soter.cli.terminal.progress import Progress
+from soter.cli.terminal.command_outcome import FINE, CommandOutcome, UsageError, exit_of
+from soter.cli.terminal.open_program import loaded
+from soter.cli.terminal.parser import CommandParser, add_file, add_settings
+from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.console import Console
-    from soter.reach.advise import Advice, Row
+    from soter.reach.advise import Advice, AdviceRow
     from soter.report.summary import Entry, Tone
 
 EXAMPLES = """\
@@ -38,9 +38,9 @@ LONGEST = "YES, the longest"
 """How the row is marked that one would take."""
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("advise", "What the decision period and the levels cost.", EXAMPLES)
+    made = CommandParser("advise", "What the decision period and the levels cost.", EXAMPLES)
     add_file(made)
     made.add_argument("--module", metavar="M", help="only this module; by default all")
     made.add_argument("--system", metavar="S", help="the system its plants stand in")
@@ -56,15 +56,15 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Advise."""
     levels = [int(x) for x in _numbers(args.levels, "--levels", 2.0)]
     factors = _numbers(args.factors, "--factors", 1e-3)
     program = loaded(args, console)
     page = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-advise.html")
     try:
-        with Progress(console) as progress:
-            found = program.advise(
+        with ProgressBar(console) as progress:
+            all_advice = program.advise(
                 args.module,
                 system=args.system,
                 params=dict(args.params),
@@ -74,42 +74,42 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
                 progress=progress,
             )
     except SoterError as error:
-        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
-    for advice in found:
+        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    for advice in all_advice:
         _say(advice, console)
-    if found:
+    if all_advice:
         console.say(f"\nfigure  {page}")
     else:
         console.say("there is no module to advise on")
     fields = {
         "file": args.file,
         "program_sha256": program.sha256,
-        "report": str(page) if found else None,
-        "modules": {a.module: _fields(a) for a in found},
+        "report": str(page) if all_advice else None,
+        "modules": {a.module: _fields(a) for a in all_advice},
     }
-    return Outcome(FINE, program.diagnostics, fields)
+    return CommandOutcome(FINE, program.diagnostics, fields)
 
 
 def _numbers(text: str, option: str, least: float) -> list[float]:
     """A list of numbers on the command line."""
     try:
-        found = [float(part) for part in text.split(",")]
+        numbers = [float(part) for part in text.split(",")]
     except ValueError:
         message = f"{option} takes numbers with commas between, not `{text}`"
         raise UsageError(message, parser().format_usage()) from None
-    if not all(least <= x <= LARGEST for x in found):
+    if not all(least <= x <= LARGEST for x in numbers):
         message = f"{option} takes numbers from {least:g} to {LARGEST:g}, not `{text}`"
         raise UsageError(message, parser().format_usage())
-    return found
+    return numbers
 
 
 def _say(advice: Advice, console: Console) -> None:
     from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
 
-    head, found = advice.table()
+    head, table = advice.table()
     mark, best = head.index("verifies"), advice.best_ns
     rows: list[list[Entry]] = []
-    for row, cells in zip(advice.rows, found, strict=True):
+    for row, cells in zip(advice.rows, table, strict=True):
         verifies = row.verifies(advice.levels)
         said = LONGEST if verifies and row.delta_ns == best else cells[mark]
         tone: Tone = "good" if verifies else "muted"
@@ -134,7 +134,7 @@ def _fields(advice: Advice) -> dict[str, object]:
     }
 
 
-def _row(advice: Advice, row: Row) -> dict[str, object]:
+def _row(advice: Advice, row: AdviceRow) -> dict[str, object]:
     return {
         "period_s": row.delta_ns / 1e9,
         "sc_period_s": row.sc_ns / 1e9,

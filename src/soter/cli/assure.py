@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.loaded import loaded
-from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings, whole
-from soter.cli.terminal.progress import Progress
+from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
+from soter.cli.terminal.open_program import loaded
+from soter.cli.terminal.parser import CommandParser, add_file, add_settings, whole
+from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.api.assurance.assuring import Assurance
+    from soter.api.assurance.safety_case import Assurance
     from soter.cli.terminal.console import Console
 
 EXAMPLES = """\
@@ -38,9 +38,9 @@ exit codes: 0 the top goal is supported, and P2b where the program asks for it,
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("assure", "Make a safety case: GSN, ASTM F3269, with hashes.", EXAMPLES)
+    made = CommandParser("assure", "Make a safety case: GSN, ASTM F3269, with hashes.", EXAMPLES)
     add_file(made)
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     made.add_argument("--cert", metavar="DIR", help="certificate of it; checked again")
@@ -55,12 +55,12 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Assure."""
     program = loaded(args, console)
     try:
-        with Progress(console) as progress:
-            found = program.assure(
+        with ProgressBar(console) as progress:
+            assurance = program.assure(
                 args.output,
                 cert=args.cert,
                 system=args.system,
@@ -72,24 +72,28 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
                 progress=progress,
             )
     except SoterError as error:
-        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
-    _say(found, console)
+        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    _say(assurance, console)
     code = (
-        VIOLATED if found.refuted else FINE if found.case.supported and found.returns else UNDECIDED
+        VIOLATED
+        if assurance.refuted
+        else FINE
+        if assurance.case.supported and assurance.returns
+        else UNDECIDED
     )
-    return Outcome(code, program.diagnostics, {"file": args.file, **_fields(found)})
+    return CommandOutcome(code, program.diagnostics, {"file": args.file, **_fields(assurance)})
 
 
-def _say(found: Assurance, console: Console) -> None:
+def _say(assurance: Assurance, console: Console) -> None:
     from soter.report.summary import Entry, Styled  # noqa: PLC0415 - needs NumPy
 
-    case = found.case
+    case = assurance.case
     word = console.paint("green", "SUPPORTED")
     if not case.supported:
         word = console.paint("yellow", "UNDEVELOPED")
-    elif not found.returns:
+    elif not assurance.returns:
         word = console.paint("yellow", "SUPPORTED, without P2b")
-    if case.supported and not found.lawful:
+    if case.supported and not assurance.lawful:
         word += ", without a fail-safe law"
     console.say(
         console.paint("muted", f"{case.program}  {case.system}  {case.program_sha256[:12]}")
@@ -107,24 +111,24 @@ def _say(found: Assurance, console: Console) -> None:
         console.say("\nmissing")
     for why in missing:
         console.say(f"  {why}")
-    for text in found.refuted:
+    for text in assurance.refuted:
         console.say(f"\n{console.paint('red', 'REFUTED')}  {text}")
     top = [case.node(i).kind for i in case.nodes[0].in_context_of]
     if "assumption" in top:
         console.say(f"\nrests on {top.count('assumption')} assumptions, which the page lists")
     else:
         console.say("\nno certificate was accepted: what a proof would rest on is not known")
-    console.say("\n".join(f"written  {path}" for path in found.files))
+    console.say("\n".join(f"written  {path}" for path in assurance.files))
 
 
-def _fields(found: Assurance) -> dict[str, object]:
-    case = found.case
+def _fields(assurance: Assurance) -> dict[str, object]:
+    case = assurance.case
     return {
         "program_sha256": case.program_sha256,
         "system": case.system,
         "params": case.params,
         "supported": case.supported,
         "goals": {g.id: case.status(g) for g in case.goals},
-        "refuted": list(found.refuted),
-        "files": [str(path) for path in found.files],
+        "refuted": list(assurance.refuted),
+        "files": [str(path) for path in assurance.files],
     }

@@ -9,18 +9,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api.deploying import stack_bound
-from soter.cli.terminal.loaded import loaded
-from soter.cli.terminal.outcome import Outcome
-from soter.cli.terminal.parser import Parser, add_file, add_settings
-from soter.cli.terminal.progress import Progress
-from soter.native.stack import OPTIMISE
+from soter.cli.terminal.command_outcome import CommandOutcome
+from soter.cli.terminal.open_program import loaded
+from soter.cli.terminal.parser import CommandParser, add_file, add_settings
+from soter.cli.terminal.progress import ProgressBar
+from soter.native.stack_bound import OPTIMISE
 from soter.targets.build import TARGETS
 
 if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.console import Console
-    from soter.native.stack import Stack
+    from soter.native.stack_bound import StackBound
     from soter.targets.package import Package
 
 EXAMPLES = """\
@@ -30,9 +30,9 @@ EXAMPLES = """\
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("build", "Write C99, or a package for a target.", EXAMPLES)
+    made = CommandParser("build", "Write C99, or a package for a target.", EXAMPLES)
     add_file(made)
     default = next(iter(TARGETS))
     names = " or ".join(f"{t} (the default)" if t == default else t for t in TARGETS)
@@ -48,10 +48,10 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Build."""
     program = loaded(args, console)
-    with Progress(console) as progress:
+    with ProgressBar(console) as progress:
         package = program.build(
             args.target,
             args.output,
@@ -80,10 +80,10 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         },
         "commands": package.commands,
     }
-    return Outcome(diagnostics=program.diagnostics, fields=fields)
+    return CommandOutcome(diagnostics=program.diagnostics, fields=fields)
 
 
-def _say(package: Package, stack: Stack, console: Console) -> None:
+def _say(package: Package, stack: StackBound, console: Console) -> None:
     what = f"{len(package.written)} files, target {package.target}"
     console.say(f"{console.paint('green', 'built')}  {package.folder}  {what}")
     for name in package.kept:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.loaded import loaded
-from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings, at_least_one, seed
-from soter.cli.terminal.progress import Progress
+from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
+from soter.cli.terminal.open_program import loaded
+from soter.cli.terminal.parser import CommandParser, add_file, add_settings, at_least_one, seed
+from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -36,9 +36,9 @@ exit codes: 0 no violation, 1 diagnostics, 2 usage, 3 violations
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("campaign", "Fly many seeds of a system, and count.", EXAMPLES)
+    made = CommandParser("campaign", "Fly many seeds of a system, and count.", EXAMPLES)
     add_file(made)
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     made.add_argument("--hours", metavar="H", type=float, help="of flight, in all (1)")
@@ -71,7 +71,7 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Fly."""
     from soter.api.campaigning import (  # noqa: PLC0415 - needs NumPy
         figures,
@@ -84,22 +84,22 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     try:
         if args.parquet:
             require_parquet()
-        with Progress(console) as progress:
-            found = program.campaign(
+        with ProgressBar(console) as progress:
+            campaign = program.campaign(
                 args.system, dict(args.params), progress=progress, **settings_of(vars(args))
             )
-        pages = written(found, program.path, args.report, parquet=args.parquet)
+        pages = written(campaign, program.path, args.report, parquet=args.parquet)
     except SoterError as error:
-        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
     except KeyboardInterrupt:
         console.note("what was flown is kept: the same command goes on")
         raise
-    _say(found, console)
+    _say(campaign, console)
     for page in pages:
         console.say(f"written {page}")
-    code = VIOLATED if found.result.violations else FINE
-    fields = {"file": args.file, "program_sha256": program.sha256, **figures(found)}
-    return Outcome(code, (*program.diagnostics, *found.diagnostics), fields)
+    code = VIOLATED if campaign.result.violations else FINE
+    fields = {"file": args.file, "program_sha256": program.sha256, **figures(campaign)}
+    return CommandOutcome(code, (*program.diagnostics, *campaign.diagnostics), fields)
 
 
 def _workers(text: str) -> int | str:
@@ -110,13 +110,13 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(n.strip() for n in text.split(",") if n.strip())
 
 
-def _say(found: Campaign, console: Console) -> None:
-    from soter.campaign import tables, words  # noqa: PLC0415 - only here
+def _say(campaign: Campaign, console: Console) -> None:
+    from soter.campaign import tables, wording  # noqa: PLC0415 - only here
 
-    r = found.result
+    r = campaign.result
     console.say(
-        f"{found.system}: {r.hours:,.2f} h in {r.flights:,} flights of {found.until_s:g} s, "
-        f"seeds {found.first_seed} to {found.first_seed + r.flights - 1}"
+        f"{campaign.system}: {r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s, "
+        f"seeds {campaign.first_seed} to {campaign.first_seed + r.flights - 1}"
     )
     aloft = [f"{r.hours_aloft:,.2f} h aloft"] if r.hours_aloft is not None else []
     way = [f"{r.km:,.1f} km"] if r.km is not None else []
@@ -124,30 +124,30 @@ def _say(found: Campaign, console: Console) -> None:
         console.say(", ".join([*aloft, *way]))
     console.say()
     colour = "bad" if r.violations else "good" if r.properties else ""
-    painted, limits = console.paint(colour, words.verdict(r)), words.bound(r)
+    painted, limits = console.paint(colour, wording.verdict(r)), wording.bound(r)
     console.say(painted + (f"; with 95 % confidence {limits}" if limits else ""))
-    if r.violations and found.faults:
-        console.say(words.guilt(r))
+    if r.violations and campaign.faults:
+        console.say(wording.guilt(r))
     for what, count in r.broken:
         console.say(f"  {count} x {what}")
     for f in r.worst:
         console.say(f"  flight {f.number}, seed {f.seed}: first at {f.first_s:.3f} s")
     for heads, rows in (
-        tables.modules(found),
-        tables.measures(found),
-        tables.arms(found),
-        tables.faults(found),
+        tables.modules(campaign),
+        tables.measures(campaign),
+        tables.arms(campaign),
+        tables.faults(campaign),
     ):
         if rows:
             console.say()
             console.say(console.table(heads, rows))
     if len(r.modules) > 1:
         console.say(f"\nall modules in AC at once: {r.ac_share:.2%} of the time")
-    if found.lateness:
-        console.say(f"\nlateness of arm `paper`: {found.lateness}")
-    speed = found.flown * found.until_s / found.wall_s if found.flown else 0.0
+    if campaign.lateness:
+        console.say(f"\nlateness of arm `paper`: {campaign.lateness}")
+    speed = campaign.flown * campaign.until_s / campaign.wall_s if campaign.flown else 0.0
     console.say(
-        f"\nflights {found.folder}/flights.csv   "
-        f"{found.wall_s:.1f} s" + (f", {speed:,.0f} x real time" if speed else ", flown before")
+        f"\nflights {campaign.folder}/flights.csv   "
+        f"{campaign.wall_s:.1f} s" + (f", {speed:,.0f} x real time" if speed else ", flown before")
     )
     console.say(console.paint("muted", f"digest  {r.digest}"))

@@ -9,12 +9,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.ci.written import add_format
-from soter.cli.terminal.outcome import DIAGNOSTICS, FINE, Outcome, UsageError, exit_of
-from soter.cli.terminal.parser import Parser, add_settings
+from soter.cli.ci.formats import add_format
+from soter.cli.terminal.command_outcome import (
+    DIAGNOSTICS,
+    FINE,
+    CommandOutcome,
+    UsageError,
+    exit_of,
+)
+from soter.cli.terminal.parser import CommandParser, add_settings
 from soter.cli.terminal.progress import LineOfProgress
 from soter.cli.terminal.standard_input import STDIN, standard_input
-from soter.cli.terminal.timing import say_timing, timing_fields
+from soter.cli.terminal.timing_report import say_timing, timing_fields
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -37,9 +43,9 @@ STEPS_SHOWN = 8
 """Steps told on the terminal, the dearest first."""
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser(
+    made = CommandParser(
         "check",
         "Parse a program, check types, well-formedness (P1a, P1b) and composition.",
         EXAMPLES,
@@ -53,26 +59,28 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Check every file; mistakes in one do not keep the others from it. UsageError for two `-`."""
     if args.files.count("-") > 1:
         raise UsageError("standard input can be read once", parser().format_usage())
     if len(args.files) == 1:
         return _checked(args.files[0], args, console)
-    found = []
+    outcomes = []
     for name in args.files:
         try:
-            found.append(_checked(name, args, console))
+            outcomes.append(_checked(name, args, console))
         except SoterError as error:
             items = error.diagnostics
-            found.append(Outcome(exit_of(items) or DIAGNOSTICS, items, {"file": name}))
-    together = tuple(dict.fromkeys(d for outcome in found for d in outcome.diagnostics))
-    files = [{"exit": o.exit, "ok": o.exit == FINE, **o.fields} for o in found]
-    codes = {o.exit for o in found}
-    return Outcome(DIAGNOSTICS if DIAGNOSTICS in codes else max(codes), together, {"files": files})
+            outcomes.append(CommandOutcome(exit_of(items) or DIAGNOSTICS, items, {"file": name}))
+    together = tuple(dict.fromkeys(d for outcome in outcomes for d in outcome.diagnostics))
+    files = [{"exit": o.exit, "ok": o.exit == FINE, **o.fields} for o in outcomes]
+    codes = {o.exit for o in outcomes}
+    return CommandOutcome(
+        DIAGNOSTICS if DIAGNOSTICS in codes else max(codes), together, {"files": files}
+    )
 
 
-def _checked(file: str, args: argparse.Namespace, console: Console) -> Outcome:
+def _checked(file: str, args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Check one file."""
     text = standard_input() if file == "-" else None
     with LineOfProgress(console) as line:
@@ -81,11 +89,11 @@ def _checked(file: str, args: argparse.Namespace, console: Console) -> Outcome:
         program.bind(name, target)
     if not program.ok:
         fields: dict[str, object] = {"file": program.path, "program_sha256": program.sha256}
-        return Outcome(exit_of(program.diagnostics), program.diagnostics, fields)
+        return CommandOutcome(exit_of(program.diagnostics), program.diagnostics, fields)
     report = program.check(dict(args.params), times=args.times)
     _say(report, console)
-    found = (*report.warnings, *report.untimely)
-    return Outcome(exit_of(found), found, _fields(report))
+    diagnostics = (*report.warnings, *report.untimely)
+    return CommandOutcome(exit_of(diagnostics), diagnostics, _fields(report))
 
 
 def _say(report: CheckReport, console: Console) -> None:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.outcome import Outcome, UsageError
-from soter.cli.terminal.parser import Parser, whole
+from soter.cli.terminal.command_outcome import CommandOutcome, UsageError
+from soter.cli.terminal.parser import CommandParser, whole
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -24,15 +24,15 @@ EXAMPLES = """\
 PORT_MAX = 65_535
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("lsp", "Serve an editor: the language server of Soter.", EXAMPLES)
+    made = CommandParser("lsp", "Serve an editor: the language server of Soter.", EXAMPLES)
     made.add_argument("--stdio", action="store_true", help="over standard input and output")
     made.add_argument("--tcp", metavar="PORT", type=whole, help="over a port of this machine")
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Serve until the client leaves; UsageError, and SoterError D007 without pygls."""
     if args.tcp is not None and not 0 < args.tcp <= PORT_MAX:
         raise UsageError(f"{args.tcp} is no port: 1 to {PORT_MAX} are", "soter lsp --tcp PORT")
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         raise SoterError((problem,)) from error
     if args.tcp is not None:
         console.note(f"waiting for a client at port {args.tcp}")
-    from soter.native.verdicts import last  # noqa: PLC0415 - only then
+    from soter.native.editor_verdicts import stored_verdicts  # noqa: PLC0415 - only then
 
-    serve(last, None if args.tcp is None else ("127.0.0.1", args.tcp))
-    return Outcome()
+    serve(stored_verdicts, None if args.tcp is None else ("127.0.0.1", args.tcp))
+    return CommandOutcome()

@@ -13,28 +13,28 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, cast
 
 from soter import __version__
-from soter.cli.ci.written import format_of, written
-from soter.cli.terminal.console import Console
-from soter.cli.terminal.outcome import (
+from soter.cli.ci.formats import format_of, written
+from soter.cli.terminal.child_result import ChildResult
+from soter.cli.terminal.command_outcome import (
     DIAGNOSTICS,
     FINE,
     INTERNAL,
     INTERRUPTED,
     USAGE,
-    Outcome,
+    CommandOutcome,
     UsageError,
     exit_of,
 )
+from soter.cli.terminal.console import Console
 from soter.cli.terminal.parser import HelpWantedError
-from soter.cli.terminal.verdict import Elsewhere
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
+from soter.diagnostics.os_error_text import reason
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-    from soter.cli.terminal.parser import Parser
+    from soter.cli.terminal.parser import CommandParser
 
 COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",
@@ -65,10 +65,10 @@ TOOL = frozenset({"explain", "fmt", "completion", "cache", "show"})
 class Command(Protocol):
     """What a command's file offers."""
 
-    def parser(self) -> Parser:
+    def parser(self) -> CommandParser:
         """Its command line."""
 
-    def run(self, args: argparse.Namespace, console: Console) -> Outcome:
+    def run(self, args: argparse.Namespace, console: Console) -> CommandOutcome:
         """Do it."""
 
 
@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             code = _told(name, arguments, console, wanted)
             console.hand_over(code)
-        except Elsewhere as done:
+        except ChildResult as done:
             console.from_child(done.text)
             code = done.exit
         console.flush()
@@ -107,32 +107,32 @@ def _told(
     return outcome.exit
 
 
-def _guarded(name: str | None, arguments: list[str], console: Console) -> Outcome:
+def _guarded(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
     """The outcome of a command line; nothing gets past."""
     try:
         return _run(name, arguments, console)
-    except Elsewhere:
+    except ChildResult:
         raise
     except HelpWantedError as wanted:
         console.say(str(wanted))
-        return Outcome(fields={"help": str(wanted)})
+        return CommandOutcome(fields={"help": str(wanted)})
     except UsageError as error:
         problem = Diagnostic("U003", str(error), helps=(f"usage: {error.usage}",))
-        return Outcome(USAGE, (problem,))
+        return CommandOutcome(USAGE, (problem,))
     except SoterError as error:
-        return Outcome(exit_of(error.diagnostics) or DIAGNOSTICS, error.diagnostics)
+        return CommandOutcome(exit_of(error.diagnostics) or DIAGNOSTICS, error.diagnostics)
     except KeyboardInterrupt:
         console.note("interrupted")
-        return Outcome(INTERRUPTED)
+        return CommandOutcome(INTERRUPTED)
     except OSError as error:
-        return Outcome(DIAGNOSTICS, (_os_problem(error),))
+        return CommandOutcome(DIAGNOSTICS, (_os_problem(error),))
     except Exception as error:  # noqa: BLE001 - a defect: apologise, keep the details
-        from soter.cli.terminal.crash import apologise  # noqa: PLC0415 - only then
+        from soter.cli.terminal.crash_report import apologise  # noqa: PLC0415 - only then
 
-        return Outcome(INTERNAL, (apologise(error, arguments),))
+        return CommandOutcome(INTERNAL, (apologise(error, arguments),))
 
 
-def _run(name: str | None, arguments: list[str], console: Console) -> Outcome:
+def _run(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
     if name is None:
         return _without_command(arguments, console)
     rest = list(arguments)
@@ -153,7 +153,7 @@ def command_of(name: str) -> Command:
     return cast("Command", import_module(f"{room}.{name}"))
 
 
-def _explained(rest: list[str], console: Console) -> Outcome:
+def _explained(rest: list[str], console: Console) -> CommandOutcome:
     """`soter help [COMMAND]`: the same as `--help`."""
     asked = [a for a in rest if a not in ("--json", "-h", "--help")]
     wrong = next((a for a in asked if a.startswith("-")), "") or "".join(asked[1:2])
@@ -174,10 +174,10 @@ def _unknown(name: str) -> UsageError:
     return UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
 
 
-def _without_command(arguments: list[str], console: Console) -> Outcome:
+def _without_command(arguments: list[str], console: Console) -> CommandOutcome:
     if {"-V", "--version"} & set(arguments):
         console.say(f"soter {__version__}")
-        return Outcome(fields={"version": __version__})
+        return CommandOutcome(fields={"version": __version__})
     if {"-h", "--help"} & set(arguments):
         raise HelpWantedError(_help(console))
     unknown = [a for a in arguments if a != "--json"]
@@ -185,7 +185,7 @@ def _without_command(arguments: list[str], console: Console) -> Outcome:
         raise UsageError(f"there is no option `{unknown[0]}`", "soter COMMAND ...; soter --help")
     if not console.json:
         console.note(_help(console))
-        return Outcome(USAGE)
+        return CommandOutcome(USAGE)
     raise UsageError("which command?", "soter COMMAND ...; soter --help")
 
 
@@ -212,7 +212,7 @@ def _help(console: Console) -> str:
     )
 
 
-def _print_document(outcome: Outcome, name: str | None, console: Console) -> None:
+def _print_document(outcome: CommandOutcome, name: str | None, console: Console) -> None:
     import json  # noqa: PLC0415 - only with --json
 
     command = name if name in COMMANDS else None

@@ -10,10 +10,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.loaded import loaded
-from soter.cli.terminal.outcome import FINE, Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings, at_least_one, seed
-from soter.cli.terminal.progress import Progress
+from soter.cli.terminal.command_outcome import FINE, CommandOutcome, exit_of
+from soter.cli.terminal.open_program import loaded
+from soter.cli.terminal.parser import CommandParser, add_file, add_settings, at_least_one, seed
+from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.model.durations import show_ns
 
@@ -37,11 +37,13 @@ exit codes: 0 measured, 1 diagnostics, 2 usage
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
     from soter.api.measuring import MARGIN, SAMPLES  # noqa: PLC0415 - needs NumPy
 
-    made = Parser("measure", "Time the steps of the trusted thread on this machine.", EXAMPLES)
+    made = CommandParser(
+        "measure", "Time the steps of the trusted thread on this machine.", EXAMPLES
+    )
     add_file(made)
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     made.add_argument("--until", metavar="TIME", help="of the run; by default the system's own")
@@ -73,15 +75,15 @@ def _factor(text: str) -> float:
         raise argparse.ArgumentTypeError(f"`{text}` is no number") from None
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Measure."""
     from soter.api.measuring import document, measure, written  # noqa: PLC0415 - needs NumPy
 
     program = loaded(args, console)
     path = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-times.json")
     try:
-        with Progress(console) as progress:
-            found = measure(
+        with ProgressBar(console) as progress:
+            measurement = measure(
                 program,
                 args.system,
                 dict(args.params),
@@ -92,31 +94,33 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
                 progress=progress,
             )
     except SoterError as error:
-        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
-    written(found, path)
-    _say(found, path, console)
-    told = document(found)
+        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    written(measurement, path)
+    _say(measurement, path, console)
+    told = document(measurement)
     fields = {k: told[k] for k in ("system", "program_sha256", "machine", "margin", "steps")}
-    return Outcome(FINE, program.diagnostics, {"file": args.file, "times": str(path), **fields})
+    return CommandOutcome(
+        FINE, program.diagnostics, {"file": args.file, "times": str(path), **fields}
+    )
 
 
-def _say(found: Measured, path: Path, console: Console) -> None:
+def _say(measurement: Measured, path: Path, console: Console) -> None:
     from soter.api.measuring import NO_BOUND  # noqa: PLC0415 - as above
 
-    if not found.steps:
-        console.say(f"nothing of `{found.system}` runs in the trusted thread as Soter code")
+    if not measurement.steps:
+        console.say(f"nothing of `{measurement.system}` runs in the trusted thread as Soter code")
         return
-    shares = [f"{q:g}%" for q, _ in found.steps[0].percentiles]
+    shares = [f"{q:g}%" for q, _ in measurement.steps[0].percentiles]
     rows = [
         [s.name, *(show_ns(ns) for _, ns in s.percentiles), show_ns(s.longest_ns), f"{s.samples}"]
-        for s in found.steps
+        for s in measurement.steps
     ]
     console.say(console.table(("step", *shares, "longest", "steps"), rows))
     console.say()
-    for s in found.steps:
+    for s in measurement.steps:
         where = f"rta {s.declared}" if s.role == "dm" else f"node {s.declared}"
         faulted = f", {s.faulted} of the steps faulted" if s.faulted else ""
-        console.say(f"  {s.line:<14} // {where}: {found.margin:g} x the longest{faulted}")
+        console.say(f"  {s.line:<14} // {where}: {measurement.margin:g} x the longest{faulted}")
     console.say()
     console.say(f"times   {path}")
-    console.say(f"{NO_BOUND} ({found.machine})")
+    console.say(f"{NO_BOUND} ({measurement.machine})")

@@ -2,7 +2,7 @@
 
 Purpose: judge a log, or a fresh run, module by module; or write the monitor as a Soter node; with
 `--map` judge a log of somebody else.
-Non-goals: the judgements (`monitor/membership.py`, `monitor/logs/`).
+Non-goals: the judgements (`monitor/model_membership.py`, `monitor/logs/`).
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.terminal.apart import apart
-from soter.cli.terminal.loaded import loaded
+from soter.cli.terminal.child_process import in_child_process
+from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
 from soter.cli.terminal.log_judgement import as_json, lines, undecided
-from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings, seed
-from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.cli.terminal.open_program import loaded
+from soter.cli.terminal.parser import CommandParser, add_file, add_settings, seed
+from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from soter.api import Program
     from soter.cli.terminal.console import Console
-    from soter.monitor.membership import Judgement
+    from soter.monitor.model_membership import Judgement
 
 EXAMPLES = """\
   soter run drone.soter --log flight.mcap
@@ -41,9 +41,9 @@ with --map: 0 no read lay outside `safe`, 3 one did
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("monitor", "Does the verified model explain a recorded run?", EXAMPLES)
+    made = CommandParser("monitor", "Does the verified model explain a recorded run?", EXAMPLES)
     add_file(made)
     made.add_argument("log", nargs="?", metavar="LOG", help="an MCAP log; by default a fresh run")
     made.add_argument("--map", metavar="FILE", help="TOML or JSON: which topic is what in the LOG")
@@ -67,14 +67,14 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Judge, or write the node."""
     if args.map is not None or args.where:
         return _foreign(args, console)
     with LineOfProgress(console) as line:
         program = load(args.file, line)
     if program.externs and args.log is None and args.emit is None:
-        apart(console, lambda _: ())
+        in_child_process(console, lambda _: ())
     for name, target in args.bindings:
         program.bind(name, target)
     warnings = program.diagnostics if program.ok else ()
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
             )
             console.say(f"wrote {args.emit}")
             fields = {"file": args.file, "emitted": args.emit, "modules": {}, "log": None}
-            return Outcome(FINE, warnings, fields)
+            return CommandOutcome(FINE, warnings, fields)
         judged = program.monitor(
             args.log,
             args.module,
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         )
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
-        return Outcome(exit_of(items), items, {"file": args.file})
+        return CommandOutcome(exit_of(items), items, {"file": args.file})
     return _judged(judged, args, console, warnings)
 
 
@@ -110,27 +110,27 @@ def _judged(
     args: argparse.Namespace,
     console: Console,
     warnings: Sequence[Diagnostic] = (),
-) -> Outcome:
+) -> CommandOutcome:
     """Tell the judgement of the model."""
     _say(judged, args, console)
     alarms = sum(j.alarms for j in judged)
     modules = {j.module: _fields(j) for j in judged}
     fields = {"file": args.file, "emitted": None, "modules": modules, "log": None}
-    return Outcome(VIOLATED if alarms else FINE, tuple(warnings), fields)
+    return CommandOutcome(VIOLATED if alarms else FINE, tuple(warnings), fields)
 
 
-def _foreign(args: argparse.Namespace, console: Console) -> Outcome:
+def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Judge the log."""
     problem = _misused(args)
     if problem is not None:
-        return Outcome(exit_of((problem,)), (problem,), {"file": args.file})
+        return CommandOutcome(exit_of((problem,)), (problem,), {"file": args.file})
     program = loaded(args, console)
     warnings = program.diagnostics if program.ok else ()
     where = dict(pair.split("=", 1) for pair in args.where)
     try:
         if args.estimates:
             return _judged(_explained(program, args, where), args, console, warnings)
-        with Progress(console) as progress:
+        with ProgressBar(console) as progress:
             judged = program.judge_log(
                 args.log,
                 args.map,
@@ -142,13 +142,13 @@ def _foreign(args: argparse.Namespace, console: Console) -> Outcome:
             )
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
-        return Outcome(exit_of(items), items, {"file": args.file})
+        return CommandOutcome(exit_of(items), items, {"file": args.file})
     items = (*warnings, *(undecided(m) for m in judged.modules if not m.decided))
     for text in lines(judged, console):
         console.say(text)
     outside = any(m.outside for m in judged.modules)
     fields = {"file": args.file, "emitted": None, "modules": {}, "log": as_json(judged)}
-    return Outcome(VIOLATED if outside else FINE, items, fields)
+    return CommandOutcome(VIOLATED if outside else FINE, items, fields)
 
 
 def _explained(

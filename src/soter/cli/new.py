@@ -13,11 +13,11 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.outcome import Outcome
-from soter.cli.terminal.parser import Parser
+from soter.cli.terminal.command_outcome import CommandOutcome
+from soter.cli.terminal.parser import CommandParser
 from soter.codegen.c.names import program_prefix
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
+from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.render import safe
 
 if TYPE_CHECKING:
@@ -42,14 +42,14 @@ EXAMPLES = """\
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("new", "Make a small robot that runs, in a new folder.", EXAMPLES)
+    made = CommandParser("new", "Make a small robot that runs, in a new folder.", EXAMPLES)
     made.add_argument("name", metavar="NAME", help="of the robot and of its folder")
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Make it."""
     folder = Path(args.name)
     name = _checked(folder, args.name)
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         "files": files,
         "commands": [c for c, _ in commands],
     }
-    return Outcome(fields=fields)
+    return CommandOutcome(fields=fields)
 
 
 def _checked(folder: Path, given: str) -> str:

@@ -9,17 +9,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import recheck
-from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
-from soter.cli.terminal.parser import Parser
-from soter.cli.terminal.progress import Progress
+from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
+from soter.cli.terminal.parser import CommandParser
+from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
-from soter.report.visible import visible
+from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     import argparse
 
+    from soter.certificate.report import RecheckedModule, Report
     from soter.cli.terminal.console import Console
-    from soter.recheck.report import ModuleReport, Report
 
 EXAMPLES = """\
   soter verify cart.soter --cert proof/
@@ -37,22 +37,24 @@ exit codes: 0 accepted: safety and the return of AC (P2b) are established, 3 rej
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("recheck", "Check a certificate of `soter verify --cert`.", EXAMPLES)
+    made = CommandParser("recheck", "Check a certificate of `soter verify --cert`.", EXAMPLES)
     made.add_argument("folder", metavar="DIR", help="the folder of the certificate")
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Check it."""
     try:
-        with Progress(console) as progress:
+        with ProgressBar(console) as progress:
             report = recheck(args.folder, progress)
     except SoterError as error:
-        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"certificate": args.folder})
+        return CommandOutcome(
+            exit_of(error.diagnostics), error.diagnostics, {"certificate": args.folder}
+        )
     _say(report, args.folder, console)
-    return Outcome(_exit(report), (), _fields(report, args.folder))
+    return CommandOutcome(_exit(report), (), _fields(report, args.folder))
 
 
 def _exit(report: Report) -> int:
@@ -112,7 +114,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
         console.say(console.paint("muted", f"  {visible(said.text)}"))
 
 
-def _value(module: ModuleReport, name: str) -> str:
+def _value(module: RecheckedModule, name: str) -> str:
     """A parameter with the value that was checked, and what the program says if that is another."""
     own = module.otherwise.get(name)
     said = "" if own is None else f" ({own} by the program)"
@@ -149,7 +151,7 @@ def _fields(report: Report, folder: str) -> dict[str, object]:
     }
 
 
-def _name(module: ModuleReport, report: Report) -> str:
+def _name(module: RecheckedModule, report: Report) -> str:
     """The name of a module; with its system where several have one of that name."""
     several = sum(m.name == module.name for m in report.modules) > 1
     return f"{module.system}.{module.name}" if several else module.name

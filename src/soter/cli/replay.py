@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import replay
-from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
-from soter.cli.terminal.parser import Parser
+from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
+from soter.cli.terminal.parser import CommandParser
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from soter.api import ReplayReport
     from soter.cli.terminal.console import Console
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.explore.judge.replay import Stepped
+    from soter.explore.judge.replay import ReplayedStep
 
 EXAMPLES = """\
   soter replay .soter/late_sc-Late.trace.json               every step, and whether it reproduces
@@ -33,9 +33,9 @@ exit codes: 0 reproduced, 3 not reproduced, 1 diagnostics, 2 usage
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("replay", "Run a trace again, in the reference interpreter.", EXAMPLES)
+    made = CommandParser("replay", "Run a trace again, in the reference interpreter.", EXAMPLES)
     made.add_argument("trace", metavar="TRACE", help="a file of `soter test` or `soter verify`")
     made.add_argument("--text", action="store_true", help="print every step (the default)")
     made.add_argument("--html", metavar="PATH", help="write the sequence as one HTML page")
@@ -43,29 +43,29 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Replay."""
     try:
-        found = replay(args.trace)
+        report = replay(args.trace)
     except SoterError as error:
-        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"trace": args.trace})
-    _say(found, console)
-    written, problems = _files(found, args)
+        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"trace": args.trace})
+    _say(report, console)
+    written, problems = _files(report, args)
     for kind, path in written.items():
         console.say(f"{kind:<6} {path}")
-    code = FINE if found.reproduced else VIOLATED
+    code = FINE if report.reproduced else VIOLATED
     if problems:
         code = exit_of(problems)
-    return Outcome(code, problems, {**_fields(found), **written})
+    return CommandOutcome(code, problems, {**_fields(report), **written})
 
 
 def _files(
-    found: ReplayReport, args: argparse.Namespace
+    report: ReplayReport, args: argparse.Namespace
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
     """Paths of what was written, by kind, and what could not be."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
-    for kind, write in (("html", found.write_html), ("mcap", found.write_mcap)):
+    for kind, write in (("html", report.write_html), ("mcap", report.write_mcap)):
         path = getattr(args, kind)
         if path is None:
             continue
@@ -80,39 +80,39 @@ def _files(
 # ---------------------------------------------------------------- for people
 
 
-def _say(found: ReplayReport, console: Console) -> None:
+def _say(report: ReplayReport, console: Console) -> None:
     if console.json:
         return
-    from soter.report.visible import visible  # noqa: PLC0415 - only then
+    from soter.report.printable_text import visible  # noqa: PLC0415 - only then
 
-    what = f"{found.program}  {found.program_sha256[:12]}"
-    if found.trace is not None:
-        what += f"  {found.trace.trace.system}, test {found.trace.trace.test}"
+    what = f"{report.program}  {report.program_sha256[:12]}"
+    if report.trace is not None:
+        what += f"  {report.trace.trace.system}, test {report.trace.trace.test}"
     console.say(console.paint("muted", visible(what)))
-    word = ("green", "REPRODUCED") if found.reproduced else ("red", "NOT REPRODUCED")
-    console.say(f"{console.paint(*word)}  {visible(found.outcome)}")
+    word = ("green", "REPRODUCED") if report.reproduced else ("red", "NOT REPRODUCED")
+    console.say(f"{console.paint(*word)}  {visible(report.outcome)}")
     console.say()
-    for line in _steps(found, console):
+    for line in _steps(report, console):
         console.say(line)
 
 
-def _steps(found: ReplayReport, console: Console) -> list[str]:
-    if found.trace is not None:
+def _steps(report: ReplayReport, console: Console) -> list[str]:
+    if report.trace is not None:
+        from soter.report.printable_text import visible  # noqa: PLC0415 - the same
         from soter.report.sequence.text import text  # noqa: PLC0415 - needs NumPy
-        from soter.report.visible import visible  # noqa: PLC0415 - the same
 
-        view = found.view()
+        view = report.view()
         lines = text(view, color=console.color_out, width=console.width)
         return [*lines, visible(view.remark)] if view.remark else lines
-    if found.counterexample is None:
+    if report.counterexample is None:
         return []
-    steps = found.counterexample.steps
+    steps = report.counterexample.steps
     return [_instant(s) for s in steps]
 
 
 def _instant(step: dict[str, object]) -> str:
     """One of the last instants of a counterexample."""
-    from soter.explore.to_report import shown  # noqa: PLC0415 - only then
+    from soter.explore.trace_view import shown  # noqa: PLC0415 - only then
 
     rest = "  ".join(f"{k} {shown(step[k])}" for k in ("modes", "truth") if k in step)
     return f"{step['time_s']} s  {rest}"
@@ -121,17 +121,17 @@ def _instant(step: dict[str, object]) -> str:
 # ---------------------------------------------------------------- as JSON
 
 
-def _fields(found: ReplayReport) -> dict[str, object]:
+def _fields(report: ReplayReport) -> dict[str, object]:
     fields: dict[str, object] = {
-        "trace": found.path,
-        "kind": found.kind,
-        "program": found.program,
-        "program_sha256": found.program_sha256,
-        "reproduced": found.reproduced,
-        "outcome": found.outcome,
+        "trace": report.path,
+        "kind": report.kind,
+        "program": report.program,
+        "program_sha256": report.program_sha256,
+        "reproduced": report.reproduced,
+        "outcome": report.outcome,
     }
-    if found.trace is not None:
-        trace = found.trace.trace
+    if report.trace is not None:
+        trace = report.trace.trace
         fields |= {
             "system": trace.system,
             "test": trace.test,
@@ -139,15 +139,15 @@ def _fields(found: ReplayReport) -> dict[str, object]:
             "minimal": trace.minimal,
             "not_shortest": trace.not_shortest or None,
             "assumptions": list(trace.assumptions),
-            "violated_at": found.trace.violated_at,
-            "steps": [_step(s) for s in found.trace.steps],
+            "violated_at": report.trace.violated_at,
+            "steps": [_step(s) for s in report.trace.steps],
         }
-    elif found.counterexample is not None:
-        fields["steps"] = list(found.counterexample.steps)
+    elif report.counterexample is not None:
+        fields["steps"] = list(report.counterexample.steps)
     return fields
 
 
-def _step(s: Stepped) -> dict[str, object]:
+def _step(s: ReplayedStep) -> dict[str, object]:
     return {
         "step": s.number,
         "actor": s.actor,

@@ -15,19 +15,19 @@ from typing import TYPE_CHECKING
 
 from soter import __version__
 from soter.api import ENGINES, Program, load, require_writers
-from soter.cli.terminal.apart import apart
-from soter.cli.terminal.outcome import (
+from soter.cli.terminal.child_process import in_child_process
+from soter.cli.terminal.command_outcome import (
     DIAGNOSTICS,
     FINE,
     INTERRUPTED,
     UNDECIDED,
     VIOLATED,
-    Outcome,
+    CommandOutcome,
     UsageError,
     exit_of,
 )
-from soter.cli.terminal.parser import Parser, add_file, add_settings, seed, whole
-from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.cli.terminal.parser import CommandParser, add_file, add_settings, seed, whole
+from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -55,9 +55,9 @@ OWN_PLACE = ""
 """The value of --log and --report without a path."""
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("run", "Run a system in virtual time.", EXAMPLES)
+    made = CommandParser("run", "Run a system in virtual time.", EXAMPLES)
     add_file(made)
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     made.add_argument("--until", metavar="TIME", help="such as 30s; by default the system's own")
@@ -109,14 +109,14 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Run; UsageError where misses are allowed in virtual time."""
     if args.misses and not args.real_time:
         raise UsageError("`--misses` needs `--real-time`", parser().format_usage())
     with LineOfProgress(console) as line:
         program = load(args.file, line)
     if program.externs:
-        apart(console, lambda process: _rescued(args, process))
+        in_child_process(console, lambda process: _rescued(args, process))
     first_seed = args.seed
     if args.flight is not None:
         args.seed = (args.seed + args.flight) % 2**64
@@ -133,14 +133,14 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         result = _simulate(program, args, console, log)
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
-        return Outcome(exit_of(items), items, {"file": args.file})
+        return CommandOutcome(exit_of(items), items, {"file": args.file})
     return _finish(program, result, args, console, warnings, log)
 
 
 def _simulate(
     program: Program, args: argparse.Namespace, console: Console, log: RunLog | None
 ) -> Run:
-    with Progress(console) as progress:
+    with ProgressBar(console) as progress:
         result = program.simulate(
             args.system,
             args.until,
@@ -176,7 +176,7 @@ def _finish(
     console: Console,
     warnings: tuple[Diagnostic, ...],
     log: RunLog | None,
-) -> Outcome:
+) -> CommandOutcome:
     """Summary, files, exit code: files that cannot be written do not hide the result."""
     from soter.cli.terminal.run_summary import summary  # noqa: PLC0415 - needs NumPy
     from soter.simulate.outputs.figures import run_figures  # noqa: PLC0415 - needs NumPy
@@ -193,7 +193,7 @@ def _finish(
     if result.interrupted:
         code = INTERRUPTED
     fields = {"file": args.file, **run_figures(result), **written}
-    return Outcome(code, (*warnings, *problems), fields)
+    return CommandOutcome(code, (*warnings, *problems), fields)
 
 
 def _look_ahead(args: argparse.Namespace) -> None:
@@ -243,8 +243,8 @@ def _rescued(args: argparse.Namespace, process: int) -> tuple[str, ...]:
     """Make a log of what a process that is gone had written of one."""
     if args.log is None:
         return ()
+    from soter.report.atomic_write import left_behind  # noqa: PLC0415 - only then
     from soter.report.mcap_log import mended  # noqa: PLC0415 - only then
-    from soter.report.whole_file import left_behind  # noqa: PLC0415 - only then
 
     folder = Path(args.output) if args.log == OWN_PLACE else Path(args.log).resolve().parent
     saved = []

@@ -9,14 +9,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.cli.ci.findings_of_tests import of_tests
+from soter.cli.ci.formats import add_format
 from soter.cli.ci.junit_file import problems_as_junit, report_as_junit
-from soter.cli.ci.tests import of_tests
-from soter.cli.ci.written import add_format
-from soter.cli.terminal.amounts import rounded, size
-from soter.cli.terminal.loaded import loaded
-from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
+from soter.cli.terminal.command_outcome import (
+    FINE,
+    INTERRUPTED,
+    UNDECIDED,
+    VIOLATED,
+    CommandOutcome,
+    exit_of,
+)
+from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import (
-    Parser,
+    CommandParser,
     add_file,
     add_settings,
     at_least_one,
@@ -25,6 +31,7 @@ from soter.cli.terminal.parser import (
     whole,
 )
 from soter.cli.terminal.progress import LineOfProgress
+from soter.cli.terminal.units import rounded, size
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.junit import document
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
@@ -36,7 +43,7 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.console import Console
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.explore.results import ExploreReport, Kept, TestResult
+    from soter.explore.results import CheckpointState, ExploreReport, TestResult
 
 EXAMPLES = """\
   soter test late_sc.soter                            every test of the file
@@ -63,9 +70,9 @@ def _named(names: Iterable[str], default: str, end: str) -> str:
     return f"{', '.join(shown[:-1])}{end}{shown[-1]}"
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("test", "Explore every execution of the tests of a file.", EXAMPLES)
+    made = CommandParser("test", "Explore every execution of the tests of a file.", EXAMPLES)
     add_file(made)
     made.add_argument(
         "--test", action="append", metavar="T", help="only this test, or these; by default all"
@@ -114,7 +121,7 @@ def parser() -> Parser:
     return made
 
 
-def _add_bounds(made: Parser) -> None:
+def _add_bounds(made: CommandParser) -> None:
     """How much it may take."""
     made.add_argument(
         "--threads", type=whole, default=1, metavar="N", help="of bfs, up to 16; by default 1"
@@ -144,7 +151,7 @@ def _add_bounds(made: Parser) -> None:
     )
 
 
-def _add_checkpoints(made: Parser) -> None:
+def _add_checkpoints(made: CommandParser) -> None:
     """Where searches are written, and gone on from."""
     made.add_argument(
         "--checkpoint", metavar="DIR", help="folder to write searches to, to go on later (bfs)"
@@ -158,7 +165,7 @@ def _add_checkpoints(made: Parser) -> None:
     made.add_argument("--resume", metavar="DIR", help="go on from there, and write there")
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Explore."""
     console.listen()
     warnings: tuple[Diagnostic, ...] = ()
@@ -194,20 +201,20 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         items = (*warnings, *error.diagnostics)
         if args.junit is not None:
             items = problems_as_junit(args.file, items, args.junit)
-        return Outcome(exit_of(items), items, {"file": args.file})
+        return CommandOutcome(exit_of(items), items, {"file": args.file})
     _say(report, console)
     if args.junit is not None:
         report_as_junit(report, args.junit, console)
     code = INTERRUPTED if report.interrupted else EXITS[report.verdict]
     junit = document(report) if args.format == "junit" else ""
-    return Outcome(code, warnings, _fields(report), of_tests(report), junit)
+    return CommandOutcome(code, warnings, _fields(report), of_tests(report), junit)
 
 
 def progress_text(looked: object) -> str:
     """How far a search is: `Late  1,204,000 states, 1.4 M/s, depth 55, 9.6 MB`."""
-    from soter.explore.results import Looked  # noqa: PLC0415 - only then
+    from soter.explore.results import SearchProgress  # noqa: PLC0415 - only then
 
-    assert isinstance(looked, Looked)
+    assert isinstance(looked, SearchProgress)
     count = looked.states or looked.transitions
     noun = "states" if looked.states else "steps"
     rate = count / looked.seconds if looked.seconds > 0 else 0.0
@@ -329,8 +336,8 @@ def _figures(test: TestResult) -> str:
         parts.append(f"{test.runs:,} runs")
     parts += [f"depth {test.depth}", f"{test.seconds:.2f} s"]
     if test.minimise_s:
-        found = "" if test.minimal else "not found in "
-        parts.append(f"shortest trace {found}{test.minimise_s:.2f} s")
+        prefix = "" if test.minimal else "not found in "
+        parts.append(f"shortest trace {prefix}{test.minimise_s:.2f} s")
     parts.append(f"{rounded(test.states_per_s)} {'states' if test.states else 'steps'}/s")
     if test.states:
         parts.append(f"{test.bits} bits a state, {size(test.total_bytes)}")
@@ -347,7 +354,7 @@ def _figures(test: TestResult) -> str:
 
 def _coverage(test: TestResult, console: Console) -> list[str]:
     """How much was reached, the names of what was not, and what of the test says nothing."""
-    from soter.report.visible import visible  # noqa: PLC0415 - needs NumPy
+    from soter.report.printable_text import visible  # noqa: PLC0415 - needs NumPy
 
     parts = [(name, part) for name, part in test.coverage.parts() if part.total]
     said = "  ".join(f"{name} {part.reached}/{part.total}" for name, part in parts)
@@ -384,8 +391,8 @@ def _rest(test: TestResult) -> str:
     """What the search for violations of other properties came to."""
     from soter.explore.results import bound_text  # noqa: PLC0415 - only then
 
-    found = 1 + len(test.others)
-    head = f"{found} {'property' if found == 1 else 'properties'} violated"
+    count = 1 + len(test.others)
+    head = f"{count} {'property' if count == 1 else 'properties'} violated"
     if test.others_bound is None:
         return f"{head}; the search for violations of others ended without one"
     return f"{head}; there may be others: {bound_text(test.others_bound, test.options)}"
@@ -393,7 +400,7 @@ def _rest(test: TestResult) -> str:
 
 def _trace(test: TestResult, console: Console) -> list[str]:
     from soter import __version__  # noqa: PLC0415 - only then
-    from soter.explore.to_report import view_of  # noqa: PLC0415 - the same
+    from soter.explore.trace_view import view_of  # noqa: PLC0415 - the same
     from soter.report.sequence.text import text  # noqa: PLC0415 - needs NumPy
 
     assert test.replayed is not None
@@ -439,7 +446,7 @@ def _trace_fields(t: TestResult) -> dict[str, object]:
     }
 
 
-def _kept(k: Kept) -> dict[str, object]:
+def _kept(k: CheckpointState) -> dict[str, object]:
     return {
         "path": str(k.path),
         "states": k.states,

@@ -10,12 +10,12 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.ci.found import Found
-from soter.cli.ci.written import add_format
-from soter.cli.terminal.loaded import loaded
-from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings
-from soter.cli.terminal.progress import Progress
+from soter.cli.ci.findings import CiFinding
+from soter.cli.ci.formats import add_format
+from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
+from soter.cli.terminal.open_program import loaded
+from soter.cli.terminal.parser import CommandParser, add_file, add_settings
+from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from soter.cli.ci.found import Kind
+    from soter.cli.ci.findings import Kind
     from soter.cli.terminal.console import Console
     from soter.reach.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
-    from soter.reach.together import Taken
+    from soter.reach.composition import ComposedAssumption
 
     Runs = Mapping[str, Mapping[str, Path]]
 
@@ -50,9 +50,9 @@ PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": 
 REGIONS_SHOWN = 3
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser(
+    made = CommandParser(
         "verify", "Prove P1c, P2a, P2b, P3, ttf, safer and the law of `failsafe`.", EXAMPLES
     )
     add_file(made)
@@ -78,7 +78,7 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Verify."""
     program = loaded(args, console)
     warnings = program.diagnostics if program.ok else ()
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
                 args.output, module=args.module, system=args.system, params=dict(args.params)
             )
             program = load(written[0]) if written else program
-        with Progress(console) as progress:
+        with ProgressBar(console) as progress:
             report = program.verify(
                 args.module,
                 args.cert,
@@ -102,7 +102,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         runs = _saved(report)
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
-        return Outcome(exit_of(items), items, {"file": args.file})
+        return CommandOutcome(exit_of(items), items, {"file": args.file})
     _say(report, args, console, runs)
     fields = _fields(report, runs)
     if not (args.params or args.bindings):
@@ -111,8 +111,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         console.say("\nwritten " + " ".join(str(p) for p in written))
         fields["written"] = [str(p) for p in written]
     fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
-    found = tuple(_found(report)) if args.format else ()
-    return Outcome(EXITS[report.verdict], warnings, fields, found)
+    findings = tuple(_found(report)) if args.format else ()
+    return CommandOutcome(EXITS[report.verdict], warnings, fields, findings)
 
 
 KINDS: dict[str, Kind] = {
@@ -123,14 +123,14 @@ KINDS: dict[str, Kind] = {
 }
 
 
-def _found(report: VerifyReport) -> Iterator[Found]:
+def _found(report: VerifyReport) -> Iterator[CiFinding]:
     """Every verdict, at the module that it is of."""
     for module in report.modules:
         span = module.problem.module.symbol.span
         for name, f in module.findings.items():
             hint = (f"help: {f.hint}",) if f.hint else ()
             where = tuple(f"where: {r}" for r in f.regions[:REGIONS_SHOWN])
-            yield Found(
+            yield CiFinding(
                 KINDS[f.verdict],
                 name,
                 f"{module.name}: {name}",
@@ -187,7 +187,7 @@ def _coverage(report: VerifyReport, console: Console) -> list[str]:
 
 def _together(report: VerifyReport, console: Console) -> list[str]:
     """The conjunction, and who keeps what a module takes for granted."""
-    from soter.reach.together import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
+    from soter.reach.composition import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
     from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
 
     verdict = console.paint(PAINTS[report.together], report.together.upper())
@@ -203,20 +203,20 @@ def _together(report: VerifyReport, console: Console) -> list[str]:
     return ["", head, *says, "", shown]
 
 
-def _open(report: VerifyReport, taken: list[Taken]) -> str:
+def _open(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
     """What the verdict of all of them leaves open, in words."""
     assumed = sum(t.open and not t.promised for t in taken)
     promised = sum(t.open and t.promised for t in taken)
-    found = []
+    clauses = []
     if assumed:
-        found.append(f"{assumed} of these {'is' if assumed == 1 else 'are'} assumed")
+        clauses.append(f"{assumed} of these {'is' if assumed == 1 else 'are'} assumed")
     if promised:
-        found.append(f"{promised} {'is' if promised == 1 else 'are'} not proved here")
+        clauses.append(f"{promised} {'is' if promised == 1 else 'are'} not proved here")
     timed = [m.name for m in report.modules if m.findings["P1c"].verdict == "assumed"]
     timed = list(dict.fromkeys(name.split(" as ")[0] for name in timed))
     if timed:
-        found.append(f"P1c is assumed of {', '.join(timed)}")
-    return f", where {' and '.join(found)}" if found else ""
+        clauses.append(f"P1c is assumed of {', '.join(timed)}")
+    return f", where {' and '.join(clauses)}" if clauses else ""
 
 
 def _listed(texts: tuple[str, ...]) -> list[str]:
@@ -249,7 +249,7 @@ def _remember(report: VerifyReport) -> None:
     """Keep the verdicts for editors to show (`soter lsp`)."""
     from pathlib import Path  # noqa: PLC0415 - only then
 
-    from soter.native.verdicts import remember  # noqa: PLC0415 - only then
+    from soter.native.editor_verdicts import store_verdicts  # noqa: PLC0415 - only then
 
     kept: dict[str, dict[str, object]] = {}
     for m in report.modules:
@@ -263,14 +263,14 @@ def _remember(report: VerifyReport) -> None:
             "horizon_ns": m.problem.times.horizon_ns if sets else None,
             "horizon_needed_ns": m.problem.times.h_star if sets else None,
         }
-    remember(Path(report.path), report.program_sha256, kept)
+    store_verdicts(Path(report.path), report.program_sha256, kept)
 
 
 def _saved(report: VerifyReport) -> Runs:
     """The runs that refute, written to `.soter/`: module and property -> file."""
     if report.verdict != "refuted":
         return {}
-    from soter.reach.attack.runs import save_runs  # noqa: PLC0415 - only then
+    from soter.reach.attack.counterexample_files import save_runs  # noqa: PLC0415 - only then
 
     return save_runs(report)
 
@@ -410,15 +410,15 @@ def _finding(finding: Finding, run: Path | None) -> dict[str, object]:
 
 
 def _vacuous(module: ModuleResult) -> dict[str, object] | None:
-    found = module.vacuity
-    if found is None:
+    vacuity = module.vacuity
+    if vacuity is None:
         return None
     return {
-        "how_often": found.how_often,
-        "what": found.what,
-        "share": found.share,
-        "text": found.text,
-        "parameters": dict(found.parameters),
+        "how_often": vacuity.how_often,
+        "what": vacuity.what,
+        "share": vacuity.share,
+        "text": vacuity.text,
+        "parameters": dict(vacuity.parameters),
     }
 
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT, int_number
-from soter.codegen.storage.comparisons import LOGICAL, compared_twice, is_foregone
-from soter.codegen.storage.places import MADE, Places
-from soter.codegen.storage.plan import RESULT, has_address, is_still_here, output_name
+from soter.codegen.storage.storage_plan import RESULT, has_address, is_still_here, output_name
+from soter.codegen.storage.trivial_comparisons import LOGICAL, compared_twice, is_foregone
+from soter.codegen.storage.value_locations import MADE, Places
 from soter.lower import core
 from soter.lower.layout import scalar
-from soter.program.meaning.arith import FaultKind
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.program.model.types import (
     ArrayType,
     BoolType,
@@ -27,7 +27,7 @@ from soter.program.model.types import (
     ListType,
     RecordType,
 )
-from soter.semantics.chance.random_draws import fnv
+from soter.semantics.random.random_draws import fnv
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +52,7 @@ UNARY_CALLS = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
 
 
 @dataclass(frozen=True)
-class Branch:
+class StepBranch:
     """One side of an `if` in the step of a component; its position in the list is its number."""
 
     component: str
@@ -62,14 +62,14 @@ class Branch:
 
 
 @dataclass
-class Choices:
+class BranchChoices:
     """What the choices of the step that is being emitted are named by; `branches` collects.
 
     With `chance` nobody is asked: the driver's answer to an extern is something else.
     """
 
     component: str
-    branches: list[Branch] | None = None
+    branches: list[StepBranch] | None = None
     chance: bool = False
 
 
@@ -91,7 +91,7 @@ class Body(Places):
         self.functions = functions
         """Core function name -> C name, may fault."""
         self.cell = cell
-        self.choices: Choices | None = None
+        self.choices: BranchChoices | None = None
         """Set while a step is emitted that a driver may answer."""
         self._at_odds: list[c.CExpr] | None = None
         """Within a condition: what its parts compare with several constants."""
@@ -114,11 +114,11 @@ class Body(Places):
             self._leave = f.leave
             last = tuple(self._returned(f.result_type, result))
             self._leaving = last if _leaves(last) else (*last, c.Return(None))
-            found = self.block(f.body, result)
-            if not _leaves(found):
-                found += last
+            statements = self.block(f.body, result)
+            if not _leaves(statements):
+                statements += last
         self._leave, self._leaving = None, ()
-        return found
+        return statements
 
     def _returned(self, t: Type, result: core.Expr) -> list[c.CStmt]:
         if self.types.is_large(t):
@@ -248,10 +248,10 @@ class Body(Places):
         Temporaries that neither it nor `after` reads are marked, so that compilers stay silent.
         """
         used = self.used((statements, after))
-        found: list[c.CStmt] = []
+        c_statements: list[c.CStmt] = []
         for s in statements:
-            found += self.statement(s, used)
-        return found
+            c_statements += self.statement(s, used)
+        return c_statements
 
     def statement(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
         """One statement."""
@@ -324,16 +324,16 @@ class Body(Places):
 
     def _call(self, s: core.Call, used: set[str]) -> list[c.CStmt]:
         name, faults = self.functions[s.function]
-        found, arguments = self.arguments(s.arguments)
+        statements, arguments = self.arguments(s.arguments)
         end = (FAULT,) if faults else ()
         if not self.types.is_large(s.type):
             call = c.CallExpr(name, (*arguments, *end))
             made = self._declare(s.name, s.type, call, const=True)
-            return [*found, *self._marked(made, s.name, used)]
+            return [*statements, *self._marked(made, s.name, used)]
         if self.is_own(s.name):
-            found.append(c.Declare(self.types.stored(s.type), self.local(s.name), None))
+            statements.append(c.Declare(self.types.stored(s.type), self.local(s.name), None))
         there = c.address(self.place(s.name))
-        return [*found, c.Do(c.CallExpr(name, (*arguments, there, *end)))]
+        return [*statements, c.Do(c.CallExpr(name, (*arguments, there, *end)))]
 
     def _set(self, s: core.Set) -> list[c.CStmt]:
         if s.name == self._leave:
@@ -357,7 +357,7 @@ class Body(Places):
         if self.choices is None or self.choices.branches is None:
             return []
         number = c.Number(f"{len(self.choices.branches)}U")
-        self.choices.branches.append(Branch(self.choices.component, s.span, taken))
+        self.choices.branches.append(StepBranch(self.choices.component, s.span, taken))
         return [c.Do(c.CallExpr("soter_branch", (c.Name("answer"), FAULT, number)))]
 
     def _choose(self, s: core.Choose) -> c.CStmt:
@@ -385,10 +385,10 @@ class Body(Places):
         return self._declare(s.name, s.type, value, const=True)
 
     def _inner(self, statements: tuple[core.Stmt, ...], used: set[str]) -> tuple[c.CStmt, ...]:
-        found: list[c.CStmt] = []
+        c_statements: list[c.CStmt] = []
         for s in statements:
-            found += self.statement(s, used)
-        return tuple(found)
+            c_statements += self.statement(s, used)
+        return tuple(c_statements)
 
     def _declare(self, name: str, t: Type, value: c.CExpr, *, const: bool) -> c.CStmt:
         return c.Declare(self.types.work(t), self.local(name), value, const)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.frame import CT, OK, S, where
-from soter.codegen.storage.plan import Task
+from soter.codegen.storage.storage_plan import PlannedBody
 from soter.lower import core
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def _function(
     )
     if faults:
         body += [*frame.fault_pointer(), c.Unused("fault")]
-    task = Task(code=p.body, is_large=frame.types.is_large, result=p.value)
+    task = PlannedBody(code=p.body, is_large=frame.types.is_large, result=p.value)
     with frame.body.planned(task):
         body += frame.body.block(p.body, p.value)
         value = frame.body.expr(p.value)

@@ -2,7 +2,7 @@
 
 Purpose: the tables of a system's faults, when releases happen, what becomes of publications and
 disturbances, which node steps next (`soter_faults.h` has what they share).
-Non-goals: which faults there are (`program/flatten/trials/faults.py`).
+Non-goals: which faults there are (`program/elaborate/tests_and_faults/faults.py`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 LEAVES = 256
 """Indices of the stream of amounts that belong to one slot, or to one step."""
 ORDERS = 64
-"""Indices of the stream of orders that belong to one instant (`semantics/chance/faults.py`)."""
+"""Indices of the stream of orders that belong to one instant (`semantics/random/faults.py`)."""
 SLOT, TIME = c.Name("slot"), c.Name("t")
 
 
@@ -42,7 +42,7 @@ def fault_names(system: System) -> list[str]:
 
 def definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
     """The tables, and the functions that the kernel asks."""
-    found: list[c.CTop] = []
+    declarations: list[c.CTop] = []
     for i, f in enumerate(frame.system.faults):
         if f.on is not None:
             continue
@@ -52,15 +52,15 @@ def definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
             ("probability", float_number(f.probability)),
             ("apart", c.Name("true" if f.apart else "false")),
         )
-        found.append(c.VariableDef("soter_chance", _table(frame, i), c.Initializer(fields)))
+        declarations.append(c.VariableDef("soter_chance", _table(frame, i), c.Initializer(fields)))
         if _is_lateness(f):
             times = c.Initializer(tuple((None, int_number(int(x))) for x in f.amount))
-            found.append(c.VariableDef("int64_t", _times(frame, i), times, array=True))
+            declarations.append(c.VariableDef("int64_t", _times(frame, i), times, array=True))
     moved = sorted({f.component for f in frame.system.faults if f.of_time})
-    found += [_happens(frame, frame.system.components[k], names) for k in moved]
+    declarations += [_happens(frame, frame.system.components[k], names) for k in moved]
     lasting = sorted({f.component for f in frame.system.faults if f.kind == "overrun"})
-    found += [_overrun(frame, frame.system.components[k], names[k]) for k in lasting]
-    return [*found, *([_order(frame)] if frame.system.shuffled else [])]
+    declarations += [_overrun(frame, frame.system.components[k], names[k]) for k in lasting]
+    return [*declarations, *([_order(frame)] if frame.system.shuffled else [])]
 
 
 _STREAMS = (("stream", ""), ("at", ".at"), ("by", ".by"))
@@ -174,7 +174,7 @@ def _order(frame: Frame) -> c.FunctionDef:
 
 def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
     """What faults make of what a step wants to publish."""
-    found: list[c.CStmt] = []
+    statements: list[c.CStmt] = []
     places = {o.topic: k for k, o in enumerate(outputs)}
     period = int_number(component.period_ns)
     for i, f in enumerate(frame.system.faults):
@@ -201,8 +201,8 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
                 if component.plant is not None and bound is not None and is_float:
                     done.append(c.Assign(target, _within(target, bound)))
         given = there if k in frame.body.certain else c.Binary("&&", frame.body.has(k), there)
-        found.append(c.IfStmt(given, tuple(done)))
-    return found
+        statements.append(c.IfStmt(given, tuple(done)))
+    return statements
 
 
 def _new(

@@ -3,7 +3,7 @@
 Purpose: the state and its cells, locals loaded and committed, outputs declared, checked and
 published.
 Non-goals: what steps compute (`body.py`), the functions themselves (`nodes.py`, `plants.py`,
-`decisions.py`, `inputs.py`, `start.py`).
+`decisions.py`, `inputs.py`, `initial_state.py`).
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
-from soter.codegen.storage.plan import Task, output_name
+from soter.codegen.storage.storage_plan import PlannedBody, output_name
 from soter.lower import core
 from soter.lower.footprint import always_published
 
 if TYPE_CHECKING:
-    from soter.codegen.body import Body, Branch
+    from soter.codegen.body import Body, StepBranch
     from soter.codegen.c.types import TypeTable
     from soter.diagnostics.span import Span
     from soter.program.model.system import Component, System
@@ -58,7 +58,7 @@ class Frame:
         """Component index -> C name of its group of locals or states."""
         self.apart: frozenset[int] = frozenset()
         """Extern nodes that a driver answers though they are bound to C (`targets/posix.py`)."""
-        self.branches: list[Branch] | None = None
+        self.branches: list[StepBranch] | None = None
         """A list: nodes count which branches they take, and it says what the numbers mean."""
         unique = Unique()
         self._topic_fields = [unique(t.name) for t in system.topics]
@@ -108,39 +108,41 @@ class Frame:
 
     def load(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
         """Copy cells into temporaries; a large one that is only read is read where it is."""
-        found: list[c.CStmt] = []
+        declarations: list[c.CStmt] = []
         for copy in copies:
             if copy.name not in used and not copy.written:
                 continue
             name, t, cell = self.body.local(copy.name), copy.type, self.cell(copy.cell)
             if self.body.refers(copy.name):
                 pointer = f"const {self.types.stored(t)} *const "
-                found.append(c.Declare(pointer, name, c.address(cell)))
+                declarations.append(c.Declare(pointer, name, c.address(cell)))
             else:
-                found.append(c.Declare(self.types.work(t), name, cell, const=not copy.written))
-        return found
+                declarations.append(
+                    c.Declare(self.types.work(t), name, cell, const=not copy.written)
+                )
+        return declarations
 
     def store(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
         """Commit written temporaries."""
-        found: list[c.CStmt] = []
+        commits: list[c.CStmt] = []
         for x in copies:
             if x.written:
-                found += self.types.commit(self.cell(x.cell), x.type, self.body.place(x.name))
-        return found
+                commits += self.types.commit(self.cell(x.cell), x.type, self.body.place(x.name))
+        return commits
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
         """`out_topic` and `has_topic` for every output; a large one may lie where a local does."""
         unique = Unique()
         topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
         self.body.outputs = tuple(unique(name) for name in topics)
-        found: list[c.CStmt] = []
+        declarations: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             if self.body.is_own(output_name(k)):
                 work, default = self.types.work(output.type), self.types.default(output.type)
-                found.append(c.Declare(work, f"out_{self.body.outputs[k]}", default))
+                declarations.append(c.Declare(work, f"out_{self.body.outputs[k]}", default))
             if k not in self.body.certain:
-                found.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
-        return found
+                declarations.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
+        return declarations
 
     def certain(self, component: Component, step: core.NodeStep | core.PlantStep) -> frozenset[int]:
         """Outputs that a step always publishes: nobody asks whether it did."""
@@ -153,7 +155,7 @@ class Frame:
         said = {k for k, o in enumerate(step.outputs) if o.topic not in silent}
         return frozenset(always_published(code) & said)
 
-    def where_given(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
+    def if_published(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
         """What is done with an output if the step published it."""
         if k in self.body.certain:
             return code
@@ -164,10 +166,10 @@ class Frame:
         code: tuple[core.Stmt, ...],
         copies: tuple[core.LocalCopy, ...],
         outputs: tuple[core.Output, ...] = (),
-    ) -> Task:
+    ) -> PlannedBody:
         """What is to be planned of a step: its large locals, and outputs that nothing changes."""
         large = self.types.is_large
-        return Task(
+        return PlannedBody(
             code=code,
             is_large=large,
             given=tuple(x.name for x in copies if large(x.type) and not x.written),
@@ -177,7 +179,7 @@ class Frame:
 
     def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
         """The gate's check of every publication."""
-        found: list[c.CStmt] = []
+        statements: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             checks = self.types.check(
                 output.type,
@@ -185,12 +187,12 @@ class Frame:
                 self.body.out(k),
             )
             if checks:
-                found += self.where_given(k, list(checks))
-        return found
+                statements += self.if_published(k, list(checks))
+        return statements
 
     def publish(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
         """Store publications (n1: only if OE) and report which there were."""
-        found: list[c.CStmt] = []
+        statements: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
             stores = [*self._store_output(k, output), c.Assign(stamp, CT)]
@@ -199,8 +201,8 @@ class Frame:
             note = c.Assign(published, c.Binary("|", published, bit))
             if gated:
                 stores = [c.IfStmt(enabled("SOTER_ENABLED"), tuple(stores))]
-            found += self.where_given(k, [note, *stores])
-        return found
+            statements += self.if_published(k, [note, *stores])
+        return statements
 
     def _store_output(self, k: int, output: core.Output) -> list[c.CStmt]:
         """What output `k` gave reaches the topic and its queues: a value, or all of a burst."""

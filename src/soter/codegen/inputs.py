@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import int_number
-from soter.codegen.draws import DRAW_PARAMETERS, assemble, in_order, uniform, whom
+from soter.codegen.extern_results import received
 from soter.codegen.frame import CT, OK, S
-from soter.codegen.received import received
+from soter.codegen.random_draws import DRAW_PARAMETERS, assemble, in_order, uniform, whom
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
 
 if TYPE_CHECKING:

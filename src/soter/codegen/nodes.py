@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.codegen.body import Choices
+from soter.codegen.body import BranchChoices
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT
-from soter.codegen.draws import choosing
+from soter.codegen.delayed_publication import hold
+from soter.codegen.extern_interface import linked_name
+from soter.codegen.extern_results import received
 from soter.codegen.faults import disturb
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, S, enabled, where
-from soter.codegen.holding import hold
-from soter.codegen.interface import linked_name
 from soter.codegen.queues import empty, forgive, must_not_lose
-from soter.codegen.received import received
+from soter.codegen.random_draws import choosing
 from soter.lower import core
 from soter.program.model.system import queues_of
 from soter.program.model.types import BOOL
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.codegen.frame import Frame
-    from soter.codegen.storage.plan import Task
+    from soter.codegen.storage.storage_plan import PlannedBody
     from soter.program.model.system import Component
     from soter.program.model.typed import NodeSymbol
 
@@ -43,7 +43,7 @@ def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str
     return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, body, doc)
 
 
-def _task(frame: Frame, component: Component, step: core.NodeStep) -> Task | None:
+def _task(frame: Frame, component: Component, step: core.NodeStep) -> PlannedBody | None:
     """What is to be planned; what an extern or a fault writes keeps its own place."""
     if component.extern:
         return None
@@ -59,7 +59,7 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
     foreign = component.extern
     used = frame.body.used((step.takeover, step.body))
     branches = None if foreign else frame.branches
-    frame.body.choices = Choices(component.name, branches)
+    frame.body.choices = BranchChoices(component.name, branches)
     takeover: list[c.CStmt] = []
     if step.takeover:
         block = tuple(frame.body.block(step.takeover, step.body))
@@ -106,14 +106,14 @@ def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) 
         for x in node.subscribes
     )
     inputs = c.Initializer(in_fields or ((None, c.Number("0")),))
-    found = frame.declare_outputs(step.outputs)
-    found.append(c.Declare(f"{name}_in", "in", inputs, const=True))
-    found.append(c.Declare(f"{name}_out", "got", c.Initializer(())))
+    statements = frame.declare_outputs(step.outputs)
+    statements.append(c.Declare(f"{name}_in", "in", inputs, const=True))
+    statements.append(c.Declare(f"{name}_out", "got", c.Initializer(())))
     arguments: list[c.CExpr] = [c.Unary("&", c.Name("in"))]
     if step.locals:
         group = c.Arrow(S, frame.groups[component.index])
-        found.append(c.Declare(f"{name}_local", "kept", group))
-        found += [
+        statements.append(c.Declare(f"{name}_local", "kept", group))
+        statements += [
             c.Assign(
                 c.Member(c.Name("kept"), field_name(x.cell.name)),
                 frame.types.to_store(x.type, c.Name(frame.body.local(x.name))),
@@ -123,16 +123,16 @@ def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) 
         ]
         failed = c.Binary("!=", c.Name("status"), OK)
         if step.takeover:
-            found.append(c.IfStmt(failed, (c.Return(c.Name("status")),)))
+            statements.append(c.IfStmt(failed, (c.Return(c.Name("status")),)))
         arguments.append(c.Unary("&", c.Name("kept")))
     arguments.append(c.Unary("&", c.Name("got")))
     call = c.CallExpr(linked_name(name), tuple(arguments))
     fine = c.Binary("==", call, c.Number("0"))
-    found.append(c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT))))
+    statements.append(c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT))))
     for x in step.locals:
-        found += received(x.type, c.Member(c.Name("kept"), field_name(x.cell.name)))
-    found += _cleaned(node)
-    return found + _given(frame, node, lambda field: c.Member(c.Name("got"), field))
+        statements += received(x.type, c.Member(c.Name("kept"), field_name(x.cell.name)))
+    statements += _cleaned(node)
+    return statements + _given(frame, node, lambda field: c.Member(c.Name("got"), field))
 
 
 def _keep(frame: Frame, copy: core.LocalCopy) -> list[c.CStmt]:
@@ -166,19 +166,19 @@ def _answered(frame: Frame, component: Component, step: core.NodeStep, name: str
 
 def _cleaned(node: NodeSymbol) -> list[c.CStmt]:
     """Make `got` values of their types, or raise the fault `extern`."""
-    found: list[c.CStmt] = []
+    statements: list[c.CStmt] = []
     for topic in node.publishes:
         short = topic.name.rsplit(".", 1)[-1]
         cleaned = received(node.given(topic), c.Member(c.Name("got"), field_name(short)))
         has = c.Member(c.Name("got"), field_name(f"has_{short}"))
         if cleaned:
-            found.append(c.IfStmt(c.Binary("!=", has, c.Number("0")), tuple(cleaned)))
-    return found
+            statements.append(c.IfStmt(c.Binary("!=", has, c.Number("0")), tuple(cleaned)))
+    return statements
 
 
 def _given(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> list[c.CStmt]:
     """Take over the outputs that an extern gave."""
-    found: list[c.CStmt] = []
+    statements: list[c.CStmt] = []
     for k, topic in enumerate(node.publishes):
         short = topic.name.rsplit(".", 1)[-1]
         taken = (
@@ -189,8 +189,8 @@ def _given(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> li
         if topic in node.bursts:  # no message is no publication
             some = c.Binary(">", c.Member(part(field_name(short)), "len"), c.Number("0"))
             has = c.Binary("&&", has, some)
-        found.append(c.IfStmt(has, taken))
-    return found
+        statements.append(c.IfStmt(has, taken))
+    return statements
 
 
 def failsafe(frame: Frame, component: Component, name: str) -> c.FunctionDef | None:

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.codegen.body import Choices
+from soter.codegen.body import BranchChoices
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import int_number
-from soter.codegen.draws import assemble, choosing, in_order, uniform
 from soter.codegen.faults import disturb, leaf_of, scaled
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, enabled, where
+from soter.codegen.random_draws import assemble, choosing, in_order, uniform
 from soter.lower import core
 from soter.program.model.types import BOOL
 
@@ -42,7 +42,7 @@ def _step(frame: Frame, component: Component, step: core.PlantStep, name: str) -
     is_first = c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True)
     code = (*step.choose, *step.integrate, *step.publish)
     used = frame.body.used(code)
-    frame.body.choices = Choices(component.name, chance=step.extern)
+    frame.body.choices = BranchChoices(component.name, chance=step.extern)
     body = frame.load(step.states, used)
     body += _disturbances(frame, component, step, used)
     body += frame.declare_outputs(step.outputs)
@@ -74,7 +74,7 @@ def _disturbances(
     began = c.Ternary(
         c.Name("first"), c.Number("0"), c.Binary("-", CT, int_number(component.period_ns))
     )
-    found: list[c.CStmt] = [c.Declare("int64_t", "began", began, const=True)]
+    statements: list[c.CStmt] = [c.Declare("int64_t", "began", began, const=True)]
     for number, (name, t, draws) in enumerate(step.disturbances):
         if name in used:
             chance = [_draw(d, component, c.Name("began")) for d in draws]
@@ -82,8 +82,8 @@ def _disturbances(
             own = frame.body.local(name)
             before, values = in_order([("double", e) for e in drawn], f"drawn_{own}")
             value = assemble(frame.types, t, iter(values))
-            found += [*before, c.Declare(frame.types.work(t), own, value, const=True)]
-    return found
+            statements += [*before, c.Declare(frame.types.work(t), own, value, const=True)]
+    return statements
 
 
 def _draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
@@ -97,21 +97,21 @@ def _draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
 def _new_states(frame: Frame, step: core.PlantStep, name: str) -> list[c.CStmt]:
     """An extern plant: the driver's answer holds the new states."""
     got = c.Name("got")
-    found: list[c.CStmt] = [c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))]
+    statements: list[c.CStmt] = [c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))]
     assigns = tuple(
         c.Assign(c.Name(frame.body.local(x.name)), c.Arrow(got, field_name(x.cell.name)))
         for x in step.states
     )
-    found.append(c.IfStmt(c.Binary("!=", got, c.Name("NULL")), assigns))
-    return found
+    statements.append(c.IfStmt(c.Binary("!=", got, c.Name("NULL")), assigns))
+    return statements
 
 
 def _noise(frame: Frame, component: Component, step: core.PlantStep) -> list[c.CStmt]:
     """Measurement errors, leaf by leaf."""
-    found: list[c.CStmt] = []
+    statements: list[c.CStmt] = []
     index = c.Binary("/", CT, int_number(component.period_ns))
     for output, leaf, draw in step.noise:
         target = leaf_of(frame.body.out(output), step.outputs[output].type, leaf)
         error = uniform(draw.stream, index, draw.low, draw.high, chance=component.extern)
-        found.append(c.Assign(target, c.Binary("+", target, error)))
-    return found
+        statements.append(c.Assign(target, c.Binary("+", target, error)))
+    return statements

@@ -82,10 +82,10 @@ def empty(frame: Frame, queue: int) -> c.CStmt:
 
 def forgive(frame: Frame, component: Component) -> list[c.CStmt]:
     """After that fault the queue starts afresh."""
-    found: list[c.CStmt] = []
+    statements: list[c.CStmt] = []
     for q in queues_of(frame.system, component):
         if frame.system.topics[q].policy == "fault":
             fresh = (empty(frame, q), c.Assign(_lost(q), c.Name("SOTER_NEVER")))
             told = c.Binary("==", c.Name("status"), c.Name("SOTER_CAPACITY"))
-            found.append(c.IfStmt(c.Binary("&&", told, _has_lost(q)), fresh))
-    return found
+            statements.append(c.IfStmt(c.Binary("&&", told, _has_lost(q)), fresh))
+    return statements

@@ -11,15 +11,21 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from soter.codegen import decisions, faults, holding, nodes, plants, queues, start
+from soter.codegen import (
+    decisions,
+    delayed_publication,
+    faults,
+    initial_state,
+    nodes,
+    plants,
+    queues,
+)
 from soter.codegen.body import Body
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, Unique, no_linked_name, program_prefix
 from soter.codegen.c.printer import print_file
 from soter.codegen.c.types import TypeTable
-from soter.codegen.frame import Frame, where
-from soter.codegen.inputs import InputEmitter
-from soter.codegen.interface import (
+from soter.codegen.extern_interface import (
     LINKED,
     answer_fields,
     call_of_function,
@@ -31,16 +37,18 @@ from soter.codegen.interface import (
     struct,
     symbol_of,
 )
-from soter.codegen.received import received
-from soter.codegen.storage.places import MADE
-from soter.codegen.tables import TableEmitter
+from soter.codegen.extern_results import received
+from soter.codegen.frame import Frame, where
+from soter.codegen.inputs import InputEmitter
+from soter.codegen.kernel_tables import TableEmitter
+from soter.codegen.storage.value_locations import MADE
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.lower.layout import Struct, arrange, state_layout
 from soter.lower.steps import lower
 from soter.program.model.system import environment_topics
 
 if TYPE_CHECKING:
-    from soter.codegen.body import Branch
+    from soter.codegen.body import StepBranch
     from soter.lower.core import CoreSystem, Function, Predicate
     from soter.lower.layout import StateLayout
     from soter.program.model.system import Property, System
@@ -82,7 +90,7 @@ class Unit:
     """Component -> what its C names begin with (`cart_c`: `cart_c_step`, `cart_c_out`)."""
     topics: tuple[tuple[str, str], ...] = ()
     """Of each topic its C type and its member in `topics` of the state."""
-    branches: tuple[Branch, ...] = ()
+    branches: tuple[StepBranch, ...] = ()
     """What the numbers of `soter_branch` mean, where they were asked for."""
 
 
@@ -149,7 +157,7 @@ class UnitBuilder:
             self.types.stored(topic.type)  # declared names first: equal records share a struct
         functions = self._functions()
         steps = self._steps()
-        init = start.init(self.frame, f"{self.prefix}_init")
+        init = initial_state.init(self.frame, f"{self.prefix}_init")
         tables = TableEmitter(
             self.core, self.frame, self.inputs, self.names, self.module_names
         ).tables()
@@ -255,7 +263,7 @@ class UnitBuilder:
         )
 
     def more(self) -> list[c.CTop]:
-        """What a kind of program has besides (`explore/model/model.py`)."""
+        """What a kind of program has besides (`explore/model/explorer_model.py`)."""
         return []
 
     # ------------------------------------------------------------ functions and steps
@@ -269,7 +277,7 @@ class UnitBuilder:
         return found + [made for f in self.core.functions for made in self.function(f)]
 
     def function(self, f: Function) -> list[c.CTop]:
-        """The C of a function; a kind of program may have more of it (`campaign/unit.py`)."""
+        """The C of a function; programs of a kind may add to it (`campaign/compiled_unit.py`)."""
         return [self._function(f)]
 
     def _function(self, f: Function) -> c.FunctionDef:
@@ -340,42 +348,44 @@ class UnitBuilder:
 
     def _given_topics(self) -> set[int]:
         """Topics that something gives a value while the system runs."""
-        found = {o.topic for step in self.core.nodes.values() for o in step.outputs}
-        found |= {o.topic for step in self.core.plants.values() for o in step.outputs}
-        return found | set(self.open_topics)
+        topics = {o.topic for step in self.core.nodes.values() for o in step.outputs}
+        topics |= {o.topic for step in self.core.plants.values() for o in step.outputs}
+        return topics | set(self.open_topics)
 
     def _steps(self) -> list[c.CTop]:
         given = self._given_topics()
         disturbed = faults.definitions(self.frame, self.names)
         queued = [t for t in self.system.topics if t.queues and t.index in given]
-        found: list[c.CTop] = [*disturbed, *(queues.push(self.frame, t) for t in queued)]
-        found += [self.inputs.publish(self.system.topics[i]) for i in self.open_topics]
+        definitions: list[c.CTop] = [*disturbed, *(queues.push(self.frame, t) for t in queued)]
+        definitions += [self.inputs.publish(self.system.topics[i]) for i in self.open_topics]
         for x in self.system.components:
             name = self.names[x.index]
             if x.index in self.core.plants:
-                found.append(plants.plant_step(self.frame, x, self.core.plants[x.index], name))
+                definitions.append(
+                    plants.plant_step(self.frame, x, self.core.plants[x.index], name)
+                )
             elif x.index in self.core.nodes:
                 if self.frame.linked(x):
-                    found.append(call_of_node(x, name))
-                found.append(nodes.node_step(self.frame, x, self.core.nodes[x.index], name))
+                    definitions.append(call_of_node(x, name))
+                definitions.append(nodes.node_step(self.frame, x, self.core.nodes[x.index], name))
                 failsafe = nodes.failsafe(self.frame, x, name)
                 if failsafe is not None:
-                    found.append(failsafe)
+                    definitions.append(failsafe)
                 if x.held is not None:
                     outputs = self.core.nodes[x.index].outputs
-                    found.append(holding.effect(self.frame, x, outputs, name))
-                    found.append(holding.exchange(self.frame, x, outputs, name))
+                    definitions.append(delayed_publication.effect(self.frame, x, outputs, name))
+                    definitions.append(delayed_publication.exchange(self.frame, x, outputs, name))
                 if x.binding and self.frame.linked(x):
                     self.c_sources.append(x.binding.split(":")[1])
         if self.core.decisions:
-            found.append(decisions.switch(self.frame))
+            definitions.append(decisions.switch(self.frame))
         for d in self.core.decisions:
-            found += decisions.decision(self.frame, d, self.module_names[d.module])
+            definitions += decisions.decision(self.frame, d, self.module_names[d.module])
         for p, predicate in zip(self.system.properties, self.core.properties, strict=True):
-            found.append(self.property(p, predicate))
+            definitions.append(self.property(p, predicate))
         for i, drive in enumerate(self.system.inputs):
-            found.append(self.inputs.draw(drive, f"{self.prefix}_input_{i}"))
-        return found
+            definitions.append(self.inputs.draw(drive, f"{self.prefix}_input_{i}"))
+        return definitions
 
     def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
         """Whether a property is violated."""
@@ -391,7 +401,7 @@ class UnitBuilder:
     # ------------------------------------------------------------ the state struct
 
     def _state(self) -> list[c.CTop]:
-        found: list[c.CTop] = []
+        definitions: list[c.CTop] = []
         members: list[c.StructMember] = [c.StructMember("soter_header", "header")]
         n = self.layout
         for type_, name, count in (
@@ -416,7 +426,7 @@ class UnitBuilder:
                 type_name = f"{self.names[g.owner]}_{kind}"
                 member = self.groups[g.owner]
                 text = f"{'state' if kind == 'state' else 'locals'} of {g.name}"
-            found.append(struct(self.frame, g.struct, type_name, text, topics=g.owner < 0))
+            definitions.append(struct(self.frame, g.struct, type_name, text, topics=g.owner < 0))
             members.append(c.StructMember(type_name, member))
-        found.append(c.StructDef(f"{self.prefix}_state", tuple(members)))
-        return found
+        definitions.append(c.StructDef(f"{self.prefix}_state", tuple(members)))
+        return definitions

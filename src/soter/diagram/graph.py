@@ -1,7 +1,8 @@
 """What a diagram shows, as plain data: boxes, frames around them, and who writes to whom.
 
-Purpose: `Cell`, `Frame`, `Arrow`, `Graph`; whoever draws knows nothing of programs.
-Non-goals: places (`layered.py`), lines and colours (`drawing.py`).
+Purpose: `DiagramBox`, `ModuleFrame`, `Edge`, `DiagramGraph`; whoever draws knows nothing of
+programs.
+Non-goals: places (`layered_layout.py`), lines and colours (`drawing.py`).
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from soter.diagram.values import Row
+    from soter.diagram.value_rows import ValueRow
 
 
 @dataclass(frozen=True)
-class Cell:
+class DiagramBox:
     """A box with text: `lines` are titles, `caption` stands below them in small letters.
 
     `kind`: plant, node, ac, sc, dm, topic or input. `key` is what arrows name; `names` are the full
@@ -27,11 +28,11 @@ class Cell:
     lines: tuple[str, ...]
     caption: str = ""
     names: tuple[str, ...] = ()
-    values: tuple[tuple[Row, ...], ...] = ()
+    values: tuple[tuple[ValueRow, ...], ...] = ()
 
 
 @dataclass(frozen=True)
-class Frame:
+class ModuleFrame:
     """A module: a frame with a title around its controllers and its DM."""
 
     key: str
@@ -39,11 +40,11 @@ class Frame:
     inside: tuple[Part, ...]
 
 
-Part = Cell | Frame
+Part = DiagramBox | ModuleFrame
 
 
 @dataclass(frozen=True)
-class Arrow:
+class Edge:
     """From one key to another."""
 
     source: str
@@ -51,17 +52,17 @@ class Arrow:
 
 
 @dataclass(frozen=True)
-class Graph:
+class DiagramGraph:
     """Everything that is drawn. `first`: keys of what stands at the top where it can."""
 
     title: str
     parts: tuple[Part, ...]
-    arrows: tuple[Arrow, ...]
+    arrows: tuple[Edge, ...]
     first: frozenset[str] = frozenset()
 
 
-def cells(part: Part) -> tuple[Cell, ...]:
+def cells(part: Part) -> tuple[DiagramBox, ...]:
     """The boxes of a part, from left to right."""
-    if isinstance(part, Cell):
+    if isinstance(part, DiagramBox):
         return (part,)
     return tuple(cell for inner in part.inside for cell in cells(inner))

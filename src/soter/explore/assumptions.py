@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.explore import conditions, contracts
+from soter.explore import contract_use, explored_conditions
 from soter.explore.methods import LEAVES_MAX
 from soter.explore.trace.schedule import plan_of
-from soter.program.flatten.derived import OUTSIDE
-from soter.program.flatten.elaborate import show_ns
+from soter.program.elaborate.derived_systems import OUTSIDE
+from soter.program.elaborate.elaborator import show_ns
 from soter.program.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.explore.engine.search import Found
-    from soter.explore.model.plan import Times
+    from soter.explore.model.exploration_plan import TimeChoices
     from soter.explore.results import Options
     from soter.program.model.system import System, TestPlan
 
@@ -31,15 +31,15 @@ PLACES = 3
 def of_test(
     system: System,
     options: Options,
-    found: Found,
+    search_result: Found,
     replaced: Sequence[tuple[str, str]],
-    times: Times | None,
+    times: TimeChoices | None,
 ) -> tuple[str, ...]:
     """Everything; `replaced`: components and what stands in their place.
 
     `times`: the grid of them; None where no step could choose.
     """
-    return tuple(_all(system, options, found, replaced, times))
+    return tuple(_all(system, options, search_result, replaced, times))
 
 
 def undriven(system: System) -> list[str]:
@@ -55,23 +55,24 @@ def undriven(system: System) -> list[str]:
 def _all(
     system: System,
     options: Options,
-    found: Found,
+    search_result: Found,
     replaced: Sequence[tuple[str, str]],
-    times: Times | None,
+    times: TimeChoices | None,
 ) -> Iterator[str]:
     plan = plan_of(system)
     horizon = show_ns(plan.horizon_ns)
-    if found.closed_ns:
+    if search_result.closed_ns:
         yield (
             f"said of all times, not only up to the horizon, {horizon}: every configuration after "
-            f"{show_ns(found.closed_ns)} is one that came before, at the same place of the calendar"
+            f"{show_ns(search_result.closed_ns)} is one that came before, "
+            "at the same place of the calendar"
         )
     else:
-        hope = found.closable and found.status == "exhausted"
+        hope = search_result.closable and search_result.status == "exhausted"
         more = "; a longer one may show that it holds for ever" if hope else ""
         yield f"nothing is said about times after the horizon, {horizon}{more}"
     yield _orders(plan, times)
-    yield from conditions.told(system)
+    yield from explored_conditions.told(system)
     for name in undriven(system):
         yield f"{name} keeps its default: the test has no `input {name} every ...;`"
     for f in plan.faults:
@@ -86,13 +87,13 @@ def _all(
             yield f"{name} {what} by at most {show_ns(f.by_ns)}"
     for name, by in replaced:
         yield f"{name} is replaced by {by}: said of whatever does only what {by} may do"
-    yield from contracts.told(system)
+    yield from contract_use.told(system)
     lasts = any(f.least_ns for f in plan.faults)
     but = "unless it overruns" + (" or takes time" if lasts else "")
     yield f"steps are atomic: a step reads, computes and publishes at one time, {but}"
     yield "the compiled steps are those that `soter build` deploys: the same C, the same arithmetic"
     yield from _calculated(times)
-    if not found.closed_ns and any(p.kind in ("eventually", "leadsto") for p in plan.timed):
+    if not search_result.closed_ns and any(p.kind in ("eventually", "leadsto") for p in plan.timed):
         yield "deadlines beyond the horizon are not judged"
     if not system.properties and not plan.timed:
         yield "the test states no property: only step faults of trusted components were looked for"
@@ -100,10 +101,10 @@ def _all(
     yield from _sampled(system)
     yield from _held(system, options.seed)
     if options.storage == "fingerprint":
-        yield _missed(found.states)
+        yield _missed(search_result.states)
 
 
-def _orders(plan: TestPlan, times: Times | None) -> str:
+def _orders(plan: TestPlan, times: TimeChoices | None) -> str:
     if plan.ordered:
         return (
             "steps happen at their release, within an instant in the deployed order, inputs first, "
@@ -125,7 +126,7 @@ def _orders(plan: TestPlan, times: Times | None) -> str:
     )
 
 
-def _calculated(times: Times | None) -> Iterator[str]:
+def _calculated(times: TimeChoices | None) -> Iterator[str]:
     """Where the program calculates with times, passes them on, or compares too many of them."""
     if times is None:
         return

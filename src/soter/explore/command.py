@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.explore import assumptions, contracts
-from soter.explore.judge.replay import broken_of, replay
+from soter.explore import assumptions, contract_use
+from soter.explore.judge.replay import replay, violation_id_of
 from soter.explore.methods import SAMPLING, STEPS_MAX
 from soter.explore.results import (
     BOUNDS,
@@ -29,16 +29,16 @@ from soter.explore.results import (
     TIME,
     UNJUDGED,
     VIOLATED,
-    Kept,
+    CheckpointState,
     TestResult,
     bound_text,
     why_not_shortest,
 )
 from soter.explore.trace.schedule import plan_of
-from soter.explore.trace.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
+from soter.explore.trace.trace import TIME_MAX, VIOLATION_KINDS, Trace, write_trace
 from soter.explore.verdict import ENDS, covered_before, short_of_test, vacuous_parts, verdict_of
-from soter.program.flatten.derived import with_test
-from soter.program.flatten.trials.tested import MAX_STEPS
+from soter.program.elaborate.derived_systems import with_test
+from soter.program.elaborate.tests_and_faults.tested_system import MAX_STEPS
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
@@ -47,12 +47,12 @@ if TYPE_CHECKING:
     from soter.explore.checkpoint.saver import Checkpoint
     from soter.explore.engine.search import Found, Search
     from soter.explore.judge.replay import Replayed
-    from soter.explore.results import Looked, Options
+    from soter.explore.results import Options, SearchProgress
     from soter.explore.trace.trace import Step
     from soter.program.model.system import System
     from soter.program.model.typed import TestSymbol
 
-    Progress = Callable[[Looked], None]
+    Progress = Callable[[SearchProgress], None]
 
 FOLDER = Path(".soter")
 ENDING = ".trace.json"
@@ -73,17 +73,17 @@ class UnreproducedError(RuntimeError):
     `trace`: what was believed, for whoever repairs it.
     """
 
-    def __init__(self, found: Replayed) -> None:
-        trace = found.trace
+    def __init__(self, replay_result: Replayed) -> None:
+        trace = replay_result.trace
         super().__init__(
             f"test {trace.test}: the reference interpreter does not reproduce the violation of "
-            f"`{trace.broken.text}`: {found.outcome}"
+            f"`{trace.broken.text}`: {replay_result.outcome}"
         )
         self.trace = trace
 
 
 @dataclass(frozen=True)
-class Told:
+class TraceHeader:
     """What a trace says of the program beside its steps; `params` as JSON."""
 
     program: str
@@ -146,7 +146,7 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
 def explore_test(
     system: System,
     options: Options,
-    told: Told,
+    told: TraceHeader,
     progress: Progress | None = None,
     listener: Interruptions | None = None,
     checkpoint: Checkpoint | None = None,
@@ -163,50 +163,52 @@ def explore_test(
 
     with Engine(system, options, progress, wanted, checkpoint) as search:
         with _quiet(listener):
-            found = search.run()
+            search_result = search.run()
             coverage = search.coverage()
-            says_nothing = vacuous_parts(system, search, coverage, found, told.replaced)
+            says_nothing = vacuous_parts(system, search, coverage, search_result, told.replaced)
             short_of = short_of_test(system, search, coverage)
-            verdict, bound = verdict_of(found, options, short_of)
+            verdict, bound = verdict_of(search_result, options, short_of)
             result = TestResult(
                 name=plan_of(system).name,
                 system=system,
                 options=options,
                 verdict=verdict,
                 bound=bound,
-                states=found.states,
-                transitions=found.transitions,
-                runs=found.runs,
-                seconds=found.seconds,
-                depth=found.depth,
+                states=search_result.states,
+                transitions=search_result.transitions,
+                runs=search_result.runs,
+                seconds=search_result.seconds,
+                depth=search_result.depth,
                 bits=search.bits,
                 parts=search.parts,
                 equal_instances=search.equal,
-                contracts=contracts.asked_by(system),
-                table_bytes=found.table_bytes,
-                frontier_bytes=found.frontier_bytes,
-                total_bytes=found.total_bytes,
-                covered_ns=covered_before(found, system, options),
-                closed_ns=found.closed_ns or None,
+                contracts=contract_use.tests_by_contract(system),
+                table_bytes=search_result.table_bytes,
+                frontier_bytes=search_result.frontier_bytes,
+                total_bytes=search_result.total_bytes,
+                covered_ns=covered_before(search_result, system, options),
+                closed_ns=search_result.closed_ns or None,
                 checkpoint=_kept(checkpoint),
                 short_of=short_of if short_of not in (bound, UNJUDGED) else None,
-                threads=found.threads,
-                why=_why(bound, search, found),
+                threads=search_result.threads,
+                why=_why(bound, search, search_result),
                 quantum_ns=None if search.times is None else search.times.quantum_ns,
                 coverage=coverage,
                 robustness=search.robustness(),
                 vacuous=says_nothing,
                 assumptions=(
                     *(v.text for v in says_nothing),
-                    *assumptions.of_test(system, options, found, told.replaced, search.times),
+                    *assumptions.of_test(
+                        system, options, search_result, told.replaced, search.times
+                    ),
                 ),
             )
         if verdict == VIOLATED:
             try:
-                _explain(result, search, found, told)
+                _explain(result, search, search_result, told)
                 shown = result.replayed is not None and not result.interrupted
                 if shown and options.all_properties:
-                    _go_on(result, search, found, told)
+                    _go_on(result, search, search_result, told)
             except KeyboardInterrupt:
                 _interrupted(result)
     return result
@@ -233,20 +235,20 @@ def _interrupted(result: TestResult) -> None:
         result.others_bound = INTERRUPTED
 
 
-def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None:
+def _go_on(result: TestResult, search: Search, search_result: Found, told: TraceHeader) -> None:
     """Look for other properties that can be violated, one search for each."""
-    assert found.broken is not None
-    known, others = [found.broken], []
+    assert search_result.broken is not None
+    known, others = [search_result.broken], []
     while True:
-        found = search.run(tuple(known))
+        search_result = search.run(tuple(known))
         short_of = short_of_test(result.system, search, search.coverage())
-        verdict, bound = verdict_of(found, result.options, short_of)
+        verdict, bound = verdict_of(search_result, result.options, short_of)
         if verdict != VIOLATED:
             result.others_bound = bound
             break
-        assert found.broken is not None
-        assert found.broken not in known, found.broken
-        known.append(found.broken)
+        assert search_result.broken is not None
+        assert search_result.broken not in known, search_result.broken
+        known.append(search_result.broken)
         other = replace(
             result,
             minimal=False,
@@ -254,14 +256,14 @@ def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None
             minimise_s=0.0,
             shrunk_from=0,
             unshown=None,
-            states=found.states,
-            transitions=found.transitions,
-            runs=found.runs,
-            seconds=found.seconds,
-            depth=found.depth,
+            states=search_result.states,
+            transitions=search_result.transitions,
+            runs=search_result.runs,
+            seconds=search_result.seconds,
+            depth=search_result.depth,
             replayed=None,
         )
-        _explain(other, search, found, told)
+        _explain(other, search, search_result, told)
         others.append(other)
         if other.interrupted or other.replayed is None:
             result.others_bound = other.unshown or other.least_bound
@@ -270,79 +272,83 @@ def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None
     result.coverage, result.robustness = search.coverage(), search.robustness()
 
 
-def _kept(c: Checkpoint | None) -> Kept | None:
-    return None if c is None else Kept(c.path, c.states, c.problem, c.resumed)
+def _kept(c: Checkpoint | None) -> CheckpointState | None:
+    return None if c is None else CheckpointState(c.path, c.states, c.problem, c.resumed)
 
 
-def _why(bound: str | None, search: Search, found: Found) -> str:
+def _why(bound: str | None, search: Search, search_result: Found) -> str:
     """The bound for people."""
     if bound is None:
         return ""
-    if found.status == "no_memory" and found.needed_bytes:
-        return f"{BOUNDS[MEMORY]}: the first tables alone take {found.needed_bytes:,} bytes"
-    return bound_text(bound, search.options, search.chooser(found), search.words)
+    if search_result.status == "no_memory" and search_result.needed_bytes:
+        return f"{BOUNDS[MEMORY]}: the first tables alone take {search_result.needed_bytes:,} bytes"
+    return bound_text(bound, search.options, search.chooser(search_result), search.words)
 
 
-def _explain(result: TestResult, search: Search, found: Found, told: Told) -> None:
+def _explain(result: TestResult, search: Search, search_result: Found, told: TraceHeader) -> None:
     """The trace of a violation: the least one, replayed by the interpreter."""
-    assert found.broken is not None
-    what, index = found.broken
-    result.broken = broken_of(result.system, BROKEN_KINDS[what], index)
-    assert result.broken is not None, found.broken
-    steps = _smallest(result, search, found)
-    interrupted = INTERRUPTED in (found.stopped, result.least_bound)
+    assert search_result.broken is not None
+    what, index = search_result.broken
+    result.broken = violation_id_of(result.system, VIOLATION_KINDS[what], index)
+    assert result.broken is not None, search_result.broken
+    steps = _smallest(result, search, search_result)
+    interrupted = INTERRUPTED in (search_result.stopped, result.least_bound)
     if not steps or (interrupted and len(steps) > LONG):
-        result.unshown = _why_unshown(found, interrupted=interrupted)
+        result.unshown = _why_unshown(search_result, interrupted=interrupted)
         return
     trace = trace_of(result, told, steps)
     replayed = replay(trace, result.system)
     if not replayed.reproduced:
         raise UnreproducedError(replayed)
-    result.replayed = with_marks(with_values(replayed), search.matters(replayed, found))
+    result.replayed = with_marks(with_values(replayed), search.matters(replayed, search_result))
 
 
-def _why_unshown(found: Found, *, interrupted: bool) -> str:
+def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
     """Why there is no execution that shows a violation."""
     if interrupted:
         return INTERRUPTED
-    if found.stopped == TIME:
+    if search_result.stopped == TIME:
         return TIME
-    if found.apart:
+    if search_result.apart:
         return PART
-    return LENGTH if found.depth >= STEPS_MAX else MEMORY
+    return LENGTH if search_result.depth >= STEPS_MAX else MEMORY
 
 
-def _smallest(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]:
+def _smallest(result: TestResult, search: Search, search_result: Found) -> tuple[Step, ...]:
     """The least trace to the violation that was found, or the smallest that was had, and why.
 
     What was sampled is long: it is shrunk first. Otherwise the search for the least comes first,
     and shrinking where it does not end. Each has half of the time, and what the other has left.
     """
-    if found.stopped == INTERRUPTED:
+    if search_result.stopped == INTERRUPTED:
         result.least_bound = INTERRUPTED
-        return found.steps
+        return search_result.steps
     until = time.perf_counter() + result.options.minimise
     half = result.options.minimise / 2
     if half == 0:
         result.least_bound = NOT_ASKED
-        return found.steps
-    smaller = found
+        return search_result.steps
+    smaller = search_result
     first = result.options.strategy in SAMPLING
     if first:
-        smaller = _shrunk(result, search, found, half)
+        smaller = _shrunk(result, search, search_result, half)
     if result.least_bound is None:
-        least = _least(result, search, found, until - time.perf_counter() if first else half)
+        least = _least(
+            result, search, search_result, until - time.perf_counter() if first else half
+        )
         if result.minimal:
             result.shrunk_from = 0
             return least
     if not first and result.least_bound != INTERRUPTED:
-        smaller = _shrunk(result, search, found, until - time.perf_counter())
+        smaller = _shrunk(result, search, search_result, until - time.perf_counter())
     return smaller.steps
 
 
-def _least(result: TestResult, search: Search, found: Found, patience_s: float) -> tuple[Step, ...]:
+def _least(
+    result: TestResult, search: Search, search_result: Found, patience_s: float
+) -> tuple[Step, ...]:
     """The least trace to the violation that was found; none where it was not had, and why."""
-    least = search.least(found, patience_s)
+    least = search.least(search_result, patience_s)
     result.minimise_s += least.seconds
     result.minimal = least.status == "violated" and bool(least.steps)
     if not result.minimal:
@@ -352,19 +358,21 @@ def _least(result: TestResult, search: Search, found: Found, patience_s: float) 
     return least.steps
 
 
-def _shrunk(result: TestResult, search: Search, found: Found, patience_s: float) -> Found:
+def _shrunk(result: TestResult, search: Search, search_result: Found, patience_s: float) -> Found:
     """What was found, or something smaller."""
-    made = search.shrunk(found, patience_s) if found.steps else None
+    made = search.shrunk(search_result, patience_s) if search_result.steps else None
     if made is None:
-        return found
+        return search_result
     result.minimise_s += made.seconds
     if made.stopped == "interrupted":
         result.least_bound = INTERRUPTED
-    result.shrunk_from = len(found.steps) if len(made.steps) < len(found.steps) else 0
+    result.shrunk_from = (
+        len(search_result.steps) if len(made.steps) < len(search_result.steps) else 0
+    )
     return made
 
 
-def trace_of(result: TestResult, told: Told, steps: Sequence[Step]) -> Trace:
+def trace_of(result: TestResult, told: TraceHeader, steps: Sequence[Step]) -> Trace:
     """The trace of a violated test."""
     assert result.broken is not None
     plan, program, options = plan_of(result.system), result.system.program, result.options
@@ -388,20 +396,22 @@ def trace_of(result: TestResult, told: Told, steps: Sequence[Step]) -> Trace:
     )
 
 
-def with_values(found: Replayed) -> Replayed:
+def with_values(replay_result: Replayed) -> Replayed:
     """The same, its trace with the values that were chosen, as the interpreter saw them."""
     steps = tuple(
         replace(step, choices=done.choices)
-        for step, done in zip(found.trace.steps, found.steps, strict=True)
+        for step, done in zip(replay_result.trace.steps, replay_result.steps, strict=True)
     )
-    return replace(found, trace=replace(found.trace, steps=steps))
+    return replace(replay_result, trace=replace(replay_result.trace, steps=steps))
 
 
-def with_marks(found: Replayed, matters: Sequence[bool]) -> Replayed:
+def with_marks(replay_result: Replayed, matters: Sequence[bool]) -> Replayed:
     """The same, its trace and its steps with whether each of them matters."""
-    told = [replace(s, matters=m) for s, m in zip(found.trace.steps, matters, strict=True)]
-    done = [replace(s, matters=m) for s, m in zip(found.steps, matters, strict=True)]
-    return replace(found, trace=replace(found.trace, steps=tuple(told)), steps=tuple(done))
+    told = [replace(s, matters=m) for s, m in zip(replay_result.trace.steps, matters, strict=True)]
+    done = [replace(s, matters=m) for s, m in zip(replay_result.steps, matters, strict=True)]
+    return replace(
+        replay_result, trace=replace(replay_result.trace, steps=tuple(told)), steps=tuple(done)
+    )
 
 
 # ---------------------------------------------------------------- files

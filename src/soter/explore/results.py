@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.explore.judge.replay import Replayed
-    from soter.explore.trace.trace import Broken
-    from soter.explore.vacuity.vacuous import Vacuous
+    from soter.explore.trace.trace import ViolationId
+    from soter.explore.vacuity.vacuous_tests import VacuousPart
     from soter.program.model.system import System
 
 ENDS_ONLY = ("all", "instants", "groups")
@@ -133,7 +133,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Looked:
+class SearchProgress:
     """How far a search is: for a line of progress.
 
     It has found a violation: `tracing`, it looks for an execution that shows it; `minimising`, for
@@ -158,7 +158,7 @@ class Looked:
 
 
 @dataclass(frozen=True)
-class Kept:
+class CheckpointState:
     """The checkpoint of a search: its file, and how many configurations it has (0: there is none).
 
     `problem`: why a later one could not be written, or empty; `resumed`: configurations that were
@@ -222,7 +222,7 @@ class TestResult:
     closed_ns: int | None = None
     """Whatever comes after this time was there before, so that the verdict holds for ever; None:
     that was not seen before the horizon."""
-    checkpoint: Kept | None = None
+    checkpoint: CheckpointState | None = None
     """Where it was written down; None: nowhere."""
     short_of: str | None = None
     """What is left out besides, where the search did not end: one of ENDED."""
@@ -238,10 +238,10 @@ class TestResult:
     contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """What is replaced by its contract -> the tests of the program in which it runs as it is."""
     coverage: Coverage = field(default_factory=Coverage)
-    vacuous: tuple[Vacuous, ...] = ()
+    vacuous: tuple[VacuousPart, ...] = ()
     """What of the test says nothing: each is a sentence of `assumptions` as well."""
     assumptions: tuple[str, ...] = ()
-    broken: Broken | None = None
+    broken: ViolationId | None = None
     replayed: Replayed | None = None
     minimal: bool = False
     least_bound: str | None = None
@@ -261,8 +261,8 @@ class TestResult:
     @property
     def states_per_s(self) -> float:
         """Configurations stored, or executions' steps where nothing is, per second."""
-        found = self.states or self.transitions
-        return found / self.seconds if self.seconds > 0 else 0.0
+        count = self.states or self.transitions
+        return count / self.seconds if self.seconds > 0 else 0.0
 
     @property
     def bytes_per_state(self) -> float:
@@ -281,8 +281,8 @@ class TestResult:
         """Every property that is violated at the end of its trace, its own first."""
         if self.replayed is None or self.broken is None:
             return ()
-        found = [b.text for b in self.replayed.steps[-1].violated if b != self.broken]
-        return (self.broken.text, *found)
+        others = [b.text for b in self.replayed.steps[-1].violated if b != self.broken]
+        return (self.broken.text, *others)
 
     @property
     def steps_that_matter(self) -> int | None:
@@ -383,8 +383,8 @@ class ExploreReport:
     @property
     def verdict(self) -> str:
         """The worst: violated, then bound, then exhausted."""
-        found = {t.verdict for t in self.tests} | {BOUND for _ in self.not_started}
-        return next((v for v in (VIOLATED, BOUND) if v in found), EXHAUSTED)
+        verdicts = {t.verdict for t in self.tests} | {BOUND for _ in self.not_started}
+        return next((v for v in (VIOLATED, BOUND) if v in verdicts), EXHAUSTED)
 
     @property
     def interrupted(self) -> bool:
@@ -404,10 +404,10 @@ class ExploreReport:
     def unsettled(self, test: TestResult) -> str:
         """That tests here ask for contracts which `test` rests on, and are not clean; "": none."""
         asked = {name for names in test.contracts.values() for name in names}
-        found = [t.name for t in self.tests if t.name in asked and t.verdict != EXHAUSTED]
-        names = " and ".join(f"`{name}`" for name in found)
+        unclean_tests = [t.name for t in self.tests if t.name in asked and t.verdict != EXHAUSTED]
+        names = " and ".join(f"`{name}`" for name in unclean_tests)
         return f"but {names}, asked for a contract that it rests on, did not end clean" * bool(
-            found
+            unclean_tests
         )
 
     def __getitem__(self, test: str) -> TestResult:
@@ -418,5 +418,5 @@ class ExploreReport:
         raise KeyError(test)
 
     def __repr__(self) -> str:
-        found = ", ".join(f"{t.name} {t.verdict}" for t in self.tests)
-        return f"<soter.ExploreReport {self.path}: {found}>"
+        summary = ", ".join(f"{t.name} {t.verdict}" for t in self.tests)
+        return f"<soter.ExploreReport {self.path}: {summary}>"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.explore import assumptions, conditions
+from soter.explore import assumptions, explored_conditions
 from soter.explore.methods import SAMPLING
 from soter.explore.results import (
     BOUND,
@@ -30,7 +30,7 @@ from soter.explore.results import (
     WIDTH,
 )
 from soter.explore.trace.schedule import plan_of
-from soter.explore.vacuity import vacuous
+from soter.explore.vacuity import vacuous_tests
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
     from soter.explore.results import Options
-    from soter.explore.vacuity.vacuous import Vacuous
+    from soter.explore.vacuity.vacuous_tests import VacuousPart
     from soter.program.model.system import System
 
 ENDS = {
@@ -58,13 +58,13 @@ def vacuous_parts(
     system: System,
     search: Search,
     coverage: Coverage,
-    found: Found,
+    search_result: Found,
     replaced: Sequence[tuple[str, str]],
-) -> tuple[Vacuous, ...]:
+) -> tuple[VacuousPart, ...]:
     """What of a test says nothing; what was not met counts where the search came to its end."""
-    ended = found.status == "exhausted" and search.options.strategy not in SAMPLING
+    ended = search_result.status == "exhausted" and search.options.strategy not in SAMPLING
     never = coverage.modes.unreached
-    return vacuous.of_test(system, search.met(), never, replaced, ended=ended)
+    return vacuous_tests.of_test(system, search.met(), never, replaced, ended=ended)
 
 
 def short_of_test(system: System, search: Search, coverage: Coverage) -> str | None:
@@ -73,7 +73,7 @@ def short_of_test(system: System, search: Search, coverage: Coverage) -> str | N
         return UNJUDGED
     if assumptions.undriven(system):
         return UNDRIVEN
-    if conditions.picked(system):
+    if explored_conditions.picked(system):
         return PICKED
     if assumptions.held(system):
         return DRAWN
@@ -82,19 +82,21 @@ def short_of_test(system: System, search: Search, coverage: Coverage) -> str | N
     return SAMPLED if search.sampled else None
 
 
-def verdict_of(found: Found, options: Options, short_of: str | None) -> tuple[str, str | None]:
+def verdict_of(
+    search_result: Found, options: Options, short_of: str | None
+) -> tuple[str, str | None]:
     """The verdict, and which bound was reached; `short_of`: the bound of a search that ended."""
-    if found.status == "violated":
+    if search_result.status == "violated":
         return VIOLATED, None
-    if found.status == "exhausted":
+    if search_result.status == "exhausted":
         if options.strategy in SAMPLING:
             return BOUND, RUNS
         return (EXHAUSTED, None) if short_of is None else (BOUND, short_of)
-    return BOUND, TIME if found.stopped == TIME else ENDS[found.status]
+    return BOUND, TIME if search_result.stopped == TIME else ENDS[search_result.status]
 
 
-def covered_before(found: Found, system: System, options: Options) -> int | None:
+def covered_before(search_result: Found, system: System, options: Options) -> int | None:
     """Before which time everything was judged; None where executions are drawn by chance."""
     if options.strategy in SAMPLING:
         return None
-    return min(found.covered_ns, plan_of(system).horizon_ns)
+    return min(search_result.covered_ns, plan_of(system).horizon_ns)

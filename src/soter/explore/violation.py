@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.command import Told, UnreproducedError, explore_test
+from soter.explore.command import TraceHeader, UnreproducedError, explore_test
 from soter.explore.results import VIOLATED, Options
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ MEMORY = 2**29
 
 
 @dataclass(frozen=True)
-class Violation:
+class ViolatingRun:
     """What a run violates: `property` or `fault` and the like, in words, when; its steps."""
 
     what: str
@@ -32,14 +32,14 @@ class Violation:
     lines: tuple[str, ...]
 
 
-def violation_of(system: System) -> Violation | None:
+def violation_of(system: System) -> ViolatingRun | None:
     """A run of a flat system with a test plan that violates one of its properties.
 
     None where none was found, or the system cannot be explored.
     """
     options = Options(time=SEARCH_S, minimise=SHORTEN_S, memory=MEMORY)
     try:
-        result = explore_test(system, options, Told(system.program.path, {}))
+        result = explore_test(system, options, TraceHeader(system.program.path, {}))
     except (SoterError, UnreproducedError):
         return None
     if result.verdict != VIOLATED or result.replayed is None or not result.replayed.reproduced:
@@ -54,4 +54,4 @@ def violation_of(system: System) -> Violation | None:
             lines.append(f"{step.time_ns / 1e6:g} ms  {step.actor or 'start'}{what}")
     time_ns = steps[-1].time_ns
     lines.append(f"{time_ns / 1e6:g} ms  violated: {result.broken.text}")
-    return Violation(result.broken.what, result.broken.text, time_ns, tuple(lines))
+    return ViolatingRun(result.broken.what, result.broken.text, time_ns, tuple(lines))

@@ -15,8 +15,8 @@ except ImportError as error:
 
 from soter.gym.conformance import Conformance, conformance
 from soter.gym.protected import Protected, SafetyWrapper, make_protected
+from soter.gym.safety_warning import SafetyWarning
 from soter.gym.vector import ProtectedVector, make_vec
-from soter.gym.warned import SafetyWarning
 
 __all__ = [
     "Conformance",

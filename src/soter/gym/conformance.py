@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.gym.outside import wrong_choice
+from soter.gym.outside_roles import wrong_choice
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.gym.model import Asked
+    from soter.gym.plant_model import SessionPlant
     from soter.gym.protected import Protected, SafetyWrapper
     from soter.gym.session import Session
 
@@ -57,7 +57,7 @@ class Conformance:
 class _Tally:
     """What the model said of every step so far."""
 
-    def __init__(self, asked: Asked) -> None:
+    def __init__(self, asked: SessionPlant) -> None:
         model = asked.model
         self.asked, self.steps, self.inside, self.most = asked, 0, 0, -1.0
         self.residual, self.undisturbed = (np.zeros(len(model.names)) for _ in range(2))
@@ -66,7 +66,7 @@ class _Tally:
         self.middle = model.low + (model.high - model.low) / 2.0
         self.worst: dict[str, Any] = {}
 
-    def see(self, asked: Asked, session: Session) -> None:
+    def see(self, asked: SessionPlant, session: Session) -> None:
         """One more step, which ended at the numbers that `session` was given."""
         left = np.abs(asked.residual)
         self.steps += 1
@@ -115,7 +115,7 @@ def conformance(
     tally = _Tally(guard.asked)
     session = guard.session
 
-    def judged(asked: Asked) -> None:
+    def judged(asked: SessionPlant) -> None:
         tally.see(asked, session)
 
     guard.judged = judged

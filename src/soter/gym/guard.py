@@ -1,7 +1,7 @@
 """A module between an agent and an environment, whatever class of Gymnasium asks for it.
 
-Purpose: `Guard`: what `Protected` and `SafetyWrapper` have in common: choices, mappings, steps,
-`info`, copies. Numbers go straight to C where nobody gave a function for them.
+Purpose: `EnvironmentGuard`: what `Protected` and `SafetyWrapper` have in common: choices, mappings,
+steps, `info`, copies. Numbers go straight to C where nobody gave a function for them.
 Non-goals: classes of Gymnasium (`protected.py`), many worlds in one call (`vector.py`).
 """
 
@@ -14,14 +14,14 @@ import gymnasium
 from gymnasium.utils import seeding
 
 import soter.api
-from soter.gym import mapping
-from soter.gym.compiled import Compiled, Roles, compiled, kept
-from soter.gym.model import Asked, PlantModel, tolerances, why_not
-from soter.gym.outside import chosen_module, chosen_plant, measured_by, wrong_choice
+from soter.gym import array_mapping
+from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, kept
+from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by, wrong_choice
+from soter.gym.plant_model import PlantModel, SessionPlant, tolerances, why_not
+from soter.gym.safety_warning import warn_of_start, warn_of_unseen, warn_of_wrappers
 from soter.gym.session import Session, numbers
-from soter.gym.warned import warn_of_start, warn_of_unseen, warn_of_wrappers
-from soter.program.flatten.derived import answered_outside
-from soter.program.model.values import ValueShapeError, to_python
+from soter.program.elaborate.derived_systems import answered_outside
+from soter.program.model.python_values import ValueShapeError, to_python
 from soter.semantics.externs import converted
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced")
 NOT_COPIED = ("session", "asked", "judged", "_taker", "program", "_reads", "_states", "_outputs")
 
 
-class Guard:
+class EnvironmentGuard:
     """One module, one agent, one environment. Parameters as of `Protected`."""
 
     def __init__(
@@ -74,7 +74,7 @@ class Guard:
         self._observe, self._act, self._command = observe, act, command
         self._cuts, self._alarm, self._tolerance = truncate_on_violation, alarm, tolerance
         self._observed = env.observation_space.dtype
-        self.judged: Callable[[Asked], None] | None = None
+        self.judged: Callable[[SessionPlant], None] | None = None
         """Called after each step that the model judged."""
         self._numbered: np.random.Generator | None = None
         self._last: Any = None
@@ -84,26 +84,26 @@ class Guard:
         self._begin(env.action_space)
         if observe is None:
             warn_of_wrappers(env)
-        outputs = mapping.topics_published(self.session.system, self.session.agent)
-        self.action_space = action_space or mapping.action_space(outputs)
+        outputs = array_mapping.topics_published(self.session.system, self.session.agent)
+        self.action_space = action_space or array_mapping.action_space(outputs)
 
     def _begin(self, space: spaces.Space[Any]) -> None:
         """Everything that is made of the choices; `space`: the environment's actions."""
         self._space = space
         made = prepared(self.program, *self.choice)
         session = self.session = Session(made, self.program.bound)
-        outputs = mapping.topics_published(made.system, session.agent)
-        self._reads = mapping.topics_read(made.system, session.plant)
-        self._states = mapping.shapes_of_states(session.plant)
+        outputs = array_mapping.topics_published(made.system, session.agent)
+        self._reads = array_mapping.topics_read(made.system, session.plant)
+        self._states = array_mapping.shapes_of_states(session.plant)
         self._outputs = [(t.name.rpartition(".")[2], t.type) for t in outputs]
         self._moves_numbers = self._observe is None and made.moves_numbers
         self._acts_numbers = self._act is None and made.acts_numbers
         self.asked = self._asks(made)
         self._taker = None
         if self._command is None and made.commands_numbers:
-            self._taker = mapping.taker(space, len(session.command))
+            self._taker = array_mapping.taker(space, len(session.command))
 
-    def _asks(self, made: Compiled) -> Asked | None:
+    def _asks(self, made: CompiledEnvironment) -> SessionPlant | None:
         """The model of the program's plant, in front of this session; SoterError U001."""
         system, _, plant, params, _ = self.choice
         model = None
@@ -115,7 +115,7 @@ class Guard:
                 reason = why_not(chosen_plant(flat, plant)) or "its states have lists"
                 raise wrong_choice(f"there is no model to compare with: {reason}", "alarm=False")
             return None
-        asked = Asked(model, made, *tolerances(model, self._observed, self._tolerance))
+        asked = SessionPlant(model, made, *tolerances(model, self._observed, self._tolerance))
         self.session.attach(asked)
         return asked
 
@@ -183,14 +183,14 @@ class Guard:
             return session.go()
         count = numbers(action, session.action)
         if count is not None:
-            raise mapping.wrong_count(self._outputs, count, "an action")
+            raise array_mapping.wrong_count(self._outputs, count, "an action")
         return session.act_numbers()
 
     def _values_of(self, action: Any) -> list[Value | None] | None:  # noqa: ANN401 - any action
         """What the agent publishes; None where its action is no value of the topics."""
         try:
             if self._act is None:
-                return list(mapping.assembled(self._outputs, action, "an action"))
+                return list(array_mapping.assembled(self._outputs, action, "an action"))
             return list(converted(self._outputs, self._act(action)))
         except ValueShapeError:
             return None
@@ -203,7 +203,7 @@ class Guard:
         if not self._moves_numbers:
             states = self._states_of(observation)
             if self.asked is not None:
-                session.moved[:] = mapping.flattened(self._states, states)
+                session.moved[:] = array_mapping.flattened(self._states, states)
                 session.judge()
                 self._tell()
             session.move(states)
@@ -225,9 +225,9 @@ class Guard:
         """Why an observation is no state of the plant."""
         count = numbers(observation, self.session.moved)
         if count is not None:
-            return mapping.wrong_count(self._states, count, "an observation")
+            return array_mapping.wrong_count(self._states, count, "an observation")
         try:
-            mapping.assembled(self._states, observation, "an observation")
+            array_mapping.assembled(self._states, observation, "an observation")
         except ValueShapeError as error:
             return wrong_choice(f"an observation is no state of the plant: {error}")
         raise AssertionError(observation)
@@ -235,7 +235,7 @@ class Guard:
     def _states_of(self, observation: Any) -> list[Value]:  # noqa: ANN401 - any observation
         """The plant's states; those that `observe` leaves out stay as they are."""
         if self._observe is None:
-            return mapping.assembled(self._states, observation, "an observation")
+            return array_mapping.assembled(self._states, observation, "an observation")
         try:
             given = converted(self._states, self._observe(observation))
         except ValueShapeError as error:
@@ -255,7 +255,9 @@ class Guard:
         values = [self.session.topic(t.index) for t in self._reads]
         shapes: list[tuple[str, Type]] = [(t.name.rpartition(".")[2], t.type) for t in self._reads]
         if self._command is None:
-            return mapping.as_action(env.action_space, mapping.flattened(shapes, values))
+            return array_mapping.as_action(
+                env.action_space, array_mapping.flattened(shapes, values)
+            )
         named = {n: to_python(t, v) for (n, t), v in zip(shapes, values, strict=True)}
         return self._command(**named)
 
@@ -325,11 +327,11 @@ class Guard:
         self._begin(self._space)
         self.session.restore(saved)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Guard:
+    def __deepcopy__(self, memo: dict[int, Any]) -> EnvironmentGuard:
         """The same program, a state of its own."""
         state = self.__getstate__()
         del state["_named"]
-        made = Guard.__new__(Guard)
+        made = EnvironmentGuard.__new__(EnvironmentGuard)
         made._again(self.program, copy.deepcopy(state, memo))  # noqa: SLF001 - its own class
         return made
 
@@ -341,16 +343,18 @@ def prepared(
     plant: str | None,
     params: Mapping[str, object] | None,
     measured: bool | Collection[str],
-) -> Compiled:
+) -> CompiledEnvironment:
     """A system of which an agent and a plant are outside; SoterError U001, and as the compiler."""
     errors = measured if isinstance(measured, bool) else tuple(sorted(measured))
 
-    def make() -> Compiled:
+    def make() -> CompiledEnvironment:
         flat = program.flat(system, params)
-        found, body = chosen_module(flat, module), chosen_plant(flat, plant)
+        flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
         flat = measured_by(flat, body, errors)
-        flat = answered_outside(flat, (found.ac, body.index))
-        return Compiled(flat, Roles(found.ac, found.index, body.index), program.bound)
+        flat = answered_outside(flat, (flat_module.ac, body.index))
+        return CompiledEnvironment(
+            flat, Roles(flat_module.ac, flat_module.index, body.index), program.bound
+        )
 
     key = ("outside", system, module, plant, repr(sorted((params or {}).items())), errors)
     return compiled(program, key, make)
@@ -369,5 +373,5 @@ def modelled(
         body = chosen_plant(flat, plant)
         return why_not(body) or PlantModel(flat, body)
 
-    found = kept(program, ("model", system, plant, repr(sorted((params or {}).items()))), make)
-    return None if isinstance(found, str) else found
+    model = kept(program, ("model", system, plant, repr(sorted((params or {}).items()))), make)
+    return None if isinstance(model, str) else model

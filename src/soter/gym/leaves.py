@@ -29,7 +29,7 @@ FLOAT, BOOL = 0, 1
 KINDS = {"b": 2, "B": 3, "h": 4, "H": 5, "i": 6, "I": 7, "q": 8}
 
 
-class Leaf(NamedTuple):
+class MemoryLeaf(NamedTuple):
     """A number: its offset, `soter_leaf_kind`, and what an int or enum may be."""
 
     offset: int
@@ -51,7 +51,7 @@ def _has_list(t: Type) -> bool:
     return isinstance(t, ListType)
 
 
-def places(t: Type, offset: int) -> Iterator[Leaf]:
+def places(t: Type, offset: int) -> Iterator[MemoryLeaf]:
     """The leaves of a value that lies at `offset`, in declared order."""
     assert not isinstance(t, ListType), t
     if isinstance(t, RecordType):
@@ -64,31 +64,31 @@ def places(t: Type, offset: int) -> Iterator[Leaf]:
         yield _leaf(t, offset)
 
 
-def _leaf(t: Type, offset: int) -> Leaf:
+def _leaf(t: Type, offset: int) -> MemoryLeaf:
     if isinstance(t, FloatType):
-        return Leaf(offset, FLOAT)
+        return MemoryLeaf(offset, FLOAT)
     if isinstance(t, BoolType):
-        return Leaf(offset, BOOL)
+        return MemoryLeaf(offset, BOOL)
     storage = scalar(t)
     assert storage is not None, t
     if isinstance(t, EnumType):
-        return Leaf(offset, KINDS[storage.format], 0, len(t.members) - 1)
+        return MemoryLeaf(offset, KINDS[storage.format], 0, len(t.members) - 1)
     assert isinstance(t, IntType)
-    return Leaf(offset, KINDS[storage.format], t.low, t.high)
+    return MemoryLeaf(offset, KINDS[storage.format], t.low, t.high)
 
 
 @dataclass(frozen=True)
-class Seen:
+class ObservedPart:
     """A part of an observation: a topic, or the true states of a plant (index)."""
 
     index: int
     truth: bool = False
 
 
-class Given:
+class LeafBuffer:
     """`soter_leaves` in C, and the memory that they lie in."""
 
-    def __init__(self, ffi: Any, found: Sequence[Leaf], size: int = 0) -> None:  # noqa: ANN401 - cffi
-        self.count = len(found)
-        self.memory = ffi.new("soter_leaf[]", [tuple(leaf) for leaf in found] or 1)
-        self.fields = {"at": self.memory, "count": len(found), "size": size}
+    def __init__(self, ffi: Any, leaves: Sequence[MemoryLeaf], size: int = 0) -> None:  # noqa: ANN401 - cffi
+        self.count = len(leaves)
+        self.memory = ffi.new("soter_leaf[]", [tuple(leaf) for leaf in leaves] or 1)
+        self.fields = {"at": self.memory, "count": len(leaves), "size": size}

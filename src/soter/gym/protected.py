@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, SupportsFloat
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
-from soter.gym.guard import Guard
+from soter.gym.guard import EnvironmentGuard
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,7 +51,7 @@ class Protected(gymnasium.Env[Any, Any]):
         **options: Any,  # noqa: ANN401 - those of Guard
     ) -> None:
         self.env = env
-        self.guard = Guard(program, env, **options)
+        self.guard = EnvironmentGuard(program, env, **options)
         self.metadata = env.metadata
         self.render_mode = env.render_mode
         self.observation_space = env.observation_space
@@ -98,7 +98,7 @@ class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
     ) -> None:
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, program=program, **options)
         gymnasium.Wrapper.__init__(self, env)
-        self.guard = Guard(program, env, **options)
+        self.guard = EnvironmentGuard(program, env, **options)
         self.action_space = self.guard.action_space
 
     def reset(

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.gym.compiled import never_asked
+from soter.gym.compiled_system import refuse_call
 from soter.lower.layout import decode_from, encode_into
 from soter.native.library import RunStatus
-from soter.program.meaning.arith import FaultKind
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.semantics.externs import reset
 from soter.simulate.externs.bindings import bind_again, callables
-from soter.simulate.externs.externs import ExternAnswers
+from soter.simulate.externs.python_answers import ExternAnswers
 from soter.simulate.interrupt import StopRequest
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.gym.compiled import Compiled
-    from soter.gym.model import Asked
+    from soter.gym.compiled_system import CompiledEnvironment
+    from soter.gym.plant_model import SessionPlant
     from soter.native.library import Bytes
     from soter.program.model.system import Component
     from soter.program.model.types import Value
@@ -39,7 +39,7 @@ FAR_NS = 2**62
 class Session:
     """One run: `reset`, then again and again `asked` or `go`, and `act` or `move` as it says."""
 
-    def __init__(self, made: Compiled, bound: Mapping[str, object]) -> None:
+    def __init__(self, made: CompiledEnvironment, bound: Mapping[str, object]) -> None:
         """`bound`: what answers the externs that are not outside; SoterError as `callables`."""
         roles = made.roles
         assert roles.module is not None
@@ -48,7 +48,7 @@ class Session:
         self.module = self.system.modules[roles.module]
         self.plant = self.system.components[roles.plant]
         self.agent = self.system.components[roles.agent]
-        silent = {c.name: never_asked for c in (self.plant, self.agent)}
+        silent = {c.name: refuse_call for c in (self.plant, self.agent)}
         bindings = bind_again(made.bindings, {**bound, **silent})
         self._bound = callables(bindings, "native", StopRequest())
         self.alone = self._bound.keys() == silent.keys()
@@ -121,7 +121,7 @@ class Session:
             due = int(self._lib.soter_outside_go(self._o))
         return due
 
-    def attach(self, asked: Asked) -> None:
+    def attach(self, asked: SessionPlant) -> None:
         """Let a model judge every `move_numbers`, and `judge`."""
         self._asked = asked
         self._o.model = asked.pointer
@@ -242,10 +242,10 @@ class Session:
 
 def numbers(given: object, into: npt.NDArray[np.float64]) -> int | None:
     """Copy the numbers of an array into `into` (n,); where there are not n of them, how many."""
-    found = np.asarray(given, dtype=np.float64)
-    if found.shape != into.shape:
-        if found.size != into.size:
-            return int(found.size)
-        found = found.reshape(-1)
-    into[:] = found
+    array = np.asarray(given, dtype=np.float64)
+    if array.shape != into.shape:
+        if array.size != into.size:
+            return int(array.size)
+        array = array.reshape(-1)
+    into[:] = array
     return None

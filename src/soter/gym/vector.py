@@ -15,10 +15,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 import soter.api
-from soter.gym import mapping
-from soter.gym.outside import wrong_choice
-from soter.gym.worlds import FACTS, Worlds, prepared
-from soter.simulate.settings import seed_value
+from soter.gym import array_mapping
+from soter.gym.batched_states import FACTS, BatchedStates, prepared
+from soter.gym.outside_roles import wrong_choice
+from soter.simulate.run_settings import seed_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.gym.compiled import Compiled
+    from soter.gym.compiled_system import CompiledEnvironment
 
     Array = npt.NDArray[Any]
     Judge = Callable[[Array, Array, Array], Array]
@@ -85,13 +85,15 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         self._end_ns = _end_ns(made) if max_steps is None else None
         self._copy = copy
         agent = made.system.components[made.roles.agent]
-        outputs = mapping.topics_published(made.system, agent)
-        self.single_action_space = mapping.action_space(outputs)
-        self.single_observation_space = mapping.observation_space(made.system, made.observed, dtype)
+        outputs = array_mapping.topics_published(made.system, agent)
+        self.single_action_space = array_mapping.action_space(outputs)
+        self.single_observation_space = array_mapping.observation_space(
+            made.system, made.observed, dtype
+        )
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._dtype = np.dtype(dtype)
-        self.worlds = Worlds(made, num_envs)
+        self.worlds = BatchedStates(made, num_envs)
         self._over = np.ones(num_envs, dtype=bool)
         self._seen = np.zeros(num_envs, dtype=np.uint32)
         self._cost = np.zeros(num_envs)
@@ -168,37 +170,37 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         """Seeds of all worlds, (num_envs,)."""
         if isinstance(seed, (int, np.integer)):
             first = seed_value(int(seed))
-            found = [(first + k) & SEED_BITS for k in range(self.num_envs)]
+            seeds = [(first + k) & SEED_BITS for k in range(self.num_envs)]
         elif isinstance(seed, Iterable) and not isinstance(seed, (str, dict)):
-            found = [seed_value(s) for s in seed]
+            seeds = [seed_value(s) for s in seed]
         else:
             message = f"`seed` cannot be {str(seed)[:40]!r}"
             raise wrong_choice(message, "give a whole number, or one for each world")
-        if len(found) != self.num_envs:
-            message = f"there are {len(found)} seeds for {self.num_envs} worlds"
+        if len(seeds) != self.num_envs:
+            message = f"there are {len(seeds)} seeds for {self.num_envs} worlds"
             raise wrong_choice(message, "give one seed, or one for each world")
-        return np.array(found, dtype=np.uint64)
+        return np.array(seeds, dtype=np.uint64)
 
     def _actions(self, actions: Any) -> Array:  # noqa: ANN401 - NumPy, torch, lists
         """Actions as doubles, (num_envs, numbers); no copy of doubles that lie in order."""
         given = actions.detach().cpu() if hasattr(actions, "detach") else actions
-        found = np.asarray(given, dtype=np.float64)
+        rows = np.asarray(given, dtype=np.float64)
         needed = self.worlds.action_numbers
-        if found.shape == (self.num_envs,) and needed == 1:
-            found = found.reshape(self.num_envs, 1)
-        if found.shape != (self.num_envs, needed):
+        if rows.shape == (self.num_envs,) and needed == 1:
+            rows = rows.reshape(self.num_envs, 1)
+        if rows.shape != (self.num_envs, needed):
             raise wrong_choice(
                 f"actions have the shape {np.shape(actions)}, not {(self.num_envs, needed)}",
                 "one row a world, one number for each that its advanced controller publishes",
             )
-        return np.ascontiguousarray(found)
+        return np.ascontiguousarray(rows)
 
     def _observations(self, *, keep: bool = False) -> Array:
         """What the worlds show, (num_envs, numbers)."""
-        found = self.worlds.observations
+        observations = self.worlds.observations
         if self._dtype != np.float64:
-            return found.astype(self._dtype)
-        return found.copy() if self._copy or keep else found
+            return observations.astype(self._dtype)
+        return observations.copy() if self._copy or keep else observations
 
     def _judged(self, before: Array) -> tuple[Array, Array, Array]:
         """Rewards, terminations and truncations, (num_envs,), of a step from `before` (n, m)."""
@@ -227,13 +229,13 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         applied = self.worlds.applied
         if self._copy or keep:
             facts, applied = facts.copy(), applied.copy()
-        found = {name: facts[name] for name in FACTS}
-        found["action_taken"] = applied
-        found["cost"] = self._cost
+        info = {name: facts[name] for name in FACTS}
+        info["action_taken"] = applied
+        info["cost"] = self._cost
         if given is not None:
-            found["intervened"] = ~facts["taken_by"] | facts["gate_fault"]
-            found["action_requested"] = given
-        return found
+            info["intervened"] = ~facts["taken_by"] | facts["gate_fault"]
+            info["action_requested"] = given
+        return info
 
 
 def _chosen(
@@ -261,7 +263,7 @@ def _chosen(
         raise wrong_choice(f"`autoreset` cannot be {autoreset!r}", f"there are {known}") from error
 
 
-def _end_ns(made: Compiled) -> int | None:
+def _end_ns(made: CompiledEnvironment) -> int | None:
     """The agent's last release up to the system's own end, its second at least; None: no end."""
     agent, until = made.system.components[made.roles.agent], made.system.until_ns
     if until is None:
@@ -281,10 +283,10 @@ def _mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bool_]:
 
 def _column(given: Any, count: int, what: str) -> Array:  # noqa: ANN401 - what a function gave
     """One number a world, (count,)."""
-    found = np.asarray(given)
-    if found.shape != (count,):
-        raise wrong_choice(f"`{what}` gave the shape {found.shape}, not {(count,)}")
-    return found.astype(np.float64)
+    column = np.asarray(given)
+    if column.shape != (count,):
+        raise wrong_choice(f"`{what}` gave the shape {column.shape}, not {(count,)}")
+    return column.astype(np.float64)
 
 
 def make_vec(

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
-    from soter.program.meaning.arith import FaultKind
+    from soter.program.evaluate.arithmetic import FaultKind
     from soter.program.model.system import Bound
     from soter.program.model.types import Type, Value
 

@@ -2,7 +2,7 @@
 
 Purpose: strict left-to-right order made explicit: whatever may fault becomes a statement, the
 rest stays a pure expression; names and blocks.
-Non-goals: statements and functions (`builder.py`).
+Non-goals: statements and functions (`statements.py`).
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from soter.lower import core
-from soter.lower.shapes import core_type, index_components, rebuild, select
-from soter.program.meaning.arith import FaultKind
+from soter.lower.vector_values import core_type, index_components, rebuild, select
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.program.model.types import (
     BOOL,
     FLOAT,
@@ -123,9 +123,9 @@ class ExpressionBuilder:
 
     # ------------------------------------------------------------ expressions
 
-    def expr(self, e: typed.Expr) -> core.Expr:
+    def expr(self, e: typed.TypedExpr) -> core.Expr:
         """A pure Core expression; what may fault was emitted before."""
-        method = getattr(self, "_" + type(e).__name__.lower())
+        method = getattr(self, "_" + type(e).__name__.removeprefix("Typed").lower())
         result = method(e)
         assert isinstance(result, core.Expr)
         return result
@@ -199,7 +199,7 @@ class ExpressionBuilder:
         source = self.system.topics[index].queue_of  # a queue is as old as its topic
         return core.Fact(e.type, "age", index if source is None else source)
 
-    def _unary(self, e: typed.Unary) -> core.Expr:
+    def _unary(self, e: typed.TypedUnary) -> core.Expr:
         operand = self.expr(e.operand)
         if e.op == "!":
             return core.Unary(BOOL, "not", operand)
@@ -222,7 +222,7 @@ class ExpressionBuilder:
         self.emit(core.Checked(span, name, t, op, operands, limit))
         return core.Var(t, name)
 
-    def _binary(self, e: typed.Binary) -> core.Expr:
+    def _binary(self, e: typed.TypedBinary) -> core.Expr:
         if e.op in {"&&", "||"}:
             return self._short_circuit(e)
         left = self.expr(e.left)
@@ -243,7 +243,7 @@ class ExpressionBuilder:
         self.emit(core.Guard(span, nonzero, FaultKind.DIVIDE))
         return right
 
-    def _short_circuit(self, e: typed.Binary) -> core.Expr:
+    def _short_circuit(self, e: typed.TypedBinary) -> core.Expr:
         left = self.expr(e.left)
         if isinstance(left, core.Const):
             return self.expr(e.right) if left.value == (e.op == "&&") else left
@@ -291,7 +291,7 @@ class ExpressionBuilder:
         self.emit(core.If(e.span, condition, (*then_block, set_then), (*else_block, set_else)))
         return result
 
-    def _call(self, e: typed.Call) -> core.Expr:
+    def _call(self, e: typed.TypedCall) -> core.Expr:
         arguments = tuple(self.expr(a) for a in e.arguments)
         function = self.functions.require(e.fun, self.params)
         name = self.fresh(e.fun.name.rsplit(".", 1)[-1].lower())
@@ -351,7 +351,7 @@ class ExpressionBuilder:
         assert total is not None
         return total
 
-    def _field(self, e: typed.Field) -> core.Expr:
+    def _field(self, e: typed.TypedField) -> core.Expr:
         target = self.expr(e.target)
         if isinstance(target, core.Make):
             return target.elements[e.index]
@@ -380,7 +380,7 @@ class ExpressionBuilder:
             return self._checked(span, "index", INT, (index,), core.Const(INT, t.size))
         return self._checked(span, "index", INT, (index,), core.Length(INT, target))
 
-    def _length(self, e: typed.Length) -> core.Expr:
+    def _length(self, e: typed.TypedLength) -> core.Expr:
         return core.Length(INT, self._stable(self.expr(e.target), e.span))
 
     def _aggregate(self, e: typed.Aggregate) -> core.Expr:
@@ -392,7 +392,7 @@ class ExpressionBuilder:
             values = ordered
         return core.Make(e.type, tuple(values))
 
-    def _choose(self, e: typed.Choose) -> core.Expr:
+    def _choose(self, e: typed.TypedChoose) -> core.Expr:
         """The options first, left to right; then the choice, also where there is only one."""
         options = [self.atom(self.expr(o), o.span, "option") for o in e.options]
         ages = None if e.ages is None else self.names[e.ages]

@@ -50,27 +50,27 @@ def footprint_of(statements: tuple[core.Stmt, ...]) -> core.Footprint:
 
 def written_names(statements: tuple[core.Stmt, ...]) -> set[str]:
     """Names of temporaries that are assigned after their creation."""
-    found = set()
+    names = set()
     for n in walk(statements):
         if isinstance(n, (core.Set, core.Push)):
-            found.add(n.name)
+            names.add(n.name)
         elif isinstance(n, core.Choose) and n.ages is not None:
-            found.add(n.ages)
-    return found
+            names.add(n.ages)
+    return names
 
 
 def written_topics(system: System, topic: int) -> list[core.Cell]:
     """The cells that a publication changes: the topic and the queues behind it."""
-    found = (topic, *system.topics[topic].queues)
-    return [core.Cell("topic", i, system.topics[i].name) for i in found]
+    indices = (topic, *system.topics[topic].queues)
+    return [core.Cell("topic", i, system.topics[i].name) for i in indices]
 
 
 def always_published(code: tuple[core.Stmt, ...]) -> set[int]:
     """The outputs that every way through a step publishes."""
-    found: set[int] = set()
+    outputs: set[int] = set()
     for s in code:
         if isinstance(s, core.Publish):
-            found.add(s.output)
+            outputs.add(s.output)
         elif isinstance(s, core.If):
-            found |= always_published(s.then) & always_published(s.otherwise)
-    return found
+            outputs |= always_published(s.then) & always_published(s.otherwise)
+    return outputs

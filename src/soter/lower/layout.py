@@ -29,8 +29,8 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     import numpy as np
 
+    from soter.program.model.data_table import Table
     from soter.program.model.system import System
-    from soter.program.model.table import Table
     from soter.program.model.types import Type, Value
 
 INT_KINDS = (
@@ -168,7 +168,7 @@ def storage_range(s: Scalar) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class Member:
+class LayoutMember:
     """A member of a struct: source name, type (None for raw bytes), offset."""
 
     name: str
@@ -182,7 +182,7 @@ class Member:
 class Struct:
     """A laid-out struct: members in storage order, then `padding` zero bytes."""
 
-    members: tuple[Member, ...]
+    members: tuple[LayoutMember, ...]
     size: int
     align: int
     padding: int
@@ -195,7 +195,7 @@ def arrange(fields: tuple[tuple[str, Type], ...], minimum_align: int = 1) -> Str
     members = []
     for i in order:
         name, t = fields[i]
-        members.append(Member(name, t, offset, i))
+        members.append(LayoutMember(name, t, offset, i))
         offset += size_of(t)
     align = max([minimum_align, *(align_of(t) for _, t in fields)])
     size = -(-offset // align) * align
@@ -323,7 +323,7 @@ def numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor arg
 
 
 @dataclass(frozen=True)
-class Group:
+class StructGroup:
     """A named struct inside the state: all topics, or one component's locals."""
 
     name: str
@@ -345,7 +345,7 @@ class StateLayout:
     module_offset: int
     property_offset: int
     stamp_offset: int
-    groups: tuple[Group, ...]
+    groups: tuple[StructGroup, ...]
     size: int
 
     def topic_offset(self, index: int) -> int:
@@ -373,12 +373,12 @@ def state_layout(system: System) -> StateLayout:
     property_offset = module_offset + m * MODULE.size
     stamp_offset = property_offset + p * PROPERTY.size
     offset = stamp_offset + 8 * t
-    groups: list[Group] = []
+    groups: list[StructGroup] = []
 
     def add(name: str, owner: int, fields: tuple[tuple[str, Type], ...]) -> None:
         nonlocal offset
         layout = arrange(fields, minimum_align=8)
-        groups.append(Group(name, owner, layout, offset))
+        groups.append(StructGroup(name, owner, layout, offset))
         offset += layout.size
 
     add("topics", -1, tuple((x.name, x.type) for x in system.topics))
@@ -403,7 +403,7 @@ def state_layout(system: System) -> StateLayout:
 FIXED_FIELDS = ("header", "components", "modules", "properties", "stamps", "topics")
 
 
-def group_field(group: Group) -> str:
+def group_field(group: StructGroup) -> str:
     """The field of the dtype that holds a group: its name, or `header_` for one called `header`."""
     taken = group.owner >= 0 and group.name.rstrip("_") in FIXED_FIELDS
     return f"{group.name}_" if taken else group.name

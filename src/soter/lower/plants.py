@@ -10,16 +10,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.lower import core
-from soter.lower.builder import Builder
 from soter.lower.footprint import footprint_of, written_topics
-from soter.lower.shapes import rebuild, select
+from soter.lower.statements import Builder
+from soter.lower.vector_values import rebuild, select
+from soter.program.model.tree_walk import chosen_lets, first_lets
 from soter.program.model.types import FLOAT, RecordType
-from soter.program.model.walk import chosen_lets, first_lets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.lower.builder import FunctionTable
+    from soter.lower.statements import FunctionTable
     from soter.program.model import typed
     from soter.program.model.system import Component, System
 
@@ -101,7 +101,7 @@ class _Plant:
             if variable not in self.chosen:
                 self._let(variable, value)
 
-    def _let(self, variable: typed.Variable, value: typed.Expr) -> None:
+    def _let(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
         e = self.builder.expr(value)
         name = self.builder.bind(variable)
         self.builder.emit(core.Let(self.plant.span, name, e))

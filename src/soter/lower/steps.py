@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.lower import core
-from soter.lower.builder import Builder, FunctionTable
 from soter.lower.footprint import footprint_of, written_names, written_topics
 from soter.lower.plants import lower_plant
-from soter.program.meaning.conjuncts import premise_of
+from soter.lower.statements import Builder, FunctionTable
+from soter.program.evaluate.conjuncts import premise_of
 from soter.program.model import typed
 from soter.program.model.system import queues_of
 from soter.program.model.types import BOOL
@@ -77,7 +77,7 @@ def lower_predicate(
     functions: FunctionTable,
     system: System,
     scope: Scope,
-    condition: typed.Expr,
+    condition: typed.TypedExpr,
     span: Span,
     period_ns: int = 0,
 ) -> core.Predicate:

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 
 from lsprotocol import types as lsp
 
-from soter.lsp import words
-from soter.lsp.describe import head, shape_text
+from soter.lsp import keywords
+from soter.lsp.cursor_context import CursorContext, cursor_at
+from soter.lsp.hover import head, shape_text
 from soter.lsp.names.definitions import Shape
 from soter.lsp.names.resolve import Members
-from soter.lsp.place import Cursor, cursor_at
 from soter.syntax import tree
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.lsp.names.definitions import Definition, Index
+    from soter.lsp.names.definitions import Definition, NameIndex
     from soter.program.load.loader import LoadedFile
 
 KIND = lsp.CompletionItemKind
@@ -71,7 +71,7 @@ LISTS = {"subscribes", "publishes", "reads"}
 
 
 def completed(
-    text: str, offset: int, file: LoadedFile, index: Index, good: Index | None
+    text: str, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> list[lsp.CompletionItem]:
     """The items for the cursor at a character offset of `text`.
 
@@ -81,21 +81,21 @@ def completed(
     cursor = cursor_at(text, offset)
     if cursor.quiet:
         return []
-    found: dict[str, lsp.CompletionItem] = {}
+    item_by_label: dict[str, lsp.CompletionItem] = {}
     for item in _items(cursor, offset, file, index, good):
-        found.setdefault(item.label, item)
-    return list(found.values())
+        item_by_label.setdefault(item.label, item)
+    return list(item_by_label.values())
 
 
 def _items(
-    cursor: Cursor, offset: int, file: LoadedFile, index: Index, good: Index | None
+    cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> Iterator[lsp.CompletionItem]:
     names = _names(cursor, offset, file, index, good)
     if cursor.item and cursor.item[-1] == ".":
         yield from _behind_dots(cursor, names, index)
         return
     if not cursor.item:
-        yield from (_word(w, cursor.body) for w in words.PLACES.get(cursor.body, ()))
+        yield from (_word(w, cursor.body) for w in keywords.PLACES.get(cursor.body, ()))
         if cursor.body == "block":
             kinds = {"variable", "state"}
             yield from (_named(d, "0") for d in names.values() if d.kind in kinds)
@@ -104,7 +104,7 @@ def _items(
     if wanted == {"new"}:
         return
     if wanted == {"a type"}:
-        yield from (_word(w, "type") for w in words.TYPES)
+        yield from (_word(w, "type") for w in keywords.TYPES)
         yield from (_named(d, "1") for d in names.values() if d.kind in {"type", "import"})
         return
     if wanted is not None:
@@ -112,11 +112,11 @@ def _items(
         yield from (_named(d, "0") for d in names.values() if d.kind in asked)
         return
     yield from (_named(d, _near(d, file)) for d in names.values() if _is_value(d))
-    for word in (*words.BUILTINS, *words.SPECIALS, *words.VALUES):
+    for word in (*keywords.BUILTINS, *keywords.SPECIALS, *keywords.VALUES):
         yield _word(word, "value")
 
 
-def _wanted(cursor: Cursor) -> set[str] | None:
+def _wanted(cursor: CursorContext) -> set[str] | None:
     """The kinds of names that can stand here; None: any value. {"new"}: a name of one's own."""
     last, first = cursor.item[-1], cursor.item[0]
     before = cursor.item[-2] if len(cursor.item) > 1 else ""
@@ -157,29 +157,33 @@ def _wanted(cursor: Cursor) -> set[str] | None:
 
 
 def _names(
-    cursor: Cursor, offset: int, file: LoadedFile, index: Index, good: Index | None
+    cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> dict[str, Definition]:
     """All names in reach, the innermost of each."""
-    found: dict[str, Definition] = {}
+    definition_by_name: dict[str, Definition] = {}
     for prelude in index.files:
         if prelude.prelude:
             declared = index.declared_in(prelude)
-            found |= {n: d for n, d in declared.items() if not n.startswith("_")}
-    found |= index.declared_in(file)
+            definition_by_name |= {n: d for n, d in declared.items() if not n.startswith("_")}
+    definition_by_name |= index.declared_in(file)
     for each in (good, index):
         if each is None:
             continue
         home = next((f for f in each.files if f.path == file.path), None)
         decl = _declaration(cursor, each, home)
         if decl is not None and isinstance(decl.node, tree.SystemDecl) and home is not None:
-            found |= {n: d for n, (d, _) in each.instances.get(id(decl.node), {}).items()}
+            definition_by_name |= {
+                n: d for n, (d, _) in each.instances.get(id(decl.node), {}).items()
+            }
         if each is good and decl is not None and home is not None:
             reached = each.reach.get(id(home.source), [])
-            found |= {d.name: d for _, _, d in reached if d.owner is decl}
-    return found | index.locals_at(file.source, offset)
+            definition_by_name |= {d.name: d for _, _, d in reached if d.owner is decl}
+    return definition_by_name | index.locals_at(file.source, offset)
 
 
-def _declaration(cursor: Cursor, index: Index, home: LoadedFile | None) -> Definition | None:
+def _declaration(
+    cursor: CursorContext, index: NameIndex, home: LoadedFile | None
+) -> Definition | None:
     """The declaration around the cursor, by its name."""
     if home is None:
         return None
@@ -203,7 +207,7 @@ def _near(d: Definition, file: LoadedFile) -> str:
 
 
 def _behind_dots(
-    cursor: Cursor, names: dict[str, Definition], index: Index
+    cursor: CursorContext, names: dict[str, Definition], index: NameIndex
 ) -> Iterator[lsp.CompletionItem]:
     if not cursor.dotted:
         return
@@ -226,12 +230,12 @@ def _behind_dots(
             yield lsp.CompletionItem(name, kind=ICONS.get(kind, KIND.Field), detail=detail)
 
 
-def _wanted_behind(cursor: Cursor) -> set[str] | None:
+def _wanted_behind(cursor: CursorContext) -> set[str] | None:
     """The kinds that can follow `import.` here."""
     item = cursor.item[: len(cursor.item) - 2 * len(cursor.dotted)]
     if not item:
         return None
-    return _wanted(Cursor(cursor.body, cursor.head, item, (), "", cursor.start))
+    return _wanted(CursorContext(cursor.body, cursor.head, item, (), "", cursor.start))
 
 
 # ---------------------------------------------------------------- items
@@ -240,11 +244,11 @@ def _wanted_behind(cursor: Cursor) -> set[str] | None:
 def _word(word: str, body: str) -> lsp.CompletionItem:
     parts = word.split()
     first = parts[-1] if parts[0] in {"on", "order"} else parts[0]
-    builtin = word in words.BUILTINS
+    builtin = word in keywords.BUILTINS
     return lsp.CompletionItem(
         word,
         kind=KIND.Function if builtin else KIND.Keyword,
-        detail=words.meaning(first),
+        detail=keywords.meaning(first),
         sort_text=f"{'0' if body not in {'value', 'type'} else '3'}{word}",
     )
 

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 from lsprotocol import types as lsp
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.lsp.diagnosed import by_file
+from soter.lsp.diagnostics import by_file
 from soter.lsp.names.resolve import index_of
 from soter.lsp.overlay import Overlay
 from soter.lsp.positions import Lines, path_of, path_of_span, uri_of
-from soter.program.build import Checked, check_file
+from soter.program.front_end import CheckResult, check_file
 from soter.program.load.loader import LoadedFile, load
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.source import Source
     from soter.diagnostics.span import Span
-    from soter.lsp.names.definitions import Index
+    from soter.lsp.names.definitions import NameIndex
     from soter.program.load.loader import LoadedProgram
 
     Publish = Callable[[str, int | None, list[lsp.Diagnostic]], None]
@@ -49,17 +49,17 @@ class Document:
     path: Path
     version: int | None
     text: str
-    checked: Checked | None = None
+    checked: CheckResult | None = None
     """What the last check said, of this text or an older one."""
-    good: Checked | None = None
+    good: CheckResult | None = None
     """The last check without errors."""
     found: dict[Path, list[lsp.Diagnostic]] = field(default_factory=dict)
     """Diagnostics of the last check, by file."""
-    indexed: tuple[tuple[int, ...], LoadedProgram, Index] | None = None
-    _good_index: tuple[Checked, Index] | None = None
+    indexed: tuple[tuple[int, ...], LoadedProgram, NameIndex] | None = None
+    _good_index: tuple[CheckResult, NameIndex] | None = None
 
     @property
-    def good_index(self) -> Index | None:
+    def good_index(self) -> NameIndex | None:
         """The names of the last text without errors."""
         if self.good is None or self.good.loaded is None:
             return None
@@ -171,9 +171,9 @@ class Documents:
         for key in dict.fromkeys(whole(path) for path in files):
             items: dict[str, lsp.Diagnostic] = {}
             for document in self._open.values():
-                for path, found in document.found.items():
+                for path, diagnostics in document.found.items():
                     if whole(path) == key:
-                        items |= {f"{d.range} {d.code} {d.message}": d for d in found}
+                        items |= {f"{d.range} {d.code} {d.message}": d for d in diagnostics}
             document_here = self._open.get(key)
             version = None if document_here is None else document_here.version
             self._publish(self.uri(key), version, list(items.values()))
@@ -187,13 +187,13 @@ class Documents:
 
     def loaded(self, document: Document) -> LoadedProgram:
         """The trees of a document's text as it is now, and of what it imports."""
-        return self.looked_at(document)[0]
+        return self.parsed_names(document)[0]
 
-    def index(self, document: Document) -> Index:
+    def index(self, document: Document) -> NameIndex:
         """The names of a document's text as it is now, and of what it imports."""
-        return self.looked_at(document)[1]
+        return self.parsed_names(document)[1]
 
-    def looked_at(self, document: Document) -> tuple[LoadedProgram, Index]:
+    def parsed_names(self, document: Document) -> tuple[LoadedProgram, NameIndex]:
         """Trees and names; made again only where a text has changed."""
         loaded = load(str(document.path), Diagnostics(), document.text, self.reading)
         assert loaded is not None, "a text can always be read"
@@ -212,17 +212,17 @@ class Documents:
 
     def programs(self, about: Document | None = None) -> list[Path]:
         """Every program of the workspace: open documents, files of its folders and beside one."""
-        found = {whole(d.path): d.path for d in self}
+        paths = {whole(d.path): d.path for d in self}
         beside = () if about is None else (about.path.parent,)
         for folder in (*self.folders, *beside):
             for path in islice(_soter_files(folder), FILES_MAX):
-                found.setdefault(whole(path), path)
-        return list(found.values())
+                paths.setdefault(whole(path), path)
+        return list(paths.values())
 
-    def mentioning(self, name: str, about: Document) -> list[tuple[Path, Index]]:
+    def mentioning(self, name: str, about: Document) -> list[tuple[Path, NameIndex]]:
         """The programs that say a name anywhere in their main file, and the document itself."""
         word = re.compile(rf"\b{re.escape(name)}\b")
-        found = [(about.path, self.index(about))]
+        programs = [(about.path, self.index(about))]
         for path in self.programs(about):
             if whole(path) == whole(about.path):
                 continue
@@ -231,8 +231,8 @@ class Documents:
                 continue
             loaded = load(str(path), Diagnostics(), text, self.reading)
             assert loaded is not None
-            found.append((path, index_of(loaded)))
-        return found
+            programs.append((path, index_of(loaded)))
+        return programs
 
     def lines_of(self, span: Span) -> Lines:
         """The lines of the text that a span is of."""

@@ -10,7 +10,7 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.program.load.loader import Reading
+from soter.program.load.loader import SourceAccess
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +27,7 @@ KEPT_TREES = 64
 KEPT_DATA = 32
 
 
-class Overlay(Reading):
+class Overlay(SourceAccess):
     """Reads for an editor. `open_text` gives the text of a document that is open, else None."""
 
     def __init__(self, open_text: Callable[[Path], str | None]) -> None:
@@ -48,9 +48,9 @@ class Overlay(Reading):
         """The tree; the same one for the same text, with what was said about it."""
         known = self._trees.get((shown, text))
         if known is None:
-            found = Diagnostics()
-            source, file = super().parsed(shown, text, found)
-            known = self._trees[shown, text] = source, file, found.items
+            own_diagnostics = Diagnostics()
+            source, file = super().parsed(shown, text, own_diagnostics)
+            known = self._trees[shown, text] = source, file, own_diagnostics.items
             if len(self._trees) > KEPT_TREES:
                 self._trees.popitem(last=False)
         self._trees.move_to_end((shown, text))

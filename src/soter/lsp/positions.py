@@ -85,15 +85,15 @@ class Lines:
 
 def path_of(uri: str) -> Path:
     """The file that a URI means; a name of its own for what is in no file (`untitled:`)."""
-    found = uris.to_fs_path(uri) if uri.startswith("file:") else None
-    return Path(found) if found else Path(re.sub(r"[^\w.-]", "_", uri))
+    fs_path = uris.to_fs_path(uri) if uri.startswith("file:") else None
+    return Path(fs_path) if fs_path else Path(re.sub(r"[^\w.-]", "_", uri))
 
 
 def uri_of(path: Path) -> str:
     """The URI of a file."""
-    found = uris.from_fs_path(str(path))
-    assert found is not None, path
-    return str(found)
+    uri = uris.from_fs_path(str(path))
+    assert uri is not None, path
+    return str(uri)
 
 
 def path_of_span(span: Span) -> Path:

@@ -14,8 +14,8 @@ from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.fix import Edit, Fix, applied
 from soter.lsp.names.resolve import index_of
 from soter.lsp.positions import path_of_span
-from soter.program.build import check_file
-from soter.program.load.loader import PRELUDE_DIR, Reading, load
+from soter.program.front_end import check_file
+from soter.program.load.loader import PRELUDE_DIR, SourceAccess, load
 from soter.syntax.tokens import RESERVED
 
 if TYPE_CHECKING:
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.source import Source
     from soter.diagnostics.span import Span
-    from soter.lsp.names.definitions import Definition, Index, Use
+    from soter.lsp.names.definitions import Definition, NameIndex, Use
     from soter.program.model.types import Type, Value
     from soter.syntax import tree
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 Place = tuple["Path", int]
-_Program = tuple["Index", "dict[tuple[str, Place], str]"]
+_Program = tuple["NameIndex", "dict[tuple[str, Place], str]"]
 """The names of a program, and the checker's messages by code and place."""
 
 
@@ -38,13 +38,13 @@ class RefusedError(Exception):
     """A rename that cannot be done; the text says why."""
 
 
-def uses_of(definition: Definition, indices: Iterable[Index]) -> list[Use]:
+def uses_of(definition: Definition, indices: Iterable[NameIndex]) -> list[Use]:
     """Every place of a definition in some programs, each once, in order."""
-    found: dict[Place, Use] = {}
+    use_by_place: dict[Place, Use] = {}
     for index in indices:
         for use in index.uses_of(definition.key):
-            found.setdefault((path_of_span(use.span), use.span.start), use)
-    return [found[place] for place in sorted(found)]
+            use_by_place.setdefault((path_of_span(use.span), use.span.start), use)
+    return [use_by_place[place] for place in sorted(use_by_place)]
 
 
 def refuse(definition: Definition, name: str) -> None:
@@ -58,7 +58,7 @@ def refuse(definition: Definition, name: str) -> None:
 
 
 def rename(
-    definition: Definition, name: str, programs: Iterable[Path], reading: Reading
+    definition: Definition, name: str, programs: Iterable[Path], reading: SourceAccess
 ) -> list[Span]:
     """Where `name` is to be written, in all files that the programs are made of.
 
@@ -82,10 +82,10 @@ def rename(
     return [use.span for use in uses]
 
 
-def _program(path: Path, reading: Reading) -> _Program:
+def _program(path: Path, reading: SourceAccess) -> _Program:
     """The names of a program, and what the checker says of it."""
-    found = Diagnostics()
-    loaded = load(str(path), found, None, reading)
+    diagnostics = Diagnostics()
+    loaded = load(str(path), diagnostics, None, reading)
     if loaded is None:
         raise RefusedError(f"cannot read `{path}`")
     said = check_file(str(path), reading=reading).diagnostics.items
@@ -111,10 +111,10 @@ class _Moved:
         return path, start + self._longer * sum(s < start for s in self._starts.get(path, ()))
 
 
-class _After(Reading):
+class _After(SourceAccess):
     """Reads the texts as they would be."""
 
-    def __init__(self, reading: Reading, texts: dict[Path, str]) -> None:
+    def __init__(self, reading: SourceAccess, texts: dict[Path, str]) -> None:
         self._reading = reading
         self._texts = texts
 

@@ -20,13 +20,13 @@ from pygls.exceptions import JsonRpcInvalidRequest
 from pygls.lsp.server import LanguageServer
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.lsp.answers import answer
 from soter.lsp.documents import Documents
 from soter.lsp.positions import path_of
+from soter.lsp.requests import answer
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from soter.lsp.lenses import Verdicts
+    from soter.lsp.code_lenses import Verdicts
 
 HEAD_MAX, MESSAGE_MAX = 2**16, 2**28
 """Bytes of a line of a message's head, and of its body."""
@@ -73,7 +73,7 @@ class Server(LanguageServer):
 
 
 def made(verdicts: Verdicts) -> Server:
-    """A server that knows all it can do. `verdicts`: what was proved of a program (`lenses.py`)."""
+    """A server with all requests. `verdicts`: what was proved of a program (`code_lenses.py`)."""
     server = Server()
     _documents(server)
     answer(server, server.documents, verdicts)

@@ -39,12 +39,12 @@ ICONS = {
 def outline(file: LoadedFile, lines: Lines) -> list[lsp.DocumentSymbol]:
     """The declarations of a file, with what they have inside."""
     imports = [_symbol(i.name, i.span, KIND.Module, i.path, lines, ()) for i in file.file.imports]
-    found = []
+    symbols = []
     for decl in file.file.declarations:
         kind = KINDS[type(decl).__name__]
         inside = tuple(_symbol(n, s, k, t, lines, ()) for n, s, k, t in _inside(decl))
-        found.append(_symbol(decl.name, decl.span, ICONS[kind], kind, lines, inside))
-    return [*imports, *found]
+        symbols.append(_symbol(decl.name, decl.span, ICONS[kind], kind, lines, inside))
+    return [*imports, *symbols]
 
 
 def _symbol(

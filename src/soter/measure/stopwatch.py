@@ -17,12 +17,12 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.lower.layout import state_dtype
-from soter.measure.states import of_run, varied
+from soter.measure.sample_states import of_run, varied
 from soter.native.build import RUNTIME, library
-from soter.native.interface import address, declarations, interface, opened
+from soter.native.cffi_interface import address, declarations, interface, opened
 from soter.program.model.durations import write_ns
 from soter.simulate.externs.c_extern import linked_symbols
-from soter.timing.deployment import in_thread
+from soter.timing.trusted_thread import in_thread
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -65,7 +65,7 @@ class StepTimes:
 
 
 def timed(
-    made: Made,
+    made: TimedUnit,
     trace: Bytes,
     *,
     samples: int,
@@ -80,7 +80,7 @@ def timed(
     """
     rng = random.Random(f"measure {seed}")  # noqa: S311 - states, not secrets
     mine = [c for c in made.system.components if in_thread(c) and not c.extern]
-    found = []
+    step_times = []
     for k, c in enumerate(mine):
         quarter = max(1, samples // 4)
         seen = of_run(trace, quarter)
@@ -92,14 +92,14 @@ def timed(
                 times, wrong = made.times(c, states, swept=swept)
                 took.append(times)
                 faulted += wrong
-        found.append(_told(made, c, np.concatenate(took), faulted, margin))
+        step_times.append(_told(made, c, np.concatenate(took), faulted, margin))
         if progress is not None:
             progress((k + 1) / len(mine))
-    return tuple(found)
+    return tuple(step_times)
 
 
 def _told(
-    made: Made,
+    made: TimedUnit,
     c: Component,
     took: npt.NDArray[np.int64],
     faulted: int,
@@ -123,7 +123,7 @@ def _told(
     )
 
 
-class Made:
+class TimedUnit:
     """A system and its C, with that of `c/` beside it."""
 
     def __init__(self, system: System, core: CoreSystem | None) -> None:

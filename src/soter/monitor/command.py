@@ -10,9 +10,9 @@ import os
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
-from soter.monitor.membership import topic_names
-from soter.monitor.node import monitor_source
+from soter.diagnostics.os_error_text import reason
+from soter.monitor.model_membership import topic_names
+from soter.monitor.monitor_node import monitor_source
 from soter.reach.problem.extract import extract_sets
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 Purpose: x' (flows) or the next x (maps) = A x + B u + c + W d, the driven topics y = M x + m, for
 one combination of parameter values; for monitoring.
 Non-goals: proofs: entries are binary64 as the interpreter computes them, nothing rounds outward
-(`reach/grid/model.py` does that from enclosures).
+(`reach/grid/group_model.py` does that from enclosures).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator, replaced
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator, replaced
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType, RecordType, leaves
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class LinearModel:
 
 
 @dataclass(frozen=True)
-class Step:
+class AffineStep:
     """x(h) = phi x + gamma u + c, up to +-reach in each state."""
 
     phi: Floats
@@ -85,7 +85,7 @@ class Plants:
         for leaf, value in zip(self.controls, u, strict=True):
             t = system.topics[leaf.owner].type
             topics[leaf.owner] = with_leaf(t, topics[leaf.owner], leaf.path, float(value))
-        found = {}
+        environments = {}
         for c in self.plants:
             assert c.plant is not None
             env = Environment(topics=topics)
@@ -98,8 +98,8 @@ class Plants:
             self._fill(c.index, env, self.disturbances, [float(v) for v in d])
             for variable, e in c.plant.lets:
                 env.variables[variable] = self.evaluators[c.index].expression(e)(env)
-            found[c.index] = env
-        return found
+            environments[c.index] = env
+        return environments
 
     def _fill(
         self, owner: int, env: Environment, leaves_: Sequence[Leaf], values: list[Any]
@@ -138,8 +138,8 @@ class Plants:
         """The driven float leaves (`driven_leaves`) at `x` (states,): (leaves,)."""
         values = self._driven(x, parameter)
         topics = self.problem.system.topics
-        found = [leaf_of(topics[t].type, values[t], path) for t, path in self.driven]
-        return np.array(found, dtype=np.float64)
+        outputs = [leaf_of(topics[t].type, values[t], path) for t, path in self.driven]
+        return np.array(outputs, dtype=np.float64)
 
     def _driven(self, x: Floats, parameter: Sequence[int]) -> dict[int, Value]:
         zero = [np.zeros(len(p)) for p in (self.controls, self.disturbances)]
@@ -155,26 +155,26 @@ class Plants:
 
 def driven_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
     """(topic, path) of every float leaf that verification plants drive."""
-    found = []
+    leaf_paths = []
     for c in problem.system.components:
         if c.plant is not None:
             for topic, _ in c.plant.drives:
                 index = c.scope.topics[topic]
                 for path, t in leaves(topic.type):
                     if isinstance(t, FloatType) and "[]" not in path:
-                        found.append((index, path))
-    return found
+                        leaf_paths.append((index, path))
+    return leaf_paths
 
 
 def _positions(t: Type, path: Sequence[str]) -> list[int]:
-    found = []
+    positions = []
     for name in path:
         assert isinstance(t, RecordType)
         at = t.index(name)
         assert at is not None
-        found.append(at)
+        positions.append(at)
         t = t.fields[at][1]
-    return found
+    return positions
 
 
 def leaf_of(t: Type, value: Value, path: Sequence[str]) -> float:
@@ -252,21 +252,21 @@ def exponential(a: Floats) -> Floats:
     size = float(np.abs(a).sum(axis=1).max(initial=0.0))
     doublings = max(0, int(np.ceil(np.log2(size))) + 4) if size > 0 else 0
     b = a / 2.0**doublings
-    found = term = np.eye(len(a))
+    result = term = np.eye(len(a))
     for i in range(1, 14):
         term = term @ b / i
-        found = found + term
+        result = result + term
     for _ in range(doublings):
-        found = found @ found
-    return found
+        result = result @ result
+    return result
 
 
-def step_of(model: LinearModel, h: float) -> Step:
+def step_of(model: LinearModel, h: float) -> AffineStep:
     """One step of h seconds (flows) with u held, d any measurable function; or of a map."""
     n, m = len(model.a), model.b.shape[1]
     c = model.c + model.w @ model.d_mid
     if model.kind == "map":
-        return Step(model.a, model.b, c, np.abs(model.w) @ model.d_max)
+        return AffineStep(model.a, model.b, c, np.abs(model.w) @ model.d_max)
     full = np.zeros((n + m + 1, n + m + 1))
     full[:n, :n], full[:n, n : n + m], full[:n, n + m] = model.a, model.b, c
     e = exponential(full * h)
@@ -276,23 +276,23 @@ def step_of(model: LinearModel, h: float) -> Step:
     for _ in range(QUADRATURE):  # midpoints
         reach += np.abs(at @ model.w) @ model.d_max * (h / QUADRATURE)
         at = at @ piece
-    return Step(e[:n, :n], e[:n, n : n + m], e[:n, n + m], reach)
+    return AffineStep(e[:n, :n], e[:n, n : n + m], e[:n, n + m], reach)
 
 
 def parameter_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
     """For each parameter a leaf of a driven topic that equals it; SoterError U001 for none."""
     plants = Plants(problem)
     cases = list(product(*(p.values for p in problem.parameters)))
-    found: list[tuple[int, tuple[str, ...]]] = []
+    leaf_paths: list[tuple[int, tuple[str, ...]]] = []
     for i, parameter in enumerate(problem.parameters):
         for index, path in _discrete_leaves(problem):
             if all(plants.discrete(index, path, case) == case[i] for case in cases):
-                found.append((index, path))
+                leaf_paths.append((index, path))
                 break
-        if len(found) <= i:
+        if len(leaf_paths) <= i:
             message = f"no driven topic shows the parameter `{parameter.name}`"
             raise SoterError((Diagnostic("U001", message),))
-    return found
+    return leaf_paths
 
 
 def _discrete_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:

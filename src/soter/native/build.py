@@ -1,7 +1,7 @@
 """Compile generated C into a shared library, once for each content.
 
 Purpose: from a `Unit` to a loaded program; it is kept by everything that matters.
-Non-goals: generating C, packages for targets, the cache itself (`native/kept.py`).
+Non-goals: generating C, packages for targets, the cache itself (`native/cache.py`).
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.native.cache import cached, digest
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
 from soter.native.includes import included
-from soter.native.kept import digest, kept
 from soter.native.own_files import SOTER
 
 if TYPE_CHECKING:
@@ -37,10 +37,14 @@ REPORT = "this is a defect of soter: please report it with your compiler's versi
 
 def texts(*sources: str | Path) -> list[str]:
     """Path and text of C files and of every header that they include, our own ones too."""
-    found = {
+    text_by_path = {
         p: t for source in sources for p, t in included(source, (RUNTIME, NEVER_SHIPPED)).items()
     }
-    return [x for p, t in found.items() for x in (p.name if p.is_relative_to(SOTER) else str(p), t)]
+    return [
+        x
+        for p, t in text_by_path.items()
+        for x in (p.name if p.is_relative_to(SOTER) else str(p), t)
+    ]
 
 
 def library(
@@ -67,7 +71,7 @@ def library(
             runtime = objects(sources, (*wanted, *include_flags(*engine)))
         compile_in(work, unit, (*flags, *include_flags(*engine)), tuple(map(str, runtime)))
 
-    return kept(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY
+    return cached(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY
 
 
 def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ...]:
@@ -81,7 +85,7 @@ def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ..
             command = [*compiler.command, *flags, "-c", str(source), "-o", name]
             compile_with(command, work, "the run-time does not compile", (REPORT,))
 
-    folder = kept("objects", content, names, make)
+    folder = cached("objects", content, names, make)
     return tuple(folder / name for name in names)
 
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.phase import phase
 from soter.native.watched import watched
-from soter.report.visible import visible
+from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

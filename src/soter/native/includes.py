@@ -10,8 +10,8 @@ import re
 from pathlib import Path
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
-from soter.program.load.files import read_bytes
+from soter.diagnostics.os_error_text import reason
+from soter.program.load.bounded_read import read_bytes
 
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
 FILES_MAX = 1000
@@ -22,16 +22,16 @@ def included(source: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, s
 
     `folders`: where headers are looked for besides the folder of the file that includes them.
     """
-    waiting, found = [Path(source).resolve()], dict[Path, str]()
-    while waiting and len(found) < FILES_MAX:
+    waiting, text_by_path = [Path(source).resolve()], dict[Path, str]()
+    while waiting and len(text_by_path) < FILES_MAX:
         path = waiting.pop()
-        if path in found:
+        if path in text_by_path:
             continue
-        found[path] = _read(path)
-        for name in INCLUDE.findall(found[path]):
+        text_by_path[path] = _read(path)
+        for name in INCLUDE.findall(text_by_path[path]):
             places = ((place / name).resolve() for place in (path.parent, *folders))
             waiting += [p for p in places if p.is_file()][:1]
-    return found
+    return text_by_path
 
 
 def _read(path: Path) -> str:

@@ -16,11 +16,11 @@ SOTER = Path(__file__).resolve().parents[1]
 
 def files_below(folder: Path, *patterns: str) -> list[Path]:
     """All files of these patterns below a folder, in order; FileNotFoundError if there are none."""
-    found = sorted({p for pattern in patterns for p in folder.rglob(pattern)})
-    if not found:
+    paths = sorted({p for pattern in patterns for p in folder.rglob(pattern)})
+    if not paths:
         what = ", ".join(patterns)
         raise FileNotFoundError(f"soter is not whole: no {what} below {folder.name}/")
-    return found
+    return paths
 
 
 @cache

@@ -2,7 +2,7 @@
 
 Purpose: noise makes a compiler say gigabytes and macros make it think for ever; what its driver has
 started ends with it, and all of it with this process, however that ends (POSIX).
-Non-goals: which compiler, and what its words mean (`compiler.py`, `stack.py`).
+Non-goals: which compiler, and what its words mean (`compiler.py`, `stack_bound.py`).
 """
 
 from __future__ import annotations

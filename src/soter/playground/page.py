@@ -2,7 +2,7 @@
 
 Purpose: pack the rooms that run in a browser, some examples and the files of Pyodide, compressed,
 into one HTML file whose content security policy lets no request leave.
-Non-goals: getting Pyodide (`runtime.py`), what the page does (`session.py`, `assets/`).
+Non-goals: getting Pyodide (`pyodide_package.py`), what the page does (`session.py`, `assets/`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROOMS = (
     "diagnostics", "diagram", "playground", "prelude", "program", "report", "semantics", "syntax",
 )  # fmt: skip
 """What runs in the page; of `report` only what shows texts."""
-ONLY = {"report": ("__init__.py", "visible.py")}
+ONLY = {"report": ("__init__.py", "printable_text.py")}
 ENDINGS = {".py", ".md", ".soter"}
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
@@ -77,12 +77,12 @@ def archive(examples: Mapping[str, str]) -> bytes:
 
 
 def _files(root: Path) -> list[Path]:
-    found = []
+    paths = []
     for room in ROOMS:
         only = ONLY.get(room)
         files = [p for p in (root / room).rglob("*") if p.suffix in ENDINGS]
-        found += [p for p in files if only is None or (p.name in only and p.parent.name == room)]
-    return found
+        paths += [p for p in files if only is None or (p.name in only and p.parent.name == room)]
+    return paths
 
 
 def _lock(text: bytes) -> bytes:

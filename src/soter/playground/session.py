@@ -1,6 +1,6 @@
 """What the page asks of Soter, as JSON texts in and out.
 
-Purpose: `check`, `layout`, `explain` of a program, and `Session`, a run of the reference
+Purpose: `check`, `layout`, `explain` of a program, and `PlaygroundSession`, a run of the reference
 interpreter that goes on piece by piece, so that the page can draw it meanwhile. Needs neither NumPy
 nor cffi nor a compiler: it runs in Pyodide as it does here.
 Non-goals: proofs, compiled code, externs in Python or C; the page says so.
@@ -18,19 +18,19 @@ from soter.diagnostics.explain import explain as page_of
 from soter.diagnostics.explain import named, suggestions
 from soter.diagnostics.render import render_all, to_json
 from soter.diagnostics.source import Source
-from soter.diagram.picture import picture
-from soter.playground.signals import signals_of
-from soter.program.build import check_file, system_of
-from soter.program.meaning.limits import limits
+from soter.diagram.render import picture
+from soter.playground.plotted_signals import signals_of
+from soter.program.evaluate.signal_limits import limits
+from soter.program.front_end import check_file, system_of
 from soter.program.model.durations import show_ns
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.record import AC
+from soter.semantics.observer_records import AC
 from soter.semantics.rules import next_instant
 from soter.syntax.printer import format_source
 
 if TYPE_CHECKING:
-    from soter.program.build import Checked
+    from soter.program.front_end import CheckResult
     from soter.program.model.system import System
 
 UNTIL_NS = 10 * 10**9
@@ -44,18 +44,18 @@ CLOCK_EVERY = 16
 def check(path: str, text: str) -> str:
     """Whether a program is well-formed, diagnostics, its systems and the default one's picture."""
     checked = check_file(path, text)
-    found: dict[str, object] = {
+    reply: dict[str, object] = {
         "ok": checked.ok,
         "text": render_all(checked.diagnostics.items),
         "diagnostics": [to_json(d) for d in checked.diagnostics.items],
         "systems": list(checked.systems) if checked.ok else [],
     }
     if checked.ok:
-        found |= _shown(checked)
-    return json.dumps(found)
+        reply |= _shown(checked)
+    return json.dumps(reply)
 
 
-def _shown(checked: Checked) -> dict[str, object]:
+def _shown(checked: CheckResult) -> dict[str, object]:
     """The picture of the system that runs when none is named, else of the first."""
     symbol = checked.default_system()
     name = symbol.name if symbol is not None else next(iter(checked.systems), None)
@@ -66,9 +66,9 @@ def _shown(checked: Checked) -> dict[str, object]:
 
 def layout(path: str, text: str) -> str:
     """The text well laid out; as it was, with diagnostics, where it does not parse."""
-    found = Diagnostics()
-    done = format_source(Source(path, text), found)
-    told = render_all(found.items)
+    diagnostics = Diagnostics()
+    done = format_source(Source(path, text), diagnostics)
+    told = render_all(diagnostics.items)
     return json.dumps(
         {"ok": done is not None, "program": text if done is None else done, "text": told}
     )
@@ -85,7 +85,7 @@ def explain(code: str) -> str:
     return json.dumps({"code": named(code), "page": page})
 
 
-class Session:
+class PlaygroundSession:
     """A run of one system, from its start; `about` and `advance` give JSON.
 
     Raises `SoterError` where the program cannot be run: it has errors, or externs that nobody
@@ -209,10 +209,10 @@ class Session:
         return changed
 
 
-def start(path: str, text: str, system: str = "", seed: int = 1) -> Session | str:
+def start(path: str, text: str, system: str = "", seed: int = 1) -> PlaygroundSession | str:
     """A session, or what stands in its way, as people read it."""
     try:
-        return Session(path, text, system, seed)
+        return PlaygroundSession(path, text, system, seed)
     except SoterError as error:
         return render_all(error.diagnostics)
 

@@ -16,21 +16,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.phase import phase
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
-from soter.program.model.walk import nodes
+from soter.program.model.tree_walk import nodes
 from soter.reach.claims import claims
-from soter.reach.claims.boxes import share
+from soter.reach.claims.cell_boxes import share
 from soter.reach.claims.levels import deploy
 from soter.reach.claims.levels import levels as add_levels
 from soter.reach.claims.recovery import recover
-from soter.reach.enclose.forms import library_of
+from soter.reach.enclose.compiled_enclosures import library_of
 from soter.reach.grid.claims import Grids, grids
 from soter.reach.grid.sets import UnboundedError
-from soter.reach.methods import method_of
 from soter.reach.problem.extract import cases, require_sets
+from soter.reach.proof_methods import method_of
 from soter.report.proof.advice import AdvicePage, Line
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from soter.reach.claims.case import Case, GroupProof
     from soter.reach.claims.results import GroupSets
-    from soter.reach.enclose.library import ReachLibrary
+    from soter.reach.enclose.engine_library import ReachLibrary
     from soter.reach.problem.problem import Problem
 
     Bools = NDArray[np.bool_]
@@ -51,7 +51,7 @@ LEVELS = (2, 3, 4)
 
 
 @dataclass
-class Row:
+class AdviceRow:
     """One Delta. Shares are of the grid's volume, products over groups, the least over cases.
 
     `levels`: m -> share of S_(m-2); `returns`: m -> whether P2b is proved with computed
@@ -90,13 +90,13 @@ class Advice:
     module: str
     delta_ns: int
     levels: int
-    rows: list[Row]
+    rows: list[AdviceRow]
 
     @property
     def best_ns(self) -> int | None:
         """The largest Delta that verifies; None where none of those tried does."""
-        found = [r.delta_ns for r in self.rows if r.verifies(self.levels)]
-        return max(found, default=None)
+        deltas_ns = [r.delta_ns for r in self.rows if r.verifies(self.levels)]
+        return max(deltas_ns, default=None)
 
     @property
     def legend(self) -> str:
@@ -151,7 +151,7 @@ class Advice:
             self.module, self.summary, tuple(curves), tuple(head), tuple(tuple(r) for r in rows)
         )
 
-    def _points(self, share_of: Callable[[Row], float]) -> tuple[tuple[float, float], ...]:
+    def _points(self, share_of: Callable[[AdviceRow], float]) -> tuple[tuple[float, float], ...]:
         return tuple((r.delta_ns / 1e6, share_of(r)) for r in self.rows)
 
 
@@ -182,7 +182,7 @@ def advise(
             progress(i / len(every))
         changed = at_period(problem, delta)
         times = changed.times
-        row = Row(delta, times.delta_sc, times.h_star, times.horizon_ns)
+        row = AdviceRow(delta, times.delta_sc, times.h_star, times.horizon_ns)
         advice.rows.append(row)
         try:
             if times.delta_sc not in opened:
@@ -200,15 +200,15 @@ def advise_all(
     progress: Progress | None = None,
 ) -> list[Advice]:
     """`advise` for one problem after the other; `SoterError` U001 as there."""
-    found = []
+    advices = []
     for i, problem in enumerate(problems):
 
         def tell(share: float, i: int = i) -> None:
             if progress is not None:
                 progress((i + share) / len(problems))
 
-        found.append(advise(problem, factors, levels, tell))
-    return found
+        advices.append(advise(problem, factors, levels, tell))
+    return advices
 
 
 def _periods(problem: Problem, factors: Sequence[float]) -> list[int]:
@@ -250,16 +250,16 @@ def at_period(problem: Problem, delta_ns: int) -> Problem:
 
 def _opened(problem: Problem, library: ReachLibrary) -> list[Case]:
     """Engines, C and K of every case: they do not depend on Delta."""
-    found = []
+    open_cases = []
     for parameter in cases(problem):
         case = claims.open_case(problem, library, problem.groups, parameter, None)
         if claims.constraint(case):
             claims.core(case)
-        found.append(case)
-    return found
+        open_cases.append(case)
+    return open_cases
 
 
-def _fill(row: Row, problem: Problem, opened: list[Case], wanted: list[int]) -> None:
+def _fill(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list[int]) -> None:
     done = [_at(case, problem) for case in opened]
     row.core = _share(done, lambda g: g.core > 0)
     broken = next((f for c in opened for f in c.failed("P2a")), None)
@@ -313,7 +313,7 @@ def _returns(case: Case) -> bool:
     return not case.failed("P2b")
 
 
-def _why(row: Row, done: list[Case]) -> str:
+def _why(row: AdviceRow, done: list[Case]) -> str:
     """The first thing that stands in the way."""
     if not row.in_time:
         return "the declared horizon is shorter than H*"

@@ -11,18 +11,18 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.program.build import system_to_prove
-from soter.program.flatten.views import as_seen
+from soter.program.elaborate.views import systems_by_view
+from soter.program.front_end import system_to_prove
 from soter.reach.claims.results import VerifyReport
-from soter.reach.covered import coverage_of
 from soter.reach.problem.extract import extract
-from soter.reach.remembered import remember
+from soter.reach.proof_cache import store_verdicts
+from soter.reach.scope import coverage_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from soter.program.build import Checked
+    from soter.program.front_end import CheckResult
     from soter.program.model.system import Module, System
     from soter.program.model.types import Value
     from soter.reach.induction.refute import Search
@@ -35,7 +35,7 @@ NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
 
 
 def verify(
-    checked: Checked,
+    checked: CheckResult,
     *,
     module: str | None = None,
     system: str | None = None,
@@ -52,7 +52,7 @@ def verify(
     `given`: the parameters as the user wrote them, for the report's command line; `search`: see
     `verify_module`.
     """
-    from soter.reach.verify import verify_module  # noqa: PLC0415 - needs a compiler
+    from soter.reach.verify_module import verify_module  # noqa: PLC0415 - needs a compiler
 
     began = time.perf_counter()
     assert checked.program is not None
@@ -71,9 +71,9 @@ def verify(
         # a run of a view, or of a plant that others move as they like, is none of the vehicle
         attack = refute and not problem.view and not problem.influences
         results.append(verify_module(problem, refute=attack, progress=share, search=search))
-    remember([flat for flat, _ in chosen], results)
+    store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
-    found = VerifyReport(
+    verification = VerifyReport(
         checked.program.path,
         checked.program.sha256,
         ", ".join(names),
@@ -83,21 +83,21 @@ def verify(
         coverage,
     )
     if cert is not None:
-        from soter.reach.certificate import write  # noqa: PLC0415 - only then
+        from soter.reach.write_certificate import write  # noqa: PLC0415 - only then
 
         write(cert, checked.program, results, [flat.name for flat, _ in chosen])
     if report is not None:
-        from soter.reach.to_report import write_report  # noqa: PLC0415 - only then
+        from soter.reach.proof_report import write_report  # noqa: PLC0415 - only then
 
-        write_report(found, report)
-    found.page = _page
-    return found
+        write_report(verification, report)
+    verification.page = _page
+    return verification
 
 
-def _page(found: VerifyReport) -> str:
-    from soter.reach.to_report import page_text  # noqa: PLC0415 - only then
+def _page(report: VerifyReport) -> str:
+    from soter.reach.proof_report import page_text  # noqa: PLC0415 - only then
 
-    return page_text(found)
+    return page_text(report)
 
 
 def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
@@ -131,7 +131,7 @@ def _command_line(
 
 
 def modules_of(
-    checked: Checked, module: str | None, system: str | None, params: Mapping[str, Value]
+    checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
 ) -> list[tuple[System, Module]]:
     """The modules that are meant, each in a flat system that has it.
 
@@ -148,7 +148,7 @@ def modules_of(
                 + any(m.forced for m in system_to_prove(checked, n, params, exact=False).modules)
             )
         )
-    found: list[tuple[System, Module]] = []
+    modules: list[tuple[System, Module]] = []
     known: list[str] = []
     seen: set[object] = set()
     for name in names or [""]:
@@ -158,14 +158,14 @@ def modules_of(
             known.append(m.name)
             here.add(m.symbol)
             if m.symbol not in seen and (module is None or module in _names(m)):
-                found.append((flat, m))
+                modules.append((flat, m))
         seen |= here
-    if module is not None and not found:
+    if module is not None and not modules:
         raise SoterError((_no_module(module, list(dict.fromkeys(known))),))
-    return found
+    return modules
 
 
-def _not_deployed(checked: Checked, system: str | None) -> None:
+def _not_deployed(checked: CheckResult, system: str | None) -> None:
     """U008 for a system in the world: what it deploys is proved."""
     every = list(checked.systems.values())
     meant = [s for s in every if s.name == system or system is None]
@@ -192,17 +192,17 @@ def _no_module(module: str, known: list[str]) -> Diagnostic:
 
 def _views(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
     """Every module once for each of its views; SoterError with all diagnostics at once."""
-    found: list[tuple[System, Module]] = []
+    views: list[tuple[System, Module]] = []
     diagnostics = Diagnostics()
     for flat, m in chosen:
         try:
-            found += as_seen(flat, m)
+            views += systems_by_view(flat, m)
         except SoterError as error:
             for d in error.diagnostics:
                 diagnostics.add(d)
     if diagnostics.has_errors:
         raise SoterError(diagnostics.items)
-    return found
+    return views
 
 
 def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:

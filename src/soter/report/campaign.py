@@ -28,7 +28,7 @@ class Histogram:
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A heading, what is said below it, a table: rows of text under `head`."""
 
     title: str
@@ -44,7 +44,7 @@ class CampaignPage:
     title: str
     headline: str
     verdict: str
-    sections: tuple[Section, ...]
+    sections: tuple[PageSection, ...]
     histograms: tuple[Histogram, ...]
 
 
@@ -62,7 +62,7 @@ def campaign_main(page: CampaignPage) -> str:
     return "\n".join(parts)
 
 
-def _section(section: Section) -> Iterator[str]:
+def _section(section: PageSection) -> Iterator[str]:
     yield f'<section style="margin-top: 2rem"><h2>{escape(section.title)}</h2>'
     for text in section.says:
         yield f"<p>{escape(text)}</p>"

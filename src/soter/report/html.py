@@ -17,12 +17,12 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.refused import reason
+from soter.diagnostics.os_error_text import reason
+from soter.report.atomic_write import atomic_write
 from soter.report.errors import ReportError, ReportUnavailableError
-from soter.report.run.packed import packed, script_json
+from soter.report.run.packed_json import packed, script_json
 from soter.report.run.page import body
-from soter.report.run.program import program_section
-from soter.report.whole_file import whole_file
+from soter.report.run.program_diagram import program_section
 
 if TYPE_CHECKING:
     import os
@@ -107,7 +107,7 @@ def write_text(text: str, path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     content = text.encode()
     try:
-        with whole_file(target) as stream:
+        with atomic_write(target) as stream:
             stream.write(content)
     except OSError as error:
         raise ReportError(f"cannot write the report {target}: {reason(error)}") from error

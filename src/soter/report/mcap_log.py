@@ -26,9 +26,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from soter.diagnostics.refused import reason
+from soter.diagnostics.os_error_text import reason
+from soter.report.atomic_write import atomic_write
 from soter.report.errors import LogError, LogUnavailableError
-from soter.report.whole_file import whole_file
 
 if TYPE_CHECKING:
     import os
@@ -108,7 +108,7 @@ DECISIONS_SCHEMA = object_schema(
 
 
 @dataclass(frozen=True)
-class Channel:
+class LogChannel:
     """One topic of the log.
 
     `name`: full dotted name, such as `d.control`. `schema`: JSON schema of an object.
@@ -122,7 +122,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class ModeChange:
+class ModeRecord:
     """`module` is in `mode` from `time_ns` on; write one for each module at the start."""
 
     time_ns: int
@@ -171,9 +171,9 @@ class LogHeader:
 
 def write_mcap(
     path: str | os.PathLike[str],
-    channels: Sequence[Channel],
+    channels: Sequence[LogChannel],
     *,
-    modes: Iterable[ModeChange] = (),
+    modes: Iterable[ModeRecord] = (),
     decisions: Iterable[DecisionStep] = (),
     header: LogHeader,
 ) -> Path:
@@ -186,8 +186,8 @@ def write_mcap(
     object's, and times that are negative or run backwards: mistakes of the caller.
     """
     everything = [
-        Channel(MODES_TOPIC, MODES_SCHEMA, map(mode_message, modes)),
-        Channel(DECISIONS_TOPIC, DECISIONS_SCHEMA, map(decision_message, decisions)),
+        LogChannel(MODES_TOPIC, MODES_SCHEMA, map(mode_message, modes)),
+        LogChannel(DECISIONS_TOPIC, DECISIONS_SCHEMA, map(decision_message, decisions)),
         *channels,
     ]
     log = McapLog(path, [(c.name, c.schema) for c in everything], header)
@@ -216,7 +216,7 @@ class McapLog:
         self._last_ns = [0] * len(channels)
         self._file = ExitStack()
         with self.dropped_on_error():
-            self._stream = self._file.enter_context(whole_file(self.path))
+            self._stream = self._file.enter_context(atomic_write(self.path))
             self._writer, self._ids = _begun(self._stream, channels, header)
             self._stream.flush()
 
@@ -233,7 +233,7 @@ class McapLog:
                 raise LogError(told) from error
             raise
 
-    def add(self, channels: Iterable[Channel]) -> None:
+    def add(self, channels: Iterable[LogChannel]) -> None:
         """Write the messages of all channels, in the order of their times, and hand them over.
 
         ValueError where the times of a channel run back.
@@ -354,7 +354,7 @@ def _check(channels: Sequence[tuple[str, JsonSchema]]) -> None:
             raise ValueError(f"{name}: the schema of a message must be an object's")
 
 
-def mode_message(change: ModeChange) -> Message:
+def mode_message(change: ModeRecord) -> Message:
     """Return a change of mode as a message."""
     return change.time_ns, {"module": change.module, "mode": change.mode}
 

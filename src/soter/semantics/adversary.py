@@ -12,14 +12,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType
-from soter.semantics.chance.random_draws import SeededDraws, fnv, mix
+from soter.semantics.random.random_draws import SeededDraws, fnv, mix
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.program.model.system import Bound
     from soter.program.model.types import Type, Value
-    from soter.semantics.chance.random_draws import Draws
+    from soter.semantics.random.random_draws import Draws
 
 _MASK = 2**64 - 1
 _GOLDEN = 0x9E3779B97F4A7C15

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.semantics.record import AC, SC
+from soter.semantics.observer_records import AC, SC
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,17 +26,17 @@ def enabled(
     OE of a DM says whether its module is to have control at all: always, but for one in the place
     of AC.
     """
-    found = list(oe)
-    on, m = found[module.dm], module
+    flags = list(oe)
+    on, m = flags[module.dm], module
     while True:
-        found[m.sc] = on and modes[m.index] == SC
+        flags[m.sc] = on and modes[m.index] == SC
         on = on and modes[m.index] == AC
         if m.over is None:
             break
         m = system.modules[m.over]
-        found[m.dm] = on
-    found[m.ac] = on
-    return tuple(found)
+        flags[m.dm] = on
+    flags[m.ac] = on
+    return tuple(flags)
 
 
 def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.program.meaning.arith import FaultKind, StepFault
-from soter.program.model.values import inputs_to_python, outputs_from_python
-from soter.report.visible import visible
+from soter.program.evaluate.arithmetic import FaultKind, StepFault
+from soter.program.model.python_values import inputs_to_python, outputs_from_python
+from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.program.meaning.environment import Environment
-    from soter.program.meaning.statements import Executed
+    from soter.program.evaluate.environment import Environment
+    from soter.program.evaluate.statements import Executed
     from soter.program.model.system import Component, Topic
     from soter.program.model.typed import TopicSymbol
     from soter.program.model.types import Type, Value
@@ -55,7 +55,7 @@ class ExternResetError(Exception):
     """An extern's own `reset` raised; `name` says whose, the cause is chained."""
 
     def __init__(self, name: str, error: BaseException) -> None:
-        super().__init__(f"`{name}` could not be reset: {said_by(error)}")
+        super().__init__(f"`{name}` could not be reset: {visible_error(error)}")
         self.name = name
 
 
@@ -70,7 +70,7 @@ def message_of(error: BaseException) -> str:
     return " ".join(text.split())[:MESSAGE_MAX]
 
 
-def said_by(error: BaseException) -> str:
+def visible_error(error: BaseException) -> str:
     """Kind and message of an exception of an extern, every character of them visible."""
     text, kind = message_of(error), type(error).__name__
     return visible(f"{kind}: {text}" if text else kind)
@@ -157,7 +157,7 @@ def _guarded(component: Component, run: Callable[..., Any]) -> Callable[..., Any
         except Stop:
             raise
         except BaseException as error:
-            detail = f"`{component.name}`: {said_by(error)}"
+            detail = f"`{component.name}`: {visible_error(error)}"
             raise StepFault(FaultKind.EXTERN, component.span, detail) from error
 
     return guarded

@@ -11,7 +11,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.program.meaning.arith import FaultKind, StepFault
+from soter.program.evaluate.arithmetic import FaultKind, StepFault
 from soter.program.model.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
 from soter.semantics.configuration import LOST, NEVER, put
 

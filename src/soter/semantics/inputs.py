@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.meaning.arith import FaultKind, StepFault
+from soter.program.evaluate.arithmetic import FaultKind, StepFault
 from soter.program.model.system import environment_topics
 from soter.program.model.types import (
     ArrayType,
@@ -25,11 +25,11 @@ from soter.semantics.rules import next_instant
 if TYPE_CHECKING:
     from soter.program.model.types import Type, Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.machine import Machine
+    from soter.semantics.executable_system import ExecutableSystem
 
 
 def refusal(
-    machine: Machine,
+    machine: ExecutableSystem,
     c: Configuration,
     topic: int,
     value: Value,

@@ -12,17 +12,24 @@ from typing import TYPE_CHECKING
 
 from soter.program.model.system import Bound
 from soter.program.model.types import leaf_count
-from soter.semantics.chance.faults import in_any_order
-from soter.semantics.chance.random_draws import chosen_value
 from soter.semantics.configuration import NEVER, Configuration
 from soter.semantics.control import enabled_at_first
+from soter.semantics.executable_system import ExecutableSystem
 from soter.semantics.externs import reset
 from soter.semantics.gate import publish
 from soter.semantics.inputs import refusal
-from soter.semantics.machine import Machine
+from soter.semantics.observer_records import (
+    AC,
+    SC,
+    ComponentRecord,
+    ModuleRecord,
+    PropertyRecord,
+    Record,
+)
 from soter.semantics.plants import plant_step
 from soter.semantics.properties import violated
-from soter.semantics.record import AC, SC, ComponentRecord, ModuleRecord, PropertyRecord, Record
+from soter.semantics.random.faults import in_any_order
+from soter.semantics.random.random_draws import chosen_value
 from soter.semantics.rules import (
     ac_or_sc_step,
     discrete_time_progress_step,
@@ -34,11 +41,11 @@ from soter.semantics.rules import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from soter.program.meaning.arith import FaultKind
+    from soter.program.evaluate.arithmetic import FaultKind
     from soter.program.model.system import Component, InputDrive, Module, System
     from soter.program.model.types import Value
-    from soter.semantics.chance.random_draws import Draws
-    from soter.semantics.record import Outcome, Verdict
+    from soter.semantics.observer_records import DecisionVerdict, StepOutcome
+    from soter.semantics.random.random_draws import Draws
 
     ChooseNode = Callable[[Configuration], int]
     ChooseInput = Callable[[Configuration], Iterable[tuple[int, Value]]]
@@ -55,7 +62,7 @@ class Interpreter:
 
     `externs` maps the names of extern nodes, plants and functions to callables of one argument
     (functions: of their own arguments), or to objects with a method `step` and perhaps
-    `reset(seed)`; see `program/model/values.py` for what they get and may give. Raises
+    `reset(seed)`; see `program/model/python_values.py` for what they get and may give. Raises
     `UnboundExternError` where one is missing. `draws` chooses what is left to the environment.
     """
 
@@ -68,7 +75,7 @@ class Interpreter:
     ) -> None:
         self.system = system
         self._externs = externs or {}
-        self.machine = Machine(system, seed, self._externs, draws)
+        self.machine = ExecutableSystem(system, seed, self._externs, draws)
 
     # ------------------------------------------------------------ the start
 
@@ -128,7 +135,7 @@ class Interpreter:
         """The components that may fire next; none means that time may progress."""
         return c.FN
 
-    def fire(self, c: Configuration, n: int) -> tuple[Configuration, Verdict | Outcome]:
+    def fire(self, c: Configuration, n: int) -> tuple[Configuration, DecisionVerdict | StepOutcome]:
         """The step of component `n` of FN, whichever rule it takes, and what it had to say."""
         role = self.system.components[n].role
         if role == "plant":

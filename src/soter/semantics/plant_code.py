@@ -11,18 +11,18 @@ import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.meaning import vectors
+from soter.program.evaluate import vectors
+from soter.program.model.tree_walk import chosen_lets, first_lets
 from soter.program.model.types import leaves
-from soter.program.model.walk import chosen_lets, first_lets
-from soter.semantics.storing import storer
+from soter.semantics.stored_values import storer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.program.meaning.expressions import Compiled
-    from soter.program.meaning.statements import Evaluator
+    from soter.program.evaluate.expressions import Compiled
+    from soter.program.evaluate.statements import Evaluator
     from soter.program.model.system import Component, Topic
-    from soter.program.model.typed import Expr, Variable
+    from soter.program.model.typed import TypedExpr, Variable
     from soter.program.model.types import RecordType, Type, Value
     from soter.semantics.externs import Move
 
@@ -38,7 +38,7 @@ class Arithmetic:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ErrorStream:
     """A measurement error: position of its leaf in the topic's value, and its stream."""
 
     topic: int
@@ -66,7 +66,7 @@ class PlantCode:
     arithmetic: tuple[Arithmetic, ...]
     method: str
     drives: tuple[tuple[int, Compiled], ...]
-    readings: tuple[Reading, ...]
+    readings: tuple[ErrorStream, ...]
     move: Move | None
 
 
@@ -77,7 +77,7 @@ def compile_plant(
     plant = component.plant
     assert plant is not None, component.name
 
-    def named(pairs: Sequence[tuple[Variable, Expr]]) -> Named:
+    def named(pairs: Sequence[tuple[Variable, TypedExpr]]) -> Named:
         return tuple([(variable, evaluator.expression(e)) for variable, e in pairs])
 
     scope = component.scope.topics
@@ -95,7 +95,7 @@ def compile_plant(
         drives=tuple([(scope[t], evaluator.expression(e)) for t, e in plant.drives]),
         readings=tuple(
             [
-                Reading(m.topic, _position(topics[m.topic].type, m.leaf), m.bound, m.stream)
+                ErrorStream(m.topic, _position(topics[m.topic].type, m.leaf), m.bound, m.stream)
                 for m in component.measured
             ]
         ),
@@ -114,15 +114,15 @@ def _arithmetic(t: Type) -> Arithmetic:
 def _position(t: Type, leaf: int) -> tuple[int, ...]:
     """The positions, from the outside in, of the leaf with this number."""
     path = list(leaves(t))[leaf][0]
-    found = []
+    positions = []
     for part in path:
         if part.startswith("["):
-            found.append(int(part[1:-1]))
+            positions.append(int(part[1:-1]))
             t = t.element  # type: ignore[attr-defined]
         else:
             record: RecordType = t  # type: ignore[assignment]
             at = record.index(part)
             assert at is not None, part
-            found.append(at)
+            positions.append(at)
             t = record.fields[at][1]
-    return tuple(found)
+    return tuple(positions)

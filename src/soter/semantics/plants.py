@@ -11,25 +11,25 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.program.meaning.arith import StepFault
-from soter.program.meaning.statements import replaced
-from soter.semantics.chance.faults import disturbed, factor
-from soter.semantics.chance.random_draws import assemble, chooser
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.evaluate.statements import replaced
 from soter.semantics.configuration import put
 from soter.semantics.gate import check_publications, latch, publish
-from soter.semantics.record import Outcome
+from soter.semantics.observer_records import StepOutcome
+from soter.semantics.random.faults import disturbed, factor
+from soter.semantics.random.random_draws import assemble, chooser
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.meaning.environment import Environment
+    from soter.program.evaluate.environment import Environment
     from soter.program.model.system import Component, Disturbance
     from soter.program.model.typed import Variable
     from soter.program.model.types import Value
-    from soter.semantics.chance.random_draws import Draws
     from soter.semantics.configuration import Configuration
-    from soter.semantics.machine import Machine
+    from soter.semantics.executable_system import ExecutableSystem
     from soter.semantics.plant_code import Arithmetic, PlantCode
+    from soter.semantics.random.random_draws import Draws
 
     Derivative = Callable[[list[Value]], list[Value]]
     Steps = tuple[Arithmetic, ...]
@@ -38,7 +38,9 @@ if TYPE_CHECKING:
 # ---------------------------------------------------------------- the step
 
 
-def plant_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuration, Outcome]:
+def plant_step(
+    machine: ExecutableSystem, c: Configuration, n: int
+) -> tuple[Configuration, StepOutcome]:
     """One step of the plant `n` at ct: it moves over the period that ends now, and publishes.
 
     At its first release it only publishes. A step fault latches it: a stopped world is no
@@ -46,7 +48,7 @@ def plant_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuratio
     """
     c = replace(c, FN=tuple(i for i in c.FN if i != n))
     if c.latched[n]:
-        return c, Outcome(n, {})
+        return c, StepOutcome(n, {})
     code = machine.plants[n]
     component = code.component
     moves = c.ct > component.phase_ns
@@ -66,9 +68,9 @@ def plant_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuratio
             out = disturbed(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, out, out, component.span)
     except StepFault as fault:
-        return latch(c, n), Outcome(n, {}, fault, latched=True)
+        return latch(c, n), StepOutcome(n, {}, fault, latched=True)
     c = publish(machine.system.topics, replace(c, L=put(c.L, n, states)), out)
-    return c, Outcome(n, out)
+    return c, StepOutcome(n, out)
 
 
 def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Variable, Value]:
@@ -82,15 +84,15 @@ def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Va
 
 
 def _scaled(
-    machine: Machine, component: Component, drawn: dict[Variable, Value], ct: int
+    machine: ExecutableSystem, component: Component, drawn: dict[Variable, Value], ct: int
 ) -> dict[Variable, Value]:
     """The disturbances, as faults of the system make them larger or smaller."""
-    found = dict(drawn)
+    value_by_variable = dict(drawn)
     for i, d in enumerate(component.disturbances):
         by = factor(machine.faults[component.index], component, i, machine.seed, ct)
-        scaled = (x * by for x in _flat(found[d.variable]))
-        found[d.variable] = assemble(d.variable.type, scaled)
-    return found
+        scaled = (x * by for x in _flat(value_by_variable[d.variable]))
+        value_by_variable[d.variable] = assemble(d.variable.type, scaled)
+    return value_by_variable
 
 
 def _flat(value: Value) -> list[float]:

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.meaning.arith import StepFault
+from soter.program.evaluate.arithmetic import StepFault
 
 if TYPE_CHECKING:
-    from soter.program.meaning.environment import Environment
+    from soter.program.evaluate.environment import Environment
     from soter.program.model.system import Component
     from soter.semantics.configuration import Configuration
-    from soter.semantics.machine import Machine
+    from soter.semantics.executable_system import ExecutableSystem
 
 
-def violated(machine: Machine, c: Configuration) -> list[bool]:
+def violated(machine: ExecutableSystem, c: Configuration) -> list[bool]:
     """Per property of the system: whether it is violated now; one that faults is.
 
     Contracts are not judged at an instant: False.
@@ -30,7 +30,9 @@ def violated(machine: Machine, c: Configuration) -> list[bool]:
     ]
 
 
-def judged(machine: Machine, c: Configuration, component: Component, kind: str) -> dict[int, bool]:
+def judged(
+    machine: ExecutableSystem, c: Configuration, component: Component, kind: str
+) -> dict[int, bool]:
     """The contracts of a node of one kind, by property index: whether each is violated."""
     own = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
     if not own:
@@ -40,7 +42,7 @@ def judged(machine: Machine, c: Configuration, component: Component, kind: str) 
 
 
 def fault_of(
-    machine: Machine, c: Configuration, index: int, component: Component | None = None
+    machine: ExecutableSystem, c: Configuration, index: int, component: Component | None = None
 ) -> StepFault | None:
     """What goes wrong as a property, or a contract of a node, is judged; None: nothing."""
     condition, _ = machine.properties[index]
@@ -51,7 +53,7 @@ def fault_of(
     return None
 
 
-def _is_violated(machine: Machine, index: int, env: Environment) -> bool:
+def _is_violated(machine: ExecutableSystem, index: int, env: Environment) -> bool:
     condition, wanted = machine.properties[index]
     try:
         return bool(condition(env)) != wanted

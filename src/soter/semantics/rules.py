@@ -13,9 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.program.meaning.arith import FaultKind, StepFault
-from soter.semantics.chance.faults import disturbed, is_released, next_release, overrun_ns
-from soter.semantics.chance.random_draws import chooser, draw_bits
+from soter.program.evaluate.arithmetic import FaultKind, StepFault
 from soter.semantics.configuration import NEVER, put
 from soter.semantics.control import enabled
 from soter.semantics.gate import (
@@ -28,20 +26,26 @@ from soter.semantics.gate import (
     publish,
     refuse,
 )
+from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
 from soter.semantics.properties import judged
-from soter.semantics.record import AC, SC, Outcome, Verdict
+from soter.semantics.random.faults import disturbed, is_released, next_release, overrun_ns
+from soter.semantics.random.random_draws import chooser, draw_bits
 
 if TYPE_CHECKING:
-    from soter.program.meaning.environment import Environment
-    from soter.program.meaning.expressions import Compiled
+    from soter.program.evaluate.environment import Environment
+    from soter.program.evaluate.expressions import Compiled
     from soter.program.model.system import Component, Module
     from soter.program.model.types import Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.machine import Machine
+    from soter.semantics.executable_system import ExecutableSystem
 
 
 def environment_input(
-    machine: Machine, c: Configuration, topic: int, value: Value, time_ns: int | None = None
+    machine: ExecutableSystem,
+    c: Configuration,
+    topic: int,
+    value: Value,
+    time_ns: int | None = None,
 ) -> Configuration:
     """ENVIRONMENT-INPUT: an input topic takes a value of its set, at any time; None is ct.
 
@@ -50,7 +54,7 @@ def environment_input(
     return publish(machine.system.topics, c, {topic: value}, time_ns)
 
 
-def discrete_time_progress_step(machine: Machine, c: Configuration) -> Configuration:
+def discrete_time_progress_step(machine: ExecutableSystem, c: Configuration) -> Configuration:
     """DISCRETE-TIME-PROGRESS-STEP: nothing left to fire, so time moves to the next release.
 
     (L, OE, ct, FN, Topics) -> (L, OE, ct', FN', Topics)
@@ -61,7 +65,9 @@ def discrete_time_progress_step(machine: Machine, c: Configuration) -> Configura
     return replace(c, ct=ct, FN=tuple(fn))
 
 
-def dm_step(machine: Machine, c: Configuration, dm: int) -> tuple[Configuration, Verdict]:
+def dm_step(
+    machine: ExecutableSystem, c: Configuration, dm: int
+) -> tuple[Configuration, DecisionVerdict]:
     """DM-STEP: the decision module reads the state topics and sets the mode.
 
     (L, OE, ct, FN, Topics) -> (L[dm -> l'], OE[ac -> en, sc -> not en], ct, FN minus {dm}, Topics)
@@ -93,10 +99,12 @@ def dm_step(machine: Machine, c: Configuration, dm: int) -> tuple[Configuration,
         FN=_without(c.FN, dm),
         gate_fault=put(c.gate_fault, module.index, False),
     )
-    return c, Verdict(module.index, ttf, safer, stale, gate_fault, mode, after)
+    return c, DecisionVerdict(module.index, ttf, safer, stale, gate_fault, mode, after)
 
 
-def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuration, Outcome]:
+def ac_or_sc_step(
+    machine: ExecutableSystem, c: Configuration, n: int
+) -> tuple[Configuration, StepOutcome]:
     """AC-OR-SC-STEP: a node (an AC, an SC, or one outside every module) steps.
 
     (L, OE, ct, FN, Topics) -> (L[n -> l'], OE, ct, FN minus {n}, Topics')
@@ -109,7 +117,7 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
     if c.stamps[component.held] == c.ct:
         c, late = take_effect(machine, c, component)
         if not _is_released(machine, component, c.ct):
-            return c, Outcome(n, late)
+            return c, StepOutcome(n, late)
     runs = not c.latched[n]
     c, outcome = _node_step(machine, c, component)
     c = last(machine, c, component) if runs else c
@@ -120,13 +128,13 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
 
 
 def _node_step(
-    machine: Machine, c: Configuration, component: Component
-) -> tuple[Configuration, Outcome]:
+    machine: ExecutableSystem, c: Configuration, component: Component
+) -> tuple[Configuration, StepOutcome]:
     """One step of a node; of one that takes time what it publishes is held."""
     n = component.index
     oe, code = c.OE[n], machine.nodes[n]
     if c.latched[n]:
-        return _fail_safe(machine, c, component, Outcome(n, {}))
+        return _fail_safe(machine, c, component, StepOutcome(n, {}))
     assumed = judged(machine, c, component, "assumes")
     try:
         kept, out = _transition(machine, c, component)  # (l, in, l', out) in T(n)
@@ -142,21 +150,21 @@ def _node_step(
         c = earn(c, _module(machine, component), code.outputs, out)
     before = c if component.held is None else hold(machine, c, component, out if oe else {})
     if not oe:
-        return before, Outcome(n, {}, judged=assumed)
+        return before, StepOutcome(n, {}, judged=assumed)
     # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
     c = publish(machine.system.topics, c, out, bursts=code.bursts)
     guaranteed = {} if any(assumed.values()) else judged(machine, c, component, "guarantees")
     if component.held is not None:
-        return before, Outcome(n, {}, judged={**assumed, **guaranteed})
+        return before, StepOutcome(n, {}, judged={**assumed, **guaranteed})
     several = {t: out[t] for t in code.bursts if t in out}
     last = {**out, **{t: of_step[-1] for t, of_step in several.items()}}
-    return c, Outcome(n, last, judged={**assumed, **guaranteed}, bursts=several)
+    return c, StepOutcome(n, last, judged={**assumed, **guaranteed}, bursts=several)
 
 
 # ---------------------------------------------------------------- premises
 
 
-def next_instant(machine: Machine, c: Configuration) -> int:
+def next_instant(machine: ExecutableSystem, c: Configuration) -> int:
     """The earliest time after ct when something is released, drawn, or takes effect."""
     system, ct = machine.system, c.ct
     times = [_next_release(machine, ct, n) for n in system.components]
@@ -165,7 +173,7 @@ def next_instant(machine: Machine, c: Configuration) -> int:
     return min(times + [t for t in held if t != NEVER])
 
 
-def _next_release(machine: Machine, ct: int, n: Component) -> int:
+def _next_release(machine: ExecutableSystem, ct: int, n: Component) -> int:
     """The first release of a component after `ct`, as the faults of the system move it."""
     late = machine.timing.get(n.index)
     if late is None:
@@ -173,7 +181,7 @@ def _next_release(machine: Machine, ct: int, n: Component) -> int:
     return next_release(machine.system, late, n, machine.seed, ct)
 
 
-def _is_due(machine: Machine, c: Configuration, n: Component, ct: int) -> bool:
+def _is_due(machine: ExecutableSystem, c: Configuration, n: Component, ct: int) -> bool:
     """Whether a component fires at `ct`; releases of one that is still busy are lost."""
     ends = NEVER if n.held is None else c.stamps[n.held]
     return ends == ct or (ends == NEVER and _is_released(machine, n, ct))
@@ -184,7 +192,7 @@ def _next_multiple(ct: int, phase: int, period: int) -> int:
     return phase if ct < phase else ct + period - (ct - phase) % period
 
 
-def _is_released(machine: Machine, n: Component, ct: int) -> bool:
+def _is_released(machine: ExecutableSystem, n: Component, ct: int) -> bool:
     """Whether a release of the component happens at `ct`, as the faults of the system move it."""
     late = machine.timing.get(n.index)
     if late is not None:
@@ -201,7 +209,7 @@ def _without(fn: tuple[int, ...], n: int) -> tuple[int, ...]:
 # ---------------------------------------------------------------- of a DM
 
 
-def is_stale(machine: Machine, c: Configuration, module: Module) -> bool:
+def is_stale(machine: ExecutableSystem, c: Configuration, module: Module) -> bool:
     """Whether the DM would decide on a topic that is older than its `max_age`."""
     for index in module.inputs:
         max_age = machine.system.topics[index].max_age_ns
@@ -223,7 +231,7 @@ def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> bo
 # ---------------------------------------------------------------- of a step that takes time
 
 
-def last(machine: Machine, c: Configuration, component: Component) -> Configuration:
+def last(machine: ExecutableSystem, c: Configuration, component: Component) -> Configuration:
     """A step that has begun lasts until a time that is drawn, whatever became of it."""
     assert component.held is not None
     low, high = component.takes_ns or (0, 0)
@@ -235,7 +243,7 @@ def last(machine: Machine, c: Configuration, component: Component) -> Configurat
 
 
 def hold(
-    machine: Machine, c: Configuration, component: Component, out: dict[int, Value]
+    machine: ExecutableSystem, c: Configuration, component: Component, out: dict[int, Value]
 ) -> Configuration:
     """What a step published, kept until it takes effect."""
     assert component.held is not None
@@ -247,7 +255,7 @@ def hold(
 
 
 def take_effect(
-    machine: Machine, c: Configuration, component: Component
+    machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, dict[int, Value]]:
     """What is held is published, if the outputs are enabled, and what that was."""
     assert component.held is not None
@@ -269,7 +277,7 @@ def take_effect(
 
 
 def _transition(
-    machine: Machine, c: Configuration, component: Component
+    machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[tuple[Value, ...], dict[int, Value]]:
     """(l', out) of one step: `on takeover` first where control is new; faults are raised."""
     n = component.index
@@ -292,21 +300,21 @@ def _transition(
 
 
 def _faulted(
-    machine: Machine, c: Configuration, component: Component, fault: StepFault
-) -> tuple[Configuration, Outcome]:
+    machine: ExecutableSystem, c: Configuration, component: Component, fault: StepFault
+) -> tuple[Configuration, StepOutcome]:
     """Nothing is published and the locals stay; an AC is gated, a trusted node latched."""
     n = component.index
     if fault.kind is FaultKind.CAPACITY:
         c = forgive(c, machine.nodes[n].queues)
     if component.role == "ac":
         module = _module(machine, component)
-        return refuse(c, module), Outcome(n, {}, fault, module=module.index)
-    return _fail_safe(machine, latch(c, n), component, Outcome(n, {}, fault, latched=True))
+        return refuse(c, module), StepOutcome(n, {}, fault, module=module.index)
+    return _fail_safe(machine, latch(c, n), component, StepOutcome(n, {}, fault, latched=True))
 
 
 def _fail_safe(
-    machine: Machine, c: Configuration, component: Component, outcome: Outcome
-) -> tuple[Configuration, Outcome]:
+    machine: ExecutableSystem, c: Configuration, component: Component, outcome: StepOutcome
+) -> tuple[Configuration, StepOutcome]:
     """A latched node publishes its declared fail-safe values, if its outputs are enabled."""
     if not c.OE[component.index]:
         return c, outcome
@@ -314,6 +322,6 @@ def _fail_safe(
     return c, replace(outcome, published=component.failsafe)
 
 
-def _module(machine: Machine, component: Component) -> Module:
+def _module(machine: ExecutableSystem, component: Component) -> Module:
     assert component.module is not None, component.name
     return machine.system.modules[component.module]

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
-from soter.simulate.due import decided_at
-from soter.simulate.why import Explainer, Why
+from soter.simulate.decided_instants import decided_at
+from soter.simulate.explain_decision import DecisionReason, Explainer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
     from soter.lower.layout import StateLayout
     from soter.program.model.system import Module, System
-    from soter.simulate.observe import ModeChange
+    from soter.simulate.run_observer import ModeChange
 
 Mode = Literal["SC", "AC"]
 
 
 @dataclass(frozen=True)
-class Saw:
+class PredicateValues:
     """The predicates of a DM step; `clean_needed`: outputs AC still owes after a gate fault."""
 
     ttf: bool
@@ -48,18 +48,18 @@ class Saw:
 
 
 @dataclass(frozen=True)
-class Decided:
+class DecisionStepRecord:
     """A DM step: when, whose, the modes before and after, what it saw, and why in words."""
 
     time_ns: int
     module: str
     before: Mode
     after: Mode
-    saw: Saw
+    saw: PredicateValues
     reason: str
     margin_s: float
     """margin(M) right after it."""
-    why: Why | None = None
+    why: DecisionReason | None = None
     """On which values; None where nothing changed, and where the states are not kept."""
 
     @property
@@ -68,7 +68,7 @@ class Decided:
         return [] if self.why is None else self.why.words(self.before, self.after)
 
 
-class Observed(Protocol):
+class ObservedRun(Protocol):
     """What is asked of a run (`result.Run`)."""
 
     system: System
@@ -76,23 +76,25 @@ class Observed(Protocol):
     changes: list[ModeChange]
 
 
-def changes(run: Observed) -> list[Decided]:
+def changes(run: ObservedRun) -> list[DecisionStepRecord]:
     """The DM steps that changed a mode, in order of time."""
     explainer = Explainer(run.system, run.layout)
     return [of_change(run.system, change, explainer) for change in run.changes]
 
 
-def of_change(system: System, change: ModeChange, explainer: Explainer | None = None) -> Decided:
+def of_change(
+    system: System, change: ModeChange, explainer: Explainer | None = None
+) -> DecisionStepRecord:
     """A change of mode, with its reason; by an `explainer` with the values, too."""
     module = system.modules[change.module]
-    saw = Saw(change.ttf, change.safer, change.stale, change.gate_fault)
+    saw = PredicateValues(change.ttf, change.safer, change.stale, change.gate_fault)
     before, after = _modes(change.to == "AC")
     why = None
     if explainer is not None and change.states is not None:
         why = explainer.of(change.module, *change.states)
     said = reason(before, after, saw)
     margin_s = _margin_s(module, after, saw)
-    return Decided(
+    return DecisionStepRecord(
         change.time_ns, module.name, before, after, saw, said, margin_s=margin_s, why=why
     )
 
@@ -102,7 +104,7 @@ def steps(
     states: npt.NDArray[Any],
     earlier: Any = None,  # noqa: ANN401 - a state
     explainer: Explainer | None = None,
-) -> Iterator[Decided]:
+) -> Iterator[DecisionStepRecord]:
     """Every DM step of states that follow each other, (n,), in order of time, ties by module.
 
     `earlier`: the state before the first, None at the start of a run. With an `explainer` those
@@ -116,12 +118,12 @@ def steps(
         for module in system.modules:
             if due[row, module.index]:
                 seen = None if before is None else before["modules"]
-                found = _step(modules[row], seen, module, int(times_ns[row]))
+                decision = _step(modules[row], seen, module, int(times_ns[row]))
                 if explainer is not None and _is_new(modules[row], seen, module.index):
                     raw = None if before is None else before.tobytes()
                     why = explainer.of(module.index, raw, states[row].tobytes())
-                    found = replace(found, why=why)
-                yield found
+                    decision = replace(decision, why=why)
+                yield decision
 
 
 def margins(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
@@ -132,16 +134,16 @@ def margins(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDA
     unsafe = (of["ttf"] != 0) | (of["stale"] != 0) | (of["saw_gate_fault"] != 0)
     looks = np.where(unsafe, 0, np.where(of["safer"] != 0, module.looks, 1))
     left_ns = looks * module.period_ns - module.late_ns - (now - last)
-    found: npt.NDArray[np.float64] = np.where(of["mode"] != 0, np.maximum(left_ns, 0), 0) / 1e9
-    return found
+    margin_s: npt.NDArray[np.float64] = np.where(of["mode"] != 0, np.maximum(left_ns, 0), 0) / 1e9
+    return margin_s
 
 
-def _step(modules: Any, before: Any, module: Module, time_ns: int) -> Decided:  # noqa: ANN401
+def _step(modules: Any, before: Any, module: Module, time_ns: int) -> DecisionStepRecord:  # noqa: ANN401
     """The DM step of an instant. Debts of AC are as they were before it: AC steps after DM."""
     now = modules[module.index]
     earlier = None if before is None else before[module.index]
     was_ac = module.forced == "ac" if earlier is None else bool(earlier["mode"])
-    saw = Saw(
+    saw = PredicateValues(
         bool(now["ttf"]),
         bool(now["safer"]),
         bool(now["stale"]),
@@ -151,10 +153,12 @@ def _step(modules: Any, before: Any, module: Module, time_ns: int) -> Decided:  
     was: Mode = "AC" if was_ac else "SC"
     after: Mode = "AC" if now["mode"] else "SC"
     why = "the system forces this mode" if module.forced else reason(was, after, saw)
-    return Decided(time_ns, module.name, was, after, saw, why, _margin_s(module, after, saw))
+    return DecisionStepRecord(
+        time_ns, module.name, was, after, saw, why, _margin_s(module, after, saw)
+    )
 
 
-def _margin_s(module: Module, after: Mode, saw: Saw) -> float:
+def _margin_s(module: Module, after: Mode, saw: PredicateValues) -> float:
     """For how long AC surely keeps control from this step on."""
     unsafe = saw.ttf or saw.stale or saw.gate_fault
     looks = module.looks_left(unsafe=unsafe, safer=saw.safer)
@@ -171,14 +175,14 @@ def _modes(to_ac: bool) -> tuple[Mode, Mode]:
     return ("SC", "AC") if to_ac else ("AC", "SC")
 
 
-def reason(before: Mode, after: Mode, saw: Saw) -> str:
+def reason(before: Mode, after: Mode, saw: PredicateValues) -> str:
     """Why a DM step decided as it did; "" where there is nothing to say."""
     if after == "SC":
         return " and ".join(_against(saw, staying=before == "SC"))
     return "safer: far enough inside φ_safe" if before == "SC" else ""
 
 
-def _against(saw: Saw, *, staying: bool) -> Iterator[str]:
+def _against(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
     """What speaks against AC."""
     if saw.ttf and not staying:
         yield "ttf: φ_safe could be left within 2Δ"

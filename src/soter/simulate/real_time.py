@@ -2,7 +2,7 @@
 
 Purpose: `soter run --real-time`. The states after all instants come back in a file, so a run is
 told as any other, and has the driver's own report besides (`Run.timing`).
-Non-goals: the driver (`runtime/posix/`), processes of externs (`externs/serving.py`).
+Non-goals: the driver (`runtime/posix/`), processes of externs (`externs/extern_server.py`).
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.lower.layout import state_dtype, state_layout
+from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
-from soter.native.kept import digest, kept
-from soter.simulate.externs.serving import write_spec
-from soter.simulate.observe import Observer
-from soter.simulate.parts import Parts, names_of, wanted
+from soter.simulate.externs.extern_server import write_spec
 from soter.simulate.result import Run
+from soter.simulate.run_observer import Observer
+from soter.simulate.trace_parts import TraceParts, names_of, wanted
 from soter.targets.posix import nodes_of, posix_package
-from soter.workers.process import end_with
+from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
     from soter.lower.core import CoreSystem
     from soter.program.model.system import System
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.interrupt import StopRequest
-    from soter.simulate.observe import Also
-    from soter.simulate.parts import Kept
+    from soter.simulate.run_observer import Also
+    from soter.simulate.trace_parts import Kept
 
 LOOK_S = 0.05
 WAIT_S = 60
@@ -51,7 +51,7 @@ FINE = (0, 3, 4, 130)
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltPackage:
     """The folder of a built package and the program in it."""
 
     folder: Path
@@ -73,7 +73,7 @@ def why_not(bindings: Bindings, engine: str) -> str:
     return ""
 
 
-def build(system: System, core: CoreSystem) -> Built:
+def build(system: System, core: CoreSystem) -> BuiltPackage:
     """The package, from the cache or compiled now; SoterError X004, X008."""
     if system.externals:
         raise SoterError((_nobody_speaks(system),))
@@ -91,8 +91,10 @@ def build(system: System, core: CoreSystem) -> Built:
             command = [*compiler.command, *flags, "-o", str(work / name), *rest, "-lm"]
             compile_with(command, package.folder, "the C of this program does not compile")
 
-    folder = kept(f"posix-{program[:32]}", digest((compiler.identity, *flags, *texts)), names, make)
-    return Built(folder, program)
+    folder = cached(
+        f"posix-{program[:32]}", digest((compiler.identity, *flags, *texts)), names, make
+    )
+    return BuiltPackage(folder, program)
 
 
 def _nobody_speaks(system: System) -> Diagnostic:
@@ -124,7 +126,7 @@ def run_real_time(
     layout = state_layout(system)
     dtype = state_dtype(system, layout)
     names = names_of(keep_trace)
-    parts = None if names is None else Parts(system, layout, dtype, names)
+    parts = None if names is None else TraceParts(system, layout, dtype, names)
     observer = Observer(
         system,
         dtype,
@@ -163,7 +165,7 @@ def run_real_time(
 
 
 def _driven(
-    built: Built,
+    built: BuiltPackage,
     bindings: Bindings,
     work: Path,
     until_ns: int,
@@ -181,7 +183,7 @@ def _driven(
         if (x.binding or "").startswith("python:"):
             spec = work / f"worker_{x.index}"
             write_spec(bindings.system, x, seed, spec)
-            words = [sys.executable, "-m", "soter.simulate.externs.serving", str(spec)]
+            words = [sys.executable, "-m", "soter.simulate.externs.extern_server", str(spec)]
             command += ["--worker", f"{x.name}=exec {shlex.join(words)}"]
     with (work / "report").open("w+b") as out, (work / "said").open("w+b") as said:
         process = subprocess.Popen(
@@ -200,11 +202,11 @@ def _driven(
         words = said.read().decode("utf-8", "replace").splitlines()
     if process.returncode not in FINE or not text:
         raise SoterError((_without_report(process.returncode, words),))
-    found: dict[str, Any] = json.loads(text)
-    return found
+    document: dict[str, Any] = json.loads(text)
+    return document
 
 
-def _runnable(built: Built, work: Path) -> Path:
+def _runnable(built: BuiltPackage, work: Path) -> Path:
     """Copies of the programs that may be executed: what is kept may not."""
     for path in built.folder.iterdir():
         if path.name != "seals":

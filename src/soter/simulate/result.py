@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.lower.layout import group_field
-from soter.program.meaning.arith import FaultKind
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.program.model.types import ArrayType, ListType, RecordType
-from soter.simulate.decisions import Decided, changes, margins
-from soter.simulate.settings import did_you_mean, usage_error
+from soter.simulate.decisions import DecisionStepRecord, changes, margins
+from soter.simulate.run_settings import did_you_mean, usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.span import Span
     from soter.lower.layout import StateLayout
-    from soter.program.model.proofs import Proof
+    from soter.program.model.proof_verdicts import Proof
     from soter.program.model.system import Component, System
     from soter.program.model.types import Type, Value
-    from soter.simulate.externs.externs import Tally
-    from soter.simulate.observe import FirstFault, ModeChange
+    from soter.simulate.externs.python_answers import Tally
+    from soter.simulate.run_observer import FirstFault, ModeChange
 
 TOGETHER_MIN = 4
 """In so many decisions ttf and safer must have held together before it is worth a note."""
@@ -186,19 +186,19 @@ class Run:
     @property
     def violation_list(self) -> list[Violation]:
         """Each violated property and latched component."""
-        found = []
+        violations = []
         for p in self.system.properties:
             row = self.final["properties"][p.index]
             if row["count"]:
                 first_s = int(row["first_ns"]) / 1e9
                 what = f"{p.kind} {p.text}"
-                found.append(Violation(what, "property", first_s, int(row["count"]), p.span))
+                violations.append(Violation(what, "property", first_s, int(row["count"]), p.span))
         for x in self.system.components:
             row = self.final["components"][x.index]
             if row["latched"]:
                 kind = FaultKind(int(row["last_fault"])).name.lower()
                 first = self.first_faults.get(x.index)
-                found.append(
+                violations.append(
                     Violation(
                         f"{x.role} {x.name}: step fault `{kind}`",
                         "fault",
@@ -207,12 +207,12 @@ class Run:
                         _declaration(x),
                     )
                 )
-        return found
+        return violations
 
     @property
     def modules(self) -> dict[str, ModuleSummary]:
         """Per module: share of time in AC and switches."""
-        found = {}
+        summary_by_module = {}
         end = int(self.final["header"]["ct"])
         for m in self.system.modules:
             row = self.final["modules"][m.index]
@@ -220,13 +220,13 @@ class Run:
             if row["mode"]:
                 ac_ns += end - int(row["mode_since"])
             share = ac_ns / end if end > 0 else 0.0
-            found[m.name] = ModuleSummary(
+            summary_by_module[m.name] = ModuleSummary(
                 share, int(row["to_sc"]), int(row["to_ac"]), int(row["gate_faults"])
             )
-        return found
+        return summary_by_module
 
     @property
-    def decisions(self) -> list[Decided]:
+    def decisions(self) -> list[DecisionStepRecord]:
         """The DM steps that changed a mode, in order of time, and why (hashed or traced runs).
 
         Each has `time_ns`, `module`, `before`, `after`, `reason`, `words` and `why`
@@ -238,11 +238,11 @@ class Run:
 
     def require_trace(self) -> npt.NDArray[Any]:
         """The whole trace, (instants,); SoterError U001 where none, or only parts, were kept."""
-        found = _kept(self)
+        trace = _kept(self)
         if self.recorded is not None:
             message = f"this run recorded only {', '.join(f'`{n}`' for n in self.recorded)}"
             raise usage_error("U001", message, "ask for everything: simulate(trace=True)")
-        return found
+        return trace
 
     def time_s(self) -> npt.NDArray[np.float64]:
         """Times of the instants in s, (n,)."""
@@ -270,8 +270,8 @@ class Run:
         """
         trace = self.require_trace()
         self.mode(module)  # is there such a module?
-        (found,) = [m for m in self.system.modules if m.name == module]
-        return margins(self.system, found, trace)
+        (system_module,) = [m for m in self.system.modules if m.name == module]
+        return margins(self.system, system_module, trace)
 
     def array(self, path: str) -> npt.NDArray[np.float64]:
         """A topic, a truth or a part of one (`boat.truth.p`) as plain floats.
@@ -329,16 +329,16 @@ def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
     """Floats of a topic, a truth or a part of one: (n,) or (n, k); SoterError U001."""
     known = [n for n in _names(run) if path == n or path.startswith(f"{n}.")]
     name = max(known, key=len, default=path)
-    t, found = _values(run, name)
+    t, values = _values(run, name)
     for part in path[len(name) + 1 :].split(".") if len(path) > len(name) else ():
         fields = dict(t.fields) if isinstance(t, RecordType) else {}
         if part not in fields:
             help_ = did_you_mean(part, fields)
             raise usage_error("U001", f"`{path}`: there is no field `{part}`", help_)
-        t, found = fields[part], found[part]
+        t, values = fields[part], values[part]
     if _has_list(t):
         raise usage_error("U001", f"`{path}` has a list in it, which is no array", "use run.topic")
-    numbers = _numbers(t, found)
+    numbers = _numbers(t, values)
     return numbers if isinstance(t, (RecordType, ArrayType)) else numbers[:, 0]
 
 
@@ -347,14 +347,14 @@ def _names(run: Run) -> list[str]:
     return [*(t.name for t in run.system.topics), *truths]
 
 
-def _numbers(t: Type, found: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+def _numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     """(..., k): the k numbers of every value."""
     if isinstance(t, RecordType):
-        return np.concatenate([_numbers(f, found[n]) for n, f in t.fields], axis=-1)
+        return np.concatenate([_numbers(f, values[n]) for n, f in t.fields], axis=-1)
     if isinstance(t, ArrayType):
-        parts = _numbers(t.element, found)
+        parts = _numbers(t.element, values)
         return parts.reshape(*parts.shape[:-2], -1)
-    return found.astype(np.float64)[..., np.newaxis]
+    return values.astype(np.float64)[..., np.newaxis]
 
 
 def _has_list(t: Type) -> bool:

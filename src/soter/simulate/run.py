@@ -19,18 +19,18 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.lower.layout import state_dtype, state_layout
 from soter.native.build import library
 from soter.native.library import Library, RunStatus
-from soter.program.meaning.processor import require_plain
+from soter.program.evaluate.floating_point_mode import require_plain
 from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.externs.c_extern import linked_symbols
-from soter.simulate.externs.externs import ExternAnswers, described, noting
-from soter.simulate.externs.surroundings import end_copy
-from soter.simulate.image import image
+from soter.simulate.externs.process_surroundings import end_copy
+from soter.simulate.externs.python_answers import ExternAnswers, described, noting
 from soter.simulate.interrupt import StopRequest
-from soter.simulate.observe import Observer
-from soter.simulate.parts import Parts, names_of, wanted
 from soter.simulate.result import Run
+from soter.simulate.run_observer import Observer
+from soter.simulate.state_bytes import state_bytes
+from soter.simulate.trace_parts import TraceParts, names_of, wanted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
     from soter.native.library import Bytes
     from soter.program.model.system import System
     from soter.semantics.configuration import Configuration
-    from soter.semantics.record import Record
-    from soter.simulate.externs.externs import Tally
-    from soter.simulate.observe import Also
-    from soter.simulate.pace import Pacer
-    from soter.simulate.parts import Kept
+    from soter.semantics.observer_records import Record
+    from soter.simulate.externs.python_answers import Tally
+    from soter.simulate.run_observer import Also
+    from soter.simulate.trace_parts import Kept
+    from soter.simulate.wall_clock_pacing import Pacer
 
     Progress = Callable[[float], None]
 
@@ -238,7 +238,7 @@ def run_interpreted(
 
     def observe(c: Configuration, record: Record) -> None:
         _undisturbed(process)
-        waiting.append(image(system, layout, c, record, seed))
+        waiting.append(state_bytes(system, layout, c, record, seed))
         if len(waiting) == BATCH:
             flush()
         if progress is not None:
@@ -289,7 +289,7 @@ def _observer(
 ) -> Observer:
     """What watches a run; SoterError U001 where `keep_trace` names no part of the system."""
     names = names_of(keep_trace)
-    parts = None if names is None else Parts(system, layout, dtype, names)
+    parts = None if names is None else TraceParts(system, layout, dtype, names)
     kept = wanted(keep_trace)
     return Observer(system, dtype, keep_trace=kept, hash_trace=hash_trace, parts=parts, also=also)
 

@@ -19,11 +19,11 @@ from soter.diagnostics.fix import insert, replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.bodies import BODY_WORDS
-from soter.syntax.parsing.cursor import ERRORS_MAX, STATEMENT_WORDS, Panic, TooManyErrorsError
 from soter.syntax.parsing.functions import fun
 from soter.syntax.parsing.nodes import NodeParser
 from soter.syntax.parsing.plants import plant
 from soter.syntax.parsing.systems import system, test
+from soter.syntax.parsing.token_cursor import ERRORS_MAX, STATEMENT_WORDS, Panic, TooManyErrorsError
 from soter.syntax.parsing.types import type_expression, value_set
 from soter.syntax.tokens import EOF, INT, NAME, STRING, lex, string_value, visible
 
@@ -130,10 +130,10 @@ class Parser(NodeParser):
     def _edition_line(self) -> None:
         first = f"`soter {EDITION};`"
         if self.kinds[0] != "soter":
-            found = f", found {self.found()}"
+            suffix = f", found {self.found()}"
             self.report(
                 "S001",
-                f"a file begins with {first}{found}",
+                f"a file begins with {first}{suffix}",
                 notes=("the first line names the edition of the language",),
                 helps=(
                     insert(
@@ -362,7 +362,7 @@ class Parser(NodeParser):
         type_ = self.typed("the constant")
         data: str | None = None
         data_span: Span | None = None
-        value: tree.Expr | None = None
+        value: tree.SyntaxExpr | None = None
         self.assign("after the type of the constant")
         if self.is_word("data") and self.kinds[self.i + 1] == STRING:
             data_span = self.token_span(self.i + 1)
@@ -391,8 +391,8 @@ class Parser(NodeParser):
         name = self.declare("the name of the topic")
         type_ = self.typed("the topic")
         values: tree.ValueSet | None = None
-        default: tree.Expr | None = None
-        max_age: tree.Expr | None = None
+        default: tree.SyntaxExpr | None = None
+        max_age: tree.SyntaxExpr | None = None
         order = 0
         while True:
             at = self.i
@@ -439,7 +439,7 @@ class Parser(NodeParser):
             else:
                 self.skip_interval(start)
             span = self.span_from(self.starts[start])
-            return tree.Interval(tree.ErrorExpr(span), tree.ErrorExpr(span), span)
+            return tree.IntervalExpr(tree.ErrorExpr(span), tree.ErrorExpr(span), span)
 
     def _extern(self) -> tree.Decl:
         following = self.kinds[self.i + 1]

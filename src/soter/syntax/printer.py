@@ -45,11 +45,11 @@ def format_source(source: Source, diagnostics: Diagnostics) -> str | None:
     """The text of `source` in the canonical layout; None, with errors, if it does not parse."""
     text = source.text
     for _ in range(_PASSES_MAX):
-        found = Diagnostics()
+        pass_diagnostics = Diagnostics()
         current = Source(source.name, text)
-        _, parser = parse_tokens(current, found)
-        if found.has_errors:
-            for problem in found.items:
+        _, parser = parse_tokens(current, pass_diagnostics)
+        if pass_diagnostics.has_errors:
+            for problem in pass_diagnostics.items:
                 diagnostics.add(problem)
             return None
         layout = _Layout(parser)
@@ -89,7 +89,7 @@ class _Element:
 
 
 @dataclass(slots=True)
-class _Frame:
+class _OpenBracket:
     """An open bracket."""
 
     block: bool
@@ -126,7 +126,7 @@ class _Layout:
         self.tight = set(parser.tight)
         self.spaced = set(parser.spaced)
         self.match = _matching(self.tokens.kinds)
-        self.frames: list[_Frame] = []
+        self.frames: list[_OpenBracket] = []
         self.lines: list[_Line] = []
         self.wrapped = False
         self.boundary = True  # between two items, or at the beginning
@@ -184,15 +184,15 @@ class _Layout:
         else:
             self.boundary = kind == ";" and not any(not f.block for f in self.frames)
 
-    def _open(self, index: int, base: int) -> _Frame:
+    def _open(self, index: int, base: int) -> _OpenBracket:
         if index in self.blocks:
-            return _Frame(True, self._broken_block(index), base + _INDENT, base)
+            return _OpenBracket(True, self._broken_block(index), base + _INDENT, base)
         line = self.lines[-1].indent
         if self._broken_group(index):
-            return _Frame(False, True, line + _INDENT, line)
+            return _OpenBracket(False, True, line + _INDENT, line)
         inside = self.frames[-1].content if self.frames and not self.frames[-1].block else 0
         content = max(inside, base + _HANGING)
-        return _Frame(False, False, content, content)
+        return _OpenBracket(False, False, content, content)
 
     def _base(self) -> int:
         """Indentation of the items around."""
@@ -428,12 +428,12 @@ _BINDING = {
 _ANYTHING, _CHOICE, _COMPARING, _PREFIX, _OPERAND = 0, 1, 4, 7, 8
 
 
-def print_expr(expr: tree.Expr) -> str:
+def print_expr(expr: tree.SyntaxExpr) -> str:
     """An expression as source text on one line, with no more parentheses than needed."""
     return _print(expr, _ANYTHING)
 
 
-def _print(expr: tree.Expr, outer: int) -> str:
+def _print(expr: tree.SyntaxExpr, outer: int) -> str:
     """`expr` inside something that binds as tightly as `outer`."""
     if isinstance(expr, tree.BinaryExpr):
         binding = _BINDING[expr.op]
@@ -450,7 +450,7 @@ def _print(expr: tree.Expr, outer: int) -> str:
     return f"({text})" if binding < outer else text
 
 
-def _print_operand(expr: tree.Expr) -> str:
+def _print_operand(expr: tree.SyntaxExpr) -> str:
     if isinstance(expr, tree.NameExpr):
         return expr.name.text
     if isinstance(expr, tree.FieldExpr):
@@ -483,5 +483,5 @@ def _choices(expr: tree.ChooseExpr) -> str:
     return f"{{ {_commas(expr.options)} }}"
 
 
-def _commas(exprs: tuple[tree.Expr, ...]) -> str:
+def _commas(exprs: tuple[tree.SyntaxExpr, ...]) -> str:
     return ", ".join(_print(e, _ANYTHING) for e in exprs)

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Label, made
 from soter.diagnostics.fix import Fix, replace
 from soter.diagnostics.span import Span
-from soter.syntax.foreign import in_si, period_of
-from soter.syntax.idioms import find
+from soter.syntax.foreign_idioms import find
+from soter.syntax.foreign_words import in_si, period_of
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic

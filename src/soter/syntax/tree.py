@@ -36,7 +36,7 @@ class Ref:
 
 
 @dataclass(frozen=True, slots=True)
-class Path:
+class DottedPath:
     """A dotted path such as `motion.x` or `left.cart`."""
 
     parts: tuple[Name, ...]
@@ -55,25 +55,25 @@ class Path:
 class ElementName(Name):
     """`r[i]` in a path: an element of an array of instances; `text` is the name of the array."""
 
-    indices: tuple[Expr, ...]
+    indices: tuple[SyntaxExpr, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Expr:
+class SyntaxExpr:
     """Any expression."""
 
     span: Span
 
 
 @dataclass(frozen=True, slots=True)
-class IntLit(Expr):
+class IntLit(SyntaxExpr):
     """`42`; also stands where a float is expected."""
 
     value: int
 
 
 @dataclass(frozen=True, slots=True)
-class FloatLit(Expr):
+class FloatLit(SyntaxExpr):
     """`1.5e-3`; `text` is kept for the printer."""
 
     value: float
@@ -81,7 +81,7 @@ class FloatLit(Expr):
 
 
 @dataclass(frozen=True, slots=True)
-class DurationLit(Expr):
+class DurationLit(SyntaxExpr):
     """`10ms`; `value_ns` is None when it is not a whole number of nanoseconds."""
 
     value_ns: int | None
@@ -89,85 +89,85 @@ class DurationLit(Expr):
 
 
 @dataclass(frozen=True, slots=True)
-class BoolLit(Expr):
+class BoolLit(SyntaxExpr):
     """`true` or `false`."""
 
     value: bool
 
 
 @dataclass(frozen=True, slots=True)
-class NameExpr(Expr):
+class NameExpr(SyntaxExpr):
     """A bare name in an expression."""
 
     name: Name
 
 
 @dataclass(frozen=True, slots=True)
-class FieldExpr(Expr):
+class FieldExpr(SyntaxExpr):
     """`target.field`; also `file.name`, `Enum.member`, `list.len` and `plant.truth`."""
 
-    target: Expr
+    target: SyntaxExpr
     field: Name
 
 
 @dataclass(frozen=True, slots=True)
-class IndexExpr(Expr):
+class IndexExpr(SyntaxExpr):
     """`target[index]`."""
 
-    target: Expr
-    index: Expr
+    target: SyntaxExpr
+    index: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
-class CallExpr(Expr):
+class CallExpr(SyntaxExpr):
     """`callee(arguments)`; the callee is a NameExpr or a FieldExpr."""
 
-    callee: Expr
-    arguments: tuple[Expr, ...]
+    callee: SyntaxExpr
+    arguments: tuple[SyntaxExpr, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class UnaryExpr(Expr):
+class UnaryExpr(SyntaxExpr):
     """`-e` or `!e`."""
 
     op: str
-    operand: Expr
+    operand: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
-class BinaryExpr(Expr):
+class BinaryExpr(SyntaxExpr):
     """`left op right` for + - * / % < <= > >= == != && ||."""
 
     op: str
-    left: Expr
-    right: Expr
+    left: SyntaxExpr
+    right: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
-class ConditionalExpr(Expr):
+class ConditionalExpr(SyntaxExpr):
     """`condition ? then : otherwise`."""
 
-    condition: Expr
-    then: Expr
-    otherwise: Expr
+    condition: SyntaxExpr
+    then: SyntaxExpr
+    otherwise: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
-class RecordExpr(Expr):
+class RecordExpr(SyntaxExpr):
     """`{ x: 1.0, y: 2.0 }`."""
 
-    fields: tuple[tuple[Name, Expr], ...]
+    fields: tuple[tuple[Name, SyntaxExpr], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class ListExpr(Expr):
+class ListExpr(SyntaxExpr):
     """`[a, b, c]`: an array or a bounded list, by the expected type."""
 
-    elements: tuple[Expr, ...]
+    elements: tuple[SyntaxExpr, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class ChooseExpr(Expr):
+class ChooseExpr(SyntaxExpr):
     """`[fair] choose bool`, `choose Enum`, `choose [a, b]`, `choose { e1, e2 }`.
 
     Exactly one of `type` and `interval` is set, or neither: then `options` are the choices.
@@ -175,12 +175,12 @@ class ChooseExpr(Expr):
 
     fair: bool
     type: TypeExpr | None
-    interval: Interval | None
-    options: tuple[Expr, ...]
+    interval: IntervalExpr | None
+    options: tuple[SyntaxExpr, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class ErrorExpr(Expr):
+class ErrorExpr(SyntaxExpr):
     """Stands where an expression could not be parsed; already reported, never again."""
 
 
@@ -195,11 +195,11 @@ class TypeExpr:
 
 
 @dataclass(frozen=True, slots=True)
-class Interval:
+class IntervalExpr:
     """`[low, high]`."""
 
-    low: Expr
-    high: Expr
+    low: SyntaxExpr
+    high: SyntaxExpr
     span: Span
 
 
@@ -214,7 +214,7 @@ class BuiltinType(TypeExpr):
 class RangedIntType(TypeExpr):
     """`int in [low, high]`."""
 
-    interval: Interval
+    interval: IntervalExpr
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +236,7 @@ class ArrayTypeExpr(TypeExpr):
     """`T[n]`."""
 
     element: TypeExpr
-    size: Expr
+    size: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +244,7 @@ class ListTypeExpr(TypeExpr):
     """`T[<=n]`."""
 
     element: TypeExpr
-    capacity: Expr
+    capacity: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +272,7 @@ class ErrorTypeExpr(TypeExpr):
 
 
 @dataclass(frozen=True, slots=True)
-class Stmt:
+class SyntaxStmt:
     """Any statement."""
 
     span: Span
@@ -282,91 +282,91 @@ class Stmt:
 class Block:
     """`{ statements }`."""
 
-    statements: tuple[Stmt, ...]
+    statements: tuple[SyntaxStmt, ...]
     span: Span
 
 
 @dataclass(frozen=True, slots=True)
-class LetStmt(Stmt):
+class LetStmt(SyntaxStmt):
     """`let name [: type] = value;`, never assigned again."""
 
     name: Name
     type: TypeExpr | None
-    value: Expr
+    value: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
-class VarStmt(Stmt):
+class VarStmt(SyntaxStmt):
     """`var name [: type] [= value];`; at least one of the two stands."""
 
     name: Name
     type: TypeExpr | None
-    value: Expr | None
+    value: SyntaxExpr | None
 
 
 @dataclass(frozen=True, slots=True)
-class AssignStmt(Stmt):
+class AssignStmt(SyntaxStmt):
     """`place = value;`; the place is a chain of NameExpr, FieldExpr, IndexExpr."""
 
-    place: Expr
-    value: Expr
+    place: SyntaxExpr
+    value: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
-class PushStmt(Stmt):
+class PushStmt(SyntaxStmt):
     """`push list, value;`."""
 
-    place: Expr
-    value: Expr
+    place: SyntaxExpr
+    value: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
-class PublishStmt(Stmt):
+class PublishStmt(SyntaxStmt):
     """`publish topic = value;`."""
 
     topic: Ref
-    value: Expr
+    value: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
-class ReturnStmt(Stmt):
+class ReturnStmt(SyntaxStmt):
     """`return value;`."""
 
-    value: Expr
+    value: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
-class AssertStmt(Stmt):
+class AssertStmt(SyntaxStmt):
     """`assert condition [, "message"];`."""
 
-    condition: Expr
+    condition: SyntaxExpr
     message: str | None
 
 
 @dataclass(frozen=True, slots=True)
-class IfStmt(Stmt):
+class IfStmt(SyntaxStmt):
     """`if c {...} elseif d {...} else {...}`; `arms` in order."""
 
-    arms: tuple[tuple[Expr, Block], ...]
+    arms: tuple[tuple[SyntaxExpr, Block], ...]
     otherwise: Block | None
 
 
 @dataclass(frozen=True, slots=True)
-class ForRangeStmt(Stmt):
+class ForRangeStmt(SyntaxStmt):
     """`for name in low..high {...}`: low, low+1, ..., high-1, both constant."""
 
     name: Name
-    low: Expr
-    high: Expr
+    low: SyntaxExpr
+    high: SyntaxExpr
     body: Block
 
 
 @dataclass(frozen=True, slots=True)
-class ForEachStmt(Stmt):
+class ForEachStmt(SyntaxStmt):
     """`for name in array_or_list {...}`."""
 
     name: Name
-    sequence: Expr
+    sequence: SyntaxExpr
     body: Block
 
 
@@ -401,7 +401,7 @@ class ConstDecl(Decl):
     """`const NAME: type = value;` or `= data "file";`: exactly one of `value`, `data` is set."""
 
     type: TypeExpr
-    value: Expr | None
+    value: SyntaxExpr | None
     data: str | None
     data_span: Span | None
 
@@ -411,8 +411,8 @@ class ParamDecl(Decl):
     """`param NAME: type = default in [low, high];`."""
 
     type: TypeExpr
-    default: Expr
-    interval: Interval | None
+    default: SyntaxExpr
+    interval: IntervalExpr | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -431,11 +431,11 @@ class FunDecl(Decl):
 class RecordSet:
     """`{ x in [a, b], p in { ... } }`: a value set field by field."""
 
-    fields: tuple[tuple[Name, Interval | RecordSet], ...]
+    fields: tuple[tuple[Name, IntervalExpr | RecordSet], ...]
     span: Span
 
 
-ValueSet = Interval | RecordSet
+ValueSet = IntervalExpr | RecordSet
 
 
 @dataclass(frozen=True, slots=True)
@@ -445,8 +445,8 @@ class TopicDecl(Decl):
     input: bool
     type: TypeExpr
     values: ValueSet | None
-    default: Expr | None
-    max_age: Expr | None
+    default: SyntaxExpr | None
+    max_age: SyntaxExpr | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -474,7 +474,7 @@ class LocalVar:
 
     name: Name
     type: TypeExpr
-    initial: Expr | None
+    initial: SyntaxExpr | None
     span: Span
 
 
@@ -482,32 +482,32 @@ class LocalVar:
 class NodeDecl(Decl):
     """`node` or `extern node`; `step` is None exactly when extern (or after a parse error)."""
 
-    period: Expr
-    phase: Expr | None
+    period: SyntaxExpr
+    phase: SyntaxExpr | None
     extern: bool
     source: str | None
     source_span: Span | None
     subscribes: tuple[Subscription, ...]
     publishes: tuple[Publication, ...]
-    failsafe: tuple[tuple[Ref, Expr], ...]
+    failsafe: tuple[tuple[Ref, SyntaxExpr], ...]
     locals: tuple[LocalVar, ...]
-    assumes: tuple[Expr, ...]
-    guarantees: tuple[Expr, ...]
+    assumes: tuple[SyntaxExpr, ...]
+    guarantees: tuple[SyntaxExpr, ...]
     takeover: Block | None
     step: Block | None
-    takes: Interval | None
-    wcet: Expr | None = None
-    jitter: Expr | None = None
+    takes: IntervalExpr | None
+    wcet: SyntaxExpr | None = None
+    jitter: SyntaxExpr | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class GridAxis:
     """`motion.x in [a, b] / cells open to c` of a verify block; a polytope's axes have no cells."""
 
-    path: Path
-    interval: Interval | None
-    cells: Expr | None
-    open: Expr | None = None
+    path: DottedPath
+    interval: IntervalExpr | None
+    cells: SyntaxExpr | None
+    open: SyntaxExpr | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -523,8 +523,8 @@ class AxisGroup:
 class CommandSet:
     """`commands accel in {-1.0, 0.0, 1.0};`: what a synthesized controller may publish."""
 
-    path: Path
-    values: tuple[Expr, ...]
+    path: DottedPath
+    values: tuple[SyntaxExpr, ...]
     span: Span
 
 
@@ -532,9 +532,9 @@ class CommandSet:
 class Delays:
     """`late dm D, sc D, Node D;` or the same of `response`: times of the DM, of SC, of nodes."""
 
-    dm: Expr | None
-    sc: Expr | None
-    nodes: tuple[tuple[Path, Expr], ...] = ()
+    dm: SyntaxExpr | None
+    sc: SyntaxExpr | None
+    nodes: tuple[tuple[DottedPath, SyntaxExpr], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -543,7 +543,7 @@ class Abstraction:
 
     name: Name
     plant: Ref
-    value: Expr
+    value: SyntaxExpr
 
 
 @dataclass(frozen=True, slots=True)
@@ -563,21 +563,21 @@ class VerifyBlock:
     groups: tuple[AxisGroup, ...]
     abstracts: tuple[tuple[Name, tuple[Abstraction, ...]], ...]
     commands: tuple[CommandSet, ...]
-    core: Expr | None
-    horizon: Expr | None
-    levels: Expr | None
+    core: SyntaxExpr | None
+    horizon: SyntaxExpr | None
+    levels: SyntaxExpr | None
     late: Delays | None
     response: Delays | None
-    acts: Expr | None
-    recover: Expr | None
+    acts: SyntaxExpr | None
+    recover: SyntaxExpr | None
     stays: Span | None
     """`recover never;`: SC may keep control for ever."""
-    dropout: Expr | None
+    dropout: SyntaxExpr | None
     views: tuple[View, ...]
     induction: Span | None
-    lemmas: tuple[Expr, ...]
-    progress: tuple[Expr, ...]
-    enters: Expr | None
+    lemmas: tuple[SyntaxExpr, ...]
+    progress: tuple[SyntaxExpr, ...]
+    enters: SyntaxExpr | None
     span: Span
 
 
@@ -593,7 +593,7 @@ class ModuleAsAc:
 class Synthesized:
     """`sc synthesized period 10ms;`: a controller that `soter verify --synthesize` finds."""
 
-    period: Expr
+    period: SyntaxExpr
     span: Span
 
 
@@ -603,7 +603,7 @@ class Clause:
 
     kind: str
     name: Name
-    condition: Expr
+    condition: SyntaxExpr
     span: Span
 
 
@@ -613,17 +613,17 @@ class RtaDecl(Decl):
 
     ac: Ref | ModuleAsAc | None
     sc: Ref | Synthesized | None
-    period: Expr | None
-    safe: Expr | None
-    safer: Expr | None
-    ttf: Expr | None
-    clean: Expr | None
+    period: SyntaxExpr | None
+    safe: SyntaxExpr | None
+    safer: SyntaxExpr | None
+    ttf: SyntaxExpr | None
+    clean: SyntaxExpr | None
     verify: VerifyBlock | None
     contract: tuple[Clause, ...] = ()
-    failsafe: tuple[tuple[Ref, Expr], ...] = ()
+    failsafe: tuple[tuple[Ref, SyntaxExpr], ...] = ()
     """The fail-safe law: `failsafe speed = 0.0;`."""
-    wcet: Expr | None = None
-    jitter: Expr | None = None
+    wcet: SyntaxExpr | None = None
+    jitter: SyntaxExpr | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -632,19 +632,19 @@ class PlantState:
 
     name: Name
     type: TypeExpr
-    interval: Interval | None
-    initial: Expr | None
+    interval: IntervalExpr | None
+    initial: SyntaxExpr | None
     span: Span
 
 
 @dataclass(frozen=True, slots=True)
-class Disturbance:
+class DisturbanceItem:
     """`disturbance name: type in [a, b] [hold d];`."""
 
     name: Name
     type: TypeExpr
-    interval: Interval
-    hold: Expr | None
+    interval: IntervalExpr
+    hold: SyntaxExpr | None
     span: Span
 
 
@@ -654,7 +654,7 @@ class PlantLet:
 
     name: Name
     type: TypeExpr | None
-    value: Expr
+    value: SyntaxExpr
     span: Span
 
 
@@ -665,19 +665,19 @@ class PlantDecl(Decl):
     `integrate` is (name of a scheme, substeps or None), None when left out (`schemes.py`).
     """
 
-    period: Expr
+    period: SyntaxExpr
     extern: bool
     source: str | None
     source_span: Span | None
     reads: tuple[Ref, ...]
-    drives: tuple[tuple[Ref, Expr | None], ...]
+    drives: tuple[tuple[Ref, SyntaxExpr | None], ...]
     states: tuple[PlantState, ...]
-    disturbances: tuple[Disturbance, ...]
+    disturbances: tuple[DisturbanceItem, ...]
     lets: tuple[PlantLet, ...]
-    der: tuple[tuple[Name, Expr], ...]
-    next: tuple[tuple[Name, Expr], ...]
-    integrate: tuple[str, Expr | None] | None
-    measured: tuple[tuple[Path, Expr], ...]
+    der: tuple[tuple[Name, SyntaxExpr], ...]
+    next: tuple[tuple[Name, SyntaxExpr], ...]
+    integrate: tuple[str, SyntaxExpr | None] | None
+    measured: tuple[tuple[DottedPath, SyntaxExpr], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -688,8 +688,8 @@ class Repeated:
     """
 
     name: Name
-    low: Expr
-    high: Expr
+    low: SyntaxExpr
+    high: SyntaxExpr
     items: tuple[object, ...]
     span: Span
 
@@ -698,8 +698,8 @@ class Repeated:
 class SetParam:
     """`set K = 3;`, `set r[0].K = 3;`."""
 
-    param: Path
-    value: Expr
+    param: DottedPath
+    value: SyntaxExpr
     span: Span
 
 
@@ -713,22 +713,22 @@ class Instance:
     name: Name
     what: Ref
     kind: str | None
-    renames: tuple[tuple[Ref, Path], ...]
+    renames: tuple[tuple[Ref, DottedPath], ...]
     span: Span
     sets: tuple[SetParam, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Property:
+class PropertyItem:
     """`always e;`, `never e;`, `eventually e within d;`, `p leadsto e within d;`.
 
     `in_loop`: it stood in a loop, whose variables are filled in.
     """
 
     kind: str
-    premise: Expr | None
-    condition: Expr
-    within: Expr | None
+    premise: SyntaxExpr | None
+    condition: SyntaxExpr
+    within: SyntaxExpr | None
     span: Span
     in_loop: bool = False
 
@@ -737,7 +737,7 @@ class Property:
 class Inline:
     """`inline M.Fast;`: it runs in the thread of the trusted part."""
 
-    what: Path
+    what: DottedPath
     span: Span
 
 
@@ -745,7 +745,7 @@ class Inline:
 class Force:
     """`force M ac;`."""
 
-    module: Path
+    module: DottedPath
     to: str
     span: Span
 
@@ -754,7 +754,7 @@ class Force:
 class Replace:
     """`replace A by B;`."""
 
-    what: Path
+    what: DottedPath
     by: Ref
     span: Span
 
@@ -763,9 +763,9 @@ class Replace:
 class DriveInput:
     """`input goal [in { a, b }] every 1s;`: drawn from the values, without any from its set."""
 
-    topic: Path
-    values: tuple[Expr, ...] | None
-    every: Expr
+    topic: DottedPath
+    values: tuple[SyntaxExpr, ...] | None
+    every: SyntaxExpr
     span: Span
 
 
@@ -773,21 +773,21 @@ class DriveInput:
 class ExternalTopic:
     """`external topic motion [every d] [delayed d] [measured motion.x within e, ...];`."""
 
-    topic: Path
-    every: Expr | None
-    delayed: Expr | None
-    measured: tuple[tuple[Path, Expr], ...]
+    topic: DottedPath
+    every: SyntaxExpr | None
+    delayed: SyntaxExpr | None
+    measured: tuple[tuple[DottedPath, SyntaxExpr], ...]
     span: Span
 
 
 @dataclass(frozen=True, slots=True)
-class TimingFault:
+class TimingFaultItem:
     """`late N by d;`, `skip N [at most k];`, `overrun N by d;` of a test."""
 
     kind: str
-    component: Path
-    by: Expr | None
-    at_most: Expr | None
+    component: DottedPath
+    by: SyntaxExpr | None
+    at_most: SyntaxExpr | None
     span: Span
 
 
@@ -799,23 +799,23 @@ class SystemFault:
     """
 
     kind: str
-    target: Path | None
-    by: tuple[Expr, ...]
-    rate: Expr | None
-    per: Expr | None
-    lasts: Expr | None
+    target: DottedPath | None
+    by: tuple[SyntaxExpr, ...]
+    rate: SyntaxExpr | None
+    per: SyntaxExpr | None
+    lasts: SyntaxExpr | None
     span: Span
 
 
 @dataclass(frozen=True, slots=True)
-class Measure:
+class MeasureItem:
     """`measure name = e in [low, high] / bins every d;`: what campaigns tell of a run."""
 
     name: Name
-    value: Expr
-    interval: Interval
-    bins: Expr
-    every: Expr
+    value: SyntaxExpr
+    interval: IntervalExpr
+    bins: SyntaxExpr
+    every: SyntaxExpr
     span: Span
 
 
@@ -825,14 +825,14 @@ class SystemDecl(Decl):
 
     default: bool
     instances: tuple[Instance | Repeated, ...]
-    until: Expr | None
-    properties: tuple[Property | Repeated, ...]
+    until: SyntaxExpr | None
+    properties: tuple[PropertyItem | Repeated, ...]
     forces: tuple[Force | Repeated, ...]
     replaces: tuple[Replace | Repeated, ...]
     sets: tuple[SetParam | Repeated, ...]
     inputs: tuple[DriveInput | Repeated, ...]
     faults: tuple[SystemFault, ...] = ()
-    measures: tuple[Measure, ...] = ()
+    measures: tuple[MeasureItem, ...] = ()
     inlines: tuple[Inline | Repeated, ...] = ()
     externals: tuple[ExternalTopic, ...] = ()
     deploys: Ref | None = None
@@ -844,11 +844,11 @@ class TestDecl(Decl):
 
     system: Ref | None
     replaces: tuple[Replace | Repeated, ...]
-    skew: Expr | None
-    horizon: Expr | None
-    properties: tuple[Property | Repeated, ...]
-    quantum: Expr | None = None
-    faults: tuple[TimingFault | Repeated, ...] = ()
+    skew: SyntaxExpr | None
+    horizon: SyntaxExpr | None
+    properties: tuple[PropertyItem | Repeated, ...]
+    quantum: SyntaxExpr | None = None
+    faults: tuple[TimingFaultItem | Repeated, ...] = ()
     inputs: tuple[DriveInput | Repeated, ...] = ()
     sets: tuple[SetParam | Repeated, ...] = ()
     order: Span | None = None

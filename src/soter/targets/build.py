@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from soter.lower.core import CoreSystem
     from soter.program.model.system import System
-    from soter.targets.package import File, Package
+    from soter.targets.package import Package, PackageFile
 
     Maker = Callable[[System, CoreSystem, Path], Package]
 
@@ -28,7 +28,7 @@ COMING = ("cortex-m", "ros1", "dds", "zenoh", "mavlink")
 
 
 def build_package(
-    target: str, system: System, core: CoreSystem, folder: Path, more: Sequence[File] = ()
+    target: str, system: System, core: CoreSystem, folder: Path, more: Sequence[PackageFile] = ()
 ) -> Package:
     """Write the package of a target; SoterError U001 where there is no such target.
 

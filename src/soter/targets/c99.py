@@ -18,12 +18,12 @@ from soter.codegen.c.printer import print_file
 from soter.codegen.unit import generate
 from soter.native.build import FAULTS, RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
-from soter.targets.c_files import with_headers
+from soter.targets.extern_c_files import with_headers
 from soter.targets.firmware import RUNTIME_FILES, firmware_files, firmware_name
 from soter.targets.leases import FILES as LEASES
 from soter.targets.leases import lease_files, leased
 from soter.targets.leases import notes as notes_of_leases
-from soter.targets.package import File, Package
+from soter.targets.package import Package, PackageFile
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
@@ -49,21 +49,21 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     plants = [x for x in system.components if x.extern and x.plant is not None]
     package.files = [
         *firmware_files(system, unit),
-        File(f"{unit.prefix}.h", unit.header),
-        File(f"{unit.prefix}.c", unit.source),
-        File(f"{APP}.h", app_header(system, unit)),
-        File(f"{APP}.c", app_source(system, unit, plants)),
-        File(_main_name(unit), (RUNTIME / "soter_main.c").read_text(encoding="utf-8")),
-        *(File(n, (RUNTIME / n).read_text(encoding="utf-8")) for n in run_time(system)),
+        PackageFile(f"{unit.prefix}.h", unit.header),
+        PackageFile(f"{unit.prefix}.c", unit.source),
+        PackageFile(f"{APP}.h", app_header(system, unit)),
+        PackageFile(f"{APP}.c", app_source(system, unit, plants)),
+        PackageFile(_main_name(unit), (RUNTIME / "soter_main.c").read_text(encoding="utf-8")),
+        *(PackageFile(n, (RUNTIME / n).read_text(encoding="utf-8")) for n in run_time(system)),
     ]
     package.files += lease_files(system, unit.prefix)
     if stubs or plants:
-        package.files.append(File(STUBS, stubs_text(unit, stubs, plants), yours=True))
+        package.files.append(PackageFile(STUBS, stubs_text(unit, stubs, plants), yours=True))
     package.files += extern_files(linked)
     sources = [f.path for f in package.files if f.path.endswith(".c")]
     package.files += [
-        File("Makefile", _makefile(command_name(unit.prefix), sources, _main_name(unit))),
-        File("README.md", _readme(system, unit, stubs, plants)),
+        PackageFile("Makefile", _makefile(command_name(unit.prefix), sources, _main_name(unit))),
+        PackageFile("README.md", _readme(system, unit, stubs, plants)),
     ]
     package.notes = [*notes(core, stubs, plants), *notes_of_leases(system)]
     package.entries = f"{firmware_name(system, unit)}_"
@@ -88,15 +88,15 @@ def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, 
     `left`: components that stay as they are bound.
     """
     unique = Unique()
-    found: dict[str, Component] = {}
+    component_by_symbol: dict[str, Component] = {}
     for x in system.components:
         if x.index in left or x.node is None or not x.extern:
             continue
         if not (x.binding or "").startswith("c:"):
             symbol = unique(f"{x.name.rpartition('.')[2]}_step")
-            found[symbol] = x
+            component_by_symbol[symbol] = x
             x.binding = f"c:{STUBS}:{symbol}"
-    return found
+    return component_by_symbol
 
 
 def command_name(prefix: str) -> str:
@@ -111,7 +111,7 @@ def _main_name(unit: Unit) -> str:
     return "main.c" if unit.prefix != "main" else "soter_main.c"
 
 
-def extern_files(sources: list[str]) -> list[File]:
+def extern_files(sources: list[str]) -> list[PackageFile]:
     """Copies of the externs' C, a folder for each source that needs one."""
     files: dict[str, str] = {}
     for source in sources:
@@ -125,7 +125,7 @@ def extern_files(sources: list[str]) -> list[File]:
                 break
             number += 1
         files.update(named)
-    return [File(name, f"/* Copied by soter. */\n{text}") for name, text in files.items()]
+    return [PackageFile(name, f"/* Copied by soter. */\n{text}") for name, text in files.items()]
 
 
 # ---------------------------------------------------------------- which program

@@ -17,7 +17,7 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, file_level_name, legal
 from soter.codegen.c.printer import print_file
 from soter.lower.layout import scalar, size_of, storage_range, struct_of
-from soter.program.flatten.deployment.deployed import allowed_lateness
+from soter.program.elaborate.deployment.deployed_systems import allowed_lateness
 from soter.program.model.system import environment_topics
 from soter.program.model.types import (
     ArrayType,
@@ -29,8 +29,8 @@ from soter.program.model.types import (
     RecordType,
     leaves,
 )
-from soter.targets.limits import Age, ages_of
-from soter.targets.package import File
+from soter.targets.lateness_limits import AgeLimit, ages_of
+from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -49,13 +49,13 @@ LOOP = c.Unary("&", c.Arrow(SELF, "loop"))
 STATE_POINTER = c.Unary("&", STATE)
 
 
-def firmware_files(system: System, unit: Unit) -> list[File]:
+def firmware_files(system: System, unit: Unit) -> list[PackageFile]:
     """Header, source and the document of messages."""
     made = _Firmware(system, unit)
     return [
-        File(f"{made.name}_firmware.h", made.header()),
-        File(f"{made.name}_firmware.c", made.source()),
-        File(MESSAGES, json.dumps(made.messages, indent=1) + "\n"),
+        PackageFile(f"{made.name}_firmware.h", made.header()),
+        PackageFile(f"{made.name}_firmware.c", made.source()),
+        PackageFile(MESSAGES, json.dumps(made.messages, indent=1) + "\n"),
     ]
 
 
@@ -185,7 +185,7 @@ class _Firmware:
                     c.VariableDef(
                         "soter_read_age",
                         "ages",
-                        c.Initializer(tuple(ages) or ((None, _row(Age(0, 0, 0))[1]),)),
+                        c.Initializer(tuple(ages) or ((None, _row(AgeLimit(0, 0, 0))[1]),)),
                         array=True,
                         comment="how old what SCs read may be",
                     ),
@@ -404,7 +404,7 @@ class _Firmware:
         }
 
     def _message(self, t: Topic) -> dict[str, object]:
-        found: dict[str, object] = {
+        message: dict[str, object] = {
             "name": t.name,
             "c_name": self.short[t.index],
             "published": "outside" if t.index in self.open else t.driver or "nobody",
@@ -414,11 +414,11 @@ class _Firmware:
         }
         for e in self.system.externals:
             if e.topic == t.index:
-                found |= {"every_ns": e.every_ns, "delay_ns": e.delay_ns, "errors": e.errors}
-        return found
+                message |= {"every_ns": e.every_ns, "delay_ns": e.delay_ns, "errors": e.errors}
+        return message
 
 
-def _row(age: Age) -> tuple[None, c.CExpr]:
+def _row(age: AgeLimit) -> tuple[None, c.CExpr]:
     numbers = (("component", f"{age.component}U"), ("topic", f"{age.topic}U"))
     most = ("most", c.Number(f"INT64_C({age.most_ns})"))
     return None, c.Initializer((*((n, c.Number(v)) for n, v in numbers), most))
@@ -451,12 +451,12 @@ def described(t: Type) -> dict[str, object]:
     """A type and how it lies in memory, as `messages.json` has it."""
     s = scalar(t)
     if s is not None:
-        found: dict[str, object] = {"kind": s.c_type, "size": s.size}
+        description: dict[str, object] = {"kind": s.c_type, "size": s.size}
         if isinstance(t, EnumType):
-            found["members"] = list(t.members)
+            description["members"] = list(t.members)
         if isinstance(t, BoolType):
-            found["bool"] = True
-        return found
+            description["bool"] = True
+        return description
     if isinstance(t, RecordType):
         fields = [
             {"name": m.name, "offset": m.offset, "type": described(m.type)}

@@ -4,7 +4,7 @@ Purpose: for every module with a fail-safe law `PREFIX_lease.h`, `PREFIX_lease.c
 side: the law and the length of a lease, for `soter_lease.c`) and `PREFIX_grant.c` (the trusted
 side: the times that every release is held to, for `soter_grant.c`); docs/proof.md, "When the
 trusted part stops". None of them needs the program or the kernel.
-Non-goals: who calls them; proofs of the law (`reach/claims/lawful.py`).
+Non-goals: who calls them; proofs of the law (`reach/claims/failsafe_claim.py`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, field_name
 from soter.codegen.c.printer import print_file
 from soter.codegen.c.types import TypeTable
-from soter.program.meaning.statements import Evaluator
+from soter.program.evaluate.statements import Evaluator
 from soter.program.model.durations import show_ns
-from soter.targets.package import File
+from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -37,7 +37,7 @@ ENDINGS = ("_command", "_lease", "_law", "_grant", "_budgets", "_node")
 
 
 @dataclass(frozen=True)
-class Budget:
+class ReleaseBudget:
     """Times of one node of the trusted part, in ns: releases at phase + k period, and how late."""
 
     name: str
@@ -60,7 +60,7 @@ class LeaseTimes:
     """
 
     module: Module
-    budgets: tuple[Budget, ...]
+    budgets: tuple[ReleaseBudget, ...]
     undeclared: tuple[str, ...]
 
     @property
@@ -75,13 +75,17 @@ def lease_times(system: System, module: Module) -> LeaseTimes:
     """Of a module that nothing stands above or below; `system` is the one that flies."""
     verify = module.symbol.verify
 
-    def ns(expr: typed.Expr | None) -> int:
+    def ns(expr: typed.TypedExpr | None) -> int:
         return 0 if expr is None else int(Evaluator(module.scope.params).value(expr))
 
     dm, sc = system.components[module.dm], system.components[module.sc]
-    found = [
-        Budget(dm.name, module.period_ns, dm.phase_ns, ns(verify.late_dm), ns(verify.response_dm)),
-        Budget(sc.name, sc.period_ns, sc.phase_ns, ns(verify.late_sc), ns(verify.response_sc)),
+    budgets = [
+        ReleaseBudget(
+            dm.name, module.period_ns, dm.phase_ns, ns(verify.late_dm), ns(verify.response_dm)
+        ),
+        ReleaseBudget(
+            sc.name, sc.period_ns, sc.phase_ns, ns(verify.late_sc), ns(verify.response_sc)
+        ),
     ]
     outer = module.name.rpartition(".")[0]
     for node in on_the_way(system, module):
@@ -89,11 +93,11 @@ def lease_times(system: System, module: Module) -> LeaseTimes:
         late, response = (of.get(name) for of in (verify.late_of, verify.response_of))
         takes = 0 if node.takes_ns is None else node.takes_ns[1]
         times = ns(late), takes or ns(response)
-        found.append(Budget(node.name, node.period_ns, node.phase_ns, *times))
+        budgets.append(ReleaseBudget(node.name, node.period_ns, node.phase_ns, *times))
     given = {"late_dm": verify.late_dm, "late_sc": verify.late_sc}
     given |= {"response_dm": verify.response_dm, "response_sc": verify.response_sc}
     missing = tuple(n.replace("_", " ") for n, e in given.items() if e is None)
-    return LeaseTimes(module, tuple(found), missing)
+    return LeaseTimes(module, tuple(budgets), missing)
 
 
 def leased(system: System) -> list[Module]:
@@ -113,7 +117,7 @@ def on_the_way(system: System, module: Module) -> Iterator[Component]:
     sc = system.components[module.sc]
     assert sc.node is not None
     wanted = {*module.inputs, *(sc.scope.topics[s.topic] for s in sc.node.subscribes)}
-    found: dict[int, Component] = {}
+    node_by_index: dict[int, Component] = {}
     while True:
         queued = [system.topics[i].queue_of for i in wanted]
         wanted |= {i for i in queued if i is not None}
@@ -121,7 +125,7 @@ def on_the_way(system: System, module: Module) -> Iterator[Component]:
             x
             for x in system.components
             if x.role == "node"
-            and x.index not in found
+            and x.index not in node_by_index
             and x.node is not None
             and wanted & {x.scope.topics[t] for t in x.node.publishes}
         ]
@@ -129,15 +133,15 @@ def on_the_way(system: System, module: Module) -> Iterator[Component]:
             break
         for x in more:
             assert x.node is not None
-            found[x.index] = x
+            node_by_index[x.index] = x
             wanted |= {x.scope.topics[s.topic] for s in x.node.subscribes}
-    yield from (found[i] for i in sorted(found))
+    yield from (node_by_index[i] for i in sorted(node_by_index))
 
 
 # ---------------------------------------------------------------- C
 
 
-def lease_files(system: System, prefix: str) -> list[File]:
+def lease_files(system: System, prefix: str) -> list[PackageFile]:
     """The header and both sources; none where no module has a law."""
     modules = leased(system)
     if not modules:
@@ -168,7 +172,7 @@ def lease_files(system: System, prefix: str) -> list[File]:
         c.CFile((c.FileComment(told[2]), include, *trusted)),
     )
     names = (f"{prefix}_lease.h", f"{prefix}_lease.c", f"{prefix}_grant.c")
-    return [File(n, print_file(f)) for n, f in zip(names, files, strict=True)]
+    return [PackageFile(n, print_file(f)) for n, f in zip(names, files, strict=True)]
 
 
 def _declared(system: System, times: LeaseTimes, name: str, types: TypeTable) -> Iterator[c.CTop]:
@@ -207,7 +211,7 @@ def _law(system: System, times: LeaseTimes, name: str, types: TypeTable) -> Iter
 
 
 def _times(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
-    def numbers(b: Budget) -> c.CExpr:
+    def numbers(b: ReleaseBudget) -> c.CExpr:
         of: Sequence[str] = ("period", "phase", "late", "response")
         return c.Initializer(tuple((n, c.Number(f"INT64_C({getattr(b, n)})")) for n in of))
 
@@ -220,12 +224,12 @@ def _times(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
 
 def notes(system: System) -> list[str]:
     """What whoever builds has to know: how long leases are, and which times count as zero."""
-    found = []
+    lines = []
     for module in leased(system):
         times = lease_times(system, module)
         text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
         if times.undeclared:
             zero = ", ".join(times.undeclared)
             text += f"; {zero} not declared: they count as zero, which no clock keeps"
-        found.append(text)
-    return found
+        lines.append(text)
+    return lines

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
-from soter.program.load.files import read_bytes
-from soter.report.whole_file import whole_file
+from soter.diagnostics.os_error_text import reason
+from soter.program.load.bounded_read import read_bytes
+from soter.report.atomic_write import atomic_write
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,7 +27,7 @@ BYTES_MAX = 2**28
 
 
 @dataclass(frozen=True)
-class File:
+class PackageFile:
     """One file: its path in the package. `yours`: made once, then the person's to change."""
 
     path: str
@@ -44,7 +44,7 @@ class Package:
     """
 
     folder: Path
-    files: list[File] = field(default_factory=list)
+    files: list[PackageFile] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     commands: list[str] = field(default_factory=list)
     programs: dict[str, list[str]] = field(default_factory=dict)
@@ -87,18 +87,18 @@ class Package:
         self._write(self.folder / MANIFEST, json.dumps(ours, indent=1) + "\n")
         return self
 
-    def _is_foreign(self, file: File) -> bool:
+    def _is_foreign(self, file: PackageFile) -> bool:
         """Whether a file stands there that is neither as soter wrote it nor as it would now."""
         path = self.folder / file.path
         try:
             if path.stat().st_size > BYTES_MAX:
                 return True
-            found = hashlib.sha256(path.read_bytes()).hexdigest()
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()
         except FileNotFoundError:
             return False
         except OSError as error:
             raise _cannot_write(path, error) from error
-        return found not in {self._before().get(file.path), _digest(file.text)}
+        return digest not in {self._before().get(file.path), _digest(file.text)}
 
     def _before(self) -> dict[str, str]:
         """What an earlier build noted; empty where there was none."""
@@ -110,7 +110,7 @@ class Package:
 
     def _write(self, path: Path, text: str) -> None:
         try:
-            with whole_file(path) as stream:
+            with atomic_write(path) as stream:
                 stream.write(text.encode("utf-8", "surrogatepass"))
         except OSError as error:
             raise _cannot_write(path, error) from error

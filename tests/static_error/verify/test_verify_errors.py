@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.found import files_below, files_in
+from generators.file_listing import files_below, files_in
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.explain import all_codes, explain
 from soter.diagnostics.render import render_all
-from soter.program.build import check_file, system_of
-from soter.program.flatten.views import as_seen
+from soter.program.elaborate.views import systems_by_view
+from soter.program.front_end import check_file, system_of
 from soter.reach.command import refuse_forced
 from soter.reach.problem.extract import extract
 
@@ -36,26 +36,26 @@ def problems(name: str, text: str | None = None) -> tuple[Diagnostic, ...]:
     checked = check_file(name, text)
     assert checked.ok, render_all(checked.diagnostics.items)
     flat = system_of(checked, None)
-    found: tuple[Diagnostic, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     for module in flat.modules:
         try:
             refuse_forced([(flat, module)])
-            for seen in as_seen(flat, module):
+            for seen in systems_by_view(flat, module):
                 extract(*seen)
         except SoterError as error:
-            found += tuple(error.diagnostics)
-    return found
+            diagnostics += tuple(error.diagnostics)
+    return diagnostics
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_a_program_without_a_problem_gets_the_expected_diagnostic(
     name: str, golden: Callable[[str, str], None]
 ) -> None:
-    found = problems(name)
+    diagnostics = problems(name)
     expected = (FOLDER / name).read_text("utf-8").split("\n", 1)[0].removeprefix("// expect: ")
-    assert [d.code for d in found] == expected.split()
-    assert found[0].code == name.split("_", 1)[0]
-    golden(f"static_error/verify/{Path(name).stem}.txt", render_all(found) + "\n")
+    assert [d.code for d in diagnostics] == expected.split()
+    assert diagnostics[0].code == name.split("_", 1)[0]
+    golden(f"static_error/verify/{Path(name).stem}.txt", render_all(diagnostics) + "\n")
 
 
 @pytest.mark.parametrize("code", CODES)

@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 
 ORDERS = {
     "twice": "soter.recheck; soter.recheck(at); soter.recheck(at)",
-    "after its package was imported": "import soter.recheck.rechecker; soter.recheck(at)",
-    "before and after": "soter.recheck(at); from soter.recheck import rechecker; soter.recheck(at)",
-    "the package, too": "soter.recheck(at); assert soter.recheck.rechecker.recheck",
+    "after its package was imported": "import soter.certificate.rechecker; soter.recheck(at)",
+    "before and after": "soter.recheck(at); from soter.certificate import rechecker; "
+    "soter.recheck(at)",
+    "the package, too": "soter.recheck(at); assert soter.certificate.rechecker.recheck",
     "from soter": "from soter import recheck; recheck(at); recheck(at); soter.recheck(at)",
 }
 

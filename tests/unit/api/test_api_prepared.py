@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import soter
-from soter.api.prepared import KEPT_MAX, Preparations
+from soter.api.compiled_systems import KEPT_MAX, PreparedSystems
 from soter.lower import steps
 from soter.simulate.externs import bindings
 
@@ -176,25 +176,25 @@ def test_threads_may_run_one_program(path: Path) -> None:
         for g in gains
         for s in range(3)
     }
-    found: list[tuple[tuple[float, int], str | None]] = []
+    digests: list[tuple[tuple[float, int], str | None]] = []
 
     def work(number: int) -> None:
         for turn in range(12):
             gain, seed = gains[(number + turn) % 2], turn % 3
             run = program.simulate(seed=seed, params={"GAIN": gain})
-            found.append(((gain, seed), run.trace_sha256))
+            digests.append(((gain, seed), run.trace_sha256))
 
     threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(found) == 48
-    assert all(expected[how] == sha256 for how, sha256 in found)
+    assert len(digests) == 48
+    assert all(expected[how] == sha256 for how, sha256 in digests)
 
 
 def test_copies_start_with_nothing() -> None:
-    for made in (copy.deepcopy(Preparations()), pickle.loads(pickle.dumps(Preparations()))):  # noqa: S301 - our own
+    for made in (copy.deepcopy(PreparedSystems()), pickle.loads(pickle.dumps(PreparedSystems()))):  # noqa: S301 - our own
         assert made._kept == {}
 
 

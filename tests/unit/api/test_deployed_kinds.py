@@ -172,14 +172,14 @@ def refused(folder: Path) -> tuple[str, str]:
 
 def test_a_proof_about_a_plant_that_moves_in_steps_is_carried_step_by_step(tmp_path: Path) -> None:
     placed(tmp_path, BELT, LINE)
-    found = inherited(tmp_path)
-    assert found["inherited"] is True
-    assert {"P2a", "P2b", "P3", "ttf", "safer", "start"} <= set(found["confirmed"])
-    assert found["missing"] == []
-    (covered,) = found["covered"]
+    report = inherited(tmp_path)
+    assert report["inherited"] is True
+    assert {"P2a", "P2b", "P3", "ttf", "safer", "start"} <= set(report["confirmed"])
+    assert report["missing"] == []
+    (covered,) = report["covered"]
     assert "with each step of 100 ms" in covered
     assert "or stale (50 ms)" in covered
-    told = " ".join(found["assumptions"])
+    told = " ".join(report["assumptions"])
     assert "go by turns" in told
     assert "between two steps nothing is claimed" in told
 
@@ -204,9 +204,9 @@ def test_the_error_of_a_plant_that_moves_in_steps_is_asked_as_ever(tmp_path: Pat
 
 def test_a_proof_on_half_spaces_is_carried_as_one_on_cells(tmp_path: Path) -> None:
     placed(tmp_path, POINT, CAR)
-    found = inherited(tmp_path)
-    assert {"P2a", "P2b", "P3", "ttf", "safer", "start"} <= set(found["confirmed"])
-    assert found["covered"] == ["p.place: at most 20 ms old of 20 ms, p.place within 0.05 of 0.05"]
+    report = inherited(tmp_path)
+    assert {"P2a", "P2b", "P3", "ttf", "safer", "start"} <= set(report["confirmed"])
+    assert report["covered"] == ["p.place: at most 20 ms old of 20 ms, p.place within 0.05 of 0.05"]
 
 
 @pytest.mark.parametrize(
@@ -234,11 +234,11 @@ def test_what_half_spaces_were_not_proved_for_is_refused(
 def test_a_proof_by_induction_asks_nothing_of_what_comes_from_outside(tmp_path: Path) -> None:
     pytest.importorskip("z3")
     placed(tmp_path, PLANNER, FLYER)
-    found = inherited(tmp_path)
-    assert found["inherited"] is True
-    assert {"P2a", "P3", "ttf", "safer", "start"} <= set(found["confirmed"])
-    assert found["covered"] == ["p.level: any value of its set, of any age"]
-    assert "Follower: in time, which SOTER_LATE does not tell" in found["assumptions"]
+    report = inherited(tmp_path)
+    assert report["inherited"] is True
+    assert {"P2a", "P3", "ttf", "safer", "start"} <= set(report["confirmed"])
+    assert report["covered"] == ["p.level: any value of its set, of any age"]
+    assert "Follower: in time, which SOTER_LATE does not tell" in report["assumptions"]
 
 
 def test_an_induction_whose_outside_is_not_what_it_thinks_is_not_proved(tmp_path: Path) -> None:
@@ -248,8 +248,8 @@ def test_an_induction_whose_outside_is_not_what_it_thinks_is_not_proved(tmp_path
     text = PLANNER.replace("plan = candidate; }", high)
     assert text != PLANNER
     placed(tmp_path, text, FLYER)
-    found = inherited(tmp_path)
-    assert "P2a" in found["missing"]
+    report = inherited(tmp_path)
+    assert "P2a" in report["missing"]
 
 
 @pytest.mark.parametrize(

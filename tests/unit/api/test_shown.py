@@ -13,7 +13,7 @@ import pytest
 import browser
 import soter
 from processes import run
-from unit.reach_undecided.tanks import TANK
+from unit.reach_undecided.tank_modules import TANK
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 FRAME_MB = 2.5
@@ -84,17 +84,17 @@ FRAME = re.compile(r'<iframe srcdoc="(.*?)" sandbox="allow-scripts"', re.DOTALL)
 
 def in_frame(html: str) -> str:
     """What a frame in a notebook shows, if there is just one."""
-    (found,) = FRAME.findall(html)
-    return unescape(found)
+    (frame,) = FRAME.findall(html)
+    return unescape(frame)
 
 
 def test_a_notebook_shows_the_report_of_a_proof_inline(tmp_path: Path) -> None:
     (tmp_path / "tank.soter").write_text(TANK)
-    found = soter.load(tmp_path / "tank.soter").verify()
+    report = soter.load(tmp_path / "tank.soter").verify()
     page = tmp_path / "page.html"
     soter.load(tmp_path / "tank.soter").verify(report=page)
     numbers = re.compile(r"[\d.]+")  # among them times by the clock
-    assert numbers.sub("", in_frame(found._repr_html_())) == numbers.sub("", page.read_text())
+    assert numbers.sub("", in_frame(report._repr_html_())) == numbers.sub("", page.read_text())
 
 
 def test_a_run_without_a_whole_trace_is_a_table_only() -> None:

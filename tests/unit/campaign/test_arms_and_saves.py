@@ -15,12 +15,12 @@ import pytest
 from soter import SoterError, load
 from soter.api.campaigning import own_folder
 from soter.campaign.arms import NAMES, arms_of
-from soter.campaign.fleet import EVENT, Fleet
-from soter.campaign.lateness import Lateness, measured
-from soter.campaign.troubles import occurred, outside
-from soter.program.build import check_file, system_of
-from soter.program.flatten.derived import forced
-from soter.semantics.chance.faults import begins
+from soter.campaign.batch_flights import EVENT, Fleet
+from soter.campaign.fault_attribution import occurred, outside
+from soter.campaign.release_lateness import Lateness, measured
+from soter.program.elaborate.derived_systems import forced
+from soter.program.front_end import check_file, system_of
+from soter.semantics.random.faults import begins
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
@@ -160,8 +160,8 @@ def test_where_ac_does_no_harm_all_are_precautions(tmp_path: Path) -> None:
 def test_a_violation_without_a_fault_outside_is_a_defect(tmp_path: Path) -> None:
     def flown(faults: str, name: str) -> tuple[int, int]:
         path = with_faults(tmp_path, faults)
-        found = load(path).campaign("Protected", flights=40, until="20s", output=tmp_path / name)
-        return found.result.flights_violated, found.result.violated_inside
+        campaign = load(path).campaign("Protected", flights=40, until="20s", output=tmp_path / name)
+        return campaign.result.flights_violated, campaign.result.violated_inside
 
     violated, defects = flown("late SafeCart.dm by 900ms at 1000 per 1h;", "outside")
     assert violated > 0 == defects
@@ -206,7 +206,7 @@ def test_many_flights_are_counted_in_pieces(
 ) -> None:
     flat = flat_of(with_faults(tmp_path, "nan SafeCart.Fast at 300 per 1h;"))
     whole = occurred(flat, range(50), SECOND)
-    monkeypatch.setattr("soter.campaign.troubles.DRAWS", 300)
+    monkeypatch.setattr("soter.campaign.fault_attribution.DRAWS", 300)
     assert occurred(flat, range(50), SECOND) == whole
 
 
@@ -271,13 +271,13 @@ def test_arms_hold_up_nodes_whose_steps_take_time(tmp_path: Path) -> None:
 
 def test_a_campaign_with_arms_tells_each_and_goes_on(tmp_path: Path) -> None:
     how = {"flights": 30, "until": "6s", "output": tmp_path / "c", "arms": ("ac", "paper")}
-    found = load(CART).campaign("Protected", lateness_s=0.2, **how)
-    assert [a.name for a in found.arms] == ["ours", "ac", "paper"]
-    assert found.arms[1].result.flights_violated > 0 == found.result.violations
-    assert "releases every 10 ms" in found.lateness
+    campaign = load(CART).campaign("Protected", lateness_s=0.2, **how)
+    assert [a.name for a in campaign.arms] == ["ours", "ac", "paper"]
+    assert campaign.arms[1].result.flights_violated > 0 == campaign.result.violations
+    assert "releases every 10 ms" in campaign.lateness
     again = load(CART).campaign("Protected", lateness_s=0.2, **how)
     assert [a.flown for a in again.arms] == [0, 0, 0]
-    assert [a.result.digest for a in again.arms] == [a.result.digest for a in found.arms]
+    assert [a.result.digest for a in again.arms] == [a.result.digest for a in campaign.arms]
 
 
 def test_an_arm_that_is_none_is_refused(tmp_path: Path) -> None:
@@ -287,11 +287,11 @@ def test_an_arm_that_is_none_is_refused(tmp_path: Path) -> None:
 
 
 def test_lateness_is_measured_and_told() -> None:
-    found = measured(seconds=0.1)
-    assert isinstance(found, Lateness)
-    assert found.releases == 10
-    assert list(found.quantiles_ns) == sorted(found.quantiles_ns)
-    assert "busy processes" in found.text()
+    lateness = measured(seconds=0.1)
+    assert isinstance(lateness, Lateness)
+    assert lateness.releases == 10
+    assert list(lateness.quantiles_ns) == sorted(lateness.quantiles_ns)
+    assert "busy processes" in lateness.text()
 
 
 # ---------------------------------------------------------------- what is written
@@ -319,11 +319,11 @@ def test_parquet_says_what_the_flights_say(tmp_path: Path, changed: Path) -> Non
     parquet = pytest.importorskip("pyarrow.parquet", reason="the extra is absent: soter[parquet]")
     from soter.campaign.parquet import write_parquet
 
-    found = load(changed).campaign(flights=7, until="2s", output=tmp_path / "c", saves="1s")
-    table = parquet.read_table(write_parquet(found.folder)).to_pydict()
-    assert table["digest"] == [f.digest for f in found.flights]
-    assert table["far.sum"] == [f.looks[0].sum for f in found.flights]
-    assert table["SafeCart.saves"] == [f.saves[0] for f in found.flights]
+    campaign = load(changed).campaign(flights=7, until="2s", output=tmp_path / "c", saves="1s")
+    table = parquet.read_table(write_parquet(campaign.folder)).to_pydict()
+    assert table["digest"] == [f.digest for f in campaign.flights]
+    assert table["far.sum"] == [f.looks[0].sum for f in campaign.flights]
+    assert table["SafeCart.saves"] == [f.saves[0] for f in campaign.flights]
 
 
 def test_a_flight_is_flown_again_by_its_number(
@@ -331,8 +331,10 @@ def test_a_flight_is_flown_again_by_its_number(
 ) -> None:
     from soter.cli.main import main
 
-    found = load(CART).campaign("Unprotected", flights=9, until="4s", output=tmp_path / "c", seed=5)
-    flight = found.result.worst[-1]
+    campaign = load(CART).campaign(
+        "Unprotected", flights=9, until="4s", output=tmp_path / "c", seed=5
+    )
+    flight = campaign.result.worst[-1]
     arguments = ["run", str(CART), "--system", "Unprotected", "--until", "4s", "--json"]
     assert main([*arguments, "--seed", "5", "--flight", str(flight.number)]) == 3
     document = json.loads(capsys.readouterr().out)
@@ -363,8 +365,8 @@ def digest_of_run(run: Run) -> str:
             "count": state["properties"]["count"],
             "latched": state["components"]["latched"],
         }
-    found = np.array(events, dtype=EVENT)
-    return hashlib.sha256(found.tobytes() + states[-1].tobytes()).hexdigest()
+    event_array = np.array(events, dtype=EVENT)
+    return hashlib.sha256(event_array.tobytes() + states[-1].tobytes()).hexdigest()
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -439,8 +441,8 @@ def test_where_a_campaign_lies_is_known_without_being_told(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     program = load(CART)
-    found = program.campaign("Protected", {}, flights=1, until="2s", seed=3)
-    assert own_folder(program.flat("Protected"), program.path, "2s", 3) == found.folder
+    campaign = program.campaign("Protected", {}, flights=1, until="2s", seed=3)
+    assert own_folder(program.flat("Protected"), program.path, "2s", 3) == campaign.folder
 
 
 def test_flights_in_which_steps_overrun_are_runs_bit_for_bit(tmp_path: Path) -> None:

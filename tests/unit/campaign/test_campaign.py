@@ -16,10 +16,10 @@ import pytest
 
 import processes
 from soter import SoterError, load
-from soter.campaign import fleet as fleets
-from soter.campaign.fleet import EVENT, TO_AC, TO_SC, VIOLATED, Fleet
+from soter.campaign import batch_flights as fleets
+from soter.campaign.batch_flights import EVENT, TO_AC, TO_SC, VIOLATED, Fleet
 from soter.campaign.store import digest_of
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
@@ -71,8 +71,8 @@ def test_a_digest_is_that_of_the_events_and_the_last_state_of_the_interpreter() 
 
 @pytest.mark.parametrize("optimise", ["-O0", "-O2"])
 def test_the_compiler_changes_nothing(optimise: str, flown: Campaign) -> None:
-    found = Fleet(system("Unprotected"), 4 * SECOND, optimise).fly(range(30), first_seed=1)
-    assert found == list(flown.flights[:30])
+    flights = Fleet(system("Unprotected"), 4 * SECOND, optimise).fly(range(30), first_seed=1)
+    assert flights == list(flown.flights[:30])
 
 
 @pytest.mark.parametrize("workers", [2, 3, 7])
@@ -92,8 +92,8 @@ def test_little_room_for_events_changes_nothing(
     flown: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fleets, "ROOM", 1)
-    found = Fleet(system("Unprotected"), 4 * SECOND).fly(range(50), first_seed=1)
-    assert found == list(flown.flights[:50])
+    flights = Fleet(system("Unprotected"), 4 * SECOND).fly(range(50), first_seed=1)
+    assert flights == list(flown.flights[:50])
 
 
 def test_cut_at_any_byte_it_goes_on_to_the_same(flown: Campaign, tmp_path: Path) -> None:
@@ -146,9 +146,9 @@ def test_a_longer_one_goes_on_where_a_shorter_one_ended(tmp_path: Path, flown: C
 
 
 def test_hours_make_flights(tmp_path: Path) -> None:
-    found = load(CART).campaign("Protected", hours=0.01, until="10s", output=tmp_path / "c")
-    assert len(found.flights) == 4
-    assert found.result.hours == pytest.approx(40 / 3600)
+    campaign = load(CART).campaign("Protected", hours=0.01, until="10s", output=tmp_path / "c")
+    assert len(campaign.flights) == 4
+    assert campaign.result.hours == pytest.approx(40 / 3600)
 
 
 @pytest.mark.parametrize(
@@ -197,9 +197,9 @@ def test_a_disk_that_fills_keeps_what_was_flown(
     calls = iter([None, None, OSError(28, "No space left on device")])
 
     def sync(_: int) -> None:
-        found = next(calls)
-        if found is not None:
-            raise found
+        error = next(calls)
+        if error is not None:
+            raise error
 
     folder = tmp_path / "c"
     monkeypatch.setattr(os, "fsync", sync)

@@ -12,13 +12,13 @@ import pytest
 
 from json_documents import problems_of
 from soter import SoterError, load
-from soter.campaign.fleet import Fleet
+from soter.campaign.batch_flights import Fleet
+from soter.campaign.fault_attribution import outside
 from soter.campaign.statistics import FLIGHTS, POISSON, rate, share
-from soter.campaign.troubles import outside
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.explain import explain
-from soter.program.build import check_file, system_of
-from soter.program.flatten.derived import only_inside
+from soter.program.elaborate.derived_systems import only_inside
+from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,11 +90,11 @@ def test_a_system_that_only_measures_is_judged_by_nothing_and_says_so(
 ) -> None:
     from soter.cli.main import main
 
-    found = flown(CHANCE, ALOFT)
-    (warning,) = found.diagnostics
+    campaign = flown(CHANCE, ALOFT)
+    (warning,) = campaign.diagnostics
     assert (warning.code, warning.severity) == ("C006", Severity.WARNING)
-    assert found.result.per_hour == (0.0, float("inf"))
-    assert found.result.per_flight == (0.0, 1.0)
+    assert campaign.result.per_hour == (0.0, float("inf"))
+    assert campaign.result.per_flight == (0.0, 1.0)
     asked = ["campaign", str(tmp_path / "walk.soter"), "--flights", "60", "-o", str(tmp_path / "c")]
     assert main([*asked, "--report"]) == 0
     said = capsys.readouterr()
@@ -117,12 +117,12 @@ def test_copies_of_one_flight_are_one(
 ) -> None:
     from soter.cli.main import main
 
-    found = flown(SAME, FAR)
-    r = found.result
+    campaign = flown(SAME, FAR)
+    r = campaign.result
     assert (r.flights, r.distinct) == (60, 1)
     assert r.per_hour == pytest.approx(rate(0, 2 / 3600))
     assert r.per_flight == share(0, 1)
-    (warning,) = found.diagnostics
+    (warning,) = campaign.diagnostics
     assert (warning.code, warning.severity) == ("C007", Severity.WARNING)
     assert "60 flights are copies of one" in warning.message
     asked = ["campaign", str(tmp_path / "walk.soter"), "--flights", "60", "-o", str(tmp_path / "c")]
@@ -131,17 +131,17 @@ def test_copies_of_one_flight_are_one(
     assert problems_of(document) == []
     assert document["distinct_flights"] == 1
     assert document["violations_per_hour"] == list(r.per_hour)
-    with (found.folder / "flights.csv").open() as file:
+    with (campaign.folder / "flights.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len({row["trajectory"] for row in rows}) == 1
     assert len({row["digest"] for row in rows}) == 60
 
 
 def test_flights_that_differ_are_all_counted(flown: Callable[..., Campaign]) -> None:
-    found = flown(CHANCE, FAR)
-    assert found.result.distinct == 60
-    assert found.diagnostics == ()
-    assert found.result.per_hour == rate(0, 120 / 3600)
+    campaign = flown(CHANCE, FAR)
+    assert campaign.result.distinct == 60
+    assert campaign.diagnostics == ()
+    assert campaign.result.per_hour == rate(0, 120 / 3600)
 
 
 def test_flights_that_end_alike_are_no_copies(tmp_path: Path) -> None:
@@ -153,8 +153,8 @@ def test_flights_that_end_alike_are_no_copies(tmp_path: Path) -> None:
         "  next k = (k + 1) % 1000; next n = k < 90 && w > 0.0 ? 5 : 0; }\n"
         "system S { p: P; until 1s; always p.truth.n < 9; }"
     )
-    found = load(path).campaign(flights=8, output=tmp_path / "c")
-    assert found.result.distinct == 8
+    campaign = load(path).campaign(flights=8, output=tmp_path / "c")
+    assert campaign.result.distinct == 8
 
 
 # ---------------------------------------------------------------- hours, scatter
@@ -190,11 +190,11 @@ def test_aloft_is_a_share_of_the_time_whatever_it_measures(flown: Callable[..., 
 
 
 def test_episodes_that_do_not_scatter_are_bounded_by_flight(tmp_path: Path) -> None:
-    found = load(CART).campaign("Protected", flights=200, until="30s", output=tmp_path / "c")
-    (module,) = found.result.modules
+    campaign = load(CART).campaign("Protected", flights=200, until="30s", output=tmp_path / "c")
+    (module,) = campaign.result.modules
     assert (module.episodes, module.basis) == (200, FLIGHTS)
     low, high = module.per_hour
-    assert 110 < low < 120 < rate(200, found.result.hours)[1] < high
+    assert 110 < low < 120 < rate(200, campaign.result.hours)[1] < high
 
 
 def test_violations_that_scatter_as_poisson_keep_their_exact_interval(tmp_path: Path) -> None:
@@ -269,10 +269,10 @@ def test_without_what_is_outside_a_flight_is_that_of_the_system_that_never_had_i
 
 def test_arms_are_judged_the_same_way(tmp_path: Path) -> None:
     how = {"flights": 20, "until": "20s", "output": tmp_path / "c"}
-    found = load(CART).campaign("Protected", arms=("ac", "swept"), **how)
-    alone = next(a.result for a in found.arms if a.name == "ac")
+    campaign = load(CART).campaign("Protected", arms=("ac", "swept"), **how)
+    alone = next(a.result for a in campaign.arms if a.name == "ac")
     assert alone.flights_violated == alone.violated_inside > 0, "no fault is to blame"
-    swept = [a.result for a in found.arms if "1200ms" in a.name]
+    swept = [a.result for a in campaign.arms if "1200ms" in a.name]
     assert all(r.violated_inside == 0 for r in swept)
 
 
@@ -295,8 +295,8 @@ def test_a_measure_without_numbers_tells_nothing(
     from soter.cli.main import main
 
     never = "1.0 / (car.truth.x > 100.0 ? 1.0 : 0.0) in [0.0, 1.0] / 2 every 100ms;"
-    found = flown(CHANCE, f"{FAR} measure speed = {never} measure aloft = {never}", flights=5)
-    assert (found.result.km, found.result.hours_aloft) == (None, 0.0)
+    campaign = flown(CHANCE, f"{FAR} measure speed = {never} measure aloft = {never}", flights=5)
+    assert (campaign.result.km, campaign.result.hours_aloft) == (None, 0.0)
     asked = ["campaign", str(tmp_path / "walk.soter"), "--flights", "5", "-o", str(tmp_path / "c")]
     assert main([*asked, "--json", "--report"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -325,11 +325,11 @@ def test_faults_that_never_and_always_happen_are_counted_as_they_do(
     never = (
         f"{FAR} faults {{ stuck Driver at 0 per 1h for 1s; nan Driver at 36000 per 1h for 100ms; }}"
     )
-    found = flown(CHANCE, never, flights=6)
-    counts = dict(found.occurred)
+    campaign = flown(CHANCE, never, flights=6)
+    counts = dict(campaign.occurred)
     assert counts["stuck Driver at 0 per 1h for 1s"] == 0
     assert (counts["nan Driver at 36000 per 1h for 100ms"] or 0) >= 6 * 20
-    assert found.result.excused == (("nan Driver at 36000 per 1h for 100ms", 6, 6),)
+    assert campaign.result.excused == (("nan Driver at 36000 per 1h for 100ms", 6, 6),)
 
 
 # ---------------------------------------------------------------- which of several
@@ -341,11 +341,11 @@ def test_a_fault_that_does_no_harm_excuses_nothing_by_being_there(
     from soter.cli.main import main
 
     culprit = "nan Driver at 36000 per 1h for 100ms"
-    found = flown(CHANCE, f"{FAR} faults {{ {culprit}; order any; }}", flights=6)
-    assert found.result.violated_inside == 0
-    assert all(set(b.met) == {"order any", culprit} for b in found.result.blames)
-    assert all(b.needed == (culprit,) for b in found.result.blames)
-    assert {t: (n, met) for t, n, met in found.result.excused} == {
+    campaign = flown(CHANCE, f"{FAR} faults {{ {culprit}; order any; }}", flights=6)
+    assert campaign.result.violated_inside == 0
+    assert all(set(b.met) == {"order any", culprit} for b in campaign.result.blames)
+    assert all(b.needed == (culprit,) for b in campaign.result.blames)
+    assert {t: (n, met) for t, n, met in campaign.result.excused} == {
         culprit: (6, 6),
         "order any": (0, 6),
     }

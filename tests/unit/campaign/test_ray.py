@@ -14,12 +14,12 @@ import pytest
 
 import processes
 from soter import SoterError, load
-from soter.campaign import ray_flying
-from soter.campaign.fleet import Fleet, Flyer
-from soter.campaign.ray_flying import TRIES, Told, fly_there, own_digest
-from soter.campaign.unit import unpacked
+from soter.campaign import ray_cluster
+from soter.campaign.batch_flights import Fleet, Flyer
+from soter.campaign.compiled_unit import unpacked
+from soter.campaign.ray_cluster import TRIES, WorkerReply, fly_there, own_digest
 from soter.diagnostics.diagnostic import Diagnostic
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,8 +51,8 @@ Sent = TypeVar("Sent")
 
 def sent(what: Sent) -> Sent:
     """What comes out at the other end."""
-    found: Sent = pickle.loads(pickle.dumps(what))  # noqa: S301 - its own
-    return found
+    copy: Sent = pickle.loads(pickle.dumps(what))  # noqa: S301 - its own
+    return copy
 
 
 class RayError(Exception):
@@ -89,11 +89,13 @@ class FakeRay(SimpleNamespace):
         assert options == {"num_cpus": 1, "max_retries": 0}
         return lambda task: SimpleNamespace(remote=lambda *given: self.asked(task, given))
 
-    def asked(self, task: Callable[..., Told], given: tuple[Any, ...]) -> Callable[[], Told]:
+    def asked(
+        self, task: Callable[..., WorkerReply], given: tuple[Any, ...]
+    ) -> Callable[[], WorkerReply]:
         self.tasks += 1
         number = self.tasks
 
-        def answer() -> Told:
+        def answer() -> WorkerReply:
             if self.dies(number):
                 message = "\nthe worker died\nmore of it"
                 raise RayError(message)
@@ -101,7 +103,7 @@ class FakeRay(SimpleNamespace):
 
         return answer
 
-    def get(self, asked: Callable[[], Told]) -> Told:
+    def get(self, asked: Callable[[], WorkerReply]) -> WorkerReply:
         return asked()
 
     def cancel(self, _: object, *, force: bool) -> None:
@@ -112,11 +114,11 @@ class FakeRay(SimpleNamespace):
 @pytest.fixture
 def ray(monkeypatch: pytest.MonkeyPatch) -> Callable[..., FakeRay]:
     def made(dies: Callable[[int], bool] = lambda _: False) -> FakeRay:
-        found = FakeRay(dies)
-        monkeypatch.setitem(sys.modules, "ray", found)
-        monkeypatch.setattr(ray_flying, "find_spec", lambda _: True)
-        monkeypatch.setattr(ray_flying, "_flyers", {})
-        return found
+        fake_ray = FakeRay(dies)
+        monkeypatch.setitem(sys.modules, "ray", fake_ray)
+        monkeypatch.setattr(ray_cluster, "find_spec", lambda _: True)
+        monkeypatch.setattr(ray_cluster, "_flyers", {})
+        return fake_ray
 
     return made
 
@@ -127,11 +129,11 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     return load(CART).campaign("Protected", output=folder, workers="local", **HOW)
 
 
-def same(found: Path, wanted: Path) -> bool:
+def same(actual: Path, wanted: Path) -> bool:
     """Whether all flights of two campaigns are, arms included, byte for byte."""
     files = sorted(p.relative_to(wanted) for p in wanted.rglob("flights.csv"))
     assert len(files) == 2
-    return all((found / p).read_bytes() == (wanted / p).read_bytes() for p in files)
+    return all((actual / p).read_bytes() == (wanted / p).read_bytes() for p in files)
 
 
 def test_what_is_sent_flies_the_same() -> None:
@@ -144,10 +146,10 @@ def test_a_cluster_flies_the_same(
     ray: Callable[..., FakeRay], here: Campaign, tmp_path: Path
 ) -> None:
     fake = ray()
-    found = load(CART).campaign("Protected", output=tmp_path / "c", workers="ray", **HOW)
+    campaign = load(CART).campaign("Protected", output=tmp_path / "c", workers="ray", **HOW)
     assert same(tmp_path / "c", here.folder)
-    assert (found.result, found.workers, fake.joined) == (here.result, 3, False)
-    assert {f.all_ac_s for f in found.arms[1].flights} == {4.0}
+    assert (campaign.result, campaign.workers, fake.joined) == (here.result, 3, False)
+    assert {f.all_ac_s for f in campaign.arms[1].flights} == {4.0}
 
 
 def test_what_the_caller_joined_is_not_left(ray: Callable[..., FakeRay], tmp_path: Path) -> None:
@@ -190,7 +192,7 @@ def test_what_a_worker_refuses_is_said(
     def refuse(_: object) -> None:
         raise SoterError((wrong,))
 
-    monkeypatch.setattr(ray_flying, "Flyer", refuse)
+    monkeypatch.setattr(ray_cluster, "Flyer", refuse)
     with pytest.raises(SoterError) as caught:
         load(CART).campaign("Protected", output=tmp_path / "c", workers="ray", **HOW)
     assert caught.value.diagnostics == (wrong,)
@@ -235,7 +237,7 @@ def test_a_cluster_that_cannot_be_joined(
 
 
 def test_without_ray(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(ray_flying, "find_spec", lambda _: None)
+    monkeypatch.setattr(ray_cluster, "find_spec", lambda _: None)
     with pytest.raises(SoterError, match="D007") as caught:
         load(CART).campaign("Protected", output=tmp_path / "c", workers="ray", **HOW)
     assert "pip install 'soter[ray]'" in caught.value.diagnostics[0].helps[0]
@@ -285,9 +287,9 @@ def test_the_c_of_externs_is_sent(
         flyers.append(Flyer(recipe))
         return flyers[-1]
 
-    monkeypatch.setattr(ray_flying, "Flyer", made)
-    found = load(path).campaign(flights=40, output=tmp_path / "there", workers="ray")
-    assert (found.result, len(flyers)) == (wanted.result, 1)
+    monkeypatch.setattr(ray_cluster, "Flyer", made)
+    campaign = load(path).campaign(flights=40, output=tmp_path / "there", workers="ray")
+    assert (campaign.result, len(flyers)) == (wanted.result, 1)
     assert wanted.result.violations > 0
 
 

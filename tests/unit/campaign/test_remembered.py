@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.campaign import unit
-from soter.campaign.fleet import Fleet
-from soter.campaign.unit import generate_measured
+from soter.campaign import compiled_unit
+from soter.campaign.batch_flights import Fleet
+from soter.campaign.compiled_unit import generate_measured
 from soter.codegen.unit import UnitBuilder
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import run_interpreted
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def test_every_event_is_that_of_flights_that_remember_nothing(
     whole: System, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flights = Fleet(whole, 20 * SECOND).fly(range(40), first_seed=1)
-    monkeypatch.setattr(unit, "_dear_calls", lambda _: frozenset())
-    monkeypatch.setattr(unit.Rememberer, "property", UnitBuilder.property)
+    monkeypatch.setattr(compiled_unit, "_dear_calls", lambda _: frozenset())
+    monkeypatch.setattr(compiled_unit.UnitCache, "property", UnitBuilder.property)
     assert "_anew" not in generate_measured(whole).source
     assert Fleet(whole, 20 * SECOND).fly(range(40), first_seed=1) == flights

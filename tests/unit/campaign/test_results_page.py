@@ -43,22 +43,22 @@ def test_faults_are_called_inside_where_all_of_them_are(
     said: str,
     tmp_path: Path,
 ) -> None:
-    found = campaign(tmp_path, faults)
-    assert said in results.declared(found)
-    assert ("all of them" in results.declared(found)) == (faults == f"{INSIDE};")
-    outside = [row for row in results.table(found) if "outside" in row]
+    cart_campaign = campaign(tmp_path, faults)
+    assert said in results.declared(cart_campaign)
+    assert ("all of them" in results.declared(cart_campaign)) == (faults == f"{INSIDE};")
+    outside = [row for row in results.table(cart_campaign) if "outside" in row]
     assert len(outside) == (OUTSIDE in faults)
 
 
 def test_what_is_said_of_violations_is_what_was_flown(tmp_path: Path) -> None:
-    found = campaign(tmp_path, f"{OUTSIDE};")
+    cart_campaign = campaign(tmp_path, f"{OUTSIDE};")
     flat = load(tmp_path / "cart.soter").flat("Protected")
-    text, r = results.judged(found, flat), found.result
+    text, r = results.judged(cart_campaign, flat), cart_campaign.result
     assert r.violations > 0
     assert f"{r.violations} violations in" in text
     assert f"{r.flights_violated} of them are clean when they are flown again" in text
     assert "`always Clear(c.truth)`" in text
-    assert results.broken(found)[2] == f"| {r.violations} | `always Clear(c.truth)` |"
+    assert results.broken(cart_campaign)[2] == f"| {r.violations} | `always Clear(c.truth)` |"
 
 
 def test_flights_that_are_others_when_run_again_are_told() -> None:

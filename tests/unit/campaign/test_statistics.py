@@ -9,7 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from soter.campaign.statistics import FLIGHTS, POISSON, Interval, interval_of, rate, share
+from soter.campaign.statistics import FLIGHTS, POISSON, RateInterval, interval_of, rate, share
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 34, 700])
@@ -72,15 +72,15 @@ def _binomial_from(least: int, of: int, p: mpmath.mpf) -> mpmath.mpf:
 
     odds = p / (1 - p)
     if least > of * p:  # the tail itself is small
-        found, t, k = mpmath.mpf(0), term(least), least
+        total, t, k = mpmath.mpf(0), term(least), least
         while k <= of and t > mpmath.mpf(10) ** -25:
-            found, t, k = found + t, t * odds * (of - k) / (k + 1), k + 1
-        return found
-    found, k = mpmath.mpf(0), least - 1
+            total, t, k = total + t, t * odds * (of - k) / (k + 1), k + 1
+        return total
+    total, k = mpmath.mpf(0), least - 1
     t = term(k)
     while k >= 0 and t > mpmath.mpf(10) ** -25:
-        found, t, k = found + t, t / odds * k / (of - k + 1), k - 1
-    return 1 - found
+        total, t, k = total + t, t / odds * k / (of - k + 1), k - 1
+    return 1 - total
 
 
 # ---------------------------------------------------------------- by flight
@@ -89,8 +89,8 @@ def _binomial_from(least: int, of: int, p: mpmath.mpf) -> mpmath.mpf:
 def test_what_scatters_as_poisson_does_is_called_so() -> None:
     rng = np.random.default_rng(1)
     counts, hours = rng.poisson(4.0, 500).tolist(), [0.1] * 500
-    found = interval_of(counts, hours, most=100)
-    assert found == Interval(*rate(sum(counts), 50.0), POISSON)
+    interval = interval_of(counts, hours, most=100)
+    assert interval == RateInterval(*rate(sum(counts), 50.0), POISSON)
 
 
 @pytest.mark.parametrize(
@@ -104,12 +104,12 @@ def test_what_scatters_as_poisson_does_is_called_so() -> None:
 )
 def test_what_does_not_scatter_so_is_bounded_by_flight(counts: list[int]) -> None:
     hours, n, most = 0.5, len(counts), 300
-    found = interval_of(counts, [hours] * n, most=most)
-    assert found.basis == FLIGHTS
-    assert found.low < sum(counts) / n / hours < found.high < most / hours
+    interval = interval_of(counts, [hours] * n, most=most)
+    assert interval.basis == FLIGHTS
+    assert interval.low < sum(counts) / n / hours < interval.high < most / hours
     with mpmath.workdps(40):  # capital that was staked on other means grew 40 times
         grown = []
-        for bound, up in ((found.low, True), (found.high, False)):
+        for bound, up in ((interval.low, True), (interval.high, False)):
             m, capital = mpmath.mpf(bound) * hours / most, mpmath.mpf(0)
             for k in range(16):
                 product = mpmath.mpf(1)
@@ -123,8 +123,8 @@ def test_what_does_not_scatter_so_is_bounded_by_flight(counts: list[int]) -> Non
 
 
 def test_what_comes_like_clockwork_is_bounded_closely() -> None:
-    found = interval_of([40, 41, 40, 39] * 300, [1.0] * 1200, most=301)
-    assert 39.5 < found.low < 40.0 < found.high < 42.0
+    interval = interval_of([40, 41, 40, 39] * 300, [1.0] * 1200, most=301)
+    assert 39.5 < interval.low < 40.0 < interval.high < 42.0
     bursts = interval_of([0] * 990 + [30] * 10, [1.0] * 1000, most=301)
     exact = rate(300, 1000.0)
     assert bursts.low < exact[0] < exact[1] < bursts.high
@@ -135,8 +135,8 @@ def test_bounds_by_flight_hold_as_often_as_they_say() -> None:
     missed = 0
     for _ in range(150):
         counts = (rng.random(60) < 0.3) * rng.integers(0, 9, 60)  # mean 1.2, in bursts
-        found = interval_of(counts.tolist(), [1.0] * 60, most=8)
-        missed += not found.low <= 1.2 <= found.high
+        interval = interval_of(counts.tolist(), [1.0] * 60, most=8)
+        missed += not interval.low <= 1.2 <= interval.high
     assert missed <= 7
 
 
@@ -150,5 +150,5 @@ def test_copies_of_a_flight_widen_a_bound_and_never_narrow_it() -> None:
 
 
 def test_flights_of_no_time_aloft_bound_nothing() -> None:
-    assert interval_of([0, 0], [0.0, 0.0], most=5) == Interval(0.0, inf, FLIGHTS)
-    assert interval_of([], [], most=5) == Interval(0.0, inf, FLIGHTS)
+    assert interval_of([0, 0], [0.0, 0.0], most=5) == RateInterval(0.0, inf, FLIGHTS)
+    assert interval_of([], [], most=5) == RateInterval(0.0, inf, FLIGHTS)

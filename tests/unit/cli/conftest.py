@@ -33,11 +33,11 @@ class Result:
     @property
     def document(self) -> dict[str, Any]:
         """The one JSON document on standard output; it keeps to docs/json.md."""
-        found: dict[str, Any] = json.loads(self.out)
-        assert problems_of(found) == []
-        assert found["exit"] == self.exit
-        assert found["ok"] == (self.exit == 0)
-        return found
+        document: dict[str, Any] = json.loads(self.out)
+        assert problems_of(document) == []
+        assert document["exit"] == self.exit
+        assert document["ok"] == (self.exit == 0)
+        return document
 
     @property
     def codes(self) -> list[str]:

@@ -177,10 +177,10 @@ def test_a_policy_is_started_again_and_again_but_not_for_ever(folder: Path) -> N
         " ttf false; safer true; }",
     ).replace("system S { node Learned;", "system S { module Guard;")
     (folder / "robot.soter").write_text(text)
-    found = json.loads(run(folder, "leaves", "--json").stdout)
-    assert found["violations"] == 0
-    assert found["modules"]["Guard"]["gate_faults"] == 51
-    assert "exit status 0" in found["extern_failures"]["Guard.Learned"]
+    report = json.loads(run(folder, "leaves", "--json").stdout)
+    assert report["violations"] == 0
+    assert report["modules"]["Guard"]["gate_faults"] == 51
+    assert "exit status 0" in report["extern_failures"]["Guard.Learned"]
 
 
 def test_a_missing_verdict_is_no_success(folder: Path) -> None:

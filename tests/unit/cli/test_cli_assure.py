@@ -13,9 +13,9 @@ import pytest
 
 from json_documents import SCHEMAS, _check
 from soter.api import load
-from soter.recheck.assumptions import Said
-from soter.recheck.certificate.folder import canonical
-from soter.recheck.report import ModuleReport, Report
+from soter.certificate.assumptions import RecheckAssumption
+from soter.certificate.format.folder import canonical
+from soter.certificate.report import RecheckedModule, Report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -77,12 +77,12 @@ def cart(proved: Path, here: Path) -> Path:
 
 
 def case_of(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / "out" / "case.json").read_text())
-    assert list(_check(SCHEMAS["case"], found, "")) == []
-    ids = {n["id"] for n in found["nodes"]}
-    for n in found["nodes"]:
+    case: dict[str, Any] = json.loads((folder / "out" / "case.json").read_text())
+    assert list(_check(SCHEMAS["case"], case, "")) == []
+    ids = {n["id"] for n in case["nodes"]}
+    for n in case["nodes"]:
         assert ids.issuperset(n["supported_by"] + n["in_context_of"])
-    return found
+    return case
 
 
 def assured(soter: Soter, *arguments: str) -> tuple[int, dict[str, str]]:
@@ -210,8 +210,8 @@ def test_what_a_certificate_does_not_prove_is_not_supported(
             manifest["modules"][0]["recover_ns"] = None
 
     forged(cart, change)
-    found, goals = assured(soter, "--cert", "proof")
-    assert found == code
+    exit_code, goals = assured(soter, "--cert", "proof")
+    assert exit_code == code
     if open_ is None:
         assert set(goals.values()) == {"undeveloped"}
         return
@@ -253,11 +253,13 @@ def test_without_the_re_checkers_numbers_there_is_no_case(
 def test_a_compiled_decision_module_that_differs_refutes(
     soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = ModuleReport("SafeCart", {}, confirmed=[*PROOF, "P2b"], system="Protected")
-    found.parameters = {"GAIN": "1.0"}
+    module_report = RecheckedModule("SafeCart", {}, confirmed=[*PROOF, "P2b"], system="Protected")
+    module_report.parameters = {"GAIN": "1.0"}
     sha256 = load(cart / "c.soter").flat("Protected").program.sha256
-    report = Report(accepted=True, program_sha256=sha256, modules=[found])
-    report.not_covered = [Said("compiled", "the code that a decision module is compiled to")]
+    report = Report(accepted=True, program_sha256=sha256, modules=[module_report])
+    report.not_covered = [
+        RecheckAssumption("compiled", "the code that a decision module is compiled to")
+    ]
     monkeypatch.setattr("soter.api.assurance.certificate.recheck", lambda *_: report)
     assert assured(soter, "--cert", "proof")[0] == 0
     assert "compiled to" not in json.dumps(case_of(cart))

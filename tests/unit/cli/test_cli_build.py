@@ -11,7 +11,7 @@ from soter.codegen.c.names import program_prefix
 from soter.native.compiler import WARNINGS, find
 from soter.targets.build import COMING, TARGETS
 from soter.targets.c99 import c99_package
-from soter.targets.package import File, Package
+from soter.targets.package import Package, PackageFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -192,7 +192,7 @@ def test_another_target_is_called_by_its_own_name(
 ) -> None:
     def toy(system: System, core: CoreSystem, folder: Path) -> Package:
         package = c99_package(system, core, folder)
-        package.files.append(File("TOY.txt", "a toy"))
+        package.files.append(PackageFile("TOY.txt", "a toy"))
         return package
 
     monkeypatch.setitem(TARGETS, "toy", toy)

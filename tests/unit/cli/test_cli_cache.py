@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.native import kept
+from soter.native import cache
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,8 +31,8 @@ def made(name: str, size: int, age_s: float) -> Path:
     def make(at: Path) -> None:
         (at / "data").write_bytes(bytes(size))
 
-    path = kept.keep(name, "0" * 32, ("data",), make)
-    kept._ours.discard(path)
+    path = cache.store(name, "0" * 32, ("data",), make)
+    cache._ours.discard(path)
     then = time.time() - age_s
     os.utime(path, (then, then))
     return path

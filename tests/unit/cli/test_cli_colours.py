@@ -22,9 +22,9 @@ ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
 
 @pytest.fixture
 def tank(here: Path) -> str:
-    found = re.search(r"^```soter prove=tank.soter\n(.*?)^```", TANK, re.MULTILINE | re.DOTALL)
-    assert found is not None
-    (here / "tank.soter").write_text(found[1], "utf-8")
+    match = re.search(r"^```soter prove=tank.soter\n(.*?)^```", TANK, re.MULTILINE | re.DOTALL)
+    assert match is not None
+    (here / "tank.soter").write_text(match[1], "utf-8")
     return "tank.soter"
 
 

@@ -46,11 +46,11 @@ def sarif_of(text: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 
 def places(results: list[dict[str, Any]]) -> list[tuple[str, str, int]]:
-    found = []
+    locations = []
     for r in results:
         at = r["locations"][0]["physicalLocation"]
-        found.append((r["ruleId"], at["artifactLocation"]["uri"], at["region"]["startLine"]))
-    return found
+        locations.append((r["ruleId"], at["artifactLocation"]["uri"], at["region"]["startLine"]))
+    return locations
 
 
 def test_check_as_sarif(soter: Soter, here: Path) -> None:
@@ -90,10 +90,10 @@ def cases(text: str) -> list[ET.Element]:
     root = ET.fromstring(text)  # noqa: S314 - it is ours
     assert root.tag == "testsuites"
     for of in (root, *root.findall("testsuite")):
-        found = list(of.iter("testcase"))
-        assert int(of.attrib["tests"]) == len(found)
+        test_cases = list(of.iter("testcase"))
+        assert int(of.attrib["tests"]) == len(test_cases)
         for tag, figure in (("failure", "failures"), ("error", "errors")):
-            assert int(of.attrib[figure]) == sum(c.find(tag) is not None for c in found)
+            assert int(of.attrib[figure]) == sum(c.find(tag) is not None for c in test_cases)
     assert all(c.attrib["classname"] and c.attrib["name"] for c in root.iter("testcase"))
     return list(root.iter("testcase"))
 
@@ -102,10 +102,10 @@ def test_check_as_junit(soter: Soter, here: Path) -> None:
     (here / "bad.soter").write_text(BAD)
     done = soter("check", "bad.soter", "cart.soter", "--format", "junit")
     assert done.exit == 1
-    found = cases(done.out)
-    failed = [c for c in found if c.find("failure") is not None]
+    test_cases = cases(done.out)
+    failed = [c for c in test_cases if c.find("failure") is not None]
     assert {c.attrib["classname"] for c in failed} == {"bad.soter"}
-    assert [c.attrib["classname"] for c in found if c not in failed] == ["cart.soter"]
+    assert [c.attrib["classname"] for c in test_cases if c not in failed] == ["cart.soter"]
 
 
 def test_verify_in_all_formats(soter: Soter, here: Path) -> None:
@@ -126,12 +126,12 @@ def test_verify_in_all_formats(soter: Soter, here: Path) -> None:
     assert results
     assert {p[1:] for p in places(results)} == {("coarse.soter", line)}
     assert all("undecided" in r["message"]["text"] for r in results)
-    found = cases(soter(*run, "junit").out)
-    assert len(found) == 11, "one case a property"
-    assert {c.attrib["name"] for c in found if c.find("error") is not None} == {
+    test_cases = cases(soter(*run, "junit").out)
+    assert len(test_cases) == 11, "one case a property"
+    assert {c.attrib["name"] for c in test_cases if c.find("error") is not None} == {
         f"SafeCart: {r['ruleId']}" for r in results
     }
-    assert not any(c.find("failure") is not None for c in found), "undecided is no failure"
+    assert not any(c.find("failure") is not None for c in test_cases), "undecided is no failure"
     said = soter(*run, "github").out
     assert said.count("::error title=soter%3A ") == len(results)
     assert "UNDECIDED" in said, "people still read it"

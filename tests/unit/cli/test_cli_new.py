@@ -20,8 +20,8 @@ def test_what_it_says(soter: Soter, golden: Golden) -> None:
 
 
 def test_what_it_makes_is_laid_out_and_sound(soter: Soter, here: Path) -> None:
-    found = soter("new", "my-rover", "--json").document
-    assert found["files"] == [
+    document = soter("new", "my-rover", "--json").document
+    assert document["files"] == [
         ".gitignore",
         "README.md",
         "my-rover.soter",

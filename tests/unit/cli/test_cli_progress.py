@@ -10,10 +10,10 @@ import pytest
 
 from soter.api import load
 from soter.cli.terminal.console import Console, colorful
-from soter.cli.terminal.progress import CLEAR, LineOfProgress, Progress
+from soter.cli.terminal.progress import CLEAR, LineOfProgress, ProgressBar
 from soter.cli.test import progress_text
-from soter.diagnostics.phase import phase, told_to
-from soter.explore.results import Looked
+from soter.diagnostics.current_phase import listening_to_phases, phase
+from soter.explore.results import SearchProgress
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,13 +39,13 @@ def console(err: io.StringIO) -> Console:
 
 
 def test_nothing_where_nobody_looks() -> None:
-    with Progress(console(io.StringIO())) as show:
+    with ProgressBar(console(io.StringIO())) as show:
         assert show is None
 
 
 def test_a_line_after_two_seconds(clock: list[float]) -> None:
     terminal = Terminal()
-    with Progress(console(terminal)) as show:
+    with ProgressBar(console(terminal)) as show:
         assert show is not None
         clock[0] = 1.9
         show(0.3)
@@ -63,7 +63,7 @@ def test_a_line_after_two_seconds(clock: list[float]) -> None:
 
 def test_the_bar_names_its_phase_and_never_runs_backwards(clock: list[float]) -> None:
     terminal = Terminal()
-    with Progress(console(terminal)) as show:
+    with ProgressBar(console(terminal)) as show:
         assert show is not None
         clock[0] = 10.0
         phase("Cart: P2b")
@@ -88,7 +88,7 @@ def test_a_long_line_is_cut_as_only_one_line_can_be_taken_back(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "60")
     terminal = Terminal()
-    with LineOfProgress(console(terminal)) as show, Progress(console(terminal)) as bar:
+    with LineOfProgress(console(terminal)) as show, ProgressBar(console(terminal)) as bar:
         assert show is not None
         assert bar is not None
         clock[0] = 3.0
@@ -100,10 +100,10 @@ def test_a_long_line_is_cut_as_only_one_line_can_be_taken_back(
 
 def test_a_run_tells_what_it_does(here: Path) -> None:
     assert here.exists()
-    found: list[str] = []
-    with told_to(lambda name, _: found.append(name)):
+    messages: list[str] = []
+    with listening_to_phases(lambda name, _: messages.append(name)):
         load("cart.soter").simulate(until=1.0)
-    assert found[-1] == "running Protected"
+    assert messages[-1] == "running Protected"
 
 
 def test_colour_follows_the_conventions(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,7 +122,7 @@ def test_colour_follows_the_conventions(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_a_text_says_how_far_a_search_is(clock: list[float]) -> None:
-    looked = Looked("Late", 1_204_000, 3_000_000, 55, 9_632_000, 2.5)
+    looked = SearchProgress("Late", 1_204_000, 3_000_000, 55, 9_632_000, 2.5)
     terminal = Terminal()
     with LineOfProgress(console(terminal)) as show:
         assert show is not None
@@ -132,11 +132,11 @@ def test_a_text_says_how_far_a_search_is(clock: list[float]) -> None:
         show(progress_text(looked))
         text = "Late  1,204,000 states, 482 k/s, depth 55, 9.19 MB"
         assert terminal.getvalue() == CLEAR + text
-    sampled = Looked("Late", 0, 1000, 55, 0, 1.0, minimising=True)
+    sampled = SearchProgress("Late", 0, 1000, 55, 0, 1.0, minimising=True)
     assert progress_text(sampled).startswith(
         "Late  violated: looking for the shortest trace  1,000 steps"
     )
-    tracing = Looked("Late", 7, 1000, 55, 0, 1.0, tracing=True)
+    tracing = SearchProgress("Late", 7, 1000, 55, 0, 1.0, tracing=True)
     assert progress_text(tracing).startswith("Late  violated: looking for a trace  7 states")
-    near = Looked("Late", 7, 1000, 55, 0, 1.0, nearest=0.01234)
+    near = SearchProgress("Late", 7, 1000, 55, 0, 1.0, nearest=0.01234)
     assert progress_text(near).endswith("depth 55, 0 bytes, least robustness 0.0123")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.api import load
-from soter.native import kept
-from soter.reach import remembered
+from soter.native import cache
+from soter.reach import proof_cache
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -118,12 +118,12 @@ def test_a_proof_of_another_soter_does_not_count(
     soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert cart.exists()
-    monkeypatch.setattr(remembered, "soter_sha256", lambda: "0" * 64)
+    monkeypatch.setattr(proof_cache, "soter_sha256", lambda: "0" * 64)
     assert ASSUMED in said(soter)
 
 
 def test_a_damaged_proof_does_not_count(soter: Soter, cart: Path) -> None:
-    (entry,) = kept.cache_dir().glob("proof-*")
+    (entry,) = cache.cache_dir().glob("proof-*")
     text = (entry / "proof.json").read_text()
     (entry / "proof.json").write_text(text.replace("undecided", "proved") + " ")
     assert cart.exists()
@@ -131,13 +131,13 @@ def test_a_damaged_proof_does_not_count(soter: Soter, cart: Path) -> None:
 
 
 def test_verdicts_that_differ_do_not_count(soter: Soter, cart: Path) -> None:
-    (entry,) = kept.cache_dir().glob("proof-*")
-    name, content = entry.name.split("-")[:2], remembered._content(flat(cart), "SafeCart")
+    (entry,) = cache.cache_dir().glob("proof-*")
+    name, content = entry.name.split("-")[:2], proof_cache._content(flat(cart), "SafeCart")
 
     def make(at: Path) -> None:
         (at / "proof.json").write_text('{"verdicts": {"P2a": "undecided"}, "assumptions": []}')
 
-    kept.keep(f"{name[0]}-{name[1]}-00000000", content, ("proof.json",), make)
+    cache.store(f"{name[0]}-{name[1]}-00000000", content, ("proof.json",), make)
     assert ASSUMED in said(soter)
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from generators.packages import CART, EXAMPLES
-from generators.real_time import cart_with_extern, over, owned
+from generators.c_packages import CART, EXAMPLES
+from generators.posix_packages import cart_with_extern, over, owned
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,11 +62,11 @@ def test_an_undisturbed_run_is_told_like_one_in_virtual_time(
     with over(program):
         done = soter(*RUN, "--log", "out.mcap", "--report", "out.html")
     assert done.exit == 0
-    found = done.document
-    worker = found["real_time"]["workers"]["SafeCart.Fast"]
-    assert worker["later"] == worker["missing"] == found["real_time"]["misses"] == 0
+    document = done.document
+    worker = document["real_time"]["workers"]["SafeCart.Fast"]
+    assert worker["later"] == worker["missing"] == document["real_time"]["misses"] == 0
     for name in ("trace_sha256", "violations", "instants", "modules", "mode_changes", "final"):
-        assert found.get(name) == expected.get(name), name
+        assert document.get(name) == expected.get(name), name
     assert (apart / "out.mcap").stat().st_size > 1000
     assert (apart / "out.html").stat().st_size > 1000
     assert worker["answered"] == 101
@@ -129,12 +129,12 @@ def test_a_policy_that_fails_takes_nothing_with_it(
     silent = body in ("time.sleep(60)", "while True: pass")
     with over(program, *(["answers:20:0"] if silent else [])):
         done = soter(*RUN)
-    found = done.document
+    document = done.document
     assert done.exit == 0
-    assert found["violations"] == 0
-    assert found["instants"] == 201
-    assert found["modules"]["SafeCart"]["gate_faults"] >= 1
-    takeovers = found["real_time"]["modules"]["SafeCart"]["takeovers"]
+    assert document["violations"] == 0
+    assert document["instants"] == 201
+    assert document["modules"]["SafeCart"]["gate_faults"] >= 1
+    takeovers = document["real_time"]["modules"]["SafeCart"]["takeovers"]
     assert takeovers["silent"] + takeovers["gate"] >= 1
 
 

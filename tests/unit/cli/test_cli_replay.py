@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from generators.damage import MISSING, damaged
+from generators.damaged_json import MISSING, damaged
 from unit.cli.test_cli_test import CORRIDOR
 
 if TYPE_CHECKING:

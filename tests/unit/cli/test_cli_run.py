@@ -25,7 +25,7 @@ def steady(text: str) -> str:
 def test_the_summary_of_a_safe_run(
     soter: Soter, golden: Golden, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("soter.api.running.known", lambda _: {})  # of another test, in the cache
+    monkeypatch.setattr("soter.api.running.stored_verdicts", lambda _: {})  # of another test, in the cache
     golden("cli/run_safe.txt", steady(soter("run", "cart.soter").out))
 
 
@@ -53,22 +53,22 @@ def test_colour_is_for_terminals(soter: Soter, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_document_of_a_run(soter: Soter) -> None:
-    found = soter("run", "cart.soter", "--json").document
-    assert found["violations"] == 0
-    assert found["duration_s"] == found["until_s"] == 30.0
-    assert found["final"]["c.truth"].keys() == {"x", "v"}
-    assert found["modules"]["SafeCart"]["switches_to_sc"] == 3
-    first = found["mode_changes"][0]
+    document = soter("run", "cart.soter", "--json").document
+    assert document["violations"] == 0
+    assert document["duration_s"] == document["until_s"] == 30.0
+    assert document["final"]["c.truth"].keys() == {"x", "v"}
+    assert document["modules"]["SafeCart"]["switches_to_sc"] == 3
+    first = document["mode_changes"][0]
     assert (first["time_s"], first["mode"], first["predicates"]["safer"]) == (0.0, "AC", True)
 
 
 def test_the_document_of_a_violated_run(soter: Soter) -> None:
-    found = soter("run", "cart.soter", "--system", "Unprotected", "--json").document
-    (violation,) = found["violation_list"]
+    document = soter("run", "cart.soter", "--system", "Unprotected", "--json").document
+    (violation,) = document["violation_list"]
     assert violation["what"] == "always Clear(c.truth)"
     assert (violation["count"], violation["time_s"]) == (2, 2.635)
     assert violation["file"] == "cart.soter"
-    assert found["violations"] == 2
+    assert document["violations"] == 2
 
 
 def test_engines_seeds_and_lengths(soter: Soter) -> None:
@@ -107,8 +107,8 @@ def test_logs_and_reports_without_a_path_go_to_the_folder(soter: Soter, here: Pa
     assert alone.exit == 0
     assert [p.name for p in (here / "a").iterdir()] == ["b.html"]
     assert "kept/cart-Protected-1.html" in done.out
-    found = soter("run", "cart.soter", "--log", "--until", "1s", "--json").document
-    assert found["log"] == ".soter/cart-Protected-1.mcap"
+    document = soter("run", "cart.soter", "--log", "--until", "1s", "--json").document
+    assert document["log"] == ".soter/cart-Protected-1.mcap"
 
 
 @pytest.mark.parametrize("option", ["--log", "--report"])
@@ -131,9 +131,9 @@ def test_a_run_paced_against_the_clock(soter: Soter) -> None:
         done = soter(
             "run", "cart.soter", "--until", "300ms", "--real-time", "--json", "--engine", engine
         )
-        found = done.document
-        assert found["wall_s"] >= 0.29
-        assert found["lag_s_max"] >= 0.0
+        document = done.document
+        assert document["wall_s"] >= 0.29
+        assert document["lag_s_max"] >= 0.0
 
 
 # ---------------------------------------------------------------- parameters
@@ -236,10 +236,10 @@ def test_nothing_an_extern_does_gets_out(
         engine,
     )
     assert done.exit == 0
-    found = done.document
-    assert found["faults"]["Guard.Learned"]["last"] == kind
-    assert found["modules"]["Guard"]["gate_faults"] == 101
-    assert found["extern_failures"].get("Guard.Learned", "").startswith(said)
+    document = done.document
+    assert document["faults"]["Guard.Learned"]["last"] == kind
+    assert document["modules"]["Guard"]["gate_faults"] == 101
+    assert document["extern_failures"].get("Guard.Learned", "").startswith(said)
 
 
 @pytest.mark.parametrize("engine", ["native", "interp"])
@@ -321,8 +321,8 @@ def test_an_extern_function_in_python_is_for_the_interpreter(soter: Soter, here:
     done = soter("run", "f.soter", "--json")
     assert (done.exit, done.codes) == (1, ["X007"])
     assert any("--engine interp" in h for h in done.document["diagnostics"][0]["helps"])
-    found = soter("run", "f.soter", "--engine", "interp", "--json").document
-    assert found["final"]["y"] == pytest.approx(0.36)
+    document = soter("run", "f.soter", "--engine", "interp", "--json").document
+    assert document["final"]["y"] == pytest.approx(0.36)
 
 
 def test_an_extern_function_in_c_is_for_both_engines(soter: Soter, here: Path) -> None:

@@ -63,9 +63,9 @@ def test_a_policy_that_says_nothing_is_noted(soter: Soter, robot: Path, here: Pa
     said = "Guard.Learned published nothing in 101 of 101 steps"
     assert f"note  {said}\n" in soter(*arguments).out
     for engine in ("native", "interp"):
-        found = soter(*arguments, "--json", "--engine", engine).document
-        assert found["notes"] == [said]
-        assert found["extern_silences"] == {"Guard.Learned": {"steps": 101, "silent": 101}}
+        document = soter(*arguments, "--json", "--engine", engine).document
+        assert document["notes"] == [said]
+        assert document["extern_silences"] == {"Guard.Learned": {"steps": 101, "silent": 101}}
 
 
 # ---------------------------------------------------------------- externs in C

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.api.assurance.again import read_flights
+from soter.api.assurance.replayed_flights import read_flights
 from soter.diagnostics.diagnostic import SoterError
 from soter.monitor.logs import packed
-from soter.native.kept import limit
-from soter.program.load.files import ReadError, read_bytes
-from soter.targets.package import File, Package
+from soter.native.cache import limit
+from soter.program.load.bounded_read import ReadError, read_bytes
+from soter.targets.package import Package, PackageFile
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,7 +33,7 @@ def test_a_file_of_a_package(tmp_path: Path) -> None:
     sparse(tmp_path / "a.c")
     sparse(tmp_path / ".soter-files.json")
     with pytest.raises(SoterError) as caught:
-        Package(tmp_path, [File("a.c", "int x;\n")]).write()
+        Package(tmp_path, [PackageFile("a.c", "int x;\n")]).write()
     assert [d.code for d in caught.value.diagnostics] == ["D008"]
 
 

@@ -219,7 +219,7 @@ def stop_before_the_least(monkeypatch: pytest.MonkeyPatch, **how: object) -> Non
     from soter.explore.engine import search
 
     monkeypatch.setattr(
-        search.Search, "least", lambda _, found, *__: replace(found, steps=(), **how)
+        search.Search, "least", lambda _, outcome, *__: replace(outcome, steps=(), **how)
     )
 
 

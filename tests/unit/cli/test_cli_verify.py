@@ -63,11 +63,11 @@ def test_the_document_has_every_property(soter: Soter, here: Path) -> None:
 def test_a_refutation_comes_with_its_run(soter: Soter, here: Path) -> None:
     ttf = "ttf Room(motion, 0.12) < 0.0 || abs(motion.v) > FAST;"
     done = soter("verify", write(here, (ttf, "ttf false;")), "--json")
-    found = done.document["modules"]["SafeCart"]["properties"]
+    properties = done.document["modules"]["SafeCart"]["properties"]
     assert done.exit == 3
-    assert found["P2a"]["verdict"] == "proved"
-    assert found["ttf"]["verdict"] == found["P3"]["verdict"] == "refuted"
-    assert (here / found["ttf"]["counterexample"]).is_file()
+    assert properties["P2a"]["verdict"] == "proved"
+    assert properties["ttf"]["verdict"] == properties["P3"]["verdict"] == "refuted"
+    assert (here / properties["ttf"]["counterexample"]).is_file()
 
 
 def test_what_is_undecided_says_where_and_what_would_help(soter: Soter, here: Path) -> None:

@@ -42,6 +42,6 @@ def test_it_is_the_same_after_pickling() -> None:
 
 
 def test_it_comes_out_of_a_pool() -> None:
-    with multiprocessing.get_context("fork").Pool(1) as pool, pytest.raises(SoterError) as found:
+    with multiprocessing.get_context("fork").Pool(1) as pool, pytest.raises(SoterError) as excinfo:
         pool.map_async(fail, [0]).get(timeout=processes.TIMEOUT_S)  # it used to wait for ever
-    assert same(found.value)
+    assert same(excinfo.value)

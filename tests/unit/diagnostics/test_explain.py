@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from generators.found import files_below
+from generators.file_listing import files_below
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.explain import all_codes, explain, suggestions, title
 from soter.diagnostics.source import Source

@@ -50,11 +50,11 @@ def test_overlapping_edits_are_refused() -> None:
 def test_fix_of_a_diagnostic_is_a_help_line_and_an_edit() -> None:
     diagnostics = Diagnostics()
     diagnostics.error("N001", "m", span("b"), helps=("think", replace(span("b"), "c")))
-    found = diagnostics.items[0]
-    assert found.helps == ("think", "write `c`")
-    assert [f.title for f in found.fixes] == ["write `c`"]
-    assert render(found).endswith("= help: think\n   = help: write `c`")
-    assert to_json(found)["fixes"] == [
+    diagnostic = diagnostics.items[0]
+    assert diagnostic.helps == ("think", "write `c`")
+    assert [f.title for f in diagnostic.fixes] == ["write `c`"]
+    assert render(diagnostic).endswith("= help: think\n   = help: write `c`")
+    assert to_json(diagnostic)["fixes"] == [
         {
             "title": "write `c`",
             "edits": [

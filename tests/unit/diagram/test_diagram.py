@@ -10,12 +10,12 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from soter.diagram.drawing import draw
-from soter.diagram.graph import Cell, Graph, cells
-from soter.diagram.layered import Link, Spot, lay_out
-from soter.diagram.of_system import graph_of
-from soter.diagram.picture import picture
-from soter.program.build import check_file, system_of
+from soter.diagram.from_system import graph_of
+from soter.diagram.graph import DiagramBox, DiagramGraph, cells
+from soter.diagram.layered_layout import Link, Spot, lay_out
+from soter.diagram.render import picture
+from soter.diagram.svg import draw
+from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
@@ -51,7 +51,7 @@ def system(request: pytest.FixtureRequest) -> System:
 
 def flows(system: System) -> set[tuple[str, str, str]]:
     """Every (component, "reads" or "writes", topic), by name, read off the program itself."""
-    found = set()
+    edges = set()
     for c in system.components:
         if c.plant is not None:
             read = [c.scope.topics[t] for t in c.plant.reads]
@@ -64,14 +64,14 @@ def flows(system: System) -> set[tuple[str, str, str]]:
             read, written = list(system.modules[c.module].inputs), []
         for i in read:
             queue = system.topics[i].queue_of
-            found.add((c.name, "reads", system.topics[i if queue is None else queue].name))
-        found |= {(c.name, "writes", system.topics[i].name) for i in written}
-    return found
+            edges.add((c.name, "reads", system.topics[i if queue is None else queue].name))
+        edges |= {(c.name, "writes", system.topics[i].name) for i in written}
+    return edges
 
 
-def drawn_flows(graph: Graph) -> set[tuple[str, str, str]]:
+def drawn_flows(graph: DiagramGraph) -> set[tuple[str, str, str]]:
     """The same, read off the arrows; an arrow at a frame is one at everything inside it."""
-    inside: dict[str, tuple[Cell, ...]] = {}
+    inside: dict[str, tuple[DiagramBox, ...]] = {}
 
     def note(part: object) -> None:
         inside[part.key] = cells(part)  # type: ignore[attr-defined, arg-type]
@@ -80,15 +80,15 @@ def drawn_flows(graph: Graph) -> set[tuple[str, str, str]]:
 
     for part in graph.parts:
         note(part)
-    found = set()
+    edges = set()
     for arrow in graph.arrows:
         into = arrow.source.startswith("t:")
         topic, other = (arrow.source, arrow.target) if into else (arrow.target, arrow.source)
         for box in inside[topic][0].names:
             for cell in inside[other]:
                 if into or cell.kind != "dm":
-                    found.add((cell.names[0], "reads" if into else "writes", box))
-    return found
+                    edges.add((cell.names[0], "reads" if into else "writes", box))
+    return edges
 
 
 def test_every_component_and_every_flow_is_drawn_and_no_other(system: System) -> None:
@@ -173,7 +173,9 @@ def test_arrows_go_down_where_there_is_no_circle() -> None:
 
 
 def test_names_cannot_leave_their_text() -> None:
-    graph = Graph("<script>", (Cell('t:"><b>', "topic", ("<b>&",), "", ('"><b>',)),), ())
+    graph = DiagramGraph(
+        "<script>", (DiagramBox('t:"><b>', "topic", ("<b>&",), "", ('"><b>',)),), ()
+    )
     root = parsed(draw(graph))
     assert [e.tag for e in root.iter() if e.tag.endswith(("script", "}b"))] == []
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from generators.brute_force import Answers, BruteForce
 from soter.explore.trace.trace import BEGIN, EFFECT, LOST, START, STEP, Choice, Step, Trace
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -118,11 +118,13 @@ def _choices(asked: list[tuple[str, int, int]], prefix: str) -> tuple[Choice, ..
 
 
 def _trace(system: System, broken: tuple[str, int] | None, steps: list[Step]) -> Trace:
-    from soter.explore.judge.replay import broken_of
+    from soter.explore.judge.replay import violation_id_of
 
     assert system.test is not None
     anything = [("property", 0), ("contract", 0), ("timed", 0)]
-    named = next(filter(None, (broken_of(system, *b) for b in ([broken] if broken else anything))))
+    named = next(
+        filter(None, (violation_id_of(system, *b) for b in ([broken] if broken else anything)))
+    )
     return Trace(
         program=system.program.path,
         sha256=system.program.sha256,

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.engine.engine import Engine, RawChoice, RawStep
+from soter.explore.engine.explorer_library import Engine, RawChoice, RawStep
 from soter.explore.model.actors import plan_of
 from soter.lower.steps import lower
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
-    from soter.explore.model.plan import Actor, Plan
+    from soter.explore.model.exploration_plan import ExplorationPlan, PlannedActor
 
 PROGRAMS = Path(__file__).parent / "programs"
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -42,7 +42,7 @@ def planned(
     instances: str = "",
     inputs: str = "",
     max_age: str = "",
-) -> Plan:
+) -> ExplorationPlan:
     text = BASE.format(
         topics="", plant=plant, reads=reads, instances=instances, inputs=inputs, items=items
     )
@@ -59,16 +59,16 @@ def planned(
     return plan_of(system, lower(system))
 
 
-def plan_in(path: Path, test: str) -> Plan:
+def plan_in(path: Path, test: str) -> ExplorationPlan:
     system = system_of_test(check_file(str(path)), test)
     return plan_of(system, lower(system))
 
 
-def by_name(plan: Plan) -> dict[str, Actor]:
+def by_name(plan: ExplorationPlan) -> dict[str, PlannedActor]:
     return {a.name: a for a in plan.actors}
 
 
-def dependent(plan: Plan, name: str) -> set[str]:
+def dependent(plan: ExplorationPlan, name: str) -> set[str]:
     mask = by_name(plan)[name].dependent
     return {a.name for i, a in enumerate(plan.actors) if mask >> i & 1}
 

@@ -15,15 +15,15 @@ import pytest
 
 import processes
 import soter
-from generators.interrupted import chance
-from generators.wandering import wanderers
-from soter.explore.checkpoint import files, saver
-from soter.explore.checkpoint.files import HEAD, MAGIC, read
+from generators.interrupted_searches import chance
+from generators.long_search_programs import wanderers
+from soter.explore.checkpoint import checkpoint_file, saver
+from soter.explore.checkpoint.checkpoint_file import HEAD, MAGIC, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.explore.results import Looked
+    from soter.explore.results import SearchProgress
 
 LONG = wanderers(1000, extra="overrun N by 10ms; skip A at most 1;")
 """Of millions of configurations."""
@@ -299,13 +299,13 @@ def test_while_it_is_searched_it_is_written_again_and_again(
 ) -> None:
     (tmp_path / "w.soter").write_text(LONG)
     written: list[int] = []
-    honest = files.take_place
+    honest = checkpoint_file.take_place
 
     def counted(made: Path, path: Path) -> None:
         honest(made, path)
         written.append(read(path).head["states"])
 
-    def looked(how: Looked) -> None:
+    def looked(how: SearchProgress) -> None:
         told.append(how.saved)
         if len(written) >= 3:
             raise KeyboardInterrupt

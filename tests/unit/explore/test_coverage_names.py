@@ -8,8 +8,8 @@ import pytest
 
 from soter.explore.engine.coverage import (
     Coverage,
-    Leaf,
-    Part,
+    CoverageKind,
+    CoveredLeaf,
     branches_part,
     class_of,
     classes_of,
@@ -35,30 +35,36 @@ COLOUR = EnumType("Colour", ("RED", "GREEN"))
 @pytest.mark.parametrize(
     ("leaf", "names"),
     [
-        (Leaf("t", BOOL, -math.inf, math.inf), ["t = false", "t = true"]),
-        (Leaf("t.c", COLOUR, -math.inf, math.inf), ["t.c = RED", "t.c = GREEN"]),
-        (Leaf("t", IntType(-1, 1), -1, 1), ["t = -1", "t = 0", "t = 1"]),
+        (CoveredLeaf("t", BOOL, -math.inf, math.inf), ["t = false", "t = true"]),
+        (CoveredLeaf("t.c", COLOUR, -math.inf, math.inf), ["t.c = RED", "t.c = GREEN"]),
+        (CoveredLeaf("t", IntType(-1, 1), -1, 1), ["t = -1", "t = 0", "t = 1"]),
         (
-            Leaf("t", IntType(-100, 100), -100, 100),
+            CoveredLeaf("t", IntType(-100, 100), -100, 100),
             ["t = -100", "t = 100", "t in [-99, -1]", "t = 0", "t in [1, 99]"],
         ),
-        (Leaf("t", IntType(0, 200), 0, 200), ["t = 0", "t = 200", "t in [1, 199]"]),
-        (Leaf("t", FLOAT, -math.inf, math.inf), ["t < 0", "t = 0", "t > 0"]),
-        (Leaf("t", FLOAT, 0.0, 3.0), ["t = 0", "t = 3", "t in (0, 3)"]),
+        (CoveredLeaf("t", IntType(0, 200), 0, 200), ["t = 0", "t = 200", "t in [1, 199]"]),
+        (CoveredLeaf("t", FLOAT, -math.inf, math.inf), ["t < 0", "t = 0", "t > 0"]),
+        (CoveredLeaf("t", FLOAT, 0.0, 3.0), ["t = 0", "t = 3", "t in (0, 3)"]),
         (
-            Leaf("t", FLOAT, -3.5, 3.0),
+            CoveredLeaf("t", FLOAT, -3.5, 3.0),
             ["t = -3.5", "t = 3", "t in (-3.5, 0)", "t = 0", "t in (0, 3)"],
         ),
-        (Leaf("t", FLOAT, -math.inf, 3.0), ["t = 3", "t < 0", "t = 0", "t in (0, 3)"]),
-        (Leaf("t", FLOAT, -math.inf, -3.0), ["t = -3", "t < -3"]),
-        (Leaf("t", IntType(-1, 100), -1, 100), ["t = -1", "t = 100", "t = 0", "t in [1, 99]"]),
-        (Leaf("t", IntType(-100, 1), -100, 1), ["t = -100", "t = 1", "t in [-99, -1]", "t = 0"]),
-        (Leaf("t", FLOAT, 0.5, 2.0), ["t = 0.5", "t = 2", "t in (0.5, 2)"]),
-        (Leaf("t", FLOAT, -2.0, 0.0), ["t = -2", "t = 0", "t in (-2, 0)"]),
-        (Leaf("t", FLOAT, 1.0, 1.0), ["t = 1"]),
+        (CoveredLeaf("t", FLOAT, -math.inf, 3.0), ["t = 3", "t < 0", "t = 0", "t in (0, 3)"]),
+        (CoveredLeaf("t", FLOAT, -math.inf, -3.0), ["t = -3", "t < -3"]),
+        (
+            CoveredLeaf("t", IntType(-1, 100), -1, 100),
+            ["t = -1", "t = 100", "t = 0", "t in [1, 99]"],
+        ),
+        (
+            CoveredLeaf("t", IntType(-100, 1), -100, 1),
+            ["t = -100", "t = 1", "t in [-99, -1]", "t = 0"],
+        ),
+        (CoveredLeaf("t", FLOAT, 0.5, 2.0), ["t = 0.5", "t = 2", "t in (0.5, 2)"]),
+        (CoveredLeaf("t", FLOAT, -2.0, 0.0), ["t = -2", "t = 0", "t in (-2, 0)"]),
+        (CoveredLeaf("t", FLOAT, 1.0, 1.0), ["t = 1"]),
     ],
 )
-def test_classes_of_values(leaf: Leaf, names: list[str]) -> None:
+def test_classes_of_values(leaf: CoveredLeaf, names: list[str]) -> None:
     assert [name for _, name in classes_of(leaf)] == names
 
 
@@ -79,7 +85,7 @@ def test_classes_of_values(leaf: Leaf, names: list[str]) -> None:
 def test_every_value_has_a_class_that_is_counted_and_none_is_empty(
     t: Type, low: float, high: float
 ) -> None:
-    leaf = Leaf("t", t, low, high)
+    leaf = CoveredLeaf("t", t, low, high)
     inside = [max(low, -5.0), min(high, 5.0), 0.0, low / 2, high / 2, -1.0, 1.0, low, high]
     values = [v for v in inside if low <= v <= high and math.isfinite(v)]
     if t in (BOOL, COLOUR):
@@ -92,21 +98,21 @@ def test_every_value_has_a_class_that_is_counted_and_none_is_empty(
 def test_the_scalar_at_a_path() -> None:
     t = RecordType((("a", FLOAT), ("b", ArrayType(FLOAT, 2)), ("c", ListType(FLOAT, 2))))
     value = (1.0, (2.0, 3.0), (4.0,))
-    found = [leaf_value(t, value, path) for path, _ in leaves(t)]
-    assert found == [1.0, 2.0, 3.0, None]
+    values = [leaf_value(t, value, path) for path, _ in leaves(t)]
+    assert values == [1.0, 2.0, 3.0, None]
 
 
 def test_small_sets_are_numbered_from_their_least_value() -> None:
     row = [0] * 256
     row[8] = row[10] = 1
-    part = values_part([Leaf("t", IntType(-1, 1), -1, 1)], [row])
+    part = values_part([CoveredLeaf("t", IntType(-1, 1), -1, 1)], [row])
     assert (part.reached, part.total, part.unreached) == (2, 3, ("t = 0",))
 
 
 def test_a_forced_module_has_one_mode_and_no_switches() -> None:
     modes, switches = modules_parts([("A", None), ("B", "ac")], [[1, 0], [0, 1]], [[0, 0], [0, 0]])
-    assert modes == Part(3, ("A in AC",))
-    assert switches == Part(2, ("A to SC", "A to AC"))
+    assert modes == CoverageKind(3, ("A in AC",))
+    assert switches == CoverageKind(2, ("A to SC", "A to AC"))
 
 
 def test_branches_are_bits_of_words_of_64() -> None:
@@ -119,6 +125,8 @@ def test_branches_are_bits_of_words_of_64() -> None:
 
 
 def test_two_searches_reach_together_what_either_reached() -> None:
-    assert Part(3, ("a", "b")).merged(Part(3, ("b", "c"))) == Part(3, ("b",))
-    coverage = Coverage(modes=Part(2, ("M in AC",)), values=Part(1, ("t = 1",)))
+    assert CoverageKind(3, ("a", "b")).merged(CoverageKind(3, ("b", "c"))) == CoverageKind(
+        3, ("b",)
+    )
+    coverage = Coverage(modes=CoverageKind(2, ("M in AC",)), values=CoverageKind(1, ("t = 1",)))
     assert coverage.unreached == ("M in AC", "t = 1")

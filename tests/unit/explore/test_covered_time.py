@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import soter
-from soter.explore.engine.engine import Engine, Settings
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.results import CHOICES, EXHAUSTED, MEMORY, SAMPLED, STATES
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -68,10 +68,10 @@ class Whole:
         program = self.engine.model.program
         self.at = (int(program.state_size) + 7) & ~7
         self.horizon = self.engine.plan.horizon_ns
-        found = self.engine.explore(Settings(reduction="none", keep=True))
-        assert found.status == "exhausted"
-        assert found.covered_ns >= self.horizon
-        self.states = found.states
+        exploration = self.engine.explore(EngineSettings(reduction="none", keep=True))
+        assert exploration.status == "exhausted"
+        assert exploration.covered_ns >= self.horizon
+        self.states = exploration.states
         self.keys, self.times = self.kept()
         worlds = self.engine.worlds()
         first = self.at + 8 * (1 + int(self.engine.model.timeds) + int(program.modules))
@@ -98,11 +98,11 @@ def whole(
     if request.param == "wide":
         path = tmp_path_factory.mktemp("covered") / "wide.soter"
         path.write_text(WIDE, encoding="utf-8")
-        found = Whole(path, "T")
+        state_space = Whole(path, "T")
     else:
-        found = Whole(EXAMPLES / request.param, "AnyMission")
-    yield found
-    found.engine.close()
+        state_space = Whole(EXAMPLES / request.param, "AnyMission")
+    yield state_space
+    state_space.engine.close()
 
 
 @pytest.mark.parametrize("strategy", ["bfs", "dfs", "deepening"])
@@ -113,18 +113,21 @@ def test_everything_before_the_covered_time_was_reached(
 ) -> None:
     most = max(int(whole.states * share), 10)
     for threads in (1, 2) if strategy == "bfs" else (1,):
-        how = Settings(
+        how = EngineSettings(
             strategy=strategy, reduction=reduction, max_states=most, threads=threads, keep=True
         )
-        found = whole.engine.explore(how)
-        assert found.status == "states"
-        assert 0 <= found.covered_ns < whole.horizon + 100 * MS
+        exploration = whole.engine.explore(how)
+        assert exploration.status == "states"
+        assert 0 <= exploration.covered_ns < whole.horizon + 100 * MS
         if strategy == "deepening":  # what is kept is of the last round, an earlier one ended
-            assert int(whole.steps[whole.times < found.covered_ns].max(initial=0)) <= found.depth
+            assert (
+                int(whole.steps[whole.times < exploration.covered_ns].max(initial=0))
+                <= exploration.depth
+            )
         else:
-            assert whole.missing_before(found.covered_ns) == 0
+            assert whole.missing_before(exploration.covered_ns) == 0
         if strategy != "dfs":
-            assert found.covered_ns > 0 or share < 0.1
+            assert exploration.covered_ns > 0 or share < 0.1
 
 
 def test_a_layer_that_was_cut_short_is_not_covered(tmp_path: Path) -> None:
@@ -138,10 +141,10 @@ def test_a_layer_that_was_cut_short_is_not_covered(tmp_path: Path) -> None:
 
 def test_breadth_first_covers_as_much_as_there_is(whole: Whole) -> None:
     """No later time could be told: at the covered time itself something is missing."""
-    how = Settings(reduction="none", max_states=whole.states // 2, keep=True)
-    found = whole.engine.explore(how)
-    assert whole.missing_before(found.covered_ns) == 0
-    assert whole.missing_before(found.covered_ns + whole.horizon // 2) > 0
+    how = EngineSettings(reduction="none", max_states=whole.states // 2, keep=True)
+    exploration = whole.engine.explore(how)
+    assert whole.missing_before(exploration.covered_ns) == 0
+    assert whole.missing_before(exploration.covered_ns + whole.horizon // 2) > 0
 
 
 def test_a_search_without_memory_says_what_it_covered(tmp_path: Path) -> None:

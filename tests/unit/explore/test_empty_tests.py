@@ -19,10 +19,10 @@ from generators.empty_tests import (
     with_item,
 )
 from long_tests import examples
-from soter.explore.command import Told, explore_test
+from soter.explore.command import TraceHeader, explore_test
 from soter.explore.results import Options, TestResult
-from soter.program.build import check_file, system_of_test
-from soter.program.flatten.grid import quantum_of, times_read
+from soter.program.elaborate.time_grid import quantum_of, times_read
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
@@ -40,7 +40,7 @@ def system(text: str) -> System:
 
 def found(text: str, **options: float) -> TestResult:
     chosen = replace(Options(minimise=0), **options)  # type: ignore[arg-type]
-    return explore_test(system(text), chosen, Told("small.soter", {}))
+    return explore_test(system(text), chosen, TraceHeader("small.soter", {}))
 
 
 def finer(text: str) -> str:

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.engine.engine import Engine, Settings, sources
+from soter.explore.engine.explorer_library import Engine, EngineSettings, sources
 from soter.explore.methods import EXHAUSTIVE, STRATEGIES
 from soter.native.own_files import SOTER
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
-    from soter.explore.engine.engine import Searched
-    from soter.explore.engine.progress import Progress
+    from soter.explore.engine.explorer_library import Searched
+    from soter.explore.engine.progress import EngineProgress
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "testing"
 PLAIN = """soter 1;
@@ -67,9 +67,9 @@ def greedy() -> Engine:
     return Engine(system_of_test(check_file(str(path)), "SomebodyLeaves"))
 
 
-def packed(engine: Engine, found: Searched) -> set[bytes]:
+def packed(engine: Engine, exploration: Searched) -> set[bytes]:
     words = {engine.packed(w).tobytes() for w in engine.worlds()}
-    assert len(words) == found.states
+    assert len(words) == exploration.states
     return words
 
 
@@ -77,10 +77,12 @@ def packed(engine: Engine, found: Searched) -> set[bytes]:
 def test_remembered_steps_and_steps_that_are_run_reach_the_same_worlds(test: str) -> None:
     engine = plain(test)
     assert engine.model.plain
-    one = Settings(reduction="none", keep=True, max_states=200_000)
+    one = EngineSettings(reduction="none", keep=True, max_states=200_000)
     remembered = engine.explore(one)
     there = packed(engine, remembered)
-    run = engine.explore(Settings(reduction="none", keep=True, max_states=200_000, plainly=True))
+    run = engine.explore(
+        EngineSettings(reduction="none", keep=True, max_states=200_000, plainly=True)
+    )
     assert remembered.status == run.status == "exhausted"
     assert there == packed(engine, run)
     engine.close()
@@ -89,73 +91,73 @@ def test_remembered_steps_and_steps_that_are_run_reach_the_same_worlds(test: str
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_exhaustive_strategies_end_and_samples_never_say_so(two: Engine, strategy: str) -> None:
     wanted = "exhausted" if strategy in EXHAUSTIVE else "runs"
-    assert two.explore(Settings(strategy=strategy, runs=10)).status == wanted
+    assert two.explore(EngineSettings(strategy=strategy, runs=10)).status == wanted
 
 
 def test_all_reductions_and_storages_say_the_same(two: Engine) -> None:
-    assert two.explore(Settings(reduction="sleep")).status == "exhausted"
-    assert two.explore(Settings(storage="fingerprint", threads=2)).status == "exhausted"
+    assert two.explore(EngineSettings(reduction="sleep")).status == "exhausted"
+    assert two.explore(EngineSettings(storage="fingerprint", threads=2)).status == "exhausted"
 
 
 def test_a_violation_comes_with_a_trace_that_can_be_run_again(greedy: Engine) -> None:
-    found = greedy.explore(Settings(strategy="dfs"))
-    assert found.status == "violated"
-    possible, broken, worlds = greedy.replay(found.steps)
-    assert (possible, broken) == (len(found.steps), found.broken)
+    exploration = greedy.explore(EngineSettings(strategy="dfs"))
+    assert exploration.status == "violated"
+    possible, broken, worlds = greedy.replay(exploration.steps)
+    assert (possible, broken) == (len(exploration.steps), exploration.broken)
     assert worlds.shape == (possible, greedy.world_size)
-    assert found.broken is not None
-    least = greedy.least(Settings(), found.broken)
+    assert exploration.broken is not None
+    least = greedy.least(EngineSettings(), exploration.broken)
     assert least.status == "violated"
-    assert len(least.steps) <= len(found.steps)
-    assert greedy.replay(least.steps)[1] == found.broken
+    assert len(least.steps) <= len(exploration.steps)
+    assert greedy.replay(least.steps)[1] == exploration.broken
 
 
 def test_a_trace_that_is_no_execution_stops_where_it_leaves_the_test(greedy: Engine) -> None:
-    found = greedy.explore(Settings(strategy="dfs"))
-    wrong = [*found.steps[:3], found.steps[1], *found.steps[3:]]
+    exploration = greedy.explore(EngineSettings(strategy="dfs"))
+    wrong = [*exploration.steps[:3], exploration.steps[1], *exploration.steps[3:]]
     possible, broken, _ = greedy.replay(wrong)
     assert possible == 3
     assert broken is None
 
 
 def test_interrupting_ends_a_search_in_order_with_what_it_found(two: Engine) -> None:
-    looks: list[Progress] = []
+    looks: list[EngineProgress] = []
 
-    def interrupt(progress: Progress) -> None:
+    def interrupt(progress: EngineProgress) -> None:
         looks.append(progress)
         raise KeyboardInterrupt
 
-    found = two.explore(Settings(strategy="random", runs=10**12), interrupt)
-    assert found.status == "stopped"
+    exploration = two.explore(EngineSettings(strategy="random", runs=10**12), interrupt)
+    assert exploration.status == "stopped"
     assert len(looks) == 1
-    assert found.runs > 0
+    assert exploration.runs > 0
     assert threading.active_count() == 1
 
 
 def test_what_looking_raises_is_raised_after_the_search_has_ended(two: Engine) -> None:
-    def fail(_: Progress) -> None:
+    def fail(_: EngineProgress) -> None:
         raise ValueError("no")
 
     with pytest.raises(ValueError, match="no"):
-        two.explore(Settings(strategy="random", runs=10**12), fail)
+        two.explore(EngineSettings(strategy="random", runs=10**12), fail)
     assert threading.active_count() == 1
 
 
 def test_bounds_end_a_search(two: Engine) -> None:
-    assert two.explore(Settings(max_states=1_000)).status == "states"
-    assert two.explore(Settings(reduction="none", memory=300_000)).status == "memory"
-    assert two.explore(Settings(strategy="random", runs=10)).status == "runs"
+    assert two.explore(EngineSettings(max_states=1_000)).status == "states"
+    assert two.explore(EngineSettings(reduction="none", memory=300_000)).status == "memory"
+    assert two.explore(EngineSettings(strategy="random", runs=10)).status == "runs"
 
 
 def test_worlds_are_kept_only_where_asked_for(two: Engine) -> None:
-    found = two.explore(Settings(max_states=1_000, keep=True))
-    assert len(two.worlds()) == found.states
-    two.explore(Settings(max_states=1_000))
+    exploration = two.explore(EngineSettings(max_states=1_000, keep=True))
+    assert len(two.worlds()) == exploration.states
+    two.explore(EngineSettings(max_states=1_000))
     assert len(two.worlds()) == 0
 
 
 def test_coverage_says_what_stepped_and_what_was_published(two: Engine) -> None:
-    two.explore(Settings())
+    two.explore(EngineSettings())
     assert two.seen.fired.all()
     assert two.seen.modes.all()
     assert two.seen.switches.all()

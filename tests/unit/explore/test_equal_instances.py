@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from generators.agreement import enumerated
-from generators.agreement_of_equals import compared_as_equals
-from soter.explore.engine.engine import Engine, Settings
+from generators.explorer_agreement import enumerated
+from generators.symmetry_agreement import compared_as_equals
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
-from soter.explore.model.symmetry import Judge
+from soter.explore.model.symmetry import RenamingCheck
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
@@ -192,7 +192,7 @@ def test_each_check_is_needed(what: str, monkeypatch: pytest.MonkeyPatch) -> Non
     method, instead, changed = BLIND[what]
     s = enumerated(0, program(**changed), 60_000)
     assert compared_as_equals(s, FAST).complaints == []
-    monkeypatch.setattr(Judge, method, instead)
+    monkeypatch.setattr(RenamingCheck, method, instead)
     told = compared_as_equals(s, FAST)
     assert told.equal == BOTH
     assert told.complaints != []
@@ -200,8 +200,8 @@ def test_each_check_is_needed(what: str, monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_reports_say_which_instances_are_equal() -> None:
     with Search(system(), Options()) as search:
-        found = search.run()
-        assert (found.status, search.equal) == ("violated", BOTH)
+        outcome = search.run()
+        assert (outcome.status, search.equal) == ("violated", BOTH)
         assert search.run(known=((0, 0),)).status == "exhausted"
         assert search.equal == ()  # another violation may be of one and not of the other
     for off in ("parts", "groups", "none"):
@@ -234,10 +234,10 @@ def test_all_orders_of_many_instances_are_one(count: int) -> None:
     text = THREE.replace("$N", str(count))
     engine = Engine(system_of_test(check_file("p.soter", text), "T"), extra=FAST)
     assert [f.names for f in engine.equal.families] == [tuple(f"r[{k}]" for k in range(count))]
-    found = engine.explore(Settings(reduction="all"))
+    exploration = engine.explore(EngineSettings(reduction="all"))
     engine.close()
     ways = [comb(min(k + 1, 4) + count - 1, count) for k in (1, 2, 3, 4)]
-    assert (found.status, found.states) == ("exhausted", 1 + 2 * sum(ways))
+    assert (exploration.status, exploration.states) == ("exhausted", 1 + 2 * sum(ways))
 
 
 NESTED = """soter 1;
@@ -279,8 +279,8 @@ def test_equal_instances_inside_of_equal_instances() -> None:
     names = [f.names for f in engine.equal.families]
     assert names == [("r[0].s[0]", "r[0].s[1]"), ("r[1].s[0]", "r[1].s[1]"), ("r[0]", "r[1]")]
     for strategy in ("bfs", "dfs"):
-        one = engine.explore(Settings(strategy=strategy, reduction="all"))
-        other = engine.explore(Settings(strategy=strategy, reduction="groups"))
+        one = engine.explore(EngineSettings(strategy=strategy, reduction="all"))
+        other = engine.explore(EngineSettings(strategy=strategy, reduction="groups"))
         assert one.status == other.status
     engine.close()
 

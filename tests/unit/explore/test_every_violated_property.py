@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.brute_force import BruteForce, TooLargeError
-from generators.small_programs import small_program
+from generators.small_test_programs import small_program
 from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.command import Told, explore_test, save
+from soter.explore.command import TraceHeader, explore_test, save
 from soter.explore.judge.replay import replay
 from soter.explore.results import Options
 from soter.explore.trace.trace import read_trace
@@ -45,16 +45,19 @@ test Some {
 
 def explored(text: str, test: str, **options: object) -> TestResult:
     made = replace(Options(), all_properties=True, **options)  # type: ignore[arg-type]
-    return explore_test(system_of_text(text, test), made, Told("small.soter", {}))
+    return explore_test(system_of_text(text, test), made, TraceHeader("small.soter", {}))
 
 
-def texts(found: TestResult) -> list[str]:
-    assert found.broken is not None
-    for one in (found, *found.others):
+def texts(test_result: TestResult) -> list[str]:
+    assert test_result.broken is not None
+    for one in (test_result, *test_result.others):
         assert one.replayed is not None
         assert one.replayed.reproduced
         assert replay(one.replayed.trace, one.system).reproduced
-    return [found.broken.text, *(o.broken.text for o in found.others if o.broken is not None)]
+    return [
+        test_result.broken.text,
+        *(o.broken.text for o in test_result.others if o.broken is not None),
+    ]
 
 
 ALL = {
@@ -70,20 +73,20 @@ ALL = {
 @pytest.mark.parametrize("strategy", ["bfs", "dfs", "deepening", "random"])
 @pytest.mark.parametrize("reduction", ["none", "all"])
 def test_every_property_that_can_be_violated_is_found(strategy: str, reduction: str) -> None:
-    found = explored(THREE, "Some", strategy=strategy, reduction=reduction)
-    said = texts(found)
+    test_result = explored(THREE, "Some", strategy=strategy, reduction=reduction)
+    said = texts(test_result)
     assert len(said) == len(set(said))
     # y is 1 only after x was: an execution ends at its first violation
     assert set(said) == ALL - {"never y == 1"}
-    assert all(one.minimal for one in (found, *found.others))
-    assert found.others_bound == ("runs" if strategy == "random" else None)
+    assert all(one.minimal for one in (test_result, *test_result.others))
+    assert test_result.others_bound == ("runs" if strategy == "random" else None)
 
 
 def test_all_that_is_violated_where_the_trace_ends_is_named() -> None:
-    found = explored(THREE, "Some")
+    test_result = explored(THREE, "Some")
     two = next(
         one
-        for one in (found, *found.others)
+        for one in (test_result, *test_result.others)
         if one.broken is not None and one.broken.text == "never x == 2"
     )
     assert two.violated_there == ("never x == 2", "never x >= 2 && x < 3")
@@ -106,28 +109,28 @@ test T { system S; horizon 40ms; never x == 3; never x >= 2; }
     later = 0
     for seed in range(1, 12):
         options = replace(Options(), strategy="random", seed=seed)
-        found = explore_test(system, options, Told("small.soter", {}))
-        assert found.minimal
-        assert found.broken is not None
-        assert found.replayed is not None
-        later += found.broken.index
-        assert len(found.replayed.steps) == 2, seed
+        test_result = explore_test(system, options, TraceHeader("small.soter", {}))
+        assert test_result.minimal
+        assert test_result.broken is not None
+        assert test_result.replayed is not None
+        later += test_result.broken.index
+        assert len(test_result.replayed.steps) == 2, seed
     assert later > 0
 
 
 def test_without_it_the_first_violation_ends_the_search() -> None:
-    found = explored(THREE, "Some")
-    first = explore_test(found.system, Options(), Told("small.soter", {}))
+    test_result = explored(THREE, "Some")
+    first = explore_test(test_result.system, Options(), TraceHeader("small.soter", {}))
     assert first.others == ()
-    assert first.broken == found.broken
+    assert first.broken == test_result.broken
 
 
 def test_each_has_a_file_of_its_own(tmp_path: Path) -> None:
-    found = explored(THREE, "Some")
-    assert save(found, tmp_path) == tmp_path / "small-Some.trace.json"
+    test_result = explored(THREE, "Some")
+    assert save(test_result, tmp_path) == tmp_path / "small-Some.trace.json"
     names = ["small-Some.trace.json", *(f"small-Some-{i}.trace.json" for i in range(2, 6))]
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(names)
-    for one, name in zip((found, *found.others), names, strict=True):
+    for one, name in zip((test_result, *test_result.others), names, strict=True):
         assert read_trace(tmp_path / name).broken == one.broken
 
 
@@ -142,16 +145,16 @@ def test_random_programs_violate_what_the_enumerator_says() -> None:
             continue
         if not least:
             continue
-        told = Told("small.soter", {})
+        told = TraceHeader("small.soter", {})
         for reduction in ("none", "all"):
             options = replace(Options(), all_properties=True, reduction=reduction, minimise=0.0)
-            found = explore_test(system, options, told)
+            test_result = explore_test(system, options, told)
             said = {
                 (one.broken.what, one.broken.index)
-                for one in (found, *found.others)
+                for one in (test_result, *test_result.others)
                 if one.broken is not None
             }
-            assert len(texts(found)) == len(said)
+            assert len(texts(test_result)) == len(said)
             assert said == least if reduction == "none" else said <= least, number
         several += len(least) > 1
     assert several > 0

@@ -10,9 +10,9 @@ import pytest
 
 import soter
 from generators.brute_force import BruteForce
-from soter.explore.command import Told, UnreproducedError, explore_test, with_times
+from soter.explore.command import TraceHeader, UnreproducedError, explore_test, with_times
 from soter.explore.judge.replay import replay
-from soter.explore.results import Looked, Options
+from soter.explore.results import Options, SearchProgress
 from soter.explore.settings import bytes_of, options_of
 from soter.explore.trace.trace import read_trace
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
@@ -21,7 +21,7 @@ from unit.explore.random_walks import system_of_text
 if TYPE_CHECKING:
     from soter.explore.results import TestResult
 
-TOLD = Told("small.soter", {})
+TOLD = TraceHeader("small.soter", {})
 WIDE = "soter 1;\n" + "".join(
     f"topic x{i}: int in [0, 3];\n"
     f"node N{i} period 10ms {{ publishes x{i}; step {{ publish x{i} = choose [0, 3]; }} }}\n"
@@ -58,20 +58,20 @@ def explored(text: str, test: str, **options: object) -> TestResult:
     ],
 )
 def test_every_violation_is_replayed_and_has_a_step_of_its_own(text: str, test: str) -> None:
-    found = explored(text, test)
-    assert found.verdict == "violated"
-    assert found.replayed is not None
-    assert found.replayed.reproduced
-    assert found.minimal
-    assert replay(found.replayed.trace, found.system).reproduced
+    test_result = explored(text, test)
+    assert test_result.verdict == "violated"
+    assert test_result.replayed is not None
+    assert test_result.replayed.reproduced
+    assert test_result.minimal
+    assert replay(test_result.replayed.trace, test_result.system).reproduced
 
 
 def test_the_trace_is_as_short_as_the_enumerator_says() -> None:
     for text, test in ((FAULTS, "Overflows"), (CONTRACTS, "Kept"), (QUEUED, "Fits")):
-        found = explored(text, test)
-        assert found.replayed is not None
-        moves = [s for s in found.replayed.trace.steps if s.kind != "start"]
-        assert len(moves) == BruteForce(found.system).run(2_000_000).shortest
+        test_result = explored(text, test)
+        assert test_result.replayed is not None
+        moves = [s for s in test_result.replayed.trace.steps if s.kind != "start"]
+        assert len(moves) == BruteForce(test_result.system).run(2_000_000).shortest
 
 
 def test_what_the_interpreter_does_not_see_is_not_reported(
@@ -81,8 +81,8 @@ def test_what_the_interpreter_does_not_see_is_not_reported(
 
     honest = search.Search.least
 
-    def lies(self: search.Search, found: search.Found, patience_s: float) -> search.Found:
-        least = honest(self, found, patience_s)
+    def lies(self: search.Search, outcome: search.Found, patience_s: float) -> search.Found:
+        least = honest(self, outcome, patience_s)
         return replace(least, steps=(*least.steps, least.steps[-1]))
 
     monkeypatch.setattr(search.Search, "least", lies)
@@ -92,25 +92,26 @@ def test_what_the_interpreter_does_not_see_is_not_reported(
 
 
 def test_a_trace_is_kept_when_the_shortest_one_takes_too_long() -> None:
-    found = explored(WIDE, "Sum", minimise=0.15)
-    assert found.verdict == "violated"
-    assert not found.minimal
-    assert found.least_bound == "patience"
+    test_result = explored(WIDE, "Sum", minimise=0.15)
+    assert test_result.verdict == "violated"
+    assert not test_result.minimal
+    assert test_result.least_bound == "patience"
     assert (
-        found.not_shortest == "the search for it took longer than its part of 0.15 s (--minimise)"
+        test_result.not_shortest
+        == "the search for it took longer than its part of 0.15 s (--minimise)"
     )
-    assert 0.07 < found.minimise_s < 5.0
-    assert found.replayed is not None
-    assert found.replayed.reproduced
-    assert not found.interrupted
+    assert 0.07 < test_result.minimise_s < 5.0
+    assert test_result.replayed is not None
+    assert test_result.replayed.reproduced
+    assert not test_result.interrupted
 
 
 def test_the_way_to_a_violation_is_not_cut_by_the_bound_on_states() -> None:
     free = explored(WIDE, "Sum", minimise=0.0)
     for more in (0, 1, 100):
-        found = explored(WIDE, "Sum", minimise=0.0, max_states=free.states + more)
-        assert found.verdict == "violated"
-        assert found.replayed is not None
+        test_result = explored(WIDE, "Sum", minimise=0.0, max_states=free.states + more)
+        assert test_result.verdict == "violated"
+        assert test_result.replayed is not None
 
 
 def test_ctrl_c_while_a_trace_is_looked_for_does_not_go_on_minimising(
@@ -125,10 +126,14 @@ def test_ctrl_c_while_a_trace_is_looked_for_does_not_go_on_minimising(
 
     monkeypatch.setattr(search.Search, "run", cut)
     monkeypatch.delattr(search.Search, "least")
-    found = explored(FAULTS, "Overflows")
-    assert (found.verdict, found.bound, found.unshown) == ("violated", None, "interrupted")
-    assert found.broken is not None
-    assert found.interrupted
+    test_result = explored(FAULTS, "Overflows")
+    assert (test_result.verdict, test_result.bound, test_result.unshown) == (
+        "violated",
+        None,
+        "interrupted",
+    )
+    assert test_result.broken is not None
+    assert test_result.interrupted
 
 
 @pytest.mark.parametrize(
@@ -151,10 +156,16 @@ def test_a_violation_that_no_execution_shows_is_one(
         return replace(honest(self), steps=(), **how)  # type: ignore[arg-type]
 
     monkeypatch.setattr(search.Search, "run", cut)
-    found = explored(FAULTS, "Overflows", minimise=0.0)
-    assert (found.verdict, found.unshown, found.interrupted) == ("violated", why, False)
-    assert found.not_shown.startswith("found by the compiled steps, not replayed: no execution")
-    assert help_ in found.not_shown
+    test_result = explored(FAULTS, "Overflows", minimise=0.0)
+    assert (test_result.verdict, test_result.unshown, test_result.interrupted) == (
+        "violated",
+        why,
+        False,
+    )
+    assert test_result.not_shown.startswith(
+        "found by the compiled steps, not replayed: no execution"
+    )
+    assert help_ in test_result.not_shown
 
 
 def test_whoever_interrupts_the_replay_still_gets_the_violation(
@@ -164,9 +175,9 @@ def test_whoever_interrupts_the_replay_still_gets_the_violation(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("soter.explore.command.replay", pressed)
-    found = explored(FAULTS, "Overflows")
-    assert (found.verdict, found.unshown) == ("violated", "interrupted")
-    assert found.interrupted
+    test_result = explored(FAULTS, "Overflows")
+    assert (test_result.verdict, test_result.unshown) == ("violated", "interrupted")
+    assert test_result.interrupted
 
 
 def test_values_count_as_reached_where_they_are_the_default() -> None:
@@ -211,7 +222,7 @@ def test_sizes_are_read_as_people_write_them() -> None:
 def test_from_a_program_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "small.soter").write_text(TESTED)
     monkeypatch.chdir(tmp_path)
-    looked: list[Looked] = []
+    looked: list[SearchProgress] = []
     report = soter.load("small.soter").explore("Far", progress=looked.append, html=True)
     assert report.verdict == "violated"
     assert repr(report) == "<soter.ExploreReport small.soter: Far violated>"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import processes
-from soter.explore.engine.engine import FLAGS, sources
+from soter.explore.engine.explorer_library import FLAGS, sources
 from soter.native.build import RUNTIME, include_flags
 from soter.native.compiler import STRICT, WARNINGS, find
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.engine.engine import Engine, Settings
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
-    from soter.explore.engine.engine import Searched
+    from soter.explore.engine.explorer_library import Searched
     from soter.explore.results import Robustness
 
 FAR = """soter 1;
@@ -109,14 +109,14 @@ def search(
     text: str, test: str, strategy: str, runs: int, seed: int = 1, *, unguided: bool = False
 ) -> Searched:
     engine = Engine(system_of_text(text, test))
-    settings = Settings(strategy=strategy, runs=runs, seed=seed, unguided=unguided)
+    settings = EngineSettings(strategy=strategy, runs=runs, seed=seed, unguided=unguided)
     try:
-        found = engine.explore(settings)
-        if found.status == "violated":
-            assert engine.replay(found.steps, seed)[1] == found.broken
+        exploration = engine.explore(settings)
+        if exploration.status == "violated":
+            assert engine.replay(exploration.steps, seed)[1] == exploration.broken
     finally:
         engine.close()
-    return found
+    return exploration
 
 
 @pytest.mark.parametrize("test", ["Far", "Between", "Back"])
@@ -150,8 +150,8 @@ def test_the_same_seed_makes_the_same_search() -> None:
 
 
 def test_where_nothing_is_wrong_it_makes_all_its_runs_and_is_never_clean() -> None:
-    found = search(FAR, "Never", "falsify", 2_000)
-    assert (found.status, found.runs) == ("runs", 2_000)
+    exploration = search(FAR, "Never", "falsify", 2_000)
+    assert (exploration.status, exploration.runs) == ("runs", 2_000)
 
 
 @pytest.mark.parametrize("test", ["Contract", "Times"])
@@ -167,9 +167,9 @@ def test_inputs_errors_disturbances_lateness_and_loss_go_together() -> None:
 
 def nearest(text: str, test: str, runs: int = 300) -> dict[str, Robustness]:
     with Search(system_of_text(text, test), Options(strategy="falsify", runs=runs)) as searched:
-        found = searched.run()
+        outcome = searched.run()
         told = {r.text: r for r in searched.robustness()}
-    assert (found.status == "violated") == any(
+    assert (outcome.status == "violated") == any(
         r.least is not None and r.least < 0.0 for r in told.values()
     )
     return told
@@ -213,11 +213,11 @@ def test_the_least_robustness_is_negative_iff_the_property_was_violated(seed: in
     engine = Engine(system_of_text(text, "Some"))
     known: list[tuple[int, int]] = []
     while True:
-        settings = Settings(strategy="falsify", runs=400, seed=seed, known=tuple(known))
-        found = engine.explore(settings)
-        if found.broken is None:
+        settings = EngineSettings(strategy="falsify", runs=400, seed=seed, known=tuple(known))
+        exploration = engine.explore(settings)
+        if exploration.broken is None:
             break
-        known.append(found.broken)
+        known.append(exploration.broken)
     least: dict[tuple[int, int], float] = {}
     for aim, near in zip(engine.generated.aims, engine.seen.nearest.tolist(), strict=True):
         key = (aim.what, aim.index)
@@ -249,13 +249,13 @@ def test_a_deadline_that_was_missed_is_below_zero_and_one_that_was_kept_above(
 ) -> None:
     options = Options(strategy="falsify", runs=300, seed=seed)
     with Search(system_of_text(LATE, test), options) as searched:
-        found = searched.run()
+        outcome = searched.run()
         told = searched.robustness()
-    assert found.status == "violated"
-    assert found.broken is not None
+    assert outcome.status == "violated"
+    assert outcome.broken is not None
     least = [r.least for r in told]
     below = [i for i, r in enumerate(least) if r is not None and r < 0.0]
-    assert below == [found.broken[1]], least
+    assert below == [outcome.broken[1]], least
     assert all(r != 0.0 for r in least)
 
 

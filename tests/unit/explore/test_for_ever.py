@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 
 from generators.programs_in_instants import program_in_instants
-from generators.small_programs import TICK
+from generators.small_test_programs import TICK
 from long_tests import examples
-from soter.explore.command import Told, explore_test
-from soter.explore.engine.engine import Engine, Searched, Settings
+from soter.explore.command import TraceHeader, explore_test
+from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 PROGRAMS = examples("SOTER_FOR_EVER_PROGRAMS", quick=20, long=180)
 CHUNKS = 4 if PROGRAMS >= 60 else 2
@@ -51,36 +51,36 @@ def engine_of(
 
 
 def closed(engine: Engine, **settings: int) -> Searched:
-    return engine.explore(replace(Settings(closes=True), **settings))  # type: ignore[arg-type]
+    return engine.explore(replace(EngineSettings(closes=True), **settings))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_what_comes_again_ends_the_search(threads: int) -> None:
     engine = engine_of(UP_AND_DOWN)
-    found = closed(engine, threads=threads)
-    assert found.status == "exhausted"
-    assert 5 * 20 * MS <= found.closed_ns < 200 * MS, "after the fifth count, not much later"
-    assert found.closed_ns % (20 * MS) == 0
-    whole = engine.explore(Settings())
+    exploration = closed(engine, threads=threads)
+    assert exploration.status == "exhausted"
+    assert 5 * 20 * MS <= exploration.closed_ns < 200 * MS, "after the fifth count, not much later"
+    assert exploration.closed_ns % (20 * MS) == 0
+    whole = engine.explore(EngineSettings())
     assert whole.closed_ns == 0
-    assert whole.states > 5 * found.states
+    assert whole.states > 5 * exploration.states
 
 
 def test_a_round_is_closed_when_it_has_been_gone_twice() -> None:
-    found = closed(engine_of(ROUND))
-    assert 14 * 20 * MS <= found.closed_ns <= 16 * 20 * MS
+    exploration = closed(engine_of(ROUND))
+    assert 14 * 20 * MS <= exploration.closed_ns <= 16 * 20 * MS
 
 
 def test_what_begins_later_is_no_round_before_it_has_begun() -> None:
-    found = closed(engine_of(ROUND, phase="15ms", period="30ms"))
-    assert 14 * 30 * MS <= found.closed_ns <= 17 * 30 * MS
-    assert (found.closed_ns - 15 * MS) % (30 * MS) == 0
+    exploration = closed(engine_of(ROUND, phase="15ms", period="30ms"))
+    assert 14 * 30 * MS <= exploration.closed_ns <= 17 * 30 * MS
+    assert (exploration.closed_ns - 15 * MS) % (30 * MS) == 0
 
 
 def test_the_calendar_begins_anew_after_all_periods() -> None:
-    found = closed(engine_of(ROUND, period="15ms"))
-    assert found.closed_ns > 0
-    assert found.closed_ns % (30 * MS) == 0, "of 10 and 15 ms"
+    exploration = closed(engine_of(ROUND, period="15ms"))
+    assert exploration.closed_ns > 0
+    assert exploration.closed_ns % (30 * MS) == 0, "of 10 and 15 ms"
     for period in ("90ms", "95ms"):
         slow = engine_of(ROUND, period=period, property_="always y < 4;")
         assert closed(slow).status == "violated", "between two of its steps nothing changes"
@@ -90,8 +90,8 @@ def test_the_calendar_begins_anew_after_all_periods() -> None:
 def test_a_slow_counter_is_not_taken_for_a_round(property_: str) -> None:
     horizon = "700ms" if "leadsto" not in property_ else "10700ms"
     engine = engine_of("min(n + 1, 40)", horizon=horizon, property_=property_)
-    found = closed(engine)
-    assert found.closed_ns == 0 or found.closed_ns >= 40 * 20 * MS
+    exploration = closed(engine)
+    assert exploration.closed_ns == 0 or exploration.closed_ns >= 40 * 20 * MS
     longer = engine_of("min(n + 1, 40)", horizon="900ms")
     assert closed(longer).status == "violated"
 
@@ -100,9 +100,9 @@ def test_a_deadline_that_the_horizon_hides_is_no_end() -> None:
     """What is promised for after the horizon is not kept: everything looks as it did before."""
     owed = "y == 4 leadsto y == 9 within 500ms;"
     for horizon in range(510, 640, 10):
-        found = closed(engine_of(ROUND, property_=owed, horizon=f"{horizon}ms"))
-        assert found.closed_ns == 0
-        assert found.status == ("exhausted" if horizon < 560 else "violated")
+        exploration = closed(engine_of(ROUND, property_=owed, horizon=f"{horizon}ms"))
+        assert exploration.closed_ns == 0
+        assert exploration.status == ("exhausted" if horizon < 560 else "violated")
 
 
 @pytest.mark.parametrize(
@@ -129,8 +129,8 @@ def test_who_reads_the_time_is_never_at_an_end(changed: dict[str, str]) -> None:
     ],
 )
 def test_other_searches_go_to_the_horizon(settings: dict[str, str]) -> None:
-    found = closed(engine_of(UP_AND_DOWN, horizon="300ms"), **settings)  # type: ignore[arg-type]
-    assert (found.status, found.closed_ns) == ("exhausted", 0)
+    exploration = closed(engine_of(UP_AND_DOWN, horizon="300ms"), **settings)  # type: ignore[arg-type]
+    assert (exploration.status, exploration.closed_ns) == ("exhausted", 0)
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
@@ -142,27 +142,27 @@ def test_a_horizon_three_times_as_far_shows_nothing_new(chunk: int) -> None:
         assert system.test is not None
         tests = [replace(system.test, horizon_ns=n * TICK * MS) for n in (24, 72)]
         engine, longer = [Engine(replace(system, test=t)) for t in tests]
-        found = closed(engine, max_states=100_000)
-        plain = engine.explore(Settings(max_states=300_000))
-        if found.status != "states" and plain.status != "states":
-            assert found.status == plain.status, seed
-        if found.closed_ns:
+        exploration = closed(engine, max_states=100_000)
+        plain = engine.explore(EngineSettings(max_states=300_000))
+        if exploration.status != "states" and plain.status != "states":
+            assert exploration.status == plain.status, seed
+        if exploration.closed_ns:
             ended += 1
-            assert found.status == "exhausted"
-            more = longer.explore(Settings(max_states=300_000))
+            assert exploration.status == "exhausted"
+            more = longer.explore(EngineSettings(max_states=300_000))
             assert more.status in ("exhausted", "states"), seed
     assert ended > 1
 
 
 def test_a_verdict_says_that_it_holds_for_ever() -> None:
-    result = explore_test(engine_of(UP_AND_DOWN).system, Options(), Told("counts.soter", {}))
+    result = explore_test(engine_of(UP_AND_DOWN).system, Options(), TraceHeader("counts.soter", {}))
     assert (result.verdict, result.covered_ns) == ("exhausted", 2000 * MS)
     assert result.closed_ns is not None
     assert "it holds for ever" in result.for_ever
     assert any(line.startswith("said of all times") for line in result.assumptions)
     assert not any("nothing is said about times after" in line for line in result.assumptions)
     short = explore_test(
-        engine_of(UP_AND_DOWN, horizon="60ms").system, Options(), Told("counts.soter", {})
+        engine_of(UP_AND_DOWN, horizon="60ms").system, Options(), TraceHeader("counts.soter", {})
     )
     assert (short.closed_ns, short.for_ever) == (None, "")
     assert any("nothing is said about times after" in line for line in short.assumptions)

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from generators.brute_force import BruteForce
-from generators.explored import Decoder
+from generators.explorer_configurations import Decoder
 from soter.api.program import load
-from soter.explore.engine.engine import Engine, Settings
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 EXAMPLES = Path(__file__).parents[3] / "examples/testing"
 
@@ -48,11 +48,11 @@ def engine_of(test: str, **changed: int) -> Engine:
 @pytest.mark.parametrize("test", ["Middle", "End", "Late"])
 def test_a_trace_between_ends_has_all_its_steps(test: str, reduction: str, strategy: str) -> None:
     engine = engine_of(test)
-    found = engine.explore(Settings(strategy=strategy, reduction=reduction))
-    assert found.status == "violated"
-    possible, broken, _ = engine.replay(found.steps)
-    assert possible == len(found.steps) > 2
-    assert broken == found.broken
+    exploration = engine.explore(EngineSettings(strategy=strategy, reduction=reduction))
+    assert exploration.status == "violated"
+    possible, broken, _ = engine.replay(exploration.steps)
+    assert possible == len(exploration.steps) > 2
+    assert broken == exploration.broken
 
 
 BREAKS = """soter 1;
@@ -72,7 +72,7 @@ def test_where_a_step_breaks_a_contract_the_middle_of_its_instant_is_not_stored(
     strategy: str, reduction: str, plainly: bool
 ) -> None:
     engine = Engine(system_of_test(check_file("breaks.soter", BREAKS), "T"))
-    how = Settings(strategy=strategy, reduction=reduction, plainly=plainly)
+    how = EngineSettings(strategy=strategy, reduction=reduction, plainly=plainly)
     stored = []
     for go_on in (True, False):
         assert engine.explore(replace(how, keep=True, go_on=go_on)).status == "violated"
@@ -84,9 +84,9 @@ def test_far_fewer_are_stored_and_as_many_steps_counted() -> None:
     system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
     assert system.test is not None
     engine = Engine(replace(system, test=replace(system.test, horizon_ns=60_000_000)))
-    whole = engine.explore(Settings(reduction="ample"))
-    ends = engine.explore(Settings(reduction="all"))
-    deep = engine.explore(Settings(reduction="all", strategy="dfs"))
+    whole = engine.explore(EngineSettings(reduction="ample"))
+    ends = engine.explore(EngineSettings(reduction="all"))
+    deep = engine.explore(EngineSettings(reduction="all", strategy="dfs"))
     assert whole.status == ends.status == deep.status == "exhausted"
     assert ends.states == deep.states < whole.states / 5
     assert whole.depth == ends.depth == deep.depth
@@ -96,19 +96,19 @@ def test_groups_give_the_ends_that_steps_give() -> None:
     system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
     assert system.test is not None
     engine = Engine(replace(system, test=replace(system.test, horizon_ns=60_000_000)))
-    found = []
+    world_sets = []
     for reduction in ("instants", "groups", "parts", "all"):
-        how = Settings(reduction=reduction, keep=True)
+        how = EngineSettings(reduction=reduction, keep=True)
         assert engine.explore(how).status == "exhausted"
-        found.append({w.tobytes() for w in engine.worlds()})
-    assert found[0] == found[1] == found[2]
-    assert found[3] < found[2], "of equal instances one order is stored"
+        world_sets.append({w.tobytes() for w in engine.worlds()})
+    assert world_sets[0] == world_sets[1] == world_sets[2]
+    assert world_sets[3] < world_sets[2], "of equal instances one order is stored"
 
 
 def test_where_windows_are_no_points_every_configuration_is_stored() -> None:
     engine = engine_of("Late", skew_ns=5_000_000)
-    plain = engine.explore(Settings(reduction="none", go_on=True))
-    assert engine.explore(Settings(reduction="instants", go_on=True)).states == plain.states
+    plain = engine.explore(EngineSettings(reduction="none", go_on=True))
+    assert engine.explore(EngineSettings(reduction="instants", go_on=True)).states == plain.states
 
 
 STOPPED = """soter 1;
@@ -135,8 +135,8 @@ def test_what_a_broken_contract_leaves_in_the_middle_is_not_stored(
     """
     system = system_of_test(check_file("stopped.soter", STOPPED), "T")
     judge, engine = BruteForce(system), Engine(system)
-    found = engine.explore(Settings(strategy=strategy, reduction=reduction, keep=True))
-    assert found.status == "violated"
+    exploration = engine.explore(EngineSettings(strategy=strategy, reduction=reduction, keep=True))
+    assert exploration.status == "violated"
     decoder = Decoder(judge, engine.plan)
     worlds = [decoder.world(w.tobytes()) for w in engine.worlds()]
     assert all(w.c.ct < 0 or judge.observable(w) for w in worlds)
@@ -167,15 +167,17 @@ test T { system S; horizon 15ms; always x <= 36; }
 @pytest.mark.parametrize("strategy", ["bfs", "dfs"])
 def test_what_an_instant_had_no_memory_for_is_not_forgotten_in_the_next(strategy: str) -> None:
     engine = Engine(system_of_test(check_file("large.soter", LARGE), "T"))
-    whole = engine.explore(Settings(strategy=strategy, plainly=True))
+    whole = engine.explore(EngineSettings(strategy=strategy, plainly=True))
     assert whole.status == "exhausted"
     for memory in range(1_000_000, 2_000_000, 200_000):
-        found = engine.explore(Settings(strategy=strategy, plainly=True, memory=memory))
-        assert (found.status, found.states == whole.states) in {
+        exploration = engine.explore(EngineSettings(strategy=strategy, plainly=True, memory=memory))
+        assert (exploration.status, exploration.states == whole.states) in {
             ("memory", False),
             ("exhausted", True),
         }
-        assert found.covered_ns == (whole.covered_ns if found.status == "exhausted" else 0)
+        assert exploration.covered_ns == (
+            whole.covered_ns if exploration.status == "exhausted" else 0
+        )
 
 
 def test_a_search_that_goes_the_same_ways_again_and_again_says_what_else_there_is(
@@ -183,8 +185,8 @@ def test_a_search_that_goes_the_same_ways_again_and_again_says_what_else_there_i
 ) -> None:
     path = tmp_path / "chain.soter"
     path.write_text(CHAIN)
-    [found] = load(path).explore("End").tests
-    dear = replace(found, states=10, transitions=10_000, seconds=3.0)
+    [test_result] = load(path).explore("End").tests
+    dear = replace(test_result, states=10, transitions=10_000, seconds=3.0)
     assert "took 1,000 transitions" in dear.dear
     assert "--reduction ample" in dear.dear
     assert not replace(dear, transitions=500).dear

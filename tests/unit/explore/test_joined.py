@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from soter.explore.engine.engine import Engine, Settings
-from soter.explore.engine.joined import Joined
+from soter.explore.engine.composed import ComposedSearch
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 HEAD = """soter 1;
 type Cell = int in [0, 9];
@@ -51,12 +51,12 @@ BOTH = "horizon 60ms; always a <= 9; "
 
 def test_parts_are_the_sum_and_not_the_product() -> None:
     engine = engine_of(walkers(BOTH + "always a < 9 || b < 3 || p < 9;"))
-    whole = engine.explore(Settings())
-    found = Joined(engine, Settings(), None).run(math.inf)
-    assert found is not None
-    assert [f.status for f in found] == ["exhausted"] * 3
+    whole = engine.explore(EngineSettings())
+    explorations = ComposedSearch(engine, EngineSettings(), None).run(math.inf)
+    assert explorations is not None
+    assert [f.status for f in explorations] == ["exhausted"] * 3
     assert whole.status == "exhausted"
-    assert sum(f.states for f in found) < whole.states / 2
+    assert sum(f.states for f in explorations) < whole.states / 2
     assert bool(engine.seen.judged[1])
 
 
@@ -77,32 +77,32 @@ def test_a_combination_is_violated_iff_it_is_reached_at_one_time(
     broken: bool,
 ) -> None:
     engine = engine_of(walkers(f"{BOTH} {joint};"))
-    assert engine.explore(Settings()).status == ("violated" if broken else "exhausted")
-    assert Joined.fits(engine, Settings())
-    found = Joined(engine, Settings(), None).run(math.inf)
-    assert found is not None
-    assert found[-1].status == ("violated" if broken else "exhausted")
+    assert engine.explore(EngineSettings()).status == ("violated" if broken else "exhausted")
+    assert ComposedSearch.fits(engine, EngineSettings())
+    explorations = ComposedSearch(engine, EngineSettings(), None).run(math.inf)
+    assert explorations is not None
+    assert explorations[-1].status == ("violated" if broken else "exhausted")
     if broken:
-        possible, seen, _ = engine.replay(found[-1].steps)
-        assert possible == len(found[-1].steps) > 0
-        assert seen == found[-1].broken == (0, 1)
+        possible, seen, _ = engine.replay(explorations[-1].steps)
+        assert possible == len(explorations[-1].steps) > 0
+        assert seen == explorations[-1].broken == (0, 1)
 
 
 def test_a_violation_of_one_part_alone_comes_first() -> None:
     engine = engine_of(walkers("horizon 60ms; always a <= 3; always a < 9 || b < 3;"))
-    found = Joined(engine, Settings(), None).run(math.inf)
-    assert found is not None
-    assert found[-1].broken == (0, 0)
-    possible, broken, _ = engine.replay(found[-1].steps)
-    assert (possible, broken) == (len(found[-1].steps), (0, 0))
+    explorations = ComposedSearch(engine, EngineSettings(), None).run(math.inf)
+    assert explorations is not None
+    assert explorations[-1].broken == (0, 0)
+    possible, broken, _ = engine.replay(explorations[-1].steps)
+    assert (possible, broken) == (len(explorations[-1].steps), (0, 0))
 
 
 def test_a_person_is_told_how_many_parts_there_are() -> None:
     text = walkers(BOTH + "always a < 9 || b < 3 || p < 9;")
     with Search(system_of_test(check_file("walkers.soter", text), "T"), Options()) as search:
-        found = search.run()
-        assert found.status == "exhausted"
-        assert not found.closable, "no longer horizon would show that it holds for ever"
+        outcome = search.run()
+        assert outcome.status == "exhausted"
+        assert not outcome.closable, "no longer horizon would show that it holds for ever"
         assert search.parts == 3
 
 
@@ -117,15 +117,15 @@ def test_a_person_is_told_how_many_parts_there_are() -> None:
 )
 def test_where_more_is_shared_all_of_it_is_explored(test: str, why: str) -> None:
     engine = engine_of(walkers(test))
-    assert not Joined.fits(engine, Settings()), why
+    assert not ComposedSearch.fits(engine, EngineSettings()), why
 
 
 def test_with_several_starts_nothing_is_joined() -> None:
     test = "horizon 40ms; always a < 9 || p < 9;"
     load = walkers(test).replace("next s", "state load: float in [0.0, 1.0];\n  next s")
     engine = engine_of(load)
-    assert Joined.fits(engine, Settings())
-    assert Joined(engine, Settings(), None).run(math.inf) is None
+    assert ComposedSearch.fits(engine, EngineSettings())
+    assert ComposedSearch(engine, EngineSettings(), None).run(math.inf) is None
 
 
 @pytest.mark.parametrize(
@@ -133,8 +133,8 @@ def test_with_several_starts_nothing_is_joined() -> None:
 )
 def test_other_searches_join_nothing(changed: dict[str, str]) -> None:
     engine = engine_of(walkers(BOTH + "always a < 9 || b < 3;"))
-    assert Joined.fits(engine, Settings())
-    assert not Joined.fits(engine, Settings(**changed))  # type: ignore[arg-type]
+    assert ComposedSearch.fits(engine, EngineSettings())
+    assert not ComposedSearch.fits(engine, EngineSettings(**changed))  # type: ignore[arg-type]
 
 
 LONG = """soter 1;

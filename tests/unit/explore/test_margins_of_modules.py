@@ -42,17 +42,17 @@ test Kept { system S; horizon 240ms; ORDER never broken; }
 def tried(folder: Path, *, more: str = "0.0", order: str = "") -> Any:
     path = folder / "margin.soter"
     path.write_text(PROGRAM.replace("MORE", more).replace("ORDER", order), encoding="utf-8")
-    (found,) = soter.load(path).explore("Kept", output=None).tests
-    return found
+    (test_result,) = soter.load(path).explore("Kept", output=None).tests
+    return test_result
 
 
 @pytest.mark.parametrize("order", ["", "order deployed;"])
 def test_no_order_of_steps_takes_over_before_the_margin_said(tmp_path: Path, order: str) -> None:
-    found = tried(tmp_path, order=order)
-    assert found.verdict == "exhausted"
-    assert found.states > 1000
+    test_result = tried(tmp_path, order=order)
+    assert test_result.verdict == "exhausted"
+    assert test_result.states > 1000
 
 
 def test_one_period_more_is_found_to_be_wrong(tmp_path: Path) -> None:
-    found = tried(tmp_path, more="0.03")
-    assert found.verdict == "violated"
+    test_result = tried(tmp_path, more="0.03")
+    assert test_result.verdict == "violated"

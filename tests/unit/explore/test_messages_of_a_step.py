@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from generators.agreement import compared, enumerated
+from generators.explorer_agreement import compared, enumerated
 from soter.explore.judge.replay import replay
 from soter.explore.model.actors import plan_of
 from soter.lower.steps import lower

@@ -14,9 +14,9 @@ HEADER = ENGINE / "soter_explore.h"
 
 
 def enum(name: str) -> list[str]:
-    found = re.search(rf"typedef enum \{{([^}}]*)\}} {name};", HEADER.read_text(encoding="utf-8"))
-    assert found is not None
-    return re.findall(r"\bSOTER_\w+", found[1])
+    match = re.search(rf"typedef enum \{{([^}}]*)\}} {name};", HEADER.read_text(encoding="utf-8"))
+    assert match is not None
+    return re.findall(r"\bSOTER_\w+", match[1])
 
 
 def test_the_c_has_a_constant_for_each() -> None:
@@ -26,8 +26,8 @@ def test_the_c_has_a_constant_for_each() -> None:
 
 def test_the_engine_leads_each_strategy_to_its_own_search() -> None:
     door = (ENGINE / "soter_explore.c").read_text(encoding="utf-8")
-    found = re.findall(r"case (SOTER_\w+):\s+(soter_search_\w+)\(s\);\s+return;", door)
-    assert found == [(constant(s), f"soter_search_{s}") for s in STRATEGIES]
+    case_pairs = re.findall(r"case (SOTER_\w+):\s+(soter_search_\w+)\(s\);\s+return;", door)
+    assert case_pairs == [(constant(s), f"soter_search_{s}") for s in STRATEGIES]
 
 
 def test_the_schema_of_results_names_them_all() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from generators.agreement import compared, enumerated
+from generators.explorer_agreement import compared, enumerated
 from soter.diagnostics.diagnostic import SoterError
 from unit.explore.random_walks import system_of_text
 

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.explore.engine.engine import Engine, RawChoice, RawStep, Settings
+from soter.explore.engine.explorer_library import Engine, EngineSettings, RawChoice, RawStep
 from soter.lower.layout import NEVER
-from soter.program.build import check_file, system_of_test
-from unit.explore.some_worlds import WorldMaker
+from soter.program.front_end import check_file, system_of_test
+from unit.explore.random_configurations import WorldMaker
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from unit.explore.some_worlds import Field
+    from unit.explore.random_configurations import Field
 
     World = npt.NDArray[np.uint8]
 
@@ -158,7 +158,7 @@ def test_an_invariant_is_judged_for_two_periods_of_its_module(rich: Engine) -> N
 
 
 def test_every_stored_world_comes_back(engine: Engine) -> None:
-    engine.explore(Settings(max_states=5_000, keep=True))
+    engine.explore(EngineSettings(max_states=5_000, keep=True))
     worlds = engine.worlds()
     assert len(worlds) > 1_000
     scratch = born(engine)
@@ -178,7 +178,7 @@ def candidates(engine: Engine, world: World, at: int) -> list[RawStep]:
     (now,) = struct.unpack_from("<q", world.data, at)
     done_at = at + 8 + 8 * int(engine.model.timeds) + 8 * len(engine.system.modules)
     done = struct.unpack_from(f"<{len(engine.actors)}I", world.data, done_at)
-    found = []
+    steps = []
     for i, a in enumerate(engine.actors):
         release = a.phase_ns + done[i] * a.period_ns
         kinds = [2 if a.overrun_ns else 0] + ([1] if a.skips else [])
@@ -187,15 +187,15 @@ def candidates(engine: Engine, world: World, at: int) -> list[RawStep]:
             for pick in range(3 if asked else 1):
                 choices = (RawChoice(0, 3, pick),) if asked else ()
                 first = max(release, now)
-                found += [
+                steps += [
                     RawStep(i, kind, release, time, choices)
                     for time in range(first, release + a.window_ns + 1, tick)
                 ]
         if a.overrun_ns:
             (since,) = struct.unpack_from("<q", world.data, int(engine.model.actor[i].held))
             ends = range(max(since, now), since + a.overrun_ns + 1, tick) if since >= 0 else ()
-            found += [RawStep(i, 3, since, time, ()) for time in ends]
-    return found
+            steps += [RawStep(i, 3, since, time, ()) for time in ends]
+    return steps
 
 
 def test_every_world_of_an_execution_comes_back_with_skips_and_overruns(rich: Engine) -> None:

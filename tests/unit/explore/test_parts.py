@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import soter
-from soter.explore.engine.engine import Engine, Settings
-from soter.program.build import check_file, system_of_test
+from soter.explore.engine.explorer_library import Engine, EngineSettings
+from soter.program.front_end import check_file, system_of_test
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples/testing"
 
@@ -80,17 +80,17 @@ def test_the_verdict_is_that_of_the_whole(tmp_path: Path, at: int) -> None:
 
 def test_only_the_second_part_may_violate(tmp_path: Path) -> None:
     path = program(tmp_path, both="always right.lane.truth.at > -2;")
-    found = soter.load(path).explore()["T"]
-    assert found.parts == 2
-    assert found.verdict == "violated"
-    assert found.broken is not None
-    assert "right" in found.broken.text
+    test_result = soter.load(path).explore()["T"]
+    assert test_result.parts == 2
+    assert test_result.verdict == "violated"
+    assert test_result.broken is not None
+    assert "right" in test_result.broken.text
 
 
 def test_a_part_is_completed_to_an_execution_of_the_whole(tmp_path: Path) -> None:
     path = program(tmp_path, both="always right.lane.truth.at > -2;")
     engine = Engine(system_of_test(check_file(str(path)), "T"))
-    settings = Settings(part=engine.parts[1])
+    settings = EngineSettings(part=engine.parts[1])
     alone = engine.explore(settings)
     assert alone.status == "violated"
     whole = engine.complete(settings, alone.steps)
@@ -101,6 +101,6 @@ def test_a_part_is_completed_to_an_execution_of_the_whole(tmp_path: Path) -> Non
 
 
 def test_two_modules_are_two_parts() -> None:
-    found = soter.load(EXAMPLES / "two_modules.soter").explore()["BothStayInside"]
-    assert (found.verdict, found.parts) == ("exhausted", 2)
-    assert found.states < 10_000
+    test_result = soter.load(EXAMPLES / "two_modules.soter").explore()["BothStayInside"]
+    assert (test_result.verdict, test_result.parts) == ("exhausted", 2)
+    assert test_result.states < 10_000

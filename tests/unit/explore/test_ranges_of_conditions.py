@@ -10,12 +10,12 @@ import pytest
 
 from generators.vacuous_tests import program
 from long_tests import examples
-from soter.explore.vacuity.decide import holds_always
+from soter.explore.vacuity.constant_truth import holds_always
 from soter.explore.vacuity.domains import MOST, Domains
-from soter.program.build import check_file, system_of_test
-from soter.program.meaning.arith import StepFault
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
@@ -78,7 +78,7 @@ def test_what_holds_for_all_values_holds_for_each(chunk: int) -> None:
 
 def environments(system: System, dice: Random) -> list[Environment]:
     """Values of all topics: ints and modes all of them, floats by chance."""
-    found = []
+    samples = []
     names = {t.name: t.index for t in system.topics}
     for x, u, y, light, mode in product(range(10), (-1, 0, 1), (False, True), (0, 2), (0, 1)):
         topics = [t.default for t in system.topics]
@@ -91,5 +91,5 @@ def environments(system: System, dice: Random) -> list[Environment]:
             "g": dice.choice(AT),
         }.items():
             topics[names[name]] = value
-        found.append(Environment(topics=topics, mode=(mode,).__getitem__))
-    return found
+        samples.append(Environment(topics=topics, mode=(mode,).__getitem__))
+    return samples

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from soter.explore.engine.engine import Engine, Settings
-from soter.program.build import check_file, system_of_test
+from soter.explore.engine.explorer_library import Engine, EngineSettings
+from soter.program.front_end import check_file, system_of_test
 
 PROGRAM = """soter 1;
 topic place: int in [-3, 3] max_age 20ms;
@@ -51,18 +51,18 @@ def test_steps_remembered_with_their_times_reach_the_worlds_of_steps_that_are_ru
     engine = Engine(system_of_test(checked, test))
     assert not engine.model.plain
     assert engine.model.brief
-    found = {}
+    outcome_by_mode = {}
     for plainly in (False, True):
-        how = Settings(reduction="none", keep=True, go_on=True, plainly=plainly)
+        how = EngineSettings(reduction="none", keep=True, go_on=True, plainly=plainly)
         search = engine.explore(how)
         assert search.status in {"exhausted", "violated"}
         worlds = {engine.packed(w).tobytes() for w in engine.worlds()}
         assert len(worlds) == search.states
-        found[plainly] = (search.status, worlds, search.transitions)
-    assert found[False][:2] == found[True][:2]
-    assert len(found[True][1]) > 60
+        outcome_by_mode[plainly] = (search.status, worlds, search.transitions)
+    assert outcome_by_mode[False][:2] == outcome_by_mode[True][:2]
+    assert len(outcome_by_mode[True][1]) > 60
     if test in CHOOSES:
-        assert found[False][2] < found[True][2]
+        assert outcome_by_mode[False][2] < outcome_by_mode[True][2]
     engine.close()
 
 
@@ -83,7 +83,7 @@ test T { system S; horizon 5s; never age(beat) > 2.0; }
 def test_ticks_between_two_steps_may_be_more_than_32_bits_tell(plainly: bool) -> None:
     engine = Engine(system_of_test(check_file("far.soter", FAR), "T"))
     assert engine.plan.tick_ns == 1
-    assert engine.explore(Settings(plainly=plainly)).status == "violated"
+    assert engine.explore(EngineSettings(plainly=plainly)).status == "violated"
     engine.close()
 
 
@@ -101,7 +101,7 @@ test T { system S; horizon 30s; always x + y <= 6; }
 def test_what_there_is_no_memory_to_remember_takes_none() -> None:
     engine = Engine(system_of_test(check_file("long.soter", LONG), "T"))
     for reduction in ("groups", "all"):
-        found = engine.explore(Settings(reduction=reduction, memory=2**24))
-        assert (found.status, found.states) == ("exhausted", 16 * 30_001 + 1)
-        assert found.total_bytes < 2**23
+        exploration = engine.explore(EngineSettings(reduction=reduction, memory=2**24))
+        assert (exploration.status, exploration.states) == ("exhausted", 16 * 30_001 + 1)
+        assert exploration.total_bytes < 2**23
     engine.close()

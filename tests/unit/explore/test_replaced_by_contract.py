@@ -10,10 +10,10 @@ import pytest
 from soter.api.program import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore import command, contracts
+from soter.explore import command, contract_use
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.build import check_file, system_of_test
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,7 +42,7 @@ test Replaced { system S; replace M by contract; horizon 40ms; always %s; }
 def explored(text: str, name: str) -> TestResult:
     checked = check_file("p.soter", text)
     system = system_of_test(checked, name)
-    told = command.Told("p.soter", {}, contracts.replaced_in(checked.tests[name]))
+    told = command.TraceHeader("p.soter", {}, contract_use.replaced_in(checked.tests[name]))
     return command.explore_test(system, Options(minimise=0.0), told)
 
 
@@ -71,18 +71,18 @@ def test_all_that_the_contract_permits_is_published_and_nothing_else(
 
 def test_a_contract_that_misses_a_value_is_reported_where_the_module_runs() -> None:
     text = MODULE % ("min(w, 2)", "guarantees small: u < 2;") + TESTS % "u < 2"
-    found = explored(text, "AsItIs")
-    assert found.verdict == "violated"
-    assert found.broken is not None
-    assert "small of M: u < 2 in M.Fast" in found.broken.text
+    test_result = explored(text, "AsItIs")
+    assert test_result.verdict == "violated"
+    assert test_result.broken is not None
+    assert "small of M: u < 2 in M.Fast" in test_result.broken.text
     assert verdict(text, "Replaced") == "exhausted"
 
 
 def test_an_assumption_that_does_not_hold_is_reported_as_one() -> None:
     text = MODULE % ("min(w, 2)", "assumes calm: w < 3;") + TESTS % "true"
-    found = explored(text, "AsItIs")
-    assert found.broken is not None
-    assert found.broken.text.startswith("assumes calm of M: w < 3 in M.")
+    test_result = explored(text, "AsItIs")
+    assert test_result.broken is not None
+    assert test_result.broken.text.startswith("assumes calm of M: w < 3 in M.")
 
 
 def test_guarantees_that_read_others_are_asked_with_what_they_read() -> None:
@@ -98,7 +98,7 @@ def test_guarantees_that_read_others_are_asked_with_what_they_read() -> None:
 
 def test_the_report_says_who_is_asked_to_keep_the_contract() -> None:
     text = MODULE % ("min(w, 2)", "guarantees small: u < 3;") + TESTS % "u < 3"
-    told = list(contracts.told(system_of_test(check_file("p.soter", text), "Replaced")))
+    told = list(contract_use.told(system_of_test(check_file("p.soter", text), "Replaced")))
     assert len(told) == 1
     assert told[0] == (
         "M is replaced by its contract (small: u < 3): whether it keeps it is asked by `AsItIs`, "
@@ -109,7 +109,7 @@ def test_the_report_says_who_is_asked_to_keep_the_contract() -> None:
     alone = alone.replace(
         "rta M", "node Slow2 period 10ms { publishes u, v; step { publish u = 0; } }\nrta M"
     )
-    told = list(contracts.told(system_of_test(check_file("p.soter", alone), "Replaced")))
+    told = list(contract_use.told(system_of_test(check_file("p.soter", alone), "Replaced")))
     assert len(told) == 1
     assert told[0].endswith(
         "no test of this program runs it as it is (`AsItIs` but for a controller): "
@@ -121,7 +121,7 @@ def test_a_clause_that_cannot_be_asked_permits_more_and_is_named() -> None:
     clause = "guarantees led: mode(M) == Mode.AC || u == 0; guarantees small: u < 3;"
     text = MODULE % ("min(w, 2)", clause) + TESTS % "u < 3"
     system = system_of_test(check_file("p.soter", text), "Replaced")
-    [told] = contracts.told(system)
+    [told] = contract_use.told(system)
     assert "(small: u < 3; not asked for, so that more is permitted: led: mode(M) ==" in told
     with Search(system, Options()) as search:
         assert search.run().status == "exhausted"
@@ -131,8 +131,10 @@ def test_a_module_may_be_replaced_by_a_node_and_a_node_by_its_contract() -> None
     text = MODULE % ("min(w, 2)", "") + TESTS % "u == 0"
     by_node = text.replace("M by contract", "M by Slow")
     assert verdict(by_node, "Replaced") == "exhausted"
-    found = explored(by_node, "Replaced")
-    assert any(a.startswith("M is replaced by Slow: said of whatever") for a in found.assumptions)
+    test_result = explored(by_node, "Replaced")
+    assert any(
+        a.startswith("M is replaced by Slow: said of whatever") for a in test_result.assumptions
+    )
     text = text.replace("replace M by contract", "replace Eye by contract")
     text = text.replace("publishes seen; step", "publishes seen; guarantees seen < 3; step")
     assert verdict(text.replace("always u == 0", "always seen < 3"), "Replaced") == "exhausted"
@@ -159,9 +161,9 @@ def test_a_tower_is_replaced_as_one() -> None:
         "guarantees mine: u != 2; }\nsystem S {",
     ).replace("module M; }", "module Above; }")
     tower = tower.replace("replace M by", "replace Above by")
-    found = explored(tower, "AsItIs")
-    assert found.broken is not None
-    assert "mine of Above: u != 2 in Above.M.Fast" in found.broken.text
+    test_result = explored(tower, "AsItIs")
+    assert test_result.broken is not None
+    assert "mine of Above: u != 2 in Above.M.Fast" in test_result.broken.text
     tower = tower.replace("min(w, 2)", "min(w, 1)")
     assert verdict(tower, "AsItIs") == "exhausted"
     assert verdict(tower, "Replaced") == "violated"  # Top has no word on u < 3
@@ -211,7 +213,7 @@ def test_only_a_test_of_the_same_node_in_the_same_system_asks_for_its_contract(
     other: str, system: str, sets: str, said: str
 ) -> None:
     text = LIAR % (other, system, sets)
-    [told] = contracts.told(system_of_test(check_file("p.soter", text), "CountAlone"))
+    [told] = contract_use.told(system_of_test(check_file("p.soter", text), "CountAlone"))
     assert told.endswith(f"no test of this program runs it {said} it keeps it is assumed")
 
 
@@ -236,6 +238,6 @@ def test_a_clause_that_cannot_be_judged_is_not_said_to_be_a_fault_of_the_node(
     text = text.replace("guarantees go <= 1", "guarantees 6 / go > 2").replace("= MAX;", "= 1;")
     path = tmp_path / "p.soter"
     path.write_text(text)
-    [found] = load(path).explore("CountAlone").tests
-    assert found.broken is not None
-    assert found.broken.text == "what the contract of watch permits can be judged"
+    [test_result] = load(path).explore("CountAlone").tests
+    assert test_result.broken is not None
+    assert test_result.broken.text == "what the contract of watch permits can be judged"

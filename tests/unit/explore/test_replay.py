@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.explore.judge.replay import replay
-from soter.explore.trace.trace import BEGIN, EFFECT, LOST, STEP, Broken, Choice, Step
-from soter.program.model.values import to_json
+from soter.explore.trace.trace import BEGIN, EFFECT, LOST, STEP, Choice, Step, ViolationId
+from soter.program.model.python_values import to_json
 from unit.explore.explored_programs import (
     CONTRACTS,
     FAULTS,
@@ -66,12 +66,12 @@ def test_every_execution_is_allowed_and_ends_as_the_enumerator_says(text: str, t
     tested = system(text, test)
     outcomes = set()
     for w in walks(test, text):
-        found = replay(w.trace, tested)
-        assert found.problem is None
-        assert found.reproduced == (w.broken is not None)
-        assert len(found.steps) == len(w.trace.steps)
+        replay_result = replay(w.trace, tested)
+        assert replay_result.problem is None
+        assert replay_result.reproduced == (w.broken is not None)
+        assert len(replay_result.steps) == len(w.trace.steps)
         topics = [{t.name: to_json(t.type, c[t.index]) for t in tested.topics} for c in w.topics]
-        assert [s.topics for s in found.steps][: len(topics)] == topics
+        assert [s.topics for s in replay_result.steps][: len(topics)] == topics
         outcomes.add(w.broken)
     assert outcomes - {None}, "some of the walks have to go wrong"
 
@@ -85,8 +85,8 @@ def test_walks_break_what_there_is_to_break() -> None:
 
 def test_only_the_end_is_violated() -> None:
     for w in walks("Far"):
-        found = replay(w.trace, system(TESTED, "Far"))
-        before, last = found.steps[:-1], found.steps[-1]
+        replay_result = replay(w.trace, system(TESTED, "Far"))
+        before, last = replay_result.steps[:-1], replay_result.steps[-1]
         assert all(not s.violated for s in before)
         assert bool(last.violated) == (w.broken is not None)
 
@@ -94,19 +94,19 @@ def test_only_the_end_is_violated() -> None:
 def test_without_its_last_step_it_is_not_reproduced() -> None:
     w = violating("Far")
     short = replace(w.trace, steps=w.trace.steps[:-1])
-    found = replay(short, system(TESTED, "Far"))
-    assert found.problem is None
-    assert not found.reproduced
-    assert "not violated" in found.outcome
+    replay_result = replay(short, system(TESTED, "Far"))
+    assert replay_result.problem is None
+    assert not replay_result.reproduced
+    assert "not violated" in replay_result.outcome
 
 
 def test_another_property_is_not_the_one_that_is_violated() -> None:
     w = violating("Far")
-    other = replace(w.trace, broken=Broken("property", 0, "always true"))
-    found = replay(other, system(TESTED, "Far"))
-    assert not found.reproduced
-    assert "no such property" in found.outcome
-    beyond = replace(w.trace, broken=Broken("timed", 7, "x"))
+    other = replace(w.trace, broken=ViolationId("property", 0, "always true"))
+    replay_result = replay(other, system(TESTED, "Far"))
+    assert not replay_result.reproduced
+    assert "no such property" in replay_result.outcome
+    beyond = replace(w.trace, broken=ViolationId("timed", 7, "x"))
     assert not replay(beyond, system(TESTED, "Far")).reproduced
 
 
@@ -116,10 +116,10 @@ def test_another_property_is_not_the_one_that_is_violated() -> None:
 def refused(test: str, steps: list[Step], text: str = TESTED) -> str:
     """Why a trace with these steps is no execution."""
     w = violating(test, text)
-    found = replay(replace(w.trace, steps=tuple(steps)), system(text, test))
-    assert not found.reproduced
-    assert found.problem is not None
-    return found.problem
+    replay_result = replay(replace(w.trace, steps=tuple(steps)), system(text, test))
+    assert not replay_result.reproduced
+    assert replay_result.problem is not None
+    return replay_result.problem
 
 
 def steps_of(test: str, text: str = TESTED) -> list[Step]:
@@ -166,9 +166,9 @@ def test_only_what_may_skip_skips_and_not_too_often() -> None:
     ]
     twice = replace(lost, release_ns=20_000_000, time_ns=20_000_000)
     trace = replace(first.trace, steps=(*instant, lost, *second, *third, twice))
-    found = replay(trace, tested)
-    assert found.problem is not None
-    assert "more than 1 in a row" in found.problem
+    replay_result = replay(trace, tested)
+    assert replay_result.problem is not None
+    assert "more than 1 in a row" in replay_result.problem
 
 
 def test_only_what_may_overrun_overruns() -> None:
@@ -187,10 +187,10 @@ def test_what_overruns_publishes_later() -> None:
         Step("Keeper.Home", BEGIN, 0, 0),
         Step("watch", EFFECT, 0, 5_000_000),
     ]
-    found = replay(replace(w.trace, steps=tuple(steps)), tested)
-    assert found.problem is None
-    assert [s.topics["seen"] for s in found.steps][1:] == [0, 0, 0, 0, 0, 0, 1]
-    assert found.steps[-1].published == {"seen": 1}
+    replay_result = replay(replace(w.trace, steps=tuple(steps)), tested)
+    assert replay_result.problem is None
+    assert [s.topics["seen"] for s in replay_result.steps][1:] == [0, 0, 0, 0, 0, 0, 1]
+    assert replay_result.steps[-1].published == {"seen": 1}
     late = [*steps[:-1], replace(steps[-1], time_ns=11_000_000)]
     assert not replay(replace(w.trace, steps=tuple(late)), tested).reproduced
 
@@ -213,10 +213,10 @@ def test_picks_at_the_start_are_checked_too() -> None:
     (choice,) = first.choices
     for wrong in ((replace(choice, of=2, pick=0),), (choice, choice)):
         steps = (replace(first, choices=wrong), *w.trace.steps[1:])
-        found = replay(replace(w.trace, steps=steps), system(STARTS, "Drifts"))
-        assert not found.reproduced
-        assert found.problem is not None
-        assert "start" in found.problem
+        replay_result = replay(replace(w.trace, steps=steps), system(STARTS, "Drifts"))
+        assert not replay_result.reproduced
+        assert replay_result.problem is not None
+        assert "start" in replay_result.problem
 
 
 def test_nothing_comes_after_a_fault() -> None:
@@ -224,9 +224,11 @@ def test_nothing_comes_after_a_fault() -> None:
     last = w.trace.steps[-1]
     later = last.time_ns + 10_000_000
     after = replace(last, release_ns=later, time_ns=later)
-    found = replay(replace(w.trace, steps=(*w.trace.steps, after)), system(FAULTS, "Overflows"))
-    assert not found.reproduced
-    assert "no execution goes on" in found.outcome
+    replay_result = replay(
+        replace(w.trace, steps=(*w.trace.steps, after)), system(FAULTS, "Overflows")
+    )
+    assert not replay_result.reproduced
+    assert "no execution goes on" in replay_result.outcome
 
 
 def test_the_start_comes_first_and_its_actor_exists() -> None:
@@ -241,8 +243,8 @@ def test_the_start_comes_first_and_its_actor_exists() -> None:
 
 
 def test_choices_come_with_their_values() -> None:
-    found = replay(violating("Far").trace, system(TESTED, "Far"))
-    told = {c.stream: c.value for s in found.steps for c in s.choices}
+    replay_result = replay(violating("Far").trace, system(TESTED, "Far"))
+    told = {c.stream: c.value for s in replay_result.steps for c in s.choices}
     assert isinstance(told["input.alarm"], bool)
     assert told["input.wish"] in (-1, 0, 1)
     drift = replay(violating("Drifts", STARTS).trace, system(STARTS, "Drifts"))
@@ -260,17 +262,17 @@ def test_a_switch_and_what_the_dm_saw_are_told() -> None:
         for s in r.steps
         if s.switch is not None
     ]
-    step, found = switches[0]
+    step, replay_result = switches[0]
     assert step.switch == ("Keeper", "SC", "AC")
     assert step.decided is not None
     assert step.decided["safer"] is True
-    assert found.steps[step.number].modes == {"Keeper": "AC"}
+    assert replay_result.steps[step.number].modes == {"Keeper": "AC"}
 
 
 def test_a_trace_that_goes_on_after_the_violation_is_no_execution() -> None:
-    found = violating("Far")
-    last = found.trace.steps[-1]
-    more = replace(found.trace, steps=(*found.trace.steps, last))
+    violation_walk = violating("Far")
+    last = violation_walk.trace.steps[-1]
+    more = replace(violation_walk.trace, steps=(*violation_walk.trace.steps, last))
     refused = replay(more, system(TESTED, "Far"))
     assert not refused.reproduced
     assert refused.problem is not None
@@ -278,9 +280,11 @@ def test_a_trace_that_goes_on_after_the_violation_is_no_execution() -> None:
 
 
 def test_a_world_starts_once() -> None:
-    found = violating("Drifts", STARTS)
-    assert found.trace.steps[0].kind == "start"
-    twice = replace(found.trace, steps=(found.trace.steps[0], *found.trace.steps))
+    violation_walk = violating("Drifts", STARTS)
+    assert violation_walk.trace.steps[0].kind == "start"
+    twice = replace(
+        violation_walk.trace, steps=(violation_walk.trace.steps[0], *violation_walk.trace.steps)
+    )
     refused = replay(twice, system(STARTS, "Drifts"))
     assert not refused.reproduced
     assert refused.problem is not None

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from generators.brute_force import BruteForce
-from soter.explore.engine.engine import Engine, RawChoice, RawStep
+from soter.explore.engine.explorer_library import Engine, RawChoice, RawStep
 from soter.explore.trace.trace import STEP_KINDS
-from soter.semantics.chance.random_draws import fnv
+from soter.semantics.random.random_draws import fnv
 from unit.explore.random_walks import system_of_text, walk
 
 if TYPE_CHECKING:
@@ -113,10 +113,10 @@ def test_a_margin_is_positive_where_the_interpreter_says_true(seed: int) -> None
         possible, _, worlds = engine.replay(steps)
         assert possible == len(steps)
         for world, configuration in zip(worlds, walked.configurations, strict=True):
-            found = list(margins(engine, world, scale))
+            margin_values = list(margins(engine, world, scale))
             truths = [judge._holds(p, configuration) for p in judge.premises]
-            assert [m > 0.0 for m in found] == truths, premises
-            assert all(m != 0.0 and abs(m) <= 1.0 for m in found)
+            assert [m > 0.0 for m in margin_values] == truths, premises
+            assert all(m != 0.0 and abs(m) <= 1.0 for m in margin_values)
             seen |= set(enumerate(truths))
     assert len(seen) > 12, "most conditions were true and false"
     engine.close()
@@ -144,7 +144,7 @@ def test_nearer_to_a_violation_is_less_whatever_the_scale_and_the_function() -> 
     system = system_of_text(SAFE, "T")
     engine = Engine(system)
     scale = np.zeros(engine.model.scales + 1)
-    found: dict[float, list[float]] = {}
+    margins_by_value: dict[float, list[float]] = {}
     assert engine.model.guides == 3, "both sides of && are followed apart"
     for seed in range(12):
         walked = walk(system, seed)
@@ -154,8 +154,14 @@ def test_nearer_to_a_violation_is_less_whatever_the_scale_and_the_function() -> 
             room = engine.ffi.cast("double *", scale.ctypes.data)
             if c.Topics[1] == 0.0 and seed > 5:  # the scale is known by then
                 now = [engine.model.guide[i].of(state, room) for i in (0, 2)]
-                found[c.Topics[0]] = now
+                margins_by_value[c.Topics[0]] = now
     for of in range(2):
-        assert 0.0 < found[9.0][of] < found[4.0][of] < found[1.0][of] <= 1.0
-    assert found[9.0][0] == found[9.0][1] == pytest.approx(0.1)
+        assert (
+            0.0
+            < margins_by_value[9.0][of]
+            < margins_by_value[4.0][of]
+            < margins_by_value[1.0][of]
+            <= 1.0
+        )
+    assert margins_by_value[9.0][0] == margins_by_value[9.0][1] == pytest.approx(0.1)
     engine.close()

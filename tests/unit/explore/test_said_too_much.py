@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from soter.explore.command import Told, explore_test
+from soter.explore.command import TraceHeader, explore_test
 from soter.explore.methods import EXHAUSTIVE
 from soter.explore.results import Options
 from unit.explore.random_walks import system_of_text
 
-TOLD = Told("small.soter", {})
+TOLD = TraceHeader("small.soter", {})
 
 OTHER = "topic z: bool; node B period 10ms { publishes z; step { publish z = true; } }"
 LATE_START = (
@@ -77,8 +77,8 @@ DEEP = (
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 @pytest.mark.parametrize("name", STARTS)
 def test_a_start_that_others_let_be_seen(name: str, strategy: str) -> None:
-    found = explore_test(system_of_text(STARTS[name], "T"), Options(strategy=strategy), TOLD)
-    assert found.verdict == "violated"
+    test_result = explore_test(system_of_text(STARTS[name], "T"), Options(strategy=strategy), TOLD)
+    assert test_result.verdict == "violated"
 
 
 def test_a_step_beside_another_part_off_the_grid() -> None:
@@ -96,21 +96,21 @@ def test_a_bound_that_ends_the_search_before_the_last_part(strategy: str, most: 
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 def test_more_choices_than_there_is_room_for(strategy: str, threads: int) -> None:
     options = Options(strategy=strategy, threads=threads)
-    found = explore_test(system_of_text(MANY_CHOICES, "T"), options, TOLD)
-    assert (found.verdict, found.bound) == ("bound", "choices")
+    test_result = explore_test(system_of_text(MANY_CHOICES, "T"), options, TOLD)
+    assert (test_result.verdict, test_result.bound) == ("bound", "choices")
 
 
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 def test_an_input_with_more_values_than_fit(strategy: str) -> None:
     options = Options(strategy=strategy, memory=2**22)
-    found = explore_test(system_of_text(WIDE_INPUT, "T"), options, TOLD)
-    assert found.verdict == "bound"
+    test_result = explore_test(system_of_text(WIDE_INPUT, "T"), options, TOLD)
+    assert test_result.verdict == "bound"
 
 
 @pytest.mark.parametrize("memory", [4 * 2**20, 5 * 2**20, 6 * 2**20])
 def test_a_violation_whose_links_do_not_fit_has_a_trace(memory: int) -> None:
-    found = explore_test(system_of_text(DEEP, "T"), Options(memory=memory), TOLD)
-    assert found.verdict in {"violated", "bound"}
-    if found.verdict == "violated":
-        assert (found.replayed is None) == bool(found.not_shown)
-        assert found.replayed is None or found.replayed.reproduced
+    test_result = explore_test(system_of_text(DEEP, "T"), Options(memory=memory), TOLD)
+    assert test_result.verdict in {"violated", "bound"}
+    if test_result.verdict == "violated":
+        assert (test_result.replayed is None) == bool(test_result.not_shown)
+        assert test_result.replayed is None or test_result.replayed.reproduced

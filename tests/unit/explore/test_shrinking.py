@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.small_programs import small_program
+from generators.small_test_programs import small_program
 from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.command import Told, explore_test, trace_of
-from soter.explore.engine.guided import Guided, array_of, steps_of
+from soter.explore.command import TraceHeader, explore_test, trace_of
+from soter.explore.engine.guided_execution import Guided, array_of, steps_of
 from soter.explore.engine.search import Search
 from soter.explore.engine.shrink import Shrinker, cost_of
 from soter.explore.judge.replay import replay
@@ -21,14 +21,14 @@ from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TE
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
-    from soter.explore.engine.guided import Steps
+    from soter.explore.engine.guided_execution import Steps
     from soter.explore.engine.search import Found
     from soter.explore.engine.shrink import Cost
     from soter.explore.judge.replay import Replayed
     from soter.explore.results import TestResult
     from soter.program.model.system import System
 
-TOLD = Told("small.soter", {})
+TOLD = TraceHeader("small.soter", {})
 CART = """
 soter 1;
 topic pos: float;
@@ -65,11 +65,11 @@ def searched(
     return search, search.run()
 
 
-def costs(search: Search, found: Found, steps: tuple[object, ...]) -> Cost:
+def costs(search: Search, outcome: Found, steps: tuple[object, ...]) -> Cost:
     """What a trace costs; it violates what was found."""
-    assert found.broken is not None
+    assert outcome.broken is not None
     raw = array_of([search._raw(s) for s in steps])  # type: ignore[arg-type]
-    made = Guided(search._engine, search._settings.seed, found.broken).run(raw, len(raw))
+    made = Guided(search._engine, search._settings.seed, outcome.broken).run(raw, len(raw))
     assert made.violates
     assert steps_of(made.steps) == steps_of(raw)
     return cost_of(made)
@@ -89,21 +89,21 @@ def test_a_long_trace_over_floats_is_shrunk_where_minimising_ends_in_vain(
     as_found = explore_test(system, replace(options, minimise=0.0), TOLD)
     assert len(replayed(as_found).steps) > 2_000
     began = time.perf_counter()
-    found = explore_test(system, options, TOLD)
+    test_result = explore_test(system, options, TOLD)
     assert time.perf_counter() - began < 4.0 + 6.0
-    assert not found.minimal
-    assert len(replayed(found).steps) < 400, "126 on a fast machine"
-    assert replayed(found).reproduced
-    assert found.broken == as_found.broken
-    assert found.shrunk_from == len(replayed(as_found).steps)
-    assert replayed(found).trace.shrunk_from == found.shrunk_from
+    assert not test_result.minimal
+    assert len(replayed(test_result).steps) < 400, "126 on a fast machine"
+    assert replayed(test_result).reproduced
+    assert test_result.broken == as_found.broken
+    assert test_result.shrunk_from == len(replayed(as_found).steps)
+    assert replayed(test_result).trace.shrunk_from == test_result.shrunk_from
 
 
 def test_shrinking_gives_the_same_trace_twice() -> None:
     system = system_of_text(CART, "Drifts")
-    search, found = searched(system, seed=3)
+    search, outcome = searched(system, seed=3)
     with search:
-        first, second = search.shrunk(found, 60.0), search.shrunk(found, 60.0)
+        first, second = search.shrunk(outcome, 60.0), search.shrunk(outcome, 60.0)
     assert first is not None
     assert second is not None
     assert not first.stopped
@@ -116,15 +116,15 @@ def test_shrinking_gives_the_same_trace_twice() -> None:
 def test_what_is_shrunk_is_not_larger_and_nearly_least(text: str) -> None:
     for test in (line.split()[1] for line in text.splitlines() if line.startswith("test ")):
         system = system_of_text(text, test)
-        search, found = searched(system, "dfs")
+        search, outcome = searched(system, "dfs")
         with search:
-            if found.status != "violated":
+            if outcome.status != "violated":
                 continue
-            shrunk, least = search.shrunk(found, 60.0), search.least(found, 60.0)
+            shrunk, least = search.shrunk(outcome, 60.0), search.least(outcome, 60.0)
             assert shrunk is not None
-            least_cost = costs(search, found, least.steps)
-            cost = costs(search, found, shrunk.steps)
-            assert least_cost[:3] <= cost[:3] <= costs(search, found, found.steps)[:3]
+            least_cost = costs(search, outcome, least.steps)
+            cost = costs(search, outcome, shrunk.steps)
+            assert least_cost[:3] <= cost[:3] <= costs(search, outcome, outcome.steps)[:3]
             assert cost[0] <= 2 * least_cost[0], test
 
 
@@ -136,18 +136,18 @@ def test_shrunk_traces_of_random_programs_replay_and_violate_the_same(chunk: int
             system = system_of_text(small_program(number), "T")
         except (SoterError, AssertionError):
             continue
-        search, found = searched(system, seed=number + 1)
+        search, outcome = searched(system, seed=number + 1)
         with search:
-            if found.status != "violated":
+            if outcome.status != "violated":
                 continue
-            shrunk = search.shrunk(found, 60.0)
+            shrunk = search.shrunk(outcome, 60.0)
             assert shrunk is not None
-            cost, before = (costs(search, found, f.steps) for f in (shrunk, found))
+            cost, before = (costs(search, outcome, f.steps) for f in (shrunk, outcome))
             assert cost <= before
             shrunk_some += cost < before
-            least = search.least(found, 60.0)
+            least = search.least(outcome, 60.0)
             if least.status == "violated":
-                assert costs(search, found, least.steps)[:3] <= cost[:3]
+                assert costs(search, outcome, least.steps)[:3] <= cost[:3]
         result = explore_test(system, replace(search.options, minimise=0.0), TOLD)
         assert replay(trace_of(result, TOLD, shrunk.steps), system).reproduced, number
     assert shrunk_some > 0
@@ -155,12 +155,12 @@ def test_shrunk_traces_of_random_programs_replay_and_violate_the_same(chunk: int
 
 def test_time_ends_shrinking_with_the_best_until_then() -> None:
     system = system_of_text(CART, "Drifts")
-    search, found = searched(system, seed=3)
+    search, outcome = searched(system, seed=3)
     with search:
-        shrunk = search.shrunk(found, 0.02)
+        shrunk = search.shrunk(outcome, 0.02)
         assert shrunk is not None
         assert shrunk.stopped == "patience"
-        assert costs(search, found, shrunk.steps) <= costs(search, found, found.steps)
+        assert costs(search, outcome, shrunk.steps) <= costs(search, outcome, outcome.steps)
         assert shrunk.seconds < 2.0
 
 
@@ -176,18 +176,18 @@ def test_ctrl_c_ends_shrinking_with_the_best_until_then(monkeypatch: pytest.Monk
     monkeypatch.setattr(Guided, "run", cut)
     system = system_of_text(CART, "Drifts")
     options = replace(Options(), strategy="random", seed=3)
-    found = explore_test(system, options, TOLD)
-    assert found.interrupted
-    assert found.verdict == "violated"
-    assert 2 < len(replayed(found).steps) < 2_000
+    test_result = explore_test(system, options, TOLD)
+    assert test_result.interrupted
+    assert test_result.verdict == "violated"
+    assert 2 < len(replayed(test_result).steps) < 2_000
 
 
 def test_what_violates_something_else_is_not_taken() -> None:
     system = system_of_text(TESTED, "Skips")
-    search, found = searched(system)
+    search, outcome = searched(system)
     with search:
-        assert found.broken is not None
-        other = Guided(search._engine, 1, (found.broken[0], found.broken[1] + 1))
-        raw: Steps = array_of([search._raw(s) for s in found.steps])
+        assert outcome.broken is not None
+        other = Guided(search._engine, 1, (outcome.broken[0], outcome.broken[1] + 1))
+        raw: Steps = array_of([search._raw(s) for s in outcome.steps])
         shrinker = Shrinker(other, search._engine.actors, deadline_s=time.perf_counter() + 60)
         assert shrinker.run(raw) is None

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.programs_apart import program_apart
-from generators.small_programs import small_program
+from generators.small_test_programs import small_program
 from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.command import Told, explore_test
-from soter.explore.engine.engine import Engine
-from soter.explore.engine.guided import Guided, array_of
+from soter.explore.command import TraceHeader, explore_test
+from soter.explore.engine.explorer_library import Engine
+from soter.explore.engine.guided_execution import Guided, array_of
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from soter.explore.judge.replay import Replayed
     from soter.program.model.system import System
 
-TOLD = Told("small.soter", {})
+TOLD = TraceHeader("small.soter", {})
 PROGRAMS = examples("SOTER_SLICED_PROGRAMS", quick=32, long=96)
 TRIES = 40
 TALK = """
@@ -80,9 +80,9 @@ class Chooser:
 
 
 def test_steps_of_actors_that_the_property_does_not_hear_of_do_not_matter() -> None:
-    found = violated(system_of_text(TALK, "Three"), "bfs")
-    assert found is not None
-    *before, last = found.steps
+    violation = violated(system_of_text(TALK, "Three"), "bfs")
+    assert violation is not None
+    *before, last = violation.steps
     assert last.matters  # there it is seen, whoever steps
     assert not any(s.matters for s in before if s.actor == "talks")
     counted = [s for s in before if s.matters and s.actor == "counts"]
@@ -94,10 +94,10 @@ def test_what_does_not_matter_may_choose_otherwise(text: str) -> None:
     random = Random(1)  # noqa: S311 - no secret
     for name in (line.split()[1] for line in text.splitlines() if line.startswith("test ")):
         for strategy in ("dfs", "random"):
-            found = violated(system_of_text(text, name), strategy)
-            if found is None:
+            violation = violated(system_of_text(text, name), strategy)
+            if violation is None:
                 continue
-            again = Chooser(found)
+            again = Chooser(violation)
             assert all(again.stays(random, matters=False) for _ in range(TRIES)), name
 
 
@@ -112,10 +112,10 @@ def test_what_does_not_matter_may_choose_otherwise_in_random_programs(
             system = system_of_text(make(number), "T")
         except (SoterError, AssertionError):
             continue
-        found = violated(system, "random", number + 1)
-        if found is None:
+        violation = violated(system, "random", number + 1)
+        if violation is None:
             continue
-        again, random = Chooser(found), Random(number)  # noqa: S311 - the same
+        again, random = Chooser(violation), Random(number)  # noqa: S311 - the same
         for _ in range(TRIES):
             assert again.stays(random, matters=False), number
         free += again.free
@@ -129,10 +129,10 @@ def test_marks_are_kept_in_the_file(tmp_path: object) -> None:
 
     from soter.explore.trace.trace import read_trace, write_trace
 
-    found = violated(system_of_text(TALK, "Three"), "bfs")
-    assert found is not None
-    path = write_trace(found.trace, Path(str(tmp_path)) / "t.trace.json")
-    assert [s.matters for s in read_trace(path).steps] == [s.matters for s in found.trace.steps]
+    violation = violated(system_of_text(TALK, "Three"), "bfs")
+    assert violation is not None
+    path = write_trace(violation.trace, Path(str(tmp_path)) / "t.trace.json")
+    assert [s.matters for s in read_trace(path).steps] == [s.matters for s in violation.trace.steps]
     old = path.read_text("utf-8").replace(', "matters": true', "").replace(', "matters": false', "")
     assert "matters" not in old
     path.write_text(old, "utf-8")

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.command import Told, explore_test
+from soter.explore.command import TraceHeader, explore_test
 from soter.explore.results import Options
-from soter.explore.to_report import view_of
+from soter.explore.trace_view import view_of
 from soter.report.sequence.page import page
+from soter.report.sequence.step_wording import does, explanation
 from soter.report.sequence.text import text as lines_of
-from soter.report.sequence.words import does, explanation
 from unit.explore.explored_programs import FAULTS, QUEUED, TESTED
 from unit.explore.random_walks import system_of_text
 
@@ -45,7 +45,7 @@ test T { system S; overrun n by 15ms; horizon 15ms; eventually a within 10ms; }
 
 
 def found(source: str, test: str) -> Replayed:
-    result = explore_test(system_of_text(source, test), Options(), Told("small.soter", {}))
+    result = explore_test(system_of_text(source, test), Options(), TraceHeader("small.soter", {}))
     assert result.replayed is not None
     return result.replayed
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from generators.damage import MISSING, damaged
+from generators.damaged_json import MISSING, damaged
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.trace.trace import (
     BYTES_MAX,
@@ -34,9 +34,9 @@ def trace() -> Trace:
 def test_what_is_written_is_read_back(trace: Trace, tmp_path: Path) -> None:
     told = replace(trace, program=str(tmp_path / "small.soter"), params={"GAIN": 2, "T": "Ü\u0000"})
     path = write_trace(told, tmp_path / "folder" / "a.trace.json")
-    found = read_trace(path)
-    assert found.program == "../small.soter"
-    assert replace(found, program=told.program) == told
+    loaded_trace = read_trace(path)
+    assert loaded_trace.program == "../small.soter"
+    assert replace(loaded_trace, program=told.program) == told
     assert len(path.read_text("utf-8").splitlines()) < len(trace.steps) + 40, "a line a step"
 
 
@@ -122,13 +122,13 @@ def test_no_field_of_a_wrong_kind_gets_past(trace: Trace, tmp_path: Path) -> Non
     for _, _, changed in damaged(document, (*WRONG, MISSING)):
         path.write_text(json.dumps(changed))
         try:
-            found = read_trace(path)
+            loaded_trace = read_trace(path)
         except SoterError as error:
             refused += 1
             assert [d.code for d in error.diagnostics] == ["D010"]  # noqa: PT017
         else:
-            assert all(isinstance(s.time_ns, int) for s in found.steps)
-            assert all(0 <= c.pick < c.of for s in found.steps for c in s.choices)
+            assert all(isinstance(s.time_ns, int) for s in loaded_trace.steps)
+            assert all(0 <= c.pick < c.of for s in loaded_trace.steps for c in s.choices)
     assert refused > 150
 
 

@@ -8,11 +8,11 @@ import pytest
 
 from generators.brute_force import enumerate_all
 from long_tests import examples
-from soter.explore.command import Told, explore_test
+from soter.explore.command import TraceHeader, explore_test
 from soter.explore.results import Options, TestResult
-from soter.program.build import check_file, system_of_test
-from soter.program.flatten.grid import quantum_of, times_read
-from soter.program.flatten.trials.clocks import FINEST
+from soter.program.elaborate.tests_and_faults.clock_comparisons import FINEST
+from soter.program.elaborate.time_grid import quantum_of, times_read
+from soter.program.front_end import check_file, system_of_test
 
 PROGRAMS = examples("SOTER_CLOCK_PROGRAMS", quick=16, long=300)
 MS = 1_000_000
@@ -39,7 +39,9 @@ def text(
 
 def found(source: str) -> TestResult:
     checked = check_file("small.soter", source)
-    return explore_test(system_of_test(checked, "T"), Options(minimise=0), Told("small.soter", {}))
+    return explore_test(
+        system_of_test(checked, "T"), Options(minimise=0), TraceHeader("small.soter", {})
+    )
 
 
 def is_violated(source: str) -> bool:

@@ -10,33 +10,33 @@ import pytest
 from generators.vacuous_tests import OTHERS, RELATED, TAUTOLOGIES, TELLING, TIMED, VACUOUS, program
 from long_tests import some
 from soter.cli.main import main
-from soter.explore.command import Told, explore_test
-from soter.explore.contracts import replaced_in
+from soter.explore.command import TraceHeader, explore_test
+from soter.explore.contract_use import replaced_in
 from soter.explore.results import Options, TestResult
-from soter.explore.vacuity import decide, vacuous
-from soter.program.build import check_file, system_of_test
+from soter.explore.vacuity import constant_truth, vacuous_tests
+from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.explore.vacuity.vacuous import Vacuous
+    from soter.explore.vacuity.vacuous_tests import VacuousPart
 
 STATIC = (*TAUTOLOGIES, *RELATED)
 
 
-def told(text: str) -> tuple[Vacuous, ...]:
+def told(text: str) -> tuple[VacuousPart, ...]:
     """What is told without a search."""
     checked = check_file("small.soter", text)
     assert checked.ok, [(d.code, d.message) for d in checked.diagnostics.items]
     system = system_of_test(checked, "T")
     assert system.test is not None
     met = [(True, True)] * (len(system.properties) + len(system.test.timed))
-    return vacuous.of_test(system, met, ended=False)
+    return vacuous_tests.of_test(system, met, ended=False)
 
 
 def found(text: str) -> TestResult:
     checked = check_file("small.soter", text)
-    about = Told("small.soter", {}, replaced_in(checked.tests["T"]))
+    about = TraceHeader("small.soter", {}, replaced_in(checked.tests["T"]))
     return explore_test(system_of_test(checked, "T"), Options(minimise=0), about)
 
 
@@ -52,7 +52,7 @@ def test_what_could_fail_is_not_told() -> None:
 def test_without_a_solver_floats_that_are_compared_with_each_other_are_left_open(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(decide, "solved", lambda *_: False)
+    monkeypatch.setattr(constant_truth, "solved", lambda *_: False)
     assert [item for item in STATIC if not told(VACUOUS[item])] == list(RELATED)
 
 
@@ -113,7 +113,7 @@ def test_a_search_that_did_not_end_does_not_say_never() -> None:
     checked = check_file("small.soter", text)
     system = system_of_test(checked, "T")
     for options in (Options(max_states=5), Options(strategy="random", runs=3)):
-        assert explore_test(system, options, Told("small.soter", {})).vacuous == ()
+        assert explore_test(system, options, TraceHeader("small.soter", {})).vacuous == ()
 
 
 def test_every_format_says_so(

@@ -13,18 +13,18 @@ import pytest
 
 import processes
 from soter.explore import assumptions
-from soter.explore.command import Told, explore_test
-from soter.explore.engine.engine import Engine, Settings
+from soter.explore.command import TraceHeader, explore_test
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Found
 from soter.explore.methods import CHOICES_MAX, THREADS_BFS, WORDS_MAX
 from soter.explore.results import Options
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
-    from soter.explore.engine.progress import Progress
+    from soter.explore.engine.progress import EngineProgress
     from soter.explore.results import TestResult
 
-TOLD = Told("wide.soter", {})
+TOLD = TraceHeader("wide.soter", {})
 HEADER = Path(__file__).resolve().parents[3] / "src/soter/explore/engine/c/soter_explore.h"
 EXHAUSTIVE = ("bfs", "dfs", "deepening")
 ANSWER_S = 10.0
@@ -68,13 +68,13 @@ def interrupted(text: str, test: str, after_s: float = 0.5, **how: object) -> tu
     engine = Engine(system_of_text(text, test))
     pressed = [0.0]
 
-    def press(progress: Progress) -> None:
+    def press(progress: EngineProgress) -> None:
         if progress.seconds > after_s:
             pressed[0] = time.process_time()
             raise KeyboardInterrupt
 
-    found = engine.explore(replace(Settings(), **how), press)  # type: ignore[arg-type]
-    return found, time.process_time() - pressed[0]
+    exploration = engine.explore(replace(EngineSettings(), **how), press)  # type: ignore[arg-type]
+    return exploration, time.process_time() - pressed[0]
 
 
 # ---------------------------------------------------------------- interrupting
@@ -83,10 +83,10 @@ def interrupted(text: str, test: str, after_s: float = 0.5, **how: object) -> tu
 @pytest.mark.parametrize("plainly", [False, True])
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 def test_a_step_that_never_ends_can_be_interrupted(strategy: str, plainly: bool) -> None:
-    found, waited = interrupted(choosing(70, 3), "Clean", strategy=strategy, plainly=plainly)
-    assert found.status == "stopped"  # type: ignore[attr-defined]
-    assert found.stopped == "interrupted"  # type: ignore[attr-defined]
-    assert found.states >= 5  # type: ignore[attr-defined]
+    exploration, waited = interrupted(choosing(70, 3), "Clean", strategy=strategy, plainly=plainly)
+    assert exploration.status == "stopped"  # type: ignore[attr-defined]
+    assert exploration.stopped == "interrupted"  # type: ignore[attr-defined]
+    assert exploration.states >= 5  # type: ignore[attr-defined]
     assert waited < ANSWER_S
 
 
@@ -100,34 +100,34 @@ node W period 10ms {{ publishes t; step {{ publish t = [{values}]; }} }}
 system S {{ w: W; until 100ms; }}
 test T {{ system S; horizon 30ms; never t[0] && !t[0]; }}
 """
-    found, answer_s = interrupted(text, "T", reduction=reduction)
-    assert (getattr(found, "status", None), answer_s < ANSWER_S) == ("stopped", True)
+    exploration, answer_s = interrupted(text, "T", reduction=reduction)
+    assert (getattr(exploration, "status", None), answer_s < ANSWER_S) == ("stopped", True)
 
 
 def test_a_start_that_never_ends_can_be_interrupted() -> None:
-    found, waited = interrupted(BIRTHS, "T", memory=2**40, max_states=2**60)
-    assert found.status == "stopped"  # type: ignore[attr-defined]
-    assert found.states > 0  # type: ignore[attr-defined]
+    exploration, waited = interrupted(BIRTHS, "T", memory=2**40, max_states=2**60)
+    assert exploration.status == "stopped"  # type: ignore[attr-defined]
+    assert exploration.states > 0  # type: ignore[attr-defined]
     assert waited < ANSWER_S
 
 
 def test_the_answers_of_a_long_step_are_counted_while_they_are_tried() -> None:
     engine = Engine(system_of_text(choosing(70, 3), "Clean"))
-    looks: list[Progress] = []
+    looks: list[EngineProgress] = []
 
-    def look(progress: Progress) -> None:
+    def look(progress: EngineProgress) -> None:
         looks.append(progress)
         if progress.answers > 0:
             raise KeyboardInterrupt
 
-    assert engine.explore(Settings(), look, 30.0).stopped == "interrupted"
+    assert engine.explore(EngineSettings(), look, 30.0).stopped == "interrupted"
     assert looks[-1].answers >= 2**16
 
 
 def test_the_least_trace_of_a_step_that_never_ends_is_given_up() -> None:
     engine = Engine(system_of_text(choosing(70, 3), "Broken"))
     began = time.process_time()
-    assert engine.least(Settings(), (0, 0), None, 0.3).status == "stopped"
+    assert engine.least(EngineSettings(), (0, 0), None, 0.3).status == "stopped"
     assert time.process_time() - began < 0.3 + ANSWER_S
 
 
@@ -136,9 +136,9 @@ def test_the_least_trace_of_a_step_that_never_ends_is_given_up() -> None:
 def test_a_violation_in_a_step_that_never_ends_is_found(
     text: str, test: str, strategy: str
 ) -> None:
-    found = explored(text, test, strategy=strategy, minimise=0.0, time=30.0)
-    assert found.verdict == "violated"
-    assert found.replayed is not None
+    test_result = explored(text, test, strategy=strategy, minimise=0.0, time=30.0)
+    assert test_result.verdict == "violated"
+    assert test_result.replayed is not None
 
 
 # ---------------------------------------------------------------- time
@@ -152,11 +152,11 @@ def explored(text: str, test: str, **options: object) -> TestResult:
 @pytest.mark.parametrize("strategy", [*EXHAUSTIVE, "random"])
 def test_the_time_of_a_search_can_be_bounded(strategy: str) -> None:
     text = choosing(70, 3)
-    found = explored(text, "Clean", strategy=strategy, time=0.4, runs=10**12)
-    assert (found.verdict, found.bound) == ("bound", "time")
-    assert "--time" in found.why
-    assert 0.4 <= found.seconds < 0.4 + ANSWER_S
-    assert not found.interrupted
+    test_result = explored(text, "Clean", strategy=strategy, time=0.4, runs=10**12)
+    assert (test_result.verdict, test_result.bound) == ("bound", "time")
+    assert "--time" in test_result.why
+    assert 0.4 <= test_result.seconds < 0.4 + ANSWER_S
+    assert not test_result.interrupted
 
 
 def test_a_search_that_ends_in_time_says_nothing_of_it() -> None:
@@ -168,15 +168,15 @@ def test_a_search_that_ends_in_time_says_nothing_of_it() -> None:
 
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 def test_more_choices_than_there_is_room_for_name_the_step(strategy: str) -> None:
-    found = explored(choosing(CHOICES_MAX + 1, 3), "Clean", strategy=strategy)
-    assert (found.verdict, found.bound) == ("bound", "choices")
-    assert f"a step of w asks for more than {CHOICES_MAX} choices" in found.why
-    assert found.states > 0
+    test_result = explored(choosing(CHOICES_MAX + 1, 3), "Clean", strategy=strategy)
+    assert (test_result.verdict, test_result.bound) == ("bound", "choices")
+    assert f"a step of w asks for more than {CHOICES_MAX} choices" in test_result.why
+    assert test_result.states > 0
 
 
 def test_as_many_choices_as_there_is_room_for_are_no_limit() -> None:
-    found = explored(choosing(CHOICES_MAX, 3), "Clean", time=0.3)
-    assert found.bound == "time"
+    test_result = explored(choosing(CHOICES_MAX, 3), "Clean", time=0.3)
+    assert test_result.bound == "time"
 
 
 def floats(count: int) -> str:
@@ -192,10 +192,10 @@ test T {{ system S; horizon 20ms; always n < 2; }}
 
 @pytest.mark.parametrize("strategy", [*EXHAUSTIVE, "random"])
 def test_a_configuration_wider_than_there_is_room_for_says_so(strategy: str) -> None:
-    found = explored(floats(WORDS_MAX), "T", strategy=strategy)
-    assert (found.verdict, found.bound) == ("bound", "width")
-    assert f"takes {WORDS_MAX + 1:,} words of 64 bits" in found.why
-    assert f"room for {WORDS_MAX:,}" in found.why
+    test_result = explored(floats(WORDS_MAX), "T", strategy=strategy)
+    assert (test_result.verdict, test_result.bound) == ("bound", "width")
+    assert f"takes {WORDS_MAX + 1:,} words of 64 bits" in test_result.why
+    assert f"room for {WORDS_MAX:,}" in test_result.why
 
 
 def test_a_wide_configuration_is_explored() -> None:
@@ -203,9 +203,9 @@ def test_a_wide_configuration_is_explored() -> None:
 
 
 def test_memory_that_is_too_little_to_begin_says_how_much_is_needed() -> None:
-    found = explored(floats(1000), "T", memory=2**20)
-    assert (found.verdict, found.bound) == ("bound", "memory")
-    assert re.search(r"the first tables alone take [0-9,]{9,} bytes", found.why)
+    test_result = explored(floats(1000), "T", memory=2**20)
+    assert (test_result.verdict, test_result.bound) == ("bound", "memory")
+    assert re.search(r"the first tables alone take [0-9,]{9,} bytes", test_result.why)
 
 
 def test_what_there_is_room_for_is_what_the_c_says() -> None:
@@ -232,10 +232,10 @@ def test_a_member_that_has_no_class_is_not_taken_for_another() -> None:
 def test_scalars_that_coverage_has_no_room_for_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     system = system_of_text(COUNTERS, "T")
     sentence = "what was reached counts the first 3 scalars of topics, of 4"
-    found: Found = Found(status="exhausted", broken=None, steps=())
-    assert sentence not in assumptions.of_test(system, Options(), found, (), None)
+    outcome: Found = Found(status="exhausted", broken=None, steps=())
+    assert sentence not in assumptions.of_test(system, Options(), outcome, (), None)
     monkeypatch.setattr(assumptions, "LEAVES_MAX", 3)
-    assert sentence in assumptions.of_test(system, Options(), found, (), None)
+    assert sentence in assumptions.of_test(system, Options(), outcome, (), None)
 
 
 # ---------------------------------------------------------------- threads and memory
@@ -257,17 +257,17 @@ TREE = COUNTERS.replace("n + 1, n + 2", "3 * n + 1, 3 * n + 2").replace("{ n,", 
 @pytest.mark.parametrize("threads", [3, 8, THREADS_BFS])
 def test_as_many_threads_search_as_are_asked_for(threads: int) -> None:
     engine = Engine(system_of_text(COUNTERS, "T"))
-    alone = engine.explore(Settings(reduction="none"))
-    found = engine.explore(Settings(reduction="none", threads=threads))
-    assert (alone.threads, found.threads) == (1, threads)
-    assert found.status == alone.status == "exhausted"
-    assert (found.states, found.transitions) == (alone.states, alone.transitions)
+    alone = engine.explore(EngineSettings(reduction="none"))
+    exploration = engine.explore(EngineSettings(reduction="none", threads=threads))
+    assert (alone.threads, exploration.threads) == (1, threads)
+    assert exploration.status == alone.status == "exhausted"
+    assert (exploration.states, exploration.transitions) == (alone.states, alone.transitions)
 
 
 MEASURE = """
 import sys
 sys.path.insert(0, {tests!r})
-from soter.explore.engine.engine import Engine, Settings
+from soter.explore.engine.explorer_library import Engine, Settings
 from unit.explore.random_walks import system_of_text
 from unit.explore.test_wide_steps import COUNTERS, TREE
 
@@ -302,6 +302,6 @@ def test_memory_bounds_what_the_process_takes(strategy: str, threads: int) -> No
 
 def test_the_memory_told_has_the_frontier_in_it() -> None:
     engine = Engine(system_of_text(COUNTERS, "Long"))
-    found = engine.explore(Settings(max_states=300_000))
-    assert found.frontier_bytes > 0
-    assert found.total_bytes >= found.table_bytes + found.frontier_bytes
+    exploration = engine.explore(EngineSettings(max_states=300_000))
+    assert exploration.frontier_bytes > 0
+    assert exploration.total_bytes >= exploration.table_bytes + exploration.frontier_bytes

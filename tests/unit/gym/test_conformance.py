@@ -41,10 +41,10 @@ class Pushed(Cart):  # type: ignore[misc]
 @settings(max_examples=20, deadline=None)
 def test_winds_within_the_declared_ones_are_inside_and_found(winds: list[float], seed: int) -> None:
     env = Protected(PROGRAM, Pushed(lambda i: winds[i % len(winds)]))
-    found = conformance(env, 2 * len(winds), seed=seed)
-    assert found.inside == found.steps >= 2 * len(winds)
-    assert max(found.residual.values()) <= 2e-9
-    assert found.used["c.wind"] == pytest.approx(max(map(abs, winds)) / WIND, abs=1e-5)
+    report = conformance(env, 2 * len(winds), seed=seed)
+    assert report.inside == report.steps >= 2 * len(winds)
+    assert max(report.residual.values()) <= 2e-9
+    assert report.used["c.wind"] == pytest.approx(max(map(abs, winds)) / WIND, abs=1e-5)
 
 
 @given(st.floats(1.01 * WIND, 3.0 * WIND), st.sampled_from([-1.0, 1.0]))
@@ -52,13 +52,13 @@ def test_winds_within_the_declared_ones_are_inside_and_found(winds: list[float],
 def test_stronger_winds_are_outside_and_said_by_how_much(size: float, sign: float) -> None:
     wind = sign * size
     env = Protected(PROGRAM, Pushed(lambda i: wind * (i % 2)))
-    found = conformance(env, 100)
-    assert found.share == 0.5
-    assert found.residual["v"] == pytest.approx(0.005 * (size - WIND), rel=1e-5)
-    assert found.undisturbed["v"] == pytest.approx(0.005 * size, rel=1e-5)
-    assert found.used["c.wind"] == 1.0
-    start, end = (np.array(found.worst[k]) for k in ("from", "to"))
-    (accel,) = found.worst["command"]
+    report = conformance(env, 100)
+    assert report.share == 0.5
+    assert report.residual["v"] == pytest.approx(0.005 * (size - WIND), rel=1e-5)
+    assert report.undisturbed["v"] == pytest.approx(0.005 * size, rel=1e-5)
+    assert report.used["c.wind"] == 1.0
+    start, end = (np.array(report.worst[k]) for k in ("from", "to"))
+    (accel,) = report.worst["command"]
     assert end[1] - start[1] - 0.005 * accel == pytest.approx(0.005 * wind)
 
 
@@ -90,9 +90,9 @@ def test_what_is_shown_in_single_precision_is_compared_so() -> None:
 def test_gymnasiums_car_is_the_proved_one_without_any_tolerance() -> None:
     program = soter.load(ROOT / "examples" / "mountain_car" / "cliff.soter")
     car = gymnasium.make("MountainCarContinuous-v0")
-    found = conformance(Protected(program, car, tolerance=1e-15), 2000, policy=back_and_forth)
-    assert found.share > 0.999
-    assert 0.01 < found.used["car.rounding_x"] <= 1.0
+    report = conformance(Protected(program, car, tolerance=1e-15), 2000, policy=back_and_forth)
+    assert report.share > 0.999
+    assert 0.01 < report.used["car.rounding_x"] <= 1.0
 
 
 def back_and_forth(observation: Any) -> Any:
@@ -102,9 +102,9 @@ def back_and_forth(observation: Any) -> Any:
 def test_states_that_nobody_observes_are_not_compared() -> None:
     env = Protected(PROGRAM, Cart(), observe=lambda o: {"x": o[0]})
     with pytest.warns(SafetyWarning, match="gives no `v`"):
-        found = conformance(env, 50)
-    assert found.residual["v"] == 0.0
-    assert found.residual["x"] > 0.0, "the plant's own speed stays 0"
+        report = conformance(env, 50)
+    assert report.residual["v"] == 0.0
+    assert report.residual["x"] > 0.0, "the plant's own speed stays 0"
 
 
 TWO = """soter 1;
@@ -161,9 +161,9 @@ def test_every_run_of_the_program_conforms_and_a_jump_in_it_does_not(seed: int) 
     run = program.simulate(until=2.0, seed=seed)
     for off, outside in ((0.0, 0), (1.0, 2)):
         env = Protected(program, Twin(run, 100, off))
-        found = conformance(env, 199, policy=partial(in_turn, iter(pushes)))
-        assert found.steps - found.inside == outside
-        assert set(found.used) == {"p.d.[0]", "p.d.[1]", "p.gust"} or len(found.used) == 3
+        report = conformance(env, 199, policy=partial(in_turn, iter(pushes)))
+        assert report.steps - report.inside == outside
+        assert set(report.used) == {"p.d.[0]", "p.d.[1]", "p.gust"} or len(report.used) == 3
 
 
 def test_the_plant_of_the_proof_has_no_faults(tmp_path: Path) -> None:
@@ -205,8 +205,8 @@ def test_no_steps_are_no_measurement() -> None:
 
 
 def test_it_reads_as_text() -> None:
-    found = Conformance(4, 3, {"x": 0.5}, {"x": 1.0}, {"c.wind": 1.0})
-    assert str(found).splitlines() == [
+    report = Conformance(4, 3, {"x": 0.5}, {"x": 1.0}, {"c.wind": 1.0})
+    assert str(report).splitlines() == [
         "3 of 4 steps (75.0000%) are explained",
         "  x: residual 0.5, undisturbed 1",
         "  c.wind: 100.0% of its bounds",

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 import soter
 from soter.codegen import unit
 from soter.gym import Protected, SafetyWarning
-from soter.gym import compiled as compiled_module
-from soter.gym.mapping import action_space
+from soter.gym import compiled_system as compiled_module
+from soter.gym.array_mapping import action_space
 from soter.program.model.system import Bound
 
 FULL = np.array([3.0], dtype=np.float32)

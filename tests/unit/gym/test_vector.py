@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 import soter
 from soter.codegen import unit
 from soter.gym import ProtectedVector, make_vec
-from soter.gym import compiled as compiled_module
+from soter.gym import compiled_system as compiled_module
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"
@@ -164,11 +164,11 @@ def episode(program: soter.Program, seed: int, steps: int) -> list[Any]:
     """What one world shows under that seed."""
     env = make_vec(program, 1, max_steps=0)
     seen, _ = env.reset(seed=seed)
-    found = [seen[0]]
+    observations = [seen[0]]
     for _ in range(steps):
         seen, *_ = env.step(bang_bang(seen))
-        found.append(seen[0])
-    return found
+        observations.append(seen[0])
+    return observations
 
 
 def ends(before: Any, _: Any, seen: Any) -> Any:
@@ -288,7 +288,7 @@ class Tensor:
 
 
 def test_actions_of_any_kind_of_array_are_the_same_actions(cliff: soter.Program) -> None:
-    found = []
+    observations = []
     for action in (
         np.full((2, 1), 0.5),
         np.full(2, 0.5),
@@ -299,8 +299,8 @@ def test_actions_of_any_kind_of_array_are_the_same_actions(cliff: soter.Program)
     ):
         env = make_vec(cliff, 2)
         env.reset(seed=1)
-        found.append(env.step(action)[0])
-    assert all((x == found[0]).all() for x in found)
+        observations.append(env.step(action)[0])
+    assert all((x == observations[0]).all() for x in observations)
 
 
 def test_a_policy_of_torch_drives(cliff: soter.Program) -> None:

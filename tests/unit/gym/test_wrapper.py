@@ -23,11 +23,11 @@ LOW = np.float64(-1.0)
 
 def driven(env: Any, steps: int = 400) -> list[Any]:
     """What full throttle sees and is told, from where the environment stands."""
-    found = []
+    transitions = []
     for _ in range(steps):
         observation, reward, ended, cut, info = env.step(FULL)
-        found.append((observation.tolist(), reward, ended, cut, str(info)))
-    return found
+        transitions.append((observation.tolist(), reward, ended, cut, str(info)))
+    return transitions
 
 
 def test_it_does_what_the_environment_does() -> None:

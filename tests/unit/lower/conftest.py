@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.lower.steps import lower
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

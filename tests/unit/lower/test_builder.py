@@ -8,7 +8,7 @@ import pytest
 
 from soter.lower import core
 from soter.lower.footprint import walk
-from soter.lower.shapes import index_components, rebuild, select
+from soter.lower.vector_values import index_components, rebuild, select
 from soter.program.model.types import BOOL, FLOAT, INT, ArrayType, RecordType
 
 if TYPE_CHECKING:
@@ -87,8 +87,8 @@ def test_a_branch_is_evaluated_only_where_it_is_taken(lowered: Lowered) -> None:
 
 
 def test_a_period_and_a_parameter_are_constants(lowered: Lowered) -> None:
-    found = body(lowered, "publish z = dt + GAIN;", extra="param GAIN: float = 2.5;")
-    constants = {n.name: n.value for n in walk(found) if isinstance(n, core.Const)}
+    statements = body(lowered, "publish z = dt + GAIN;", extra="param GAIN: float = 2.5;")
+    constants = {n.name: n.value for n in walk(statements) if isinstance(n, core.Const)}
     assert constants == {"dt": 0.02, "GAIN": 2.5}
 
 
@@ -115,26 +115,26 @@ def functions(lowered: Lowered, step: str) -> dict[str, core.Function]:
 def test_functions_are_lowered_once_callees_first_and_only_where_they_are_used(
     lowered: Lowered,
 ) -> None:
-    found = functions(lowered, "publish z = outer(inner(outer(1.0)));")
-    assert list(found) == ["inner", "outer"]
+    function_by_name = functions(lowered, "publish z = outer(inner(outer(1.0)));")
+    assert list(function_by_name) == ["inner", "outer"]
 
 
 def test_only_functions_that_may_fault_say_so(lowered: Lowered) -> None:
-    found = functions(lowered, "n = risky(n); publish z = outer(first(a));")
-    assert {name: f.can_fault for name, f in found.items()} == {
+    function_by_name = functions(lowered, "n = risky(n); publish z = outer(first(a));")
+    assert {name: f.can_fault for name, f in function_by_name.items()} == {
         "risky": True, "inner": False, "first": False, "outer": False,
     }  # fmt: skip
 
 
 def test_early_returns_become_one_exit(lowered: Lowered) -> None:
-    found = functions(lowered, "publish z = outer(first(a));")
-    outer, first = found["outer"], found["first"]
+    function_by_name = functions(lowered, "publish z = outer(first(a));")
+    outer, first = function_by_name["outer"], function_by_name["first"]
     assert kinds(outer.body) == ["Let", "If"]
     assert isinstance(outer.result, core.Var)
     split = outer.body[1]
     assert isinstance(split, core.If)
     assert (kinds(split.then), kinds(split.otherwise)) == (["Call", "Set"], ["Call", "Call", "Set"])
-    assert kinds(found["inner"].body) == []
+    assert kinds(function_by_name["inner"].body) == []
     # a loop goes on, but does nothing once a flag says that the function has returned
     (flag,) = [s.name for s in first.body if isinstance(s, core.Let) and s.value.type == BOOL]
     (loop,) = [s for s in first.body if isinstance(s, core.Loop)]

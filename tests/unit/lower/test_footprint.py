@@ -40,36 +40,36 @@ def topics(system: System, cells: set[core.Cell]) -> set[str]:
     return {system.topics[c.owner].name for c in cells if c.kind == "topic"}
 
 
-def of(found: tuple[System, CoreSystem], name: str) -> core.NodeStep:
-    system, lowered = found
+def of(system_pair: tuple[System, CoreSystem], name: str) -> core.NodeStep:
+    system, lowered = system_pair
     return lowered.nodes[system.component(name).index]
 
 
 def test_a_node_reads_its_locals_and_what_it_mentions_in_any_branch(lowered: Lowered) -> None:
-    found = lowered(PROGRAM)
-    step = of(found, "Busy")
+    system_pair = lowered(PROGRAM)
+    step = of(system_pair, "Busy")
     reads = step.footprint.reads
-    assert topics(found[0], reads) == {"u"}
+    assert topics(system_pair[0], reads) == {"u"}
     assert {c.name for c in reads if c.kind == "local"} == {"seen", "kept", "touched"}
     assert step.footprint.modes == {0}
-    assert {found[0].topics[i].name for i in step.footprint.stamps} == {"x", "out", "rest"}
+    assert {system_pair[0].topics[i].name for i in step.footprint.stamps} == {"x", "out", "rest"}
 
 
 def test_a_node_writes_the_locals_it_sets_and_all_it_publishes_with_its_queues(
     lowered: Lowered,
 ) -> None:
-    found = lowered(PROGRAM)
-    writes = of(found, "Busy").footprint.writes
+    system_pair = lowered(PROGRAM)
+    writes = of(system_pair, "Busy").footprint.writes
     assert {c.name for c in writes if c.kind == "local"} == {"touched"}
-    queue = next(t for t in found[0].topics if t.queue_of is not None)
-    assert topics(found[0], writes) == {"out", "rest", queue.name}
-    out = found[0].topic("out").index
-    assert [c.owner for c in written_topics(found[0], out)] == [out, queue.index]
+    queue = next(t for t in system_pair[0].topics if t.queue_of is not None)
+    assert topics(system_pair[0], writes) == {"out", "rest", queue.name}
+    out = system_pair[0].topic("out").index
+    assert [c.owner for c in written_topics(system_pair[0], out)] == [out, queue.index]
 
 
 def test_the_reader_of_a_queue_reads_and_empties_it_and_sees_its_loss(lowered: Lowered) -> None:
-    found = lowered(PROGRAM)
-    system, step = found[0], of(found, "Late")
+    system_pair = lowered(PROGRAM)
+    system, step = system_pair[0], of(system_pair, "Late")
     queue = next(t for t in system.topics if t.queue_of is not None)
     cell = core.Cell("topic", queue.index, queue.name)
     assert cell in step.footprint.reads & step.footprint.writes
@@ -106,8 +106,8 @@ def test_names_that_are_assigned_pushed_to_or_aged_are_written(lowered: Lowered)
 
 
 def test_walk_comes_by_every_expression_in_order(lowered: Lowered) -> None:
-    found = lowered(PROGRAM)
-    body = of(found, "Busy").body
+    system_pair = lowered(PROGRAM)
+    body = of(system_pair, "Busy").body
     nodes = list(walk(body))
     published = [n.output for n in nodes if isinstance(n, core.Publish)]
     assert published == [1, 0]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import processes
-from generators.engines import call_compiler
-from generators.from_outside import some_value
+from generators.engine_comparison import call_compiler
+from generators.outside_input_driver import some_value
 from soter.lower import layout
 from soter.lower.layout import (
     COMPONENT,
@@ -124,12 +124,12 @@ def test_a_fixed_struct_is_packed_by_name_and_reserves_zeros() -> None:
     ],
 )
 def test_an_int_takes_the_least_storage_that_holds_it(low: int, high: int, c_type: str) -> None:
-    found = scalar(IntType(low, high))
-    assert found is not None
-    assert found.c_type == c_type
-    least, most = storage_range(found)
+    storage = scalar(IntType(low, high))
+    assert storage is not None
+    assert storage.c_type == c_type
+    least, most = storage_range(storage)
     assert least <= low <= high <= most
-    assert found.size == struct.calcsize("<" + found.format) == np.dtype(found.numpy).itemsize
+    assert storage.size == struct.calcsize("<" + storage.format) == np.dtype(storage.numpy).itemsize
 
 
 @pytest.mark.parametrize(("members", "size"), [(1, 1), (256, 1), (257, 2)])
@@ -142,12 +142,14 @@ def test_an_enum_takes_a_second_byte_after_256_members(members: int, size: int) 
 
 
 def test_fields_are_ordered_by_alignment_then_as_declared_and_padded_at_the_end() -> None:
-    found = struct_of(MIXED)
-    assert [(m.name, m.offset) for m in found.members] == [
+    struct_layout = struct_of(MIXED)
+    assert [(m.name, m.offset) for m in struct_layout.members] == [
         ("b", 0), ("e", 8), ("c", 16), ("a", 20), ("d", 21),
     ]  # fmt: skip
-    assert (found.size, found.align, found.padding) == (24, 8, 2)
-    assert [MIXED.fields[m.index][0] for m in found.members] == [m.name for m in found.members]
+    assert (struct_layout.size, struct_layout.align, struct_layout.padding) == (24, 8, 2)
+    assert [MIXED.fields[m.index][0] for m in struct_layout.members] == [
+        m.name for m in struct_layout.members
+    ]
 
 
 def test_a_struct_may_ask_for_more_alignment() -> None:
@@ -214,36 +216,42 @@ system S { node header; p: P; node Silent; until 1s; always level < 9.0; }
 
 def test_a_state_has_no_holes_and_every_member_a_place(lowered: Lowered) -> None:
     system, _ = lowered(PROGRAM)
-    found = state_layout(system)
+    program_layout = state_layout(system)
     at = HEADER.size
-    assert found.component_offset == at
+    assert program_layout.component_offset == at
     at += COMPONENT.size * len(system.components)
-    assert found.module_offset == at
+    assert program_layout.module_offset == at
     at += MODULE.size * len(system.modules)
-    assert found.property_offset == at
+    assert program_layout.property_offset == at
     at += PROPERTY.size * len(system.properties)
-    assert found.stamp_offset == at
+    assert program_layout.stamp_offset == at
     at += 8 * len(system.topics)
-    for group in found.groups:
+    for group in program_layout.groups:
         assert group.offset == at
         sizes = [size_of(m.type) for m in group.struct.members]
         assert sum(sizes) + group.struct.padding == group.struct.size
         at += group.struct.size
-    assert found.size == at
-    assert [(g.name, g.owner) for g in found.groups] == [("topics", -1), ("p", 0), ("header", 1)]
-    taken = {found.topic_offset(t.index) for t in system.topics}
-    taken |= {found.member(0, i)[0] for i in range(2)} | {found.member(1, i)[0] for i in range(2)}
+    assert program_layout.size == at
+    assert [(g.name, g.owner) for g in program_layout.groups] == [
+        ("topics", -1),
+        ("p", 0),
+        ("header", 1),
+    ]
+    taken = {program_layout.topic_offset(t.index) for t in system.topics}
+    taken |= {program_layout.member(0, i)[0] for i in range(2)} | {
+        program_layout.member(1, i)[0] for i in range(2)
+    }
     assert len(taken) == len(system.topics) + 4
 
 
 def test_numpy_sees_the_state_by_the_names_of_the_program(lowered: Lowered) -> None:
     system, _ = lowered(PROGRAM)
-    found = state_layout(system)
-    dtype = state_dtype(system, found)
-    assert dtype.itemsize == found.size
-    assert [group_field(g) for g in found.groups] == ["topics", "p", "header_"]
-    raw = np.zeros(found.size, dtype=np.uint8)
-    offset, t = found.member(1, 1)
+    program_layout = state_layout(system)
+    dtype = state_dtype(system, program_layout)
+    assert dtype.itemsize == program_layout.size
+    assert [group_field(g) for g in program_layout.groups] == ["topics", "p", "header_"]
+    raw = np.zeros(program_layout.size, dtype=np.uint8)
+    offset, t = program_layout.member(1, 1)
     image = bytearray(size_of(t))
     encode_into(image, 0, t, -5)
     raw[offset : offset + len(image)] = np.frombuffer(bytes(image), dtype=np.uint8)

@@ -15,8 +15,8 @@ import processes
 from soter.cli.main import main
 from soter.lsp import symbols
 from soter.lsp.completion import completed
-from soter.lsp.describe import described
 from soter.lsp.documents import Documents
+from soter.lsp.hover import described
 from soter.lsp.positions import uri_of
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -103,7 +103,7 @@ def test_a_program_may_end_anywhere(name: str) -> None:
         for part in (text[:end], text[:end] + text[end + STEP // 2 :]):
             documents.changed(uri, 1, part)
             documents.settle(document)
-            loaded, index = documents.looked_at(document)
+            loaded, index = documents.parsed_names(document)
             main = loaded.main
             completed(part, end, main, index, document.good_index)
             symbols.outline(main, documents.lines(main.source))

@@ -8,8 +8,8 @@ import pytest
 from lsprotocol import types as lsp
 
 from editor_client import Editor, place
-from soter.lsp.place import cursor_at
-from soter.lsp.words import PLACES
+from soter.lsp.cursor_context import cursor_at
+from soter.lsp.keywords import PLACES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,8 +23,8 @@ def offered(served: Editor, wall: Path) -> Callable[[str, str], list[str]]:
     """The labels at `@@`, where some words of the cart are replaced by others."""
     path = wall / "cart.soter"
     text = path.read_text(encoding="utf-8")
-    uri, found = served.checked(path)
-    assert found == []
+    uri, diagnostics = served.checked(path)
+    assert diagnostics == []
 
     def ask(words: str, instead: str) -> list[str]:
         assert words in text
@@ -72,15 +72,15 @@ def test_names_of_the_kind_that_is_asked_for(offered: Callable[[str, str], list[
 
 
 def test_values_in_reach(offered: Callable[[str, str], list[str]]) -> None:
-    found = offered("return v * v", "return @@ v * v")
-    assert {"v", "speed", "tau", "WALL", "Clear", "clamp", "sqrt", "true"} < set(found)
-    assert "m" not in found  # the argument of another function
-    assert "Fast" not in found
+    labels = offered("return v * v", "return @@ v * v")
+    assert {"v", "speed", "tau", "WALL", "Clear", "clamp", "sqrt", "true"} < set(labels)
+    assert "m" not in labels  # the argument of another function
+    assert "Fast" not in labels
 
 
 def test_locals_of_a_body_that_does_not_parse(offered: Callable[[str, str], list[str]]) -> None:
-    found = offered("return v * v / (2.0", "let w = ((v * @@ return ) v * v / (2.0")
-    assert {"v", "speed", "tau"} < set(found)
+    labels = offered("return v * v / (2.0", "let w = ((v * @@ return ) v * v / (2.0")
+    assert {"v", "speed", "tau"} < set(labels)
 
 
 def test_nothing_in_comments_and_strings(offered: Callable[[str, str], list[str]]) -> None:
@@ -103,5 +103,5 @@ def test_nothing_in_comments_and_strings(offered: Callable[[str, str], list[str]
 def test_the_place_is_told_from_what_stands_before(
     text: str, body: str, item: tuple[str, ...]
 ) -> None:
-    found = cursor_at(text, len(text))
-    assert (found.body, found.item) == (body, item)
+    cursor = cursor_at(text, len(text))
+    assert (cursor.body, cursor.item) == (body, item)

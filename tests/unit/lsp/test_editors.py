@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import processes
-from soter.lsp.lenses import TERMINAL
+from soter.lsp.code_lenses import TERMINAL
 
 ROOT = Path(__file__).resolve().parents[3]
 EDITORS = ROOT / "editors"
@@ -72,8 +72,8 @@ def test_neovim_tells_what_is_wrong(wall: Path) -> None:
 
 @pytest.mark.skipif(shutil.which("emacs") is None, reason="there is no Emacs")
 def test_emacs_tells_what_is_wrong(wall: Path) -> None:
-    found = list(Path("/usr/share/emacs/site-lisp/elpa").glob("eglot-*"))
-    if not found and "t" not in output(
+    eglot_folders = list(Path("/usr/share/emacs/site-lisp/elpa").glob("eglot-*"))
+    if not eglot_folders and "t" not in output(
         ["emacs", "-Q", "--batch", "--eval", "(princ (fboundp 'eglot))"], wall
     ):
         pytest.skip("there is no Eglot")

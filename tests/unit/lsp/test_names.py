@@ -10,7 +10,7 @@ from lsprotocol import types as lsp
 from pygls.exceptions import JsonRpcInvalidRequest
 
 from editor_client import Editor, edited, place
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,8 +27,8 @@ class Cart:
         self.path = folder / "cart.soter"
         self.text = self.path.read_text(encoding="utf-8")
         self.editor, self.client = served, served.client
-        self.uri, found = served.checked(self.path)
-        assert found == []
+        self.uri, diagnostics = served.checked(self.path)
+        assert diagnostics == []
         self.document = lsp.TextDocumentIdentifier(self.uri)
 
     def at(self, words: str, behind: int = 0) -> dict[str, Any]:
@@ -38,14 +38,14 @@ class Cart:
     def hover(self, words: str, behind: int = 0) -> str:
         """What is said there; empty where nothing is."""
         params = lsp.HoverParams(**self.at(words, behind))
-        found = self.editor.ask(self.client.text_document_hover_async(params))
-        return "" if found is None else found.contents.value
+        hover = self.editor.ask(self.client.text_document_hover_async(params))
+        return "" if hover is None else hover.contents.value
 
     def rename(self, words: str, name: str, behind: int = 0) -> dict[str, Any]:
         """The edits by file."""
         params = lsp.RenameParams(new_name=name, **self.at(words, behind))
-        found = self.editor.ask(self.client.text_document_rename_async(params))
-        return {} if found is None else dict(found.changes)
+        edit = self.editor.ask(self.client.text_document_rename_async(params))
+        return {} if edit is None else dict(edit.changes)
 
 
 @pytest.fixture
@@ -90,18 +90,20 @@ def test_what_was_known_is_told_of_a_program_that_is_broken(cart: Cart) -> None:
 
 def test_a_use_leads_to_its_declaration(cart: Cart) -> None:
     ask = cart.client.text_document_definition_async
-    found = cart.editor.ask(ask(lsp.DefinitionParams(**cart.at("Careful;"))))
-    assert (found.uri, found.range.start) == (cart.uri, place(cart.text, "Careful period"))
-    found = cart.editor.ask(ask(lsp.DefinitionParams(**cart.at("clamp("))))
-    assert found.uri.endswith("/prelude/math.soter")
+    location = cart.editor.ask(ask(lsp.DefinitionParams(**cart.at("Careful;"))))
+    assert (location.uri, location.range.start) == (cart.uri, place(cart.text, "Careful period"))
+    location = cart.editor.ask(ask(lsp.DefinitionParams(**cart.at("clamp("))))
+    assert location.uri.endswith("/prelude/math.soter")
 
 
 def test_a_use_in_another_file_is_a_reference(cart: Cart, wall: Path) -> None:
     context = lsp.ReferenceContext(include_declaration=False)
     params = lsp.ReferenceParams(context=context, **cart.at("rta SafeCart", 4))
-    found = cart.editor.ask(cart.client.text_document_references_async(params))
-    assert {f.uri for f in found} == {p.as_uri() for p in wall.iterdir()}
-    assert place(cart.text, "SafeCart {") not in [f.range.start for f in found if f.uri == cart.uri]
+    references = cart.editor.ask(cart.client.text_document_references_async(params))
+    assert {f.uri for f in references} == {p.as_uri() for p in wall.iterdir()}
+    assert place(cart.text, "SafeCart {") not in [
+        f.range.start for f in references if f.uri == cart.uri
+    ]
 
 
 @pytest.mark.parametrize(
@@ -154,14 +156,14 @@ def test_a_name_that_would_change_the_meaning_is_refused(
 def test_the_prelude_keeps_its_names(cart: Cart) -> None:
     ask = cart.client.text_document_prepare_rename_async
     assert cart.editor.ask(ask(lsp.PrepareRenameParams(**cart.at("clamp(")))) is None
-    found = cart.editor.ask(ask(lsp.PrepareRenameParams(**cart.at("Need("))))
-    assert found.placeholder == "Need"
+    placeholder = cart.editor.ask(ask(lsp.PrepareRenameParams(**cart.at("Need("))))
+    assert placeholder.placeholder == "Need"
 
 
 def test_the_outline_has_what_declarations_have_inside(cart: Cart) -> None:
     params = lsp.DocumentSymbolParams(cart.document)
-    found = cart.editor.ask(cart.client.text_document_document_symbol_async(params))
-    inside = {s.name: [c.name for c in s.children or ()] for s in found}
+    symbols = cart.editor.ask(cart.client.text_document_document_symbol_async(params))
+    inside = {s.name: [c.name for c in s.children or ()] for s in symbols}
     assert inside["Motion"] == ["x", "v"]
     assert inside["Cart"] == ["x", "v", "wind"]
     assert inside["Protected"] == ["c", "SafeCart"]
@@ -170,5 +172,5 @@ def test_the_outline_has_what_declarations_have_inside(cart: Cart) -> None:
 
 def test_declarations_are_found_in_every_open_file(cart: Cart) -> None:
     params = lsp.WorkspaceSymbolParams("sfcrt")
-    found = cart.editor.ask(cart.client.workspace_symbol_async(params))
-    assert ("SafeCart", cart.uri) in [(s.name, s.location.uri) for s in found]
+    symbols = cart.editor.ask(cart.client.workspace_symbol_async(params))
+    assert ("SafeCart", cart.uri) in [(s.name, s.location.uri) for s in symbols]

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics
+from soter.lsp.keywords import meaning
 from soter.lsp.names.resolve import index_of
-from soter.lsp.words import meaning
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 from soter.program.load.loader import load
 from soter.program.model import typed
-from soter.program.model.walk import nodes
+from soter.program.model.tree_walk import nodes
 from soter.syntax.tokens import NAME, lex
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.span import Span
-    from soter.lsp.names.definitions import Index
+    from soter.lsp.names.definitions import NameIndex
 
 ROOT = Path(__file__).resolve().parents[3]
 PROGRAMS = sorted((ROOT / "examples").glob("*/*.soter"))
@@ -28,7 +28,7 @@ HOUSE_WORDS = {"truth", "len", "Mode", "AC", "SC"}
 """Names that nobody declares."""
 
 
-def read_by(program: typed.Program) -> Iterator[tuple[Span, Span]]:
+def read_by(program: typed.TypedProgram) -> Iterator[tuple[Span, Span]]:
     """Where a checked program reads something, and where that is declared."""
     roots: list[object] = []
     for table in (program.funs, program.nodes, program.plants, program.modules):
@@ -37,7 +37,7 @@ def read_by(program: typed.Program) -> Iterator[tuple[Span, Span]]:
             roots += [v for v in values if not isinstance(v, (dict, list))]
             roots += [v for d in values if isinstance(d, dict) for v in d.values()]
     flat = [part for root in roots for part in (root if isinstance(root, tuple) else (root,))]
-    for node in nodes(n for n in flat if isinstance(n, (typed.Expr, typed.Stmt))):
+    for node in nodes(n for n in flat if isinstance(n, (typed.TypedExpr, typed.TypedStmt))):
         if isinstance(node, typed.VarRead):
             yield node.span, node.variable.span
         elif isinstance(node, typed.TopicRead):
@@ -46,7 +46,7 @@ def read_by(program: typed.Program) -> Iterator[tuple[Span, Span]]:
             yield node.span, node.param.span
 
 
-def words_of(index: Index, path: Path) -> Iterator[tuple[str, int]]:
+def words_of(index: NameIndex, path: Path) -> Iterator[tuple[str, int]]:
     """Names of a file that mean nothing to the index, and their lines."""
     source = next(f.source for f in index.files if f.path == path)
     known = {(u.span.start, u.span.end) for u in index.uses_in(source)}
@@ -68,10 +68,13 @@ def test_every_read_leads_to_what_the_checker_reads(path: Path) -> None:
     for use, declared in read_by(checked.program):
         if use.source.name.startswith("<prelude>"):
             continue
-        found = index.at(use.source, use.end if "." in use.text else use.start)
-        assert found is not None, (use.source.name, use.line, use.text)
-        assert found.definition.span.source is declared.source, (use.line, use.text)
-        assert declared.start <= found.definition.span.start < declared.end, (use.line, use.text)
+        reference = index.at(use.source, use.end if "." in use.text else use.start)
+        assert reference is not None, (use.source.name, use.line, use.text)
+        assert reference.definition.span.source is declared.source, (use.line, use.text)
+        assert declared.start <= reference.definition.span.start < declared.end, (
+            use.line,
+            use.text,
+        )
         compared += 1
     assert compared
 

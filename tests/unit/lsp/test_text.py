@@ -10,12 +10,12 @@ from lsprotocol import types as lsp
 from editor_client import Editor, edited
 from soter.diagnostics.fix import applied
 from soter.diagnostics.source import Source
-from soter.lsp import lenses
-from soter.lsp.actions import actions
+from soter.lsp import code_lenses as lenses
+from soter.lsp.code_actions import actions
 from soter.lsp.documents import Documents
 from soter.lsp.positions import Lines, path_of, uri_of
-from soter.native import verdicts
-from soter.program.build import check_file
+from soter.native import editor_verdicts
+from soter.program.front_end import check_file
 
 WRONG = sorted((Path(__file__).resolve().parents[2] / "static_error").glob("**/*.soter"))
 START = lsp.Position(0, 0)
@@ -42,9 +42,9 @@ def test_a_help_that_is_an_edit_is_offered_and_mends(served: Editor, tmp_path: P
     text = "soter 1;\nconst A: bool = 1.0 & 2.0 < 3.0;\n"
     path = tmp_path / "a.soter"
     fixes = [(d, f) for d in check_file(str(path), text).diagnostics.items for f in d.fixes]
-    uri, found = served.checked(path, text)
-    assert found
-    context = lsp.CodeActionContext(diagnostics=found)
+    uri, diagnostics = served.checked(path, text)
+    assert diagnostics
+    context = lsp.CodeActionContext(diagnostics=diagnostics)
     where = lsp.Range(START, END)
     params = lsp.CodeActionParams(lsp.TextDocumentIdentifier(uri), where, context)
     offered = served.ask(served.client.text_document_code_action_async(params))
@@ -61,9 +61,9 @@ def test_a_help_that_is_an_edit_is_offered_and_mends(served: Editor, tmp_path: P
 
 def test_a_fix_of_all_places_is_offered_at_each(served: Editor, tmp_path: Path) -> None:
     text = "soter 1;\nconst WALL: float = 1.0;\nfun f(): float { return WALLS\n+ WALLS; }\n"
-    uri, found = served.checked(tmp_path / "a.soter", text)
+    uri, diagnostics = served.checked(tmp_path / "a.soter", text)
     for at in (lsp.Position(2, 26), lsp.Position(3, 4)):
-        context = lsp.CodeActionContext(diagnostics=found)
+        context = lsp.CodeActionContext(diagnostics=diagnostics)
         params = lsp.CodeActionParams(lsp.TextDocumentIdentifier(uri), lsp.Range(at, at), context)
         (action,) = served.ask(served.client.text_document_code_action_async(params))
         assert action.title == "Change to `WALL`"
@@ -103,9 +103,9 @@ def test_every_edit_of_a_help_arrives_as_it_is_meant(path: Path) -> None:
 def test_lenses_stand_over_modules_systems_and_tests(served: Editor, wall: Path) -> None:
     uri, _ = served.checked(wall / "cart.soter")
     params = lsp.CodeLensParams(lsp.TextDocumentIdentifier(uri))
-    found = served.ask(served.client.text_document_code_lens_async(params))
-    assert [lens.command.title for lens in found] == ["no proof yet", "prove", "run", "run"]
-    prove = found[1].command
+    code_lenses = served.ask(served.client.text_document_code_lens_async(params))
+    assert [lens.command.title for lens in code_lenses] == ["no proof yet", "prove", "run", "run"]
+    prove = code_lenses[1].command
     assert prove.command == "soter.terminal"
     assert prove.arguments[0] == {
         "command": ["soter", "verify", "cart.soter", "--module", "SafeCart"],
@@ -113,8 +113,8 @@ def test_lenses_stand_over_modules_systems_and_tests(served: Editor, wall: Path)
     }
     uri, _ = served.checked(wall / "cart_test.soter")
     params = lsp.CodeLensParams(lsp.TextDocumentIdentifier(uri))
-    found = served.ask(served.client.text_document_code_lens_async(params))
-    commands = [lens.command.arguments[0]["command"] for lens in found]
+    code_lenses = served.ask(served.client.text_document_code_lens_async(params))
+    commands = [lens.command.arguments[0]["command"] for lens in code_lenses]
     assert ["soter", "test", "cart_test.soter", "--test"] in [c[:4] for c in commands]
 
 
@@ -124,8 +124,8 @@ def titles(path: Path) -> list[str]:
     assert checked.loaded is not None
     main = checked.loaded.main
     lines = Lines(main.source.text)
-    found = lenses.lenses(main, lines, checked, verdicts.last)
-    return [lens.command.title for lens in found if lens.command is not None]
+    code_lenses = lenses.lenses(main, lines, checked, editor_verdicts.stored_verdicts)
+    return [lens.command.title for lens in code_lenses if lens.command is not None]
 
 
 def said(verdict: str, **more: object) -> dict[str, object]:
@@ -141,7 +141,7 @@ def test_a_verdict_is_shown_of_this_text_only(wall: Path, monkeypatch: pytest.Mo
     program = check_file(str(path)).program
     assert program is not None
     assert titles(path)[:2] == ["no proof yet", "prove"]
-    verdicts.remember(path, program.sha256, {"SafeCart": said("proved")})
+    editor_verdicts.store_verdicts(path, program.sha256, {"SafeCart": said("proved")})
     verdict, when, _ = titles(path)[0].partition(" · 2")
     assert verdict == "proved in Flight · H is 7 ms above H*"
     assert when
@@ -149,13 +149,13 @@ def test_a_verdict_is_shown_of_this_text_only(wall: Path, monkeypatch: pytest.Mo
     assert titles(path)[0] == "changed since it was proved"
     program = check_file(str(path)).program
     assert program is not None
-    verdicts.remember(path, program.sha256, {"SafeCart": said("undecided")})
+    editor_verdicts.store_verdicts(path, program.sha256, {"SafeCart": said("undecided")})
     assert titles(path)[0].startswith("undecided in Flight: P2a · ")
     views = {
         "SafeCart as east": said("proved", horizon_needed_ns=30_000_000),
         "SafeCart as west": said("refuted"),
     }
-    verdicts.remember(path, program.sha256, views)
+    editor_verdicts.store_verdicts(path, program.sha256, views)
     assert titles(path)[1].startswith("proved as east in Flight · H is H* · ")
     shown = [t.split(" · ")[0] for t in titles(path)]
     assert shown[:3] == [
@@ -168,16 +168,16 @@ def test_a_verdict_is_shown_of_this_text_only(wall: Path, monkeypatch: pytest.Mo
 def test_verdicts_of_others_are_not_believed(wall: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOTER_CACHE", str(wall / "cache"))
     path = wall / "cart.soter"
-    verdicts.remember(path, "0" * 64, {"SafeCart": said("proved")})
+    editor_verdicts.store_verdicts(path, "0" * 64, {"SafeCart": said("proved")})
     (file,) = (wall / "cache" / "verdicts").iterdir()
-    assert verdicts.last(path)
+    assert editor_verdicts.stored_verdicts(path)
     file.chmod(0o620)  # whoever may write to it may have
-    assert verdicts.last(path) == []
+    assert editor_verdicts.stored_verdicts(path) == []
     file.chmod(0o600)
     file.write_text(file.read_text(encoding="utf-8").replace('"soter": "', '"soter": "x'))
-    assert verdicts.last(path) == []  # another Soter
+    assert editor_verdicts.stored_verdicts(path) == []  # another Soter
     file.write_text("{")
-    assert verdicts.last(path) == []
+    assert editor_verdicts.stored_verdicts(path) == []
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-32"])

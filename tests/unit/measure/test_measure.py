@@ -13,7 +13,7 @@ import soter
 from soter.api.measuring import document, measure, written
 from soter.diagnostics.diagnostic import SoterError
 from soter.lower.layout import state_layout
-from soter.measure.states import of_run, varied
+from soter.measure.sample_states import of_run, varied
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -60,8 +60,8 @@ system S { w: World; module M; node Late; node Count; node Far; until 200ms; }
 def program(folder: Path) -> soter.Program:
     path = folder / "timed.soter"
     path.write_text(TEXT)
-    found = soter.load(path)
-    assert found.ok, found.diagnostics
+    loaded_program = soter.load(path)
+    assert loaded_program.ok, loaded_program.diagnostics
 
     class World:
         def step(self, *_: object) -> dict[str, object]:
@@ -71,18 +71,18 @@ def program(folder: Path) -> soter.Program:
         def step(self, *_: object) -> dict[str, object]:
             return {"far": 1}
 
-    return found.bind("w", World).bind("Far", Far)
+    return loaded_program.bind("w", World).bind("Far", Far)
 
 
 def test_what_runs_in_the_thread_is_timed_and_nothing_else(tmp_path: Path) -> None:
-    found = measure(program(tmp_path), samples=40)
-    assert [s.name for s in found.steps] == ["M.dm", "M.Slow", "M.Fast", "Late", "Count"]
-    assert [s.declared for s in found.steps] == ["M", "Slow", "Fast", "Late", "Count"]
-    for s in found.steps:
+    measurement = measure(program(tmp_path), samples=40)
+    assert [s.name for s in measurement.steps] == ["M.dm", "M.Slow", "M.Fast", "Late", "Count"]
+    assert [s.declared for s in measurement.steps] == ["M", "Slow", "Fast", "Late", "Count"]
+    for s in measurement.steps:
         assert 0 < s.percentiles[0][1] <= s.percentiles[-1][1] <= s.longest_ns
-        assert s.wcet_ns >= found.margin * s.longest_ns
+        assert s.wcet_ns >= measurement.margin * s.longest_ns
         assert s.wcet_ns % 1000 == 0
-        assert s.wcet_ns < found.margin * s.longest_ns + 1000
+        assert s.wcet_ns < measurement.margin * s.longest_ns + 1000
 
 
 def test_random_states_find_faults_that_the_run_does_not(tmp_path: Path) -> None:
@@ -124,10 +124,10 @@ def test_states_made_of_a_run_differ_in_what_is_read_alone(tmp_path: Path) -> No
 
 
 def test_a_file_of_times_is_what_check_takes(tmp_path: Path) -> None:
-    found = program(tmp_path)
-    assert found.check().timings == ()
-    path = written(measure(found, samples=40), tmp_path / "new" / "times.json")
-    (report,) = found.check(times=path).timings
+    timed_program = program(tmp_path)
+    assert timed_program.check().timings == ()
+    path = written(measure(timed_program, samples=40), tmp_path / "new" / "times.json")
+    (report,) = timed_program.check(times=path).timings
     given = {s["name"]: s["wcet_ns"] for s in json.loads(path.read_text())["steps"]}
     assert {r.name: r.wcet_ns for r in report.rows} == given
     assert report.elsewhere == ("Far",)
@@ -147,8 +147,8 @@ def test_times_of_a_program_that_was_changed_since_are_refused(tmp_path: Path) -
     "change", ["schema", "system", "steps", "negative", "text", "program", "unsaid", "part"]
 )
 def test_another_file_is_refused(change: str, tmp_path: Path) -> None:
-    found = program(tmp_path)
-    told = document(measure(found, samples=8))
+    timed_program = program(tmp_path)
+    told = document(measure(timed_program, samples=8))
     wrong = {
         "schema": {**told, "schema": 2},
         "system": {**told, "system": "Other"},
@@ -161,4 +161,4 @@ def test_another_file_is_refused(change: str, tmp_path: Path) -> None:
     path = tmp_path / "times.json"
     path.write_text("no JSON" if change == "text" else json.dumps(wrong[change]))
     with pytest.raises(SoterError, match="U011"):
-        found.check(times=path)
+        timed_program.check(times=path)

@@ -57,9 +57,9 @@ LOG = "t,x,v,gear,count\n0.0,1.0,0.5,LOW,1\n0.1,1.1,0.5,LOW,1\n0.2,1.2,0.5,HIGH,
 def program(tmp_path: Path) -> Any:
     path = tmp_path / "p.soter"
     path.write_text(PROGRAM)
-    found = load(path)
-    assert found.ok, found.diagnostics
-    return found
+    loaded_program = load(path)
+    assert loaded_program.ok, loaded_program.diagnostics
+    return loaded_program
 
 
 def judge(program: Any, tmp_path: Path, mapping: Any, text: str = LOG, **how: Any) -> Any:
@@ -76,15 +76,15 @@ def refused(program: Any, tmp_path: Path, mapping: Any, text: str = LOG, **how: 
 
 def changed(*path: str, to: object) -> Any:
     """The mapping with another value at a place; None takes it away."""
-    found = copy.deepcopy(MAP)
-    place = found
+    mapping = copy.deepcopy(MAP)
+    place = mapping
     for name in path[:-1]:
         place = place.setdefault(name, {})
     if to is None:
         del place[path[-1]]
     else:
         place[path[-1]] = to
-    return found
+    return mapping
 
 
 def test_a_log_that_fits_is_judged(program: Any, tmp_path: Path) -> None:
@@ -135,9 +135,9 @@ WRONG_MAPPINGS = [
 def test_a_mapping_that_does_not_fit_is_refused_in_words(
     program: Any, tmp_path: Path, path: tuple[str, ...], to: object, text: str
 ) -> None:
-    found = refused(program, tmp_path, changed(*path, to=to))
-    assert {code for code, _ in found} == {"D015"}
-    assert any(text in message for _, message in found), found
+    problems = refused(program, tmp_path, changed(*path, to=to))
+    assert {code for code, _ in problems} == {"D015"}
+    assert any(text in message for _, message in problems), problems
 
 
 def test_every_mistake_of_a_mapping_is_told_at_once(program: Any, tmp_path: Path) -> None:
@@ -219,8 +219,8 @@ def test_files_that_cannot_be_read_are_told(program: Any, tmp_path: Path) -> Non
 
 def test_a_mapping_of_constants_alone_asks_nothing_of_a_log(program: Any, tmp_path: Path) -> None:
     given = {"topics": {"on": {"fields": {"value": {"constant": True}}}}}
-    found = refused(program, tmp_path, given)
-    assert found[0][0] == "D017"
+    problems = refused(program, tmp_path, given)
+    assert problems[0][0] == "D017"
 
 
 def test_options_that_do_not_go_together_are_refused(program: Any, capsys: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soter.monitor.logs.derive import ahead_errors, quantiles, slope_errors, slopes
+from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
 
 
 def times(seed: int, n: int = 60) -> np.ndarray:
@@ -16,12 +16,14 @@ def times(seed: int, n: int = 60) -> np.ndarray:
 def test_a_slope_is_that_of_the_parabola_of_least_squares(seed: int) -> None:
     t = times(seed)
     x = np.sin(t) + 0.01 * np.random.default_rng(seed).normal(size=len(t))
-    found = slopes(t, x, 0.5)
+    slope_values = slopes(t, x, 0.5)
     tried = 0
     for i in range(len(t)):
         near = (t <= t[i]) & (t >= t[i] - 0.5 * (1 + 1e-9))
         if near.sum() >= 3:
-            assert found[i] == pytest.approx(np.polyfit(t[near] - t[i], x[near], 2)[1], abs=1e-8)
+            assert slope_values[i] == pytest.approx(
+                np.polyfit(t[near] - t[i], x[near], 2)[1], abs=1e-8
+            )
             tried += 1
     assert tried > 50
 
@@ -34,9 +36,9 @@ def test_a_parabola_has_its_own_slope_whatever_the_window(n: int, window: float)
     x = 2.0 + 3.0 * u - (0.7 * u * u if n > 2 else 0.0)
     exact = 3.0 - (1.4 * u if n > 2 else 0.0 * u)
     exact[1] = (x[1] - x[0]) / u[1]
-    found = slopes(t, x, window)
-    assert np.isnan(found[0])
-    assert np.allclose(found[1:], exact[1:], atol=1e-6)
+    slope_values = slopes(t, x, window)
+    assert np.isnan(slope_values[0])
+    assert np.allclose(slope_values[1:], exact[1:], atol=1e-6)
     assert quantiles(slope_errors(t, x, window, slopes(t, x, window)))[2] < 1e-6
 
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 import processes
-from soter.explore.engine.engine import FLAGS as EXPLORER
+from soter.explore.engine.explorer_library import FLAGS as EXPLORER
 from soter.native.build import NEVER_SHIPPED, RUNTIME, include_flags
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.own_files import SOTER
-from soter.reach.enclose.library import FLAGS as SETS
+from soter.reach.enclose.engine_library import FLAGS as SETS
 from soter.targets.c99 import KERNEL
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ BROKEN = {
 REVERSED = """
 import numpy as np
 from soter.reach.grid.sets import GridGroup, GridInputs
-from unit.reach_grids.units import hill
+from unit.reach_grids.small_enclosure_units import hill
 inputs = GridInputs(kind="map", states=((-2.0, 2.0), (-2.0, 2.0)),
     controls=((-1.0, 1.0),), period_ns=10**9)
 edges = np.linspace(-1, 1, 5)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.native import kept as cache
+from soter.native import cache
 from soter.native.build import objects
-from soter.native.kept import found, kept
+from soter.native.cache import cached, find_cached
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +42,7 @@ def maker(text: str = "it") -> tuple[Callable[[Path], None], list[Path]]:
 def get(content: str = A, text: str = "it") -> tuple[Path, bool]:
     """The entry, and whether it was made now."""
     make, calls = maker(text)
-    return kept("thing", content, ("file",), make), bool(calls)
+    return cached("thing", content, ("file",), make), bool(calls)
 
 
 def forget(entry: Path, seconds_ago: float = OLD_S) -> None:
@@ -66,12 +66,12 @@ def test_it_is_made_once_with_nothing_beside_what_was_asked_for() -> None:
     assert made
     assert sorted(p.name for p in entry.iterdir()) == ["file", "seals"]
     assert get() == (entry, False)
-    assert found("thing", A, ("file",)) == entry
+    assert find_cached("thing", A, ("file",)) == entry
 
 
 def test_other_content_is_made_anew() -> None:
     assert get(A)[0] != get(B)[0]
-    assert found("thing", "c" * 64, ("file",)) is None
+    assert find_cached("thing", "c" * 64, ("file",)) is None
 
 
 @pytest.mark.parametrize("damaged", ["file", "seals"])
@@ -101,7 +101,7 @@ def test_what_cannot_be_made_leaves_nothing_behind(folder: Path) -> None:
         raise ValueError("no")
 
     with pytest.raises(ValueError, match="no"):
-        kept("thing", A, ("file",), make)
+        cached("thing", A, ("file",), make)
     assert list(folder.iterdir()) == []
 
 
@@ -110,7 +110,7 @@ def test_one_who_was_faster_is_left_alone(folder: Path) -> None:
         get(A, "the faster one")
         (work / "file").write_text("the slower one")
 
-    entry = kept("thing", A, ("file",), make)
+    entry = cached("thing", A, ("file",), make)
     assert (entry / "file").read_text() == "the faster one"
     assert list(folder.iterdir()) == [entry]
 

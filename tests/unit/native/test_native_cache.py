@@ -11,7 +11,7 @@ from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.build import library
 from soter.native.includes import included
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,8 +8,8 @@ import pytest
 import soter
 from soter.native import own_files
 from soter.native.own_files import SOTER, files_below, soter_sha256
-from soter.program import build
-from soter.reach.deploy import complete
+from soter.program import front_end
+from soter.reach.deploy import computed_predicates
 
 
 def test_a_folder_without_such_files_is_a_defect_and_no_empty_list(tmp_path: Path) -> None:
@@ -21,14 +21,14 @@ def test_a_folder_without_such_files_is_a_defect_and_no_empty_list(tmp_path: Pat
 
 
 def test_kept_sets_depend_on_every_file_of_the_engine_however_deep() -> None:
-    found = set(complete.engine_files())
+    files = set(computed_predicates.engine_files())
     assert Path(inspect.getfile(soter)).parent == SOTER
-    for module in (complete, build):
-        assert Path(inspect.getfile(module)) in found
+    for module in (computed_predicates, front_end):
+        assert Path(inspect.getfile(module)) in files
     engine = list(SOTER.rglob("soter_reach*.[ch]"))
     assert len(engine) > 10
-    assert set(engine) <= found
-    assert set((SOTER / "reach").rglob("*.py")) <= found
+    assert set(engine) <= files
+    assert set((SOTER / "reach").rglob("*.py")) <= files
 
 
 def test_whatever_soter_is_made_of_changes_its_hash(

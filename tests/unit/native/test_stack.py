@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.native.compiler import find
-from soter.native.stack import RED_ZONE, SILENT, Stack, stack_of
+from soter.native.stack_bound import RED_ZONE, SILENT, StackBound, stack_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -51,18 +51,18 @@ def _compiler(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
     find.cache_clear()
 
 
-def bound(*left_out: str, **files: str) -> Stack:
+def bound(*left_out: str, **files: str) -> StackBound:
     texts = {f"{name}.c": text for name, text in files.items()}
     return stack_of({"user.h": HEADER, **texts}, "user_", left_out)
 
 
 def test_frames_along_the_dearest_way_are_added() -> None:
-    found = bound(main=MAIN, other=OTHER)
-    assert found.bytes is not None
-    assert 4000 <= found.bytes <= 4000 + OVER
-    assert found.way[0] == "user_step"
-    assert found.way[-1] == "inner"
-    assert found.not_counted == ()
+    stack_bound = bound(main=MAIN, other=OTHER)
+    assert stack_bound.bytes is not None
+    assert 4000 <= stack_bound.bytes <= 4000 + OVER
+    assert stack_bound.way[0] == "user_step"
+    assert stack_bound.way[-1] == "inner"
+    assert stack_bound.not_counted == ()
 
 
 def test_a_call_through_a_pointer_may_go_to_any_function_of_the_tables() -> None:
@@ -78,36 +78,36 @@ def test_a_call_through_a_pointer_may_go_to_any_function_of_the_tables() -> None
 
 def test_the_dearest_function_of_the_interface_counts() -> None:
     more = MAIN + "void user_publish(int n) {" + FRAME.format(size=9000) + " flat(n); a[0] = 3; }\n"
-    found = bound(main=more, other=OTHER)
-    assert found.bytes is not None
-    assert 9200 <= found.bytes <= 9200 + OVER
-    assert found.way[0] == "user_publish"
+    stack_bound = bound(main=more, other=OTHER)
+    assert stack_bound.bytes is not None
+    assert 9200 <= stack_bound.bytes <= 9200 + OVER
+    assert stack_bound.way[0] == "user_publish"
 
 
 def test_a_circle_of_calls_has_no_bound() -> None:
     text = OTHER.replace("void flat(int n) {", "void flat(int n) { if (n > 0) { user_step(n); }")
-    found = bound(main=MAIN.replace("deep(n)", "flat(n - 1)"), other=text)
-    assert found.bytes is None
-    assert "circle" in found.why
+    stack_bound = bound(main=MAIN.replace("deep(n)", "flat(n - 1)"), other=text)
+    assert stack_bound.bytes is None
+    assert "circle" in stack_bound.why
 
 
 def test_a_frame_that_depends_on_data_has_no_bound() -> None:
     text = "volatile char a[n]; a[0] = 1; a[n - 1] = 2;"
-    found = bound(main=f'#include "user.h"\nvoid user_step(int n) {{ {text} }}\n')
-    assert found.bytes is None
-    assert "depends on data" in found.why
+    stack_bound = bound(main=f'#include "user.h"\nvoid user_step(int n) {{ {text} }}\n')
+    assert stack_bound.bytes is None
+    assert "depends on data" in stack_bound.why
 
 
 def test_what_is_called_and_not_there_is_named() -> None:
-    found = bound(main=MAIN)
-    assert found.bytes is not None
-    assert found.not_counted == ("deep",)
+    stack_bound = bound(main=MAIN)
+    assert stack_bound.bytes is not None
+    assert stack_bound.not_counted == ("deep",)
 
 
 def test_no_function_of_the_interface_is_no_bound_of_zero() -> None:
-    found = bound(other=OTHER)
-    assert found.bytes is None
-    assert "interface" in found.why
+    stack_bound = bound(other=OTHER)
+    assert stack_bound.bytes is None
+    assert "interface" in stack_bound.why
 
 
 def test_a_compiler_that_says_nothing_gives_no_figure(
@@ -120,9 +120,9 @@ def test_a_compiler_that_says_nothing_gives_no_figure(
     script.chmod(0o755)
     monkeypatch.setenv("SOTER_CC", str(script))
     find.cache_clear()
-    found = bound(main=MAIN, other=OTHER)
-    assert found.bytes is None
-    assert "no stack usage" in found.why
+    stack_bound = bound(main=MAIN, other=OTHER)
+    assert stack_bound.bytes is None
+    assert "no stack usage" in stack_bound.why
 
 
 def test_assembly_of_a_processor_that_is_not_known_is_not_guessed_at(
@@ -137,14 +137,14 @@ def test_assembly_of_a_processor_that_is_not_known_is_not_guessed_at(
     script.chmod(0o755)
     monkeypatch.setenv("SOTER_CC", str(script))
     find.cache_clear()
-    found = bound(main=MAIN, other=OTHER)
-    assert found.bytes is None
-    assert found.why == SILENT
+    stack_bound = bound(main=MAIN, other=OTHER)
+    assert stack_bound.bytes is None
+    assert stack_bound.why == SILENT
 
 
 def test_no_compiler_at_all_gives_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOTER_CC", "there-is-none")
     find.cache_clear()
-    found = bound(main=MAIN, other=OTHER)
-    assert found.bytes is None
-    assert "no C compiler" in found.why
+    stack_bound = bound(main=MAIN, other=OTHER)
+    assert stack_bound.bytes is None
+    assert "no C compiler" in stack_bound.why

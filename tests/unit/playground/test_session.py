@@ -12,24 +12,24 @@ from typing import Any
 import processes
 import soter
 from soter.playground.page import ROOMS, archive
-from soter.playground.session import Session, check, explain, layout, start
+from soter.playground.session import PlaygroundSession, check, explain, layout, start
 from soter.playground.write import own_examples
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = (ROOT / "examples" / "wall" / "cart.soter").read_text(encoding="utf-8")
 
 
-def finished(session: Session) -> list[dict[str, Any]]:
+def finished(session: PlaygroundSession) -> list[dict[str, Any]]:
     """Every answer until the run is done."""
-    found: list[dict[str, Any]] = []
-    while not found or not found[-1]["done"]:
-        found.append(json.loads(session.advance(0.01)))
-    return found
+    answers: list[dict[str, Any]] = []
+    while not answers or not answers[-1]["done"]:
+        answers.append(json.loads(session.advance(0.01)))
+    return answers
 
 
 def test_a_run_is_that_of_the_command_line() -> None:
     session = start("cart.soter", CART, "Protected", 3)
-    assert isinstance(session, Session)
+    assert isinstance(session, PlaygroundSession)
     parts = finished(session)
     assert len(parts) > 1
     run = soter.load(ROOT / "examples" / "wall" / "cart.soter").simulate(seed=3)
@@ -52,7 +52,7 @@ def test_a_run_is_that_of_the_command_line() -> None:
 
 def test_a_violation_is_told_once() -> None:
     session = start("cart.soter", CART, "Unprotected")
-    assert isinstance(session, Session)
+    assert isinstance(session, PlaygroundSession)
     parts = finished(session)
     bad = [e for p in parts for e in p["events"] if e["bad"]]
     assert [e["why"] for e in bad] == ["violated"]
@@ -61,10 +61,10 @@ def test_a_violation_is_told_once() -> None:
 
 
 def test_a_check_says_what_is_wrong_and_where() -> None:
-    found = json.loads(check("cart.soter", CART.replace("sc Careful;", "sc Carefull;")))
-    assert not found["ok"]
-    assert found["diagnostics"][0]["code"] == "N001"
-    assert "Carefull" in found["text"]
+    answer = json.loads(check("cart.soter", CART.replace("sc Careful;", "sc Carefull;")))
+    assert not answer["ok"]
+    assert answer["diagnostics"][0]["code"] == "N001"
+    assert "Carefull" in answer["text"]
     sound = json.loads(check("cart.soter", CART))
     assert sound["systems"] == ["Protected", "Unprotected"]
     assert sound["default"] == "Protected"
@@ -86,7 +86,7 @@ def test_what_cannot_run_says_why() -> None:
 def test_a_module_whose_predicates_are_computed_is_not_passed_over() -> None:
     lines = [x for x in CART.split("\n") if not x.strip().startswith(("ttf ", "safer "))]
     session = start("cart.soter", "\n".join(lines))
-    assert isinstance(session, Session)
+    assert isinstance(session, PlaygroundSession)
     (note,) = json.loads(session.about())["notes"]
     assert "SafeCart" in note
     assert not any(e for p in finished(session) for e in p["events"])

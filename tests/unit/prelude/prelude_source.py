@@ -31,7 +31,7 @@ def text(file: str) -> str:
     return (FOLDER / file).read_text(encoding="utf-8")
 
 
-def _number(expr: tree.Expr) -> float | None:
+def _number(expr: tree.SyntaxExpr) -> float | None:
     if isinstance(expr, tree.UnaryExpr) and expr.op == "-":
         value = _number(expr.operand)
         return None if value is None else -value
@@ -40,15 +40,15 @@ def _number(expr: tree.Expr) -> float | None:
 
 def constants() -> dict[str, tuple[float, ...]]:
     """Name -> the numbers of a constant (one, or the elements of an array) of `math.soter`."""
-    found = {}
+    numbers_by_name = {}
     for decl in parsed("math.soter").declarations:
         if isinstance(decl, tree.ConstDecl) and decl.value is not None:
             value = decl.value
             elements = value.elements if isinstance(value, tree.ListExpr) else (value,)
             numbers = [_number(e) for e in elements]
-            found[decl.name.text] = tuple(n for n in numbers if n is not None)
+            numbers_by_name[decl.name.text] = tuple(n for n in numbers if n is not None)
             assert None not in numbers, decl.name.text
-    return found
+    return numbers_by_name
 
 
 def public_functions() -> set[str]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING
 
-from soter.program.build import check_file
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
+from soter.program.front_end import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable

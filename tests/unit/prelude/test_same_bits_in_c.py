@@ -14,7 +14,7 @@ from exact import hard_angles, seeded  # type: ignore[import-not-found]
 from soter_functions import SIGNATURES  # type: ignore[import-not-found]
 from test_no_faults import SPECIAL  # type: ignore[import-not-found]
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import struct
 import pytest
 from soter_functions import SIGNATURES, components, flat_call, soter_function  # type: ignore[import-not-found]
 
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 
 INF, NAN, PI = math.inf, math.nan, math.pi
 LARGEST = math.nextafter(INF, 0.0)

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from soter.program.meaning import arith
-from soter.program.meaning.arith import FaultKind, StepFault
+from soter.program.evaluate import arithmetic
+from soter.program.evaluate.arithmetic import FaultKind, StepFault
 from soter.program.model.types import INT_MAX, INT_MIN
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ FLOAT64 = st.floats(width=64)
 
 
 def bits(x: float) -> int:
-    (found,) = struct.unpack("<Q", struct.pack("<d", x))
-    return int(found)
+    (word,) = struct.unpack("<Q", struct.pack("<d", x))
+    return int(word)
 
 
 def same(x: float, y: float) -> bool:
@@ -47,9 +47,9 @@ def fault_of(call: Callable[[], object]) -> FaultKind | None:
 @pytest.mark.parametrize(
     ("checked", "wrapping", "exact"),
     [
-        (arith.add_int, np.add, lambda a, b: a + b),
-        (arith.sub_int, np.subtract, lambda a, b: a - b),
-        (arith.mul_int, np.multiply, lambda a, b: a * b),
+        (arithmetic.add_int, np.add, lambda a, b: a + b),
+        (arithmetic.sub_int, np.subtract, lambda a, b: a - b),
+        (arithmetic.mul_int, np.multiply, lambda a, b: a * b),
     ],
 )
 @given(a=INT64, b=INT64)
@@ -74,11 +74,11 @@ def test_int_operations_fault_exactly_where_the_machine_wraps(
 @example(a=INT_MIN, b=INT_MAX)
 def test_division_truncates_towards_zero_as_in_c(a: int, b: int) -> None:
     if b == 0:
-        assert fault_of(lambda: arith.div_int(a, b)) is FaultKind.DIVIDE
+        assert fault_of(lambda: arithmetic.div_int(a, b)) is FaultKind.DIVIDE
     elif a == INT_MIN and b == -1:
-        assert fault_of(lambda: arith.div_int(a, b)) is FaultKind.OVERFLOW
+        assert fault_of(lambda: arithmetic.div_int(a, b)) is FaultKind.OVERFLOW
     else:
-        assert arith.div_int(a, b) == math.trunc(Fraction(a, b))
+        assert arithmetic.div_int(a, b) == math.trunc(Fraction(a, b))
 
 
 @given(a=INT64, b=INT64)
@@ -87,22 +87,22 @@ def test_division_truncates_towards_zero_as_in_c(a: int, b: int) -> None:
 @example(a=7, b=-2)
 def test_modulo_has_the_sign_of_the_dividend_as_in_c(a: int, b: int) -> None:
     if b == 0:
-        assert fault_of(lambda: arith.mod_int(a, b)) is FaultKind.DIVIDE
+        assert fault_of(lambda: arithmetic.mod_int(a, b)) is FaultKind.DIVIDE
     else:
-        assert arith.mod_int(a, b) == a - b * math.trunc(Fraction(a, b))
+        assert arithmetic.mod_int(a, b) == a - b * math.trunc(Fraction(a, b))
 
 
-@pytest.mark.parametrize("operation", [arith.neg_int, arith.abs_int])
+@pytest.mark.parametrize("operation", [arithmetic.neg_int, arithmetic.abs_int])
 def test_the_smallest_int_has_no_opposite(operation: Callable[[int], int]) -> None:
     assert fault_of(lambda: operation(INT_MIN)) is FaultKind.OVERFLOW
     assert abs(operation(INT_MIN + 1)) == INT_MAX
 
 
 def test_narrow_lets_the_bounds_pass_and_nothing_beyond() -> None:
-    assert arith.narrow(0, 0, 9) == 0
-    assert arith.narrow(9, 0, 9) == 9
-    assert fault_of(lambda: arith.narrow(10, 0, 9)) is FaultKind.OVERFLOW
-    assert fault_of(lambda: arith.narrow(-1, 0, 9)) is FaultKind.OVERFLOW
+    assert arithmetic.narrow(0, 0, 9) == 0
+    assert arithmetic.narrow(9, 0, 9) == 9
+    assert fault_of(lambda: arithmetic.narrow(10, 0, 9)) is FaultKind.OVERFLOW
+    assert fault_of(lambda: arithmetic.narrow(-1, 0, 9)) is FaultKind.OVERFLOW
 
 
 # ---------------------------------------------------------------- float
@@ -115,10 +115,10 @@ def test_narrow_lets_the_bounds_pass_and_nothing_beyond() -> None:
 @example(a=math.nan, b=0.0)
 def test_float_division_faults_on_either_zero_and_is_ieee_elsewhere(a: float, b: float) -> None:
     if b == 0.0:
-        assert fault_of(lambda: arith.div_float(a, b)) is FaultKind.DIVIDE
+        assert fault_of(lambda: arithmetic.div_float(a, b)) is FaultKind.DIVIDE
     else:
         with np.errstate(all="ignore"):
-            assert same(arith.div_float(a, b), float(np.float64(a) / np.float64(b)))
+            assert same(arithmetic.div_float(a, b), float(np.float64(a) / np.float64(b)))
 
 
 @given(x=FLOAT64)
@@ -128,7 +128,7 @@ def test_float_division_faults_on_either_zero_and_is_ieee_elsewhere(a: float, b:
 @example(x=-math.inf)
 def test_sqrt_is_the_machines_and_nan_below_zero(x: float) -> None:
     with np.errstate(all="ignore"):
-        assert same(arith.sqrt(x), float(np.sqrt(np.float64(x))))
+        assert same(arithmetic.sqrt(x), float(np.sqrt(np.float64(x))))
 
 
 @given(x=FLOAT64)
@@ -141,7 +141,7 @@ def test_sqrt_is_the_machines_and_nan_below_zero(x: float) -> None:
 @example(x=1e300)
 @example(x=-math.inf)
 def test_floor_keeps_minus_zero_infinities_and_nan(x: float) -> None:
-    assert same(arith.floor(x), float(np.floor(np.float64(x))))
+    assert same(arithmetic.floor(x), float(np.floor(np.float64(x))))
 
 
 @given(x=FLOAT64)
@@ -152,9 +152,9 @@ def test_floor_keeps_minus_zero_infinities_and_nan(x: float) -> None:
 @example(x=-0.9)
 def test_int_of_float_truncates_or_faults(x: float) -> None:
     if math.isfinite(x) and INT_MIN <= int(x) <= INT_MAX:
-        assert arith.int_of_float(x) == int(np.array([x]).astype(np.int64)[0])
+        assert arithmetic.int_of_float(x) == int(np.array([x]).astype(np.int64)[0])
     else:
-        assert fault_of(lambda: arith.int_of_float(x)) is FaultKind.CONVERT
+        assert fault_of(lambda: arithmetic.int_of_float(x)) is FaultKind.CONVERT
 
 
 @given(a=FLOAT64, b=FLOAT64)
@@ -165,31 +165,33 @@ def test_int_of_float_truncates_or_faults(x: float) -> None:
 def test_min_and_max_keep_the_first_unless_the_second_is_strictly_better(
     a: float, b: float
 ) -> None:
-    assert bits(arith.minimum(a, b)) == bits(b if b < a else a)  # noqa: FURB136
-    assert bits(arith.maximum(a, b)) == bits(b if b > a else a)  # noqa: FURB136
+    assert bits(arithmetic.minimum(a, b)) == bits(b if b < a else a)  # noqa: FURB136
+    assert bits(arithmetic.maximum(a, b)) == bits(b if b > a else a)  # noqa: FURB136
 
 
 @given(x=FLOAT64, limit=FLOAT64)
 def test_saturate_is_a_max_inside_a_min(x: float, limit: float) -> None:
-    assert same(arith.saturate(x, limit), arith.minimum(arith.maximum(x, -limit), limit))
+    assert same(
+        arithmetic.saturate(x, limit), arithmetic.minimum(arithmetic.maximum(x, -limit), limit)
+    )
 
 
 @given(ns=INT64)
 def test_seconds_divides_the_rounded_count(ns: int) -> None:
-    assert bits(arith.seconds(ns)) == bits(float(np.int64(ns).astype(np.float64) / 1e9))
+    assert bits(arithmetic.seconds(ns)) == bits(float(np.int64(ns).astype(np.float64) / 1e9))
 
 
 @given(payload=st.integers(1, 2**51 - 1), sign=st.booleans(), quiet=st.booleans())
 def test_a_stored_nan_is_canonical(payload: int, sign: bool, quiet: bool) -> None:
     pattern = (sign << 63) | (0x7FF << 52) | (quiet << 51) | payload
     (nan,) = struct.unpack("<d", struct.pack("<Q", pattern))
-    assert bits(arith.canonical(nan)) == 0x7FF8000000000000
+    assert bits(arithmetic.canonical(nan)) == 0x7FF8000000000000
 
 
 @given(x=FLOAT64)
 @example(x=-0.0)
 def test_storing_changes_no_other_number(x: float) -> None:
-    assert math.isnan(x) or bits(arith.canonical(x)) == bits(x)
+    assert math.isnan(x) or bits(arithmetic.canonical(x)) == bits(x)
 
 
 def test_fault_codes_are_those_of_the_table_in_the_specification() -> None:

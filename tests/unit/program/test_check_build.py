@@ -6,7 +6,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import Severity, SoterError
 from soter.diagnostics.render import render
-from soter.program.build import Checked, check_file, system_of
+from soter.program.front_end import CheckResult, check_file, system_of
 from soter.program.model.durations import show_ns, write_ns
 
 PLANT = """
@@ -17,7 +17,7 @@ plant Cart period 10ms { reads force; drives pos = x; state x: float; der x = GA
 """
 
 
-def check(text: str) -> Checked:
+def check(text: str) -> CheckResult:
     return check_file("test.soter", "soter 1;\n" + text)
 
 
@@ -58,8 +58,8 @@ error[P1a]: `MotionPrimitiveSC` is slower than its decision module
 
 
 def test_the_example_of_the_design_reads_as_it_does_there() -> None:
-    (found,) = check_file("drone.soter", DESIGN_4).diagnostics.items
-    assert render(found) == DESIGN_4_SAYS
+    (diagnostic,) = check_file("drone.soter", DESIGN_4).diagnostics.items
+    assert render(diagnostic) == DESIGN_4_SAYS
 
 
 def test_diagnostics_come_in_the_order_of_the_text() -> None:

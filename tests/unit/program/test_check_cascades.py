@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.found import files_in
+from generators.file_listing import files_in
 from long_tests import examples
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,8 +32,8 @@ def _in_the_folder(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def errors(path: Path, tokens: list[str]) -> list[str]:
-    found = check_file(path.name, "".join(tokens)).diagnostics.items
-    return [f"{d.code} {d.message}" for d in found if not d.code.startswith("W")]
+    diagnostics = check_file(path.name, "".join(tokens)).diagnostics.items
+    return [f"{d.code} {d.message}" for d in diagnostics if not d.code.startswith("W")]
 
 
 def misspelt(tokens: list[str]) -> Iterator[list[str]]:
@@ -48,9 +48,9 @@ def test_a_misspelt_name_is_one_mistake(path: Path) -> None:
     tokens = TOKEN.findall(path.read_text(encoding="utf-8"))
     counts: Counter[int] = Counter()
     for changed in misspelt(tokens):
-        found = errors(path, changed)
-        counts[len(found)] += 1
-        assert len(found) <= 4, found
+        messages = errors(path, changed)
+        counts[len(messages)] += 1
+        assert len(messages) <= 4, messages
     # a declaration under a wrong name is missed under the right one, perhaps in several ways
     assert counts[0] + counts[1] >= 0.75 * sum(counts.values()), counts
 
@@ -60,7 +60,7 @@ def test_a_lost_comma_or_semicolon_is_one_mistake(path: Path) -> None:
     tokens = TOKEN.findall(path.read_text(encoding="utf-8"))
     counts: Counter[int] = Counter()
     for i in [i for i, t in enumerate(tokens) if t in ",;"][::EVERY]:
-        found = errors(path, [*tokens[:i], *tokens[i + 1 :]])
-        counts[len(found)] += 1
-        assert len(found) <= 3, found
+        messages = errors(path, [*tokens[:i], *tokens[i + 1 :]])
+        counts[len(messages)] += 1
+        assert len(messages) <= 3, messages
     assert counts[0] + counts[1] >= 0.97 * sum(counts.values()), counts

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from soter.diagnostics.render import render_all
-from soter.program.build import Checked, check_file
-from soter.program.load.data import MAX_DATA_BYTES
+from soter.program.front_end import CheckResult, check_file
+from soter.program.load.data_files import MAX_DATA_BYTES
 from soter.program.load.loader import MAX_FILE_BYTES
 
 if TYPE_CHECKING:
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 WINDOWS = sys.platform == "win32"
 
 
-def codes(checked: Checked) -> list[str]:
+def codes(checked: CheckResult) -> list[str]:
     assert render_all(checked.diagnostics.items)
     return [d.code for d in checked.diagnostics.items]
 
 
-def importing(folder: Path, name: str) -> Checked:
+def importing(folder: Path, name: str) -> CheckResult:
     return check_file(str(folder / "main.soter"), f'soter 1;\nimport "{name}" as other;\n')
 
 
-def reading(folder: Path, name: str, t: str = "float[2]") -> Checked:
+def reading(folder: Path, name: str, t: str = "float[2]") -> CheckResult:
     text = f'soter 1;\nconst A: {t} = data "{name}";\n'
     return check_file(str(folder / "main.soter"), text)
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import KEPT_MAX, Diagnostics
-from soter.program.build import Checked, check_file, system_of
-from soter.program.check import const
+from soter.program.check import constants
+from soter.program.front_end import CheckResult, check_file, system_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,7 +27,7 @@ plant Cart period 10ms { reads force; drives pos = x; state x: float; der x = fo
 """
 
 
-def check(text: str) -> Checked:
+def check(text: str) -> CheckResult:
     began = time.process_time()
     checked = check_file("large.soter", "soter 1;\n" + text)
     assert time.process_time() - began < SECONDS_MAX
@@ -77,13 +77,13 @@ def test_fifteen_hundred_modules() -> None:
 
 
 def test_ten_thousand_mistakes() -> None:
-    found = codes(lines(10_000, "fun f{i}(x: float): int {{ return x; }}"))
-    assert found == ["T001"] * KEPT_MAX + ["S021"]
+    error_codes = codes(lines(10_000, "fun f{i}(x: float): int {{ return x; }}"))
+    assert error_codes == ["T001"] * KEPT_MAX + ["S021"]
 
 
 def test_five_thousand_unknown_names() -> None:
-    found = codes(lines(5000, "const CONSTANT_{i}: float = CONSTENT_{i};"))
-    assert found == ["N001"] * KEPT_MAX + ["S021"]
+    error_codes = codes(lines(5000, "const CONSTANT_{i}: float = CONSTENT_{i};"))
+    assert error_codes == ["N001"] * KEPT_MAX + ["S021"]
 
 
 def test_names_of_half_a_megabyte() -> None:
@@ -194,8 +194,10 @@ def test_literals_of_ten_thousand_digits() -> None:
 
 @pytest.mark.parametrize("size", ["100000", "99999999999999999999", "9223372036854775807", "0"])
 def test_sizes_that_multiply_beyond_measure(size: str) -> None:
-    found = codes(f"type A = float[{size}];\ntype B = A[{size}];\ntype C = B[{size}];\ntopic c: C;")
-    assert found == (["T016"] * 3 if len(size) == 20 else ["T011"])
+    error_codes = codes(
+        f"type A = float[{size}];\ntype B = A[{size}];\ntype C = B[{size}];\ntopic c: C;"
+    )
+    assert error_codes == (["T016"] * 3 if len(size) == 20 else ["T011"])
 
 
 def test_an_enum_of_a_hundred_thousand_members() -> None:
@@ -219,16 +221,16 @@ def test_a_hundred_topics_of_a_hundred_thousand_numbers() -> None:
 @pytest.fixture
 def _budgets_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     """That a check ends hangs on budgets alone: they may be twenty seconds as well."""
-    monkeypatch.setattr(const, "CONSTANT_BUDGET", 1_000_000)
-    monkeypatch.setattr(const, "PROGRAM_BUDGET", 2_000_000)
+    monkeypatch.setattr(constants, "CONSTANT_BUDGET", 1_000_000)
+    monkeypatch.setattr(constants, "PROGRAM_BUDGET", 2_000_000)
 
 
 @pytest.mark.usefixtures("_budgets_of_a_second")
 def test_constants_that_compute_for_ever() -> None:
     loop = "for i in 0..900 {{ for j in 0..900 {{ s = s + i * j; }} }}"
     text = lines(50, "fun f{i}(): int {{ var s = 0; " + loop + " return s; }}")
-    found = codes(text + lines(50, "const A{i}: int = f{i}();"))
-    assert found == ["T020", "T020"]
+    error_codes = codes(text + lines(50, "const A{i}: int = f{i}();"))
+    assert error_codes == ["T020", "T020"]
 
 
 @pytest.mark.usefixtures("_budgets_of_a_second")

@@ -15,12 +15,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from generators.found import files_in
+from generators.file_listing import files_in
 from long_tests import examples
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
-from soter.program.build import Checked, check_file, system_of
+from soter.program.front_end import CheckResult, check_file, system_of
 
 TESTS = Path(__file__).parents[2]
 FOLDERS = ("correct", "dynamic_error", "static_error", "../examples/wall", "../examples/drone")
@@ -83,7 +83,7 @@ def replace_one_like(tokens: list[str], kind: str, i: int, j: int) -> None:
         tokens[places[i % len(places)]] = choices[j % len(choices)]
 
 
-def check(path: Path, text: str) -> Checked:
+def check(path: Path, text: str) -> CheckResult:
     os.chdir(path.parent)
     began = time.process_time()
     checked = check_file(path.name, text)
@@ -91,7 +91,7 @@ def check(path: Path, text: str) -> Checked:
     return checked
 
 
-def assert_sound(checked: Checked) -> None:
+def assert_sound(checked: CheckResult) -> None:
     """Whatever was found can be shown; without errors everything can be compiled."""
     for d in checked.diagnostics.items:
         for label in (*([d.primary] if d.primary else []), *d.secondary):

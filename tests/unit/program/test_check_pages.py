@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from generators.found import files_below, files_in
+from generators.file_listing import files_below, files_in
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.explain import all_codes, explain
 from soter.diagnostics.render import render_all
-from soter.program.build import Checked, check_file
+from soter.program.front_end import CheckResult, check_file
 
 ROOT = Path(__file__).parents[3]
 CODE = re.compile(r'"([A-Z][0-9]{3}|P1[abc]|P2[ab]|P3)"')
@@ -86,7 +86,7 @@ def examples(code: str, kind: str) -> list[str]:
     return re.findall(rf"^```{kind}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
 
 
-def check(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Checked:
+def check(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> CheckResult:
     monkeypatch.chdir(folder)
     (folder / "pair.json").write_text("[1.0, 2.0]")
     (folder / "page.soter").write_text(text)
@@ -110,9 +110,9 @@ def test_the_wrong_example_gives_the_code(
     code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (wrong,) = examples(code, "soter,wrong")
-    found = check(wrong, tmp_path, monkeypatch).diagnostics.items
-    assert {d.code for d in found} == {code}, render_all(found)
-    assert found[0].severity is (Severity.WARNING if code[0] == "W" else Severity.ERROR)
+    diagnostics = check(wrong, tmp_path, monkeypatch).diagnostics.items
+    assert {d.code for d in diagnostics} == {code}, render_all(diagnostics)
+    assert diagnostics[0].severity is (Severity.WARNING if code[0] == "W" else Severity.ERROR)
 
 
 @pytest.mark.parametrize("code", OF_THE_CHECKER)
@@ -120,5 +120,5 @@ def test_the_mended_example_is_clean(
     code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (mended,) = examples(code, "soter")
-    found = check(mended, tmp_path, monkeypatch).diagnostics.items
-    assert render_all(found) == ""
+    diagnostics = check(mended, tmp_path, monkeypatch).diagnostics.items
+    assert render_all(diagnostics) == ""

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.build import check_file, system_of
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
+from soter.program.front_end import check_file, system_of
 from soter.program.model import typed
+from soter.program.model.tree_walk import nodes
 from soter.program.model.types import ArrayType, IntType
-from soter.program.model.walk import nodes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from soter.program.build import Checked, check_file
-from soter.program.meaning.statements import Evaluator
+from soter.program.evaluate.statements import Evaluator
+from soter.program.front_end import CheckResult, check_file
 from soter.program.model import typed
 
 LIMIT = 10**12
 
 
-def check(text: str) -> Checked:
+def check(text: str) -> CheckResult:
     return check_file("test.soter", "soter 1;\n" + text)
 
 
@@ -132,7 +132,7 @@ def test_no_execution_takes_more_than_the_bound(name: str, argument: int) -> Non
     assert checked.program is not None
     node = checked.program.nodes["A"]
     declare = node.step[0]
-    assert isinstance(declare, typed.Declare)
+    assert isinstance(declare, typed.TypedDeclare)
     evaluator = Evaluator({}, None, LIMIT)
     evaluator.value(declare.value)
     assert 0 < evaluator.spent <= checked.program.costs[node].operations
@@ -142,9 +142,9 @@ def test_no_execution_takes_more_than_the_bound(name: str, argument: int) -> Non
 
 
 def test_calls_of_calls_of_calls_are_refused_once() -> None:
-    found = check(chain(64)).diagnostics.items
-    assert [d.code for d in found] == ["T007"]
-    assert "`f24` may take 134 217 722 operations" in found[0].message
+    diagnostics = check(chain(64)).diagnostics.items
+    assert [d.code for d in diagnostics] == ["T007"]
+    assert "`f24` may take 134 217 722 operations" in diagnostics[0].message
 
 
 def test_long_chains_of_single_calls_are_fine() -> None:

@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.engines import Subject, compile_library, interpreted_trace, native_trace, until_of
-from generators.found import files_below
+from generators.engine_comparison import (
+    Subject,
+    compile_library,
+    interpreted_trace,
+    native_trace,
+    until_of,
+)
+from generators.file_listing import files_below
 from soter.lower.layout import state_layout
-from soter.program.build import check_file, system_of
-from soter.program.flatten import derived
+from soter.program.elaborate import derived_systems
+from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from soter.program.model.system import Component, System
@@ -85,8 +91,8 @@ def names(system: System) -> list[str]:
 
 
 def parts(system: System, *modules: str) -> list[int]:
-    found = [m for m in system.modules if m.name in modules]
-    return [i for m in found for i in (m.dm, m.ac, m.sc)]
+    selection = [m for m in system.modules if m.name in modules]
+    return [i for m in selection for i in (m.dm, m.ac, m.sc)]
 
 
 def ac(system: System, module: str) -> Component:
@@ -94,7 +100,7 @@ def ac(system: System, module: str) -> Component:
 
 
 def test_what_is_left_is_numbered_anew(three: System) -> None:
-    left = derived.only(three, parts(three, "Keep2", "Keep3"))
+    left = derived_systems.only(three, parts(three, "Keep2", "Keep3"))
     assert names(left) == [
         *("Keep2.dm", "Keep3.dm", "Keep2.Safe2", "Keep3.Safe3", "Keep2.Fast2", "Keep3.Fast3")
     ]
@@ -112,7 +118,7 @@ def test_what_is_left_is_numbered_anew(three: System) -> None:
 
 
 def test_who_reads_the_mode_of_what_went_is_answered_from_outside(three: System) -> None:
-    left = derived.only(three, parts(three, "Keep1", "Keep3"))
+    left = derived_systems.only(three, parts(three, "Keep1", "Keep3"))
     assert [c.name for c in left.components if c.extern] == ["Keep3.Fast3"]
     assert "never" not in [p.kind for p in left.properties]
 
@@ -120,7 +126,7 @@ def test_who_reads_the_mode_of_what_went_is_answered_from_outside(three: System)
 def test_the_given_system_stays_as_it_is(three: System) -> None:
     before = [(c.index, c.module, c.extern, dict(c.scope.modules)) for c in three.components]
     drivers = [t.driver for t in three.topics]
-    left = derived.unbound(derived.without_plants(three))
+    left = derived_systems.unbound(derived_systems.without_plants(three))
     left.modules[0].scope.topics.clear()
     for c in left.components:
         c.scope.topics.clear()
@@ -131,10 +137,10 @@ def test_the_given_system_stays_as_it_is(three: System) -> None:
 
 
 def test_without_its_plants_the_world_publishes_what_they_drove(three: System) -> None:
-    left = derived.without_plants(three)
+    left = derived_systems.without_plants(three)
     assert not any(c.plant for c in left.components)
     assert len(left.components) == len(three.components) - 3
-    outside = {t.name for t in left.topics if t.driver == derived.OUTSIDE}
+    outside = {t.name for t in left.topics if t.driver == derived_systems.OUTSIDE}
     assert outside == {f"{t}{i}" for t in ("pose", "goal") for i in (1, 2, 3)}
     assert left.inputs == ()
     assert [p.text for p in left.properties][:2] == [p.text for p in three.properties][1:3]
@@ -154,16 +160,16 @@ node Add period 20ms {
 system S { w: World; n: Add; until 1s; }
 """
     system = system_of(check_file("queue.soter", text), "S")
-    left = derived.without_plants(system)
-    assert [t.driver for t in left.topics if t.queue_of is not None] == [derived.OUTSIDE]
+    left = derived_systems.without_plants(system)
+    assert [t.driver for t in left.topics if t.queue_of is not None] == [derived_systems.OUTSIDE]
     hit = system.topic("hit")
-    twice, twin = derived.with_topic(system, hit, hit.symbol, "hit")
+    twice, twin = derived_systems.with_topic(system, hit, hit.symbol, "hit")
     assert twice.topics[hit.index].queues == hit.queues != ()
     assert twin.queues == (), "its values are no publications on the other"
 
 
 def test_both_engines_run_a_system_without_its_plants(three: System, tmp_path: Path) -> None:
-    left = derived.without_plants(three)
+    left = derived_systems.without_plants(three)
     s = Subject("left", PROGRAM, left, state_layout(left), until_of(left, 50), 7)
     native = native_trace(compile_library([s], tmp_path, "-O2"), s)
     assert len(native) == 50
@@ -174,7 +180,7 @@ def test_both_engines_run_a_system_without_its_plants(three: System, tmp_path: P
 
 def test_only_one_file_takes_a_system_apart() -> None:
     fields = {"components", "modules", "topics", "properties", "inputs", "until_ns", "test"}
-    found = []
+    sites = []
     for path in SOURCES:
         if "recheck" in path.parts:
             continue  # it derives its own systems, on purpose
@@ -183,5 +189,5 @@ def test_only_one_file_takes_a_system_apart() -> None:
                 given = {str(k.arg) for k in call.keywords} & fields
                 of = ast.unparse(call.args[0]) if call.args else ""
                 if given and "scope" not in of:
-                    found.append(f"{path.name}: {sorted(given)}")
-    assert {f.partition(":")[0] for f in found} == {"derived.py"}
+                    sites.append(f"{path.name}: {sorted(given)}")
+    assert {f.partition(":")[0] for f in sites} == {"derived_systems.py"}

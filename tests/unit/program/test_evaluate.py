@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soter.program.build import check_file
-from soter.program.meaning.arith import FaultKind, StepFault
-from soter.program.meaning.statements import BudgetExceeded, Environment, Evaluator
+from soter.program.evaluate.arithmetic import FaultKind, StepFault
+from soter.program.evaluate.statements import BudgetExceeded, Environment, Evaluator
+from soter.program.front_end import check_file
 from soter.program.model import typed as t
 from soter.program.model.types import INT, INT_MAX, INT_MIN
 
@@ -28,14 +28,14 @@ extern fun Ask(x: Vec, n: int): float;
 """
 
 
-def program(text: str) -> t.Program:
+def program(text: str) -> t.TypedProgram:
     checked = check_file("test.soter", TYPES + text)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     assert checked.program is not None
     return checked.program
 
 
-def evaluator(checked: t.Program, **options: Any) -> Evaluator:
+def evaluator(checked: t.TypedProgram, **options: Any) -> Evaluator:
     params = {p: Evaluator({}).value(p.default) for p in checked.params.values()}
     externs = {checked.funs[n]: f for n, f in options.pop("externs", {}).items()}
     return Evaluator(params, externs, **options)
@@ -349,8 +349,8 @@ def test_a_budget_ends_nested_loops() -> None:
     limited = evaluator(checked, budget=10_000)
     span = checked.funs["F"].span
     with pytest.raises(BudgetExceeded):
-        limited.value(t.Call(INT, span, checked.funs["F"], ()))
-    assert limited.value(t.Call(INT, span, checked.funs["Small"], ())) == 7
+        limited.value(t.TypedCall(INT, span, checked.funs["F"], ()))
+    assert limited.value(t.TypedCall(INT, span, checked.funs["Small"], ())) == 7
 
 
 def test_a_budget_counts_calls_that_double() -> None:
@@ -361,16 +361,16 @@ def test_a_budget_counts_calls_that_double() -> None:
     zero = t.Literal(INT, checked.funs["F0"].span, 0)
     with pytest.raises(BudgetExceeded):
         evaluator(checked, budget=10_000).value(
-            t.Call(INT, zero.span, checked.funs["F19"], (zero,))
+            t.TypedCall(INT, zero.span, checked.funs["F19"], (zero,))
         )
 
 
 def test_calls_deeper_than_the_stack_exceed_any_budget() -> None:
     span = program("fun F(): int { return 0; }").funs["F"].span
-    value: t.Expr = t.Literal(INT, span, 7)
+    value: t.TypedExpr = t.Literal(INT, span, 7)
     for i in range(20_000):
-        fun = t.FunSymbol(f"F{i}", span, (), INT, (t.Return(span, value),), False, None)
-        value = t.Call(INT, span, fun, ())
+        fun = t.FunSymbol(f"F{i}", span, (), INT, (t.TypedReturn(span, value),), False, None)
+        value = t.TypedCall(INT, span, fun, ())
     with pytest.raises(BudgetExceeded):
         Evaluator({}, budget=10**9).value(value)
 

@@ -8,8 +8,8 @@ import pytest
 
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import Checked, check_file, system_of, system_of_test
-from soter.simulate.settings import param_values
+from soter.program.front_end import CheckResult, check_file, system_of, system_of_test
+from soter.simulate.run_settings import param_values
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
@@ -31,10 +31,10 @@ system Robot { p: Point; node Watch; always pos < GAIN * 99.0; }
 PAIR = "system Pair { a: Robot { set GAIN = 3.0 }; b: Robot; }\n"
 
 
-def checked(text: str) -> Checked:
-    found = check_file("fleet.soter", HEAD + text)
-    assert found.ok, [(d.code, d.message) for d in found.diagnostics.items]
-    return found
+def checked(text: str) -> CheckResult:
+    fleet = check_file("fleet.soter", HEAD + text)
+    assert fleet.ok, [(d.code, d.message) for d in fleet.diagnostics.items]
+    return fleet
 
 
 def flat(text: str, overrides: dict[str, float] | None = None) -> System:
@@ -113,9 +113,9 @@ def test_periods_of_instances_are_their_own() -> None:
 def test_topics_belong_to_systems_and_not_to_nodes() -> None:
     head = HEAD.replace("pos: float in [-90.0, 90.0]", "pos: float in [-9.0 * GAIN, 9.0]")
     text = head + "system S { p: Point { set GAIN = 2.0 }; q: Robot { set GAIN = 3.0 }; }"
-    found = check_file("fleet.soter", text)
-    assert found.ok
-    system = system_of(found, "S")
+    fleet = check_file("fleet.soter", text)
+    assert fleet.ok
+    system = system_of(fleet, "S")
     lows = {t.name: t.bounds[0].low for t in system.topics if t.bounds[0] is not None}
     assert (lows["pos"], lows["q.pos"]) == (-9.0, -27.0)
     assert (start(system, "p"), start(system, "q.p")) == (2.0, 3.0)
@@ -180,8 +180,8 @@ def test_bounds_and_indices_may_come_from_constant_arrays() -> None:
 
 
 def test_loops_of_no_rounds_leave_a_system_empty() -> None:
-    found = check_file("fleet.soter", HEAD + "system S { for i in 2..2 { r[i]: Robot; } }")
-    assert [d.code for d in found.diagnostics.items] == ["M006"]
+    fleet = check_file("fleet.soter", HEAD + "system S { for i in 2..2 { r[i]: Robot; } }")
+    assert [d.code for d in fleet.diagnostics.items] == ["M006"]
 
 
 def test_names_of_elements_stay_apart_in_c() -> None:

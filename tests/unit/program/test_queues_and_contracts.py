@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.program.model.types import INT, ListType
 
 if TYPE_CHECKING:
@@ -115,8 +115,8 @@ node B period 50ms {
 def test_contracts_are_properties_of_their_component_behind_those_of_systems() -> None:
     text = "system One { node A; b: B; until 1s; always n >= 0; }\n"
     system = flat(CONTRACTS + text + "system Two default { one: One; until 1s; never one.n < 0; }")
-    found = [(p.index, p.kind, p.text) for p in system.properties]
-    assert found == [
+    properties = [(p.index, p.kind, p.text) for p in system.properties]
+    assert properties == [
         (0, "never", "one.n < 0"),
         (1, "always", "n >= 0 in one"),
         (2, "guarantees", "t > 0 && time >= 0.0 in one.A"),
@@ -165,8 +165,8 @@ node Watch period 10ms {
 system S { module M; node Watch; until 1s; }
 """
     system = flat(text)
-    (found,) = system.properties
-    assert list(found.scope.modules.values()) == [0]
+    (contract,) = system.properties
+    assert list(contract.scope.modules.values()) == [0]
 
 
 def test_a_topic_that_only_a_contract_reads_is_read() -> None:

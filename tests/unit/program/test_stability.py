@@ -7,8 +7,8 @@ import random
 
 import pytest
 
-from soter.program.build import check_file, system_of
-from soter.program.meaning.stability import diverging
+from soter.program.evaluate.integration_stability import diverging
+from soter.program.front_end import check_file, system_of
 
 PLANT = """soter 1;
 topic pull: float in [-1.0, 1.0];
@@ -37,10 +37,10 @@ def told(rates: list[str], method: str = "rk4", substeps: int = 1) -> list[tuple
     checked = check_file("plant.soter", text)
     assert checked.ok, checked.diagnostics.items
     system = system_of(checked, "S")
-    found = diverging(system, system.components[0])
+    divergences = diverging(system, system.components[0])
     warned = [d for d in checked.diagnostics.items if d.code == "W019"]
-    assert len(warned) == len(found)
-    return [d.names for d in found]
+    assert len(warned) == len(divergences)
+    return [d.names for d in divergences]
 
 
 @pytest.mark.parametrize(
@@ -98,11 +98,13 @@ def test_random_linear_plants_against_their_steps(seed: int) -> None:
     a = [[rng.choice((0.0, 1.0)) * rng.gauss(0.0, 60.0) for _ in range(n)] for _ in range(n)]
     for i in range(n):
         a[i][i] = -rng.uniform(50.0, 450.0)
-    found = told([" + ".join(f"({x!r}) * x{j}" for j, x in enumerate(row)) for row in a], method)
+    divergences = told(
+        [" + ".join(f"({x!r}) * x{j}" for j, x in enumerate(row)) for row in a], method
+    )
     grown = _size(a, method, H, 300)
     exact = _size(a, "rk4", H / 32, 300 * 32)
     if exact < 0.0:
-        assert bool(found) == (grown > 0.0)
+        assert bool(divergences) == (grown > 0.0)
 
 
 def _size(a: list[list[float]], method: str, h: float, steps: int) -> float:

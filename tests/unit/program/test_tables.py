@@ -13,11 +13,11 @@ import pytest
 import soter
 from soter.lower.layout import encode_into, image_of_table, size_of
 from soter.native.compiler import WARNINGS
-from soter.program.build import check_file, system_of
-from soter.program.check import const
-from soter.program.meaning import expressions
-from soter.program.model import table
-from soter.program.model.table import Table, is_table
+from soter.program.check import constants
+from soter.program.evaluate import expressions
+from soter.program.front_end import check_file, system_of
+from soter.program.model import data_table
+from soter.program.model.data_table import Table, is_table
 from soter.program.model.types import (
     BOOL,
     FLOAT,
@@ -168,7 +168,7 @@ def test_a_table_is_read_as_the_same_bits_by_both_engines(
         return [native.trace_sha256, run_interpreted(system, 10**9, 1).trace_sha256]
 
     values = hashes()
-    monkeypatch.setattr(table, "VALUE_MAX", 2)
+    monkeypatch.setattr(data_table, "VALUE_MAX", 2)
     assert is_table(ArrayType(INT, 6))
     tables = hashes()
     assert values[0] == values[1] == tables[0] == tables[1]
@@ -211,9 +211,9 @@ def test_numbers_of_any_width_become_the_nearest_doubles(tmp_path: Path, dtype: 
     array = np.arange(200_000).reshape(-1, 2).astype(dtype)
     checked = reading(tmp_path, array, "float[2][100000]")
     assert checked.ok
-    found = checked.program.consts["A"].value
-    assert isinstance(found, Table)
-    assert found[77_777] == (155_554.0, 155_555.0)
+    number_table = checked.program.consts["A"].value
+    assert isinstance(number_table, Table)
+    assert number_table[77_777] == (155_554.0, 155_555.0)
 
 
 @pytest.mark.parametrize(
@@ -231,9 +231,9 @@ def test_numbers_of_any_width_become_the_nearest_doubles(tmp_path: Path, dtype: 
 def test_a_table_that_is_not_what_it_should_be(
     tmp_path: Path, array: Any, t: str, text: str
 ) -> None:
-    (found,) = reading(tmp_path, array, t).diagnostics.items
-    assert found.code == "D004"
-    assert text in found.primary.text
+    (diagnostic,) = reading(tmp_path, array, t).diagnostics.items
+    assert diagnostic.code == "D004"
+    assert text in diagnostic.primary.text
 
 
 def test_a_table_is_part_of_the_hash_of_the_program(tmp_path: Path) -> None:
@@ -254,7 +254,7 @@ fun f(n: int): int { var s = n; for i in 0..800 { for j in 0..80 { s = s + 1; } 
 
 def test_a_constant_that_takes_long_says_so_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(expressions, "SLICE", 10_000)
-    monkeypatch.setattr(const, "MILLION", 1)
+    monkeypatch.setattr(constants, "MILLION", 1)
     told: list[str] = []
     assert check_file("m.soter", LOOP + "const A: int = f(1);\n", tell=told.append).ok
     assert len(told) > 8
@@ -268,12 +268,12 @@ def test_a_constant_that_takes_long_says_so_and_ends(monkeypatch: pytest.MonkeyP
 def test_constants_may_take_only_so_much(
     monkeypatch: pytest.MonkeyPatch, most: int, together: int, failing: int
 ) -> None:
-    monkeypatch.setattr(const, "CONSTANT_BUDGET", most)
-    monkeypatch.setattr(const, "PROGRAM_BUDGET", together)
+    monkeypatch.setattr(constants, "CONSTANT_BUDGET", most)
+    monkeypatch.setattr(constants, "PROGRAM_BUDGET", together)
     text = LOOP + "".join(f"const A{i}: int = f({i});\n" for i in range(3))
-    found = check_file("m.soter", text).diagnostics.items
-    assert [d.code for d in found] == ["T020"] * failing
-    assert all("takes too long to compute" in d.message for d in found)
+    diagnostics = check_file("m.soter", text).diagnostics.items
+    assert [d.code for d in diagnostics] == ["T020"] * failing
+    assert all("takes too long to compute" in d.message for d in diagnostics)
 
 
 def test_who_looked_at_a_check_is_told_nothing_after_it(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.program.build import check_file, system_of, system_of_test
-from soter.program.flatten.trials.tested import MAX_STEPS, elaborate_test
+from soter.program.elaborate.tests_and_faults.tested_system import MAX_STEPS, elaborate_test
+from soter.program.front_end import check_file, system_of, system_of_test
 
 if TYPE_CHECKING:
     from soter.program.model.system import System, TestPlan
@@ -57,8 +57,8 @@ FLAT = "system Flat; replace Learned by Any; horizon 200ms; "
 
 
 def test_a_test_has_the_numbers_it_says() -> None:
-    found = plan(system_for(FLAT + "skew 3ms; quantum 500us;"))
-    assert (found.name, found.skew_ns, found.horizon_ns, found.quantum_ns) == (
+    test_plan = plan(system_for(FLAT + "skew 3ms; quantum 500us;"))
+    assert (test_plan.name, test_plan.skew_ns, test_plan.horizon_ns, test_plan.quantum_ns) == (
         "T",
         3_000_000,
         200_000_000,
@@ -89,8 +89,8 @@ def test_what_only_a_test_asks_stands_in_its_plan() -> None:
         FLAT + "eventually x == 3 within 100ms; x > 9 leadsto u == 0 within 40ms; "
         "always invariant(Keep); always invariants;"
     )
-    found = [(p.index, p.kind, p.within_ns, p.module) for p in plan(system).timed]
-    assert found == [
+    timed_properties = [(p.index, p.kind, p.within_ns, p.module) for p in plan(system).timed]
+    assert timed_properties == [
         (0, "eventually", 100_000_000, None),
         (1, "leadsto", 40_000_000, None),
         (2, "invariant", 0, 0),
@@ -115,10 +115,10 @@ def test_a_deadline_that_is_never_judged_is_refused_by_parameters_too() -> None:
         checked = check_file("test.soter", TEXT + f"test T {{ {FLAT} {ask} }}")
         try:
             system_of_test(checked, "T", {"_LATE": late})
-            found = []
+            error_codes = []
         except SoterError as error:
-            found = [d.code for d in error.diagnostics]
-        assert found == codes, (ask, late)
+            error_codes = [d.code for d in error.diagnostics]
+        assert error_codes == codes, (ask, late)
 
 
 def test_a_module_of_a_part_is_meant_by_its_path() -> None:
@@ -135,12 +135,12 @@ def test_the_invariants_are_one_of_each_module() -> None:
     two = "system Two { a: Inner; b: Inner; }\n"
     text = f"{two}test T {{ system Two; replace Learned by Any; horizon 1s; "
     checked = check_file("test.soter", TEXT + text + "always invariants; }")
-    found = plan(system_of_test(checked, "T")).timed
-    about = [(p.module, p.text) for p in found]
+    timed_properties = plan(system_of_test(checked, "T")).timed
+    about = [(p.module, p.text) for p in timed_properties]
     assert about == [(0, "invariant(a.Keep)"), (1, "invariant(b.Keep)")]
     checked = check_file("test.soter", TEXT + text + "always invariant(b.Keep); }")
-    found = plan(system_of_test(checked, "T")).timed
-    assert [(p.module, p.text) for p in found] == [(1, "invariant(b.Keep)")]
+    timed_properties = plan(system_of_test(checked, "T")).timed
+    assert [(p.module, p.text) for p in timed_properties] == [(1, "invariant(b.Keep)")]
 
 
 def test_a_function_called_invariant_is_a_function() -> None:
@@ -170,8 +170,8 @@ def test_a_fault_names_a_component_as_replace_does(path: str, names: list[str]) 
 
 def test_faults_have_their_numbers() -> None:
     system = system_for(FLAT + "skip World; skip Home at most 3; overrun Any by _LATE;")
-    found = [(f.kind, f.by_ns, f.at_most) for f in plan(system).faults]
-    assert found == [("skip", 0, 1), ("skip", 0, 3), ("overrun", 2_000_000, 0)]
+    faults = [(f.kind, f.by_ns, f.at_most) for f in plan(system).faults]
+    assert faults == [("skip", 0, 1), ("skip", 0, 3), ("overrun", 2_000_000, 0)]
 
 
 def test_its_inputs_take_the_place_of_the_systems() -> None:
@@ -248,6 +248,6 @@ def test_one_mistake_in_a_test_is_one_error(items: str, found: list[str]) -> Non
 def test_nothing_is_made_of_a_test_with_errors() -> None:
     checked = check_file("test.soter", TEXT + "test T { system Flat; horizon 1s; }")
     assert checked.program is not None
-    found = Diagnostics()
-    assert elaborate_test(checked.program, checked.tests["T"], {}, found) is None
-    assert [d.code for d in found.items] == ["E005"]
+    diagnostics = Diagnostics()
+    assert elaborate_test(checked.program, checked.tests["T"], {}, diagnostics) is None
+    assert [d.code for d in diagnostics.items] == ["E005"]

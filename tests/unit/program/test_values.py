@@ -14,6 +14,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from soter.program.model.python_values import (
+    ValueShapeError,
+    from_json,
+    from_python,
+    inputs_to_python,
+    outputs_from_python,
+    to_json,
+    to_python,
+)
 from soter.program.model.types import (
     BOOL,
     DURATION,
@@ -28,15 +37,6 @@ from soter.program.model.types import (
     RecordType,
     Type,
     Value,
-)
-from soter.program.model.values import (
-    ValueShapeError,
-    from_json,
-    from_python,
-    inputs_to_python,
-    outputs_from_python,
-    to_json,
-    to_python,
 )
 
 VEC = RecordType((("x", FLOAT), ("y", FLOAT)), "Vec")

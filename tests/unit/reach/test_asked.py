@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_to_prove
-from soter.reach.attack import blame
+from soter.program.front_end import check_file, system_to_prove
+from soter.reach.attack import refutations
 from soter.reach.attack.refute import refute
 from soter.reach.command import verify
 from soter.reach.problem.extract import extract
-from soter.reach.verify import verify_module
+from soter.reach.verify_module import verify_module
 
 if TYPE_CHECKING:
     from soter.reach.claims.results import VerifyReport
@@ -63,9 +63,9 @@ def test_what_is_not_asked_is_never_refuted(monkeypatch: pytest.MonkeyPatch) -> 
         "drives pos = x; state x: float; der x = speed;",
         "drives pos = x; state x: float; state v: float; der x = v; der v = 40.0 * (speed - v);",
     ).replace("/ 120;", "/ 60, c.v in [-2.0, 2.0] / 8;")
-    monkeypatch.setattr(blame, "refute", partial(refute, budget_s=0.1))
+    monkeypatch.setattr(refutations, "refute", partial(refute, budget_s=0.1))
     flat = system_to_prove(check_file("asked.soter", coasting), "Lane")
-    found = verify_module(extract(flat, flat.modules[0]), explain=False)
-    assert found.findings["P2a"].verdict == "undecided"
-    assert found.findings["P2b"].verdict == "assumed"
-    assert "not asked" in found.findings["P2b"].text
+    module_result = verify_module(extract(flat, flat.modules[0]), explain=False)
+    assert module_result.findings["P2a"].verdict == "undecided"
+    assert module_result.findings["P2b"].verdict == "assumed"
+    assert "not asked" in module_result.findings["P2b"].text

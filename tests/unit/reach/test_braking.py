@@ -10,11 +10,11 @@ import pytest
 
 import soter
 from soter.api import recheck
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.claims import claims
-from soter.reach.enclose.forms import Forms, library_of
+from soter.reach.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.reach.problem.extract import extract
-from soter.reach.verify import verify_module
+from soter.reach.verify_module import verify_module
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -34,11 +34,11 @@ COARSE = (("ROOM] / 120", "ROOM] / 60"), ("FASTEST] / 55", "FASTEST] / 22"))
 
 
 def text(*changes: tuple[str, str]) -> str:
-    found = TEXT
+    source = TEXT
     for old, new in (*COARSE, *changes):
-        assert old in found, old
-        found = found.replace(old, new)
-    return found
+        assert old in source, old
+        source = source.replace(old, new)
+    return source
 
 
 def verified(source: str) -> ModuleResult:
@@ -69,9 +69,9 @@ def test_a_brake_of_uncertain_strength_is_a_law_that_is_proved_and_rechecked(
     (module,) = report.modules
     assert module.verdict == "proved"
     assert module.findings["failsafe"].verdict == "proved"
-    found = recheck(tmp_path / "cert")
-    assert found.accepted, found.reason
-    assert "failsafe" in found.modules[0].confirmed
+    recheck_report = recheck(tmp_path / "cert")
+    assert recheck_report.accepted, recheck_report.reason
+    assert "failsafe" in recheck_report.modules[0].confirmed
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_the_plant_says_the_rate_of_that_room() -> None:
     """d(x_wall - x - phi)/dt, by differences, is what `der room` says, brake and throttle mixed."""
     flat = system_of(check_file("brake.soter", text()), None)
     problem = extract(flat, flat.modules[0])
-    forms = Forms(library_of(problem)[0], problem, ())
+    forms = CompiledEnclosures(library_of(problem)[0], problem, ())
     names = [q.name for q in problem.quantities.inputs]
     rng = np.random.default_rng(5)
     for _ in range(200):
@@ -180,7 +180,7 @@ def braked(
     rng: np.random.Generator, at: Floats, holds: list[int], weaker: float
 ) -> list[list[Floats]]:
     """States (runs, 2) in each hold, of so many steps, fully braked; a midpoint rule."""
-    found, state, step = [], at.copy(), STEP_NS * 1e-9
+    states_by_hold, state, step = [], at.copy(), STEP_NS * 1e-9
 
     def rates(v: Floats, more: Floats) -> Floats:
         s = np.clip(v / SLOW, 0.0, 1.0)
@@ -194,5 +194,5 @@ def braked(
             middle = state + 0.5 * step * rates(state[:, 1], more)
             state = state + step * rates(middle[:, 1], more)
             inside.append(state)
-        found.append(inside)
-    return found
+        states_by_hold.append(inside)
+    return states_by_hold

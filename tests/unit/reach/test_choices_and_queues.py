@@ -8,8 +8,8 @@ import pytest
 from bench.recheck_models import Cart
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_of
-from soter.reach.enclose.forms import library_of
+from soter.program.front_end import check_file, system_of
+from soter.reach.enclose.compiled_enclosures import library_of
 from soter.reach.enclose.unit import generate_enclosures
 from soter.reach.problem.extract import extract
 

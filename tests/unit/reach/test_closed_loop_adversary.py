@@ -23,7 +23,7 @@ from bench.adversary_search import Run, attack
 from bench.verify_adversary import through
 
 import soter
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -133,9 +133,9 @@ def test_modules_of_every_family_are_programs(family: str) -> None:
 
 
 def test_a_proved_module_is_not_broken() -> None:
-    found = prove(module(77, "tank"))
-    assert found.proved
-    told = attack(armed(found), found.module, 2_000_000, 1)
+    proof = prove(module(77, "tank"))
+    assert proof.proved
+    told = attack(armed(proof), proof.module, 2_000_000, 1)
     assert told.violations == 0
     assert told.closest > 0.5  # it came to the border
 
@@ -145,13 +145,13 @@ def test_a_proved_module_is_not_broken() -> None:
 )
 def test_a_hole_put_back_is_found(name: str) -> None:
     number = next(i for i, h in enumerate(HOLES) if h.name == name)
-    found = through(HOLES[number], number, 20_000_000)
-    assert found.found, found
-    told = json.loads(json.dumps(found.run))
-    assert of_json(told["module"]).text == found.text
+    finding = through(HOLES[number], number, 20_000_000)
+    assert finding.found, finding
+    told = json.loads(json.dumps(finding.run))
+    assert of_json(told["module"]).text == finding.text
     with HOLES[number].open():
         machine = armed(prove(of_json(told["module"]), whole=False))
     again = Run.of_json(told).again(machine, log=True)
     assert again.left
-    assert again.at == found.run["left_at_tick"]
+    assert again.at == finding.run["left_at_tick"]
     assert again.log[0][1] == "DM reads, verdict"  # it reads at 0, before SC

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.api import load
+from soter.certificate.reading.problem import read_facts
+from soter.certificate.rechecker import recheck
 from soter.cli.main import main
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.command import modules_of, problems_of
-from soter.reach.covered import coverage_of
-from soter.reach.to_report import page
-from soter.reach.together import rows_of
-from soter.recheck.reading.problem import read_facts
-from soter.recheck.rechecker import recheck
+from soter.reach.composition import rows_of
+from soter.reach.proof_report import page
+from soter.reach.scope import coverage_of
 
 if TYPE_CHECKING:
     from soter.reach.claims.results import VerifyReport
@@ -76,8 +76,8 @@ def kept_by(tmp_path: Path, text: str) -> tuple[str, str]:
     path.write_text(text)
     checked = check_file(str(path))
     chosen = modules_of(checked, None, None, {})
-    found = coverage_of(checked, chosen, problems_of(chosen), {}).guarantees
-    return next((g.by, g.how) for g in found if g.what.startswith("b.lead"))
+    guarantees = coverage_of(checked, chosen, problems_of(chosen), {}).guarantees
+    return next((g.by, g.how) for g in guarantees if g.what.startswith("b.lead"))
 
 
 def whose(report: VerifyReport, what: str) -> tuple[str, bool]:
@@ -91,9 +91,9 @@ def test_the_convoy_is_proved_and_rechecked(tmp_path: Path) -> None:
     said = [a for a in report["SafeGap"].problem.assumptions if "b.lead" in a]
     assert len(said) == 1
     assert said[0].startswith("what others publish and what moves these plants stays in its")
-    found = page(report)
-    assert found.together == "proved"
-    assert ("b.lead in [2, 12]", False) in [(t.what, t.open) for t in found.taken]
+    report_page = page(report)
+    assert report_page.together == "proved"
+    assert ("b.lead in [2, 12]", False) in [(t.what, t.open) for t in report_page.taken]
     checked = recheck(tmp_path / "cert")
     assert checked.accepted, checked.reason
     assert checked.safe

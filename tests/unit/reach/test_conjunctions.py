@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from soter.program.build import check_file, system_of
-from soter.reach.enclose.forms import Forms, library_of
+from soter.program.front_end import check_file, system_of
+from soter.reach.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.reach.problem.extract import extract
 
 TEXT = """soter 1;
@@ -48,7 +48,7 @@ system S {{ p: P; module M; until 1s; }}
 def test_the_decided_side_decides(ttf: str) -> None:
     flat = system_of(check_file("conjunction.soter", TEXT.format(ttf=ttf)), "S")
     problem = extract(flat, flat.modules[0])
-    forms = Forms(library_of(problem)[0], problem, ())
+    forms = CompiledEnclosures(library_of(problem)[0], problem, ())
     box = forms.whole.copy()
     box[0], box[1] = (0.5, 1.5), (3.0, 4.0)
     assert forms.true("ttf", box)

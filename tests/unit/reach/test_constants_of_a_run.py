@@ -55,13 +55,13 @@ def _verdicts(folder: Path, gains: str) -> dict[str, str]:
 def test_a_constant_of_which_only_the_range_is_known_is_proved_for_the_range(
     tmp_path: Path,
 ) -> None:
-    found = _verdicts(tmp_path, "0.5, 1.5")
-    assert set(found.values()) <= {"proved", "assumed"}, found
+    verdict_by_property = _verdicts(tmp_path, "0.5, 1.5")
+    assert set(verdict_by_property.values()) <= {"proved", "assumed"}, verdict_by_property
 
 
 @pytest.mark.parametrize("gains", ["-1.5, 1.5", "0.5, 9.0"])
 def test_a_range_with_values_for_which_it_is_false_is_not_proved(
     tmp_path: Path, gains: str
 ) -> None:
-    found = _verdicts(tmp_path, gains)
-    assert "undecided" in found.values(), found
+    verdict_by_property = _verdicts(tmp_path, gains)
+    assert "undecided" in verdict_by_property.values(), verdict_by_property

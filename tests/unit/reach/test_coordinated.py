@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from generators.coordinated import (
+from generators.mode_reading_modules import (
     ALONG,
     AND,
     BACK_OF_Y,
@@ -23,19 +23,19 @@ from generators.coordinated import (
     changed,
 )
 from soter.api import load
+from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.model import typed
+from soter.program.model.tree_walk import rewritten
 from soter.program.model.types import MODE
-from soter.program.model.walk import rewritten
-from soter.reach.problem import modes
-from soter.reach.together import rows_of
-from soter.recheck.rechecker import recheck
+from soter.reach.composition import rows_of
+from soter.reach.problem import other_modes
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from soter.certificate.report import Report
     from soter.reach.claims.results import ModuleResult, VerifyReport
-    from soter.recheck.report import Report
 
 SAFETY = ("P2a", "P3", "ttf", "safer", "start", "DM")
 HEARD = (
@@ -101,12 +101,15 @@ def rechecked(folder: Path) -> Report:
 def test_looking_at_a_mode_is_proved_and_rechecked(
     tmp_path: Path, changes: list[tuple[str, str]], waits: bool
 ) -> None:
-    found = of_x(tmp_path, *changes)
-    assert {p: found.findings[p].verdict for p in SAFETY} == dict.fromkeys(SAFETY, "proved")
-    back = found.findings["P2b"]
+    module_result = of_x(tmp_path, *changes)
+    assert {p: module_result.findings[p].verdict for p in SAFETY} == dict.fromkeys(SAFETY, "proved")
+    back = module_result.findings["P2b"]
     assert back.verdict == ("assumed" if waits else "proved")
     assert back.text.endswith(" while KeepY is in AC: not proved") == waits
-    assert any("for P2b alone: KeepY is in AC" in a for a in found.problem.assumptions) == waits
+    assert (
+        any("for P2b alone: KeepY is in AC" in a for a in module_result.problem.assumptions)
+        == waits
+    )
     checked = rechecked(tmp_path)
     assert checked.accepted, checked.reason
     (module,) = checked.modules
@@ -135,8 +138,8 @@ def test_half_spaces_know_predicates_with_modes_and_no_law_with_one(
     text = changed(GRID, *changes, ("grid x in [-2.0, 2.0] / 100", "polytope x in [-1.9, 1.9]"))
     text = text.replace("-2.0 * x", "-0.4 * x").replace("-1.0 * x", "-0.3 * x")
     text = text.replace("abs(x) > 1.6", "abs(x) > 1.2").replace("abs(x) < 1.3", "abs(x) < 1.0")
-    found = verified(tmp_path, text=text)["KeepX"]
-    assert tuple(found.findings[p].verdict for p in ("P2a", "P3", "P2b")) == verdicts
+    module_result = verified(tmp_path, text=text)["KeepX"]
+    assert tuple(module_result.findings[p].verdict for p in ("P2a", "P3", "P2b")) == verdicts
     if "undecided" not in verdicts:
         assert rechecked(tmp_path).safe
 
@@ -176,16 +179,16 @@ def test_what_is_taken_for_granted_stands_in_the_table(tmp_path: Path) -> None:
 def test_what_needs_to_know_the_mode_is_not_proved(
     tmp_path: Path, changes: list[tuple[str, str]], wrong: str
 ) -> None:
-    found = of_x(tmp_path, *changes)
-    assert found.findings[wrong].verdict == "undecided"
-    assert found.findings["P3"].verdict == "undecided"
-    assert found.verdict == "undecided"
+    module_result = of_x(tmp_path, *changes)
+    assert module_result.findings[wrong].verdict == "undecided"
+    assert module_result.findings["P3"].verdict == "undecided"
+    assert module_result.verdict == "undecided"
 
 
 def test_two_laws_that_keep_safe_do_not_when_they_take_turns(tmp_path: Path) -> None:
     def core(which: str) -> str:
-        found = verified(tmp_path, ("WHICH", which), text=TURN, module="KeepZ")["KeepZ"]
-        return found.findings["P2a"].verdict
+        module_result = verified(tmp_path, ("WHICH", which), text=TURN, module="KeepZ")["KeepZ"]
+        return module_result.findings["P2a"].verdict
 
     assert core("true") == "proved"
     assert core("false") == "proved"
@@ -204,11 +207,11 @@ def test_two_laws_that_keep_safe_do_not_when_they_take_turns(tmp_path: Path) -> 
 def test_waiting_for_one_that_waits_gives_no_control_back(
     tmp_path: Path, changes: list[tuple[str, str]], why: str
 ) -> None:
-    found = of_x(tmp_path, *changes)
-    assert found.findings["P2b"].verdict == "undecided"
-    assert why in found.findings["P2b"].text
-    assert any(why in a for a in found.problem.assumptions)
-    assert all(found.findings[p].verdict == "proved" for p in SAFETY)
+    module_result = of_x(tmp_path, *changes)
+    assert module_result.findings["P2b"].verdict == "undecided"
+    assert why in module_result.findings["P2b"].text
+    assert any(why in a for a in module_result.problem.assumptions)
+    assert all(module_result.findings[p].verdict == "proved" for p in SAFETY)
     assert "P2b" not in rechecked(tmp_path).modules[0].confirmed
 
 
@@ -256,10 +259,10 @@ def test_one_who_must_come_along_comes_too_late_or_not_and_is_never_counted_on(
     path.write_text(text)
     run = load(path).simulate(until=10.0)
     assert (run.violations > 0) == before
-    found = load(path).verify(refute=False)
-    assert found["KeepX"].verdict == "undecided"
-    assert found["KeepX"].findings["P2a"].verdict == "undecided"
-    assert found["KeepY"].findings["P2a"].verdict == "proved"
+    report = load(path).verify(refute=False)
+    assert report["KeepX"].verdict == "undecided"
+    assert report["KeepX"].findings["P2a"].verdict == "undecided"
+    assert report["KeepY"].findings["P2a"].verdict == "proved"
 
 
 @pytest.mark.parametrize(
@@ -274,10 +277,10 @@ def test_one_who_must_come_along_comes_too_late_or_not_and_is_never_counted_on(
 def test_other_places_are_refused(tmp_path: Path, change: tuple[str, str], where: str) -> None:
     with pytest.raises(SoterError) as caught:
         verified(tmp_path, change)
-    (found,) = caught.value.diagnostics
-    assert found.code == "R007"
-    assert found.message == f"{where} reads `mode(...)`, which a proof cannot follow"
-    assert "`safe` has to hold in all of them" in found.notes[0]
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code == "R007"
+    assert diagnostic.message == f"{where} reads `mode(...)`, which a proof cannot follow"
+    assert "`safe` has to hold in all of them" in diagnostic.notes[0]
 
 
 def test_no_hint_and_no_map_of_a_view_can_ask_for_a_mode(tmp_path: Path) -> None:
@@ -295,7 +298,7 @@ def _only_sc(code: object, names: object) -> object:
 
     def instead(part: object) -> object:
         if isinstance(part, typed.ModeRead):
-            return typed.Literal(MODE, part.span, modes.SC)
+            return typed.Literal(MODE, part.span, other_modes.SC)
         return part
 
     return rewritten(code, instead)
@@ -313,13 +316,13 @@ def _only_sc(code: object, names: object) -> object:
 def test_a_prover_that_thinks_it_knows_the_mode_is_found_out(
     tmp_path: Path, changes: list[tuple[str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for cached in (modes._module, modes._node):
+    for cached in (other_modes._module, other_modes._node):
         cached.cache_clear()
-    monkeypatch.setattr(modes, "_of", _only_sc)
-    found = of_x(tmp_path, *changes)
-    for cached in (modes._module, modes._node):
+    monkeypatch.setattr(other_modes, "_of", _only_sc)
+    module_result = of_x(tmp_path, *changes)
+    for cached in (other_modes._module, other_modes._node):
         cached.cache_clear()
-    assert found.findings["P3"].verdict == found.findings["P2a"].verdict == "proved"
+    assert module_result.findings["P3"].verdict == module_result.findings["P2a"].verdict == "proved"
     checked = rechecked(tmp_path)
     assert not checked.accepted
     assert checked.reason
@@ -352,9 +355,9 @@ rta KeepX {
     text += "system S { a: X; b: Y; node Est; module KeepY; module KeepX; until 2s; }\n"
 
     def start(divisor: str) -> tuple[str, str]:
-        found = verified(tmp_path, ("DIVISOR", divisor), text=text)["KeepX"]
-        assert found.findings["P2a"].verdict == "proved"
-        return found.findings["start"].verdict, found.findings["start"].text
+        module_result = verified(tmp_path, ("DIVISOR", divisor), text=text)["KeepX"]
+        assert module_result.findings["P2a"].verdict == "proved"
+        return module_result.findings["start"].verdict, module_result.findings["start"].text
 
     assert start("seen - 10.0")[0] == "proved"
     verdict, why = start("seen - 9.0")
@@ -372,11 +375,11 @@ def test_an_adversary_who_chooses_the_mode_never_leaves_what_was_proved(tmp_path
         text = TURN.replace("long ? 1.8 : 0.45", f"long ? {laws[0][0]} : {laws[1][0]}")
         text = text.replace("long ? -0.45 : -1.8", f"long ? {laws[0][1]} : {laws[1][1]}")
         which = ("WHICH", "mode(KeepY) == Mode.SC")
-        found = verified(tmp_path, which, text=text, module="KeepZ")["KeepZ"]
-        verdict = found.findings["P2a"].verdict
+        module_result = verified(tmp_path, which, text=text, module="KeepZ")["KeepZ"]
+        verdict = module_result.findings["P2a"].verdict
         seen[verdict] += 1
         if verdict == "proved":
-            (sets,) = found.cases[0].groups
+            (sets,) = module_result.cases[0].groups
             for _ in range(200):
                 cell = chance.choice([tuple(c) for c in np.argwhere(sets.core > 0)])
                 start = [

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.coordinated import BACK_OF_Y, PLAN_AND, PLAN_OR, PLANS, changed
+from generators.mode_reading_modules import BACK_OF_Y, PLAN_AND, PLAN_OR, PLANS, changed
 from soter.api import load
+from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.model import typed
+from soter.program.model.tree_walk import rewritten
 from soter.program.model.types import MODE
-from soter.program.model.walk import rewritten
-from soter.reach.problem import modes
-from soter.recheck.rechecker import recheck
+from soter.reach.problem import other_modes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -60,12 +60,15 @@ def verified(folder: Path, *changes: tuple[str, str]) -> ModuleResult:
 def test_looking_at_a_mode_is_proved_and_rechecked(
     tmp_path: Path, changes: list[tuple[str, str]], waits: bool
 ) -> None:
-    found = verified(tmp_path, *changes)
-    assert {p: found.findings[p].verdict for p in SAFETY} == dict.fromkeys(SAFETY, "proved")
-    back = found.findings["P2b"]
+    module_result = verified(tmp_path, *changes)
+    assert {p: module_result.findings[p].verdict for p in SAFETY} == dict.fromkeys(SAFETY, "proved")
+    back = module_result.findings["P2b"]
     assert back.verdict == ("assumed" if waits else "proved")
     assert back.text.endswith(" while KeepY is in AC: not proved") == waits
-    assert any("for P2b alone: KeepY is in AC" in a for a in found.problem.assumptions) == waits
+    assert (
+        any("for P2b alone: KeepY is in AC" in a for a in module_result.problem.assumptions)
+        == waits
+    )
     checked = recheck(tmp_path / "cert")
     assert checked.accepted, checked.reason
     (module,) = checked.modules
@@ -86,25 +89,25 @@ def test_looking_at_a_mode_is_proved_and_rechecked(
 def test_what_needs_to_know_the_mode_is_not_proved(
     tmp_path: Path, changes: list[tuple[str, str]]
 ) -> None:
-    found = verified(tmp_path, *changes)
-    assert found.findings["P2a"].verdict == "undecided"
-    assert found.findings["P3"].verdict == "undecided"
+    module_result = verified(tmp_path, *changes)
+    assert module_result.findings["P2a"].verdict == "undecided"
+    assert module_result.findings["P3"].verdict == "undecided"
 
 
 def test_a_node_that_looks_at_another_mode_may_publish_anything(tmp_path: Path) -> None:
     with pytest.raises(SoterError) as caught:
         verified(tmp_path, ("safe PhiPlan(inForce);", "safe mode(KeepY) == Mode.AC;"))
     assert [d.code for d in caught.value.diagnostics] == ["R030"]
-    found = verified(tmp_path, HOLDS_BACK)
-    assert found.findings["P2a"].verdict == "undecided"  # what it publishes is not followed
+    module_result = verified(tmp_path, HOLDS_BACK)
+    assert module_result.findings["P2a"].verdict == "undecided"  # what it publishes is not followed
 
 
 def test_waiting_for_one_that_waits_gives_no_control_back(tmp_path: Path) -> None:
     circle = (BACK_OF_Y[0], BACK_OF_Y[1].replace("KeepX", "SafePlanner"))
-    found = verified(tmp_path, PLAN_AND, circle)
-    assert found.findings["P2a"].verdict == "proved"
-    assert found.findings["P2b"].verdict == "undecided"
-    assert "each may wait for the other for ever" in found.findings["P2b"].text
+    module_result = verified(tmp_path, PLAN_AND, circle)
+    assert module_result.findings["P2a"].verdict == "proved"
+    assert module_result.findings["P2b"].verdict == "undecided"
+    assert "each may wait for the other for ever" in module_result.findings["P2b"].text
     assert "P2b" not in recheck(tmp_path / "cert").modules[0].confirmed
 
 
@@ -114,7 +117,7 @@ def _only_ac(code: object, names: object) -> object:
 
     def instead(part: object) -> object:
         if isinstance(part, typed.ModeRead):
-            return typed.Literal(MODE, part.span, modes.AC)
+            return typed.Literal(MODE, part.span, other_modes.AC)
         return part
 
     return rewritten(code, instead)
@@ -124,13 +127,13 @@ def _only_ac(code: object, names: object) -> object:
 def test_a_prover_that_thinks_it_knows_the_mode_is_found_out(
     tmp_path: Path, change: tuple[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for cached in (modes._module, modes._node):
+    for cached in (other_modes._module, other_modes._node):
         cached.cache_clear()
-    monkeypatch.setattr(modes, "_of", _only_ac)
-    found = verified(tmp_path, change)
-    for cached in (modes._module, modes._node):
+    monkeypatch.setattr(other_modes, "_of", _only_ac)
+    module_result = verified(tmp_path, change)
+    for cached in (other_modes._module, other_modes._node):
         cached.cache_clear()
-    assert found.findings["P2a"].verdict == "proved"
+    assert module_result.findings["P2a"].verdict == "proved"
     checked = recheck(tmp_path / "cert")
     assert not checked.accepted
     assert "something fails in an execution" in checked.reason

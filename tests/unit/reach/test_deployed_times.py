@@ -16,11 +16,11 @@ import soter
 from long_tests import examples
 from soter.api import recheck
 from soter.api.timing import timing_reports
+from soter.certificate.reading.facts import DiffersError
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_to_prove
+from soter.program.front_end import check_file, system_to_prove
 from soter.reach.problem.extract import extract
-from soter.recheck.reading.facts import DiffersError
-from soter.timing.deployment import in_thread
+from soter.timing.trusted_thread import in_thread
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -55,15 +55,17 @@ SAID = (
 
 def text(times: Mapping[str, tuple[int, int]], *more: str, verify: str = GIVEN) -> str:
     """The small program that flies, with execution times; `more`: other nodes of its system."""
-    found = PROGRAMS["flying"]
+    source = PROGRAMS["flying"]
     for name, (wcet, jitter) in times.items():
-        assert DECLARED[name] in found
-        found = found.replace(DECLARED[name], f"{DECLARED[name]} wcet {wcet}us; jitter {jitter}us;")
+        assert DECLARED[name] in source
+        source = source.replace(
+            DECLARED[name], f"{DECLARED[name]} wcet {wcet}us; jitter {jitter}us;"
+        )
     names = [m.partition("node ")[2].split()[0] for m in more]
-    found = found.replace("system S", "\n".join(more) + "\nsystem S", 1)
-    found = found.replace("module M;", "module M; " + " ".join(f"node {n};" for n in names), 1)
-    start = found.index("    late dm")
-    return found[:start] + verify + found[found.index("    acts within") :]
+    source = source.replace("system S", "\n".join(more) + "\nsystem S", 1)
+    source = source.replace("module M;", "module M; " + " ".join(f"node {n};" for n in names), 1)
+    start = source.index("    late dm")
+    return source[:start] + verify + source[source.index("    acts within") :]
 
 
 def said(folder: Path, program: str) -> list[str]:
@@ -96,8 +98,10 @@ def test_times_that_fit_are_part_of_a_proof_and_its_certificate_is_accepted(
 ) -> None:
     path = tmp_path / "small.soter"
     path.write_text(text(FITS))
-    found = soter.load(path).verify(refute=False, cert=tmp_path / "cert")
-    assert any("`wcet` and `jitter` hold" in a for a in found.modules[0].problem.assumptions)
+    verify_report = soter.load(path).verify(refute=False, cert=tmp_path / "cert")
+    assert any(
+        "`wcet` and `jitter` hold" in a for a in verify_report.modules[0].problem.assumptions
+    )
     report = recheck(tmp_path / "cert")
     assert report.accepted, report.reason
 

@@ -42,17 +42,17 @@ def is_shown(module: ModuleResult) -> bool:
 
 
 def test_it_is_shown_and_assumed_no_more(tmp_path: Path) -> None:
-    found = verified(tmp_path, IN)
-    assert [m.verdict for m in found] == ["proved", "proved"]
-    assert [is_shown(m) for m in found] == [True, True]
+    modules = verified(tmp_path, IN)
+    assert [m.verdict for m in modules] == ["proved", "proved"]
+    assert [is_shown(m) for m in modules] == [True, True]
 
 
 def test_it_does_not_hang_on_control_coming_back(tmp_path: Path) -> None:
     """R(H) is what it is where SC keeps to no set inside `safer`."""
     far = "safer Fits(left, 0.08) && left.room > 3.0 && Fits(right, 0.08) && right.room > 3.0;"
-    found = verified(tmp_path, IN, far)
-    assert [m.findings["P2b"].verdict for m in found] == ["undecided"] * 2
-    assert [is_shown(m) for m in found] == [True, True]
+    modules = verified(tmp_path, IN, far)
+    assert [m.findings["P2b"].verdict for m in modules] == ["undecided"] * 2
+    assert [is_shown(m) for m in modules] == [True, True]
 
 
 @pytest.mark.parametrize(("old", "new", "shown", "why"), GUARDS)
@@ -60,9 +60,9 @@ def test_a_guard_that_lets_too_much_in_is_not(
     tmp_path: Path, old: str, new: str, shown: list[bool], why: str
 ) -> None:
     assert old in IN
-    found = verified(tmp_path, IN.replace(old, new))
-    assert [is_shown(m) for m in found] == shown
-    assert [why in m.findings["P3"].text for m in found] == [not s for s in shown]
+    modules = verified(tmp_path, IN.replace(old, new))
+    assert [is_shown(m) for m in modules] == shown
+    assert [why in m.findings["P3"].text for m in modules] == [not s for s in shown]
 
 
 @pytest.mark.parametrize("tau", [0.0, 0.03, 0.05])

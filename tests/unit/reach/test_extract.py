@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.problem.extract import cases, extract
 from soter.reach.problem.problem import Interval, Problem, Times
 from soter.reach.time import schedule as clock
@@ -167,9 +167,9 @@ def test_h_star_is_the_worst_case_over_all_releases() -> None:
         delta_sc, delta_dm = sorted(draw.choices((4, 5, 6, 10, 12, 15, 20), k=2))
         late = [draw.randrange(4) for _ in range(4)]
         dm = clock.Releases(delta_dm, draw.randrange(delta_dm), late[0], late[2])
-        sensor = clock.Path(clock.Releases(1), max_age=draw.randrange(9))
+        sensor = clock.SensorPath(clock.Releases(1), max_age=draw.randrange(9))
         sc = clock.Releases(delta_sc, draw.randrange(delta_sc), late[1], late[3])
-        acts = clock.Output(most=draw.randrange(4))
+        acts = clock.ActuationPath(most=draw.randrange(4))
         times = Times(clock.Schedule(dm, sc, (sensor,), (sensor,), (acts,)))
         worst = 0
         for k in range(math.lcm(delta_dm, delta_sc) // delta_dm):

@@ -12,12 +12,12 @@ import pytest
 
 import soter
 from soter.api import recheck
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.advise import advise
-from soter.reach.covered import problem_key
-from soter.reach.deploy.complete import complete
+from soter.reach.deploy.computed_predicates import complete
 from soter.reach.problem.extract import extract
-from soter.reach.verify import verify_module
+from soter.reach.scope import problem_key
+from soter.reach.verify_module import verify_module
 from unit.recheck.small_proofs import edit_program, reseal
 
 if TYPE_CHECKING:
@@ -59,13 +59,13 @@ LINES = {"WIND": "0.0", "SC": "0.0", "LAW": "0.0"}
 
 
 def text(**changed: str) -> str:
-    found = STOP
+    source = STOP
     for name, value in (LINES | changed).items():
         if name in LINES:
-            found = found.replace(name, value)
+            source = source.replace(name, value)
     for old, new in changed.items():
-        found = found if old in LINES else found.replace(old, new)
-    return found
+        source = source if old in LINES else source.replace(old, new)
+    return source
 
 
 def verified(source: str) -> ModuleResult:
@@ -76,12 +76,12 @@ def verified(source: str) -> ModuleResult:
 
 
 def test_an_emergency_stop_and_its_law_are_proved() -> None:
-    found = verified(text())
-    assert found.verdict == "proved"
-    said = {n: f.verdict for n, f in found.findings.items()}
+    module_result = verified(text())
+    assert module_result.verdict == "proved"
+    said = {n: f.verdict for n, f in module_result.findings.items()}
     assert said == {**dict.fromkeys(said, "proved"), "P2b": "assumed"}
-    assert found.core_share > 0.97
-    assert any("from the end of the lease on" in a for a in found.problem.assumptions)
+    assert module_result.core_share > 0.97
+    assert any("from the end of the lease on" in a for a in module_result.problem.assumptions)
 
 
 def test_a_cell_that_stands_still_is_mapped_to_itself() -> None:
@@ -102,9 +102,9 @@ def test_a_cell_that_stands_still_is_mapped_to_itself() -> None:
 def test_what_does_not_stand_still_is_not_proved(
     changed: dict[str, str], law: str, rest: str
 ) -> None:
-    found = verified(text(**changed)).findings
-    assert found["failsafe"].verdict == law
-    assert {found[n].verdict for n in ("P2a", "P3", "start")} == {rest}
+    findings = verified(text(**changed)).findings
+    assert findings["failsafe"].verdict == law
+    assert {findings[n].verdict for n in ("P2a", "P3", "start")} == {rest}
 
 
 HILL = {
@@ -124,7 +124,7 @@ def test_sc_has_to_keep_what_the_law_keeps() -> None:
     assert bound.findings["failsafe"].verdict == "proved"
     assert {f.findings["P2a"].verdict for f in (free, bound)} == {"proved"}
     (before,), (after,), (law,) = (
-        found[0].groups for found in (free.cases, bound.cases, bound.laws)
+        module_result[0].groups for module_result in (free.cases, bound.cases, bound.laws)
     )
     edges = before.edges[0]
     assert max(edges[i + 1] for i in before.core.nonzero()[0]) > 1.05
@@ -165,14 +165,14 @@ system Track { c: Cart; module Guard; until 10s; }
 @pytest.mark.parametrize("law", ["0.0", "-3.0"])
 def test_a_body_that_only_brakes_by_thrust_has_no_law(law: str) -> None:
     """It coasts on, or constant braking reverses it."""
-    found = verified(THRUST.replace("LAW", law)).findings
-    assert found["failsafe"].verdict == "undecided"
-    assert found["P2a"].verdict == "proved", "of SC that is said, as without a law"
+    findings = verified(THRUST.replace("LAW", law)).findings
+    assert findings["failsafe"].verdict == "undecided"
+    assert findings["P2a"].verdict == "proved", "of SC that is said, as without a law"
 
 
 def test_the_table_of_the_dm_is_computed_inside_what_the_law_keeps() -> None:
     """What a run or a package gets, also from the cache: another law, another table."""
-    found: dict[str, str] = {}
+    share_by_law: dict[str, str] = {}
     for law in ("0.0", "none", "0.3", "0.0"):
         line = "" if law == "none" else f"  failsafe vel = {law};\n"
         source = text(**HILL).replace("  failsafe vel = 0.0;\n", line)
@@ -180,15 +180,15 @@ def test_the_table_of_the_dm_is_computed_inside_what_the_law_keeps() -> None:
         (note,) = complete(flat)
         share = re.search(r"on ([0-9.]+)% of the grid \(S_0\)", note)
         assert share is not None, note
-        assert found.setdefault(law, share[1]) == share[1]
-    assert float(found["0.3"]) < float(found["0.0"]) < float(found["none"])
+        assert share_by_law.setdefault(law, share[1]) == share[1]
+    assert float(share_by_law["0.3"]) < float(share_by_law["0.0"]) < float(share_by_law["none"])
 
 
 def test_advice_does_not_ask_for_p2b_where_the_program_does_not() -> None:
     checked = check_file("stop.soter", text())
     flat = system_of(checked, None)
-    found = advise(extract(flat, flat.modules[0]), (1.0,))
-    assert found.best_ns == 50_000_000
+    advice = advise(extract(flat, flat.modules[0]), (1.0,))
+    assert advice.best_ns == 50_000_000
 
 
 def test_a_node_that_reads_what_the_module_publishes_would_stop_too() -> None:
@@ -198,22 +198,22 @@ rta Guard {"""
     source = (
         text().replace("rta Guard {", mixer).replace("module Guard;", "module Guard; node Mixer;")
     )
-    found = verified(source)
-    assert found.findings["failsafe"].verdict == "undecided"
-    assert "`Mixer` reads" in found.findings["failsafe"].text
-    assert found.findings["P2a"].verdict == "proved"
+    module_result = verified(source)
+    assert module_result.findings["failsafe"].verdict == "undecided"
+    assert "`Mixer` reads" in module_result.findings["failsafe"].text
+    assert module_result.findings["P2a"].verdict == "proved"
 
 
 def test_without_a_law_it_is_assumed() -> None:
-    found = verified(text().replace("  failsafe vel = 0.0;\n", ""))
-    assert found.findings["failsafe"].verdict == "assumed"
-    assert found.verdict == "proved"
+    module_result = verified(text().replace("  failsafe vel = 0.0;\n", ""))
+    assert module_result.findings["failsafe"].verdict == "assumed"
+    assert module_result.verdict == "proved"
 
 
 def test_p2b_is_asked_where_nothing_says_never() -> None:
-    found = verified(text().replace("    recover never;\n", ""))
-    assert found.findings["P2b"].verdict == "undecided"
-    assert found.findings["P2a"].verdict == "proved"
+    module_result = verified(text().replace("    recover never;\n", ""))
+    assert module_result.findings["P2b"].verdict == "undecided"
+    assert module_result.findings["P2a"].verdict == "proved"
 
 
 VIEWS = """soter 1;
@@ -287,19 +287,19 @@ def test_a_law_is_proved_and_rechecked_in_every_view(tmp_path: Path) -> None:
     path.write_text(VIEWS)
     report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
     assert [m.findings["failsafe"].verdict for m in report.modules] == ["proved", "proved"]
-    found = recheck(tmp_path / "cert")
-    assert found.accepted, found.reason
-    assert all("failsafe" in m.confirmed for m in found.modules)
+    recheck_report = recheck(tmp_path / "cert")
+    assert recheck_report.accepted, recheck_report.reason
+    assert all("failsafe" in m.confirmed for m in recheck_report.modules)
 
 
 def test_the_law_is_not_proved_where_nothing_says_that_it_begins_in_k() -> None:
     bold = text().replace(
         "  verify {", "  ttf abs(pos) > 9.95;\n  safer abs(pos) < 9.0;\n  verify {"
     )
-    found = verified(bold).findings
-    assert found["P3"].verdict == "undecided"
-    assert found["failsafe"].verdict == "undecided"
-    assert "P3" in found["failsafe"].text
+    findings = verified(bold).findings
+    assert findings["P3"].verdict == "undecided"
+    assert findings["failsafe"].verdict == "undecided"
+    assert "P3" in findings["failsafe"].text
 
 
 # ---------------------------------------------------------------- certificates
@@ -320,12 +320,12 @@ def copied(proved: Path, folder: Path) -> tuple[Path, dict[str, object]]:
 
 
 def test_the_rechecker_confirms_the_law(proved: Path) -> None:
-    found = recheck(proved)
-    assert found.accepted, found.reason
-    assert "failsafe" in found.modules[0].confirmed
-    assert found.safe
-    assert found.returns, "P2b is not asked of a module with `recover never`"
-    assert any("from the end of the lease on" in a for a in found.assumptions)
+    recheck_report = recheck(proved)
+    assert recheck_report.accepted, recheck_report.reason
+    assert "failsafe" in recheck_report.modules[0].confirmed
+    assert recheck_report.safe
+    assert recheck_report.returns, "P2b is not asked of a module with `recover never`"
+    assert any("from the end of the lease on" in a for a in recheck_report.assumptions)
 
 
 @pytest.mark.parametrize(
@@ -342,9 +342,9 @@ def test_the_same_tables_for_another_program_are_rejected(
     folder, _ = copied(proved, tmp_path)
     manifest = edit_program(folder, (old, new))
     reseal(folder, manifest)
-    found = recheck(folder)
-    assert not found.accepted
-    assert why in found.reason
+    recheck_report = recheck(folder)
+    assert not recheck_report.accepted
+    assert why in recheck_report.reason
 
 
 def test_a_claim_without_sets_and_sets_without_a_claim_are_rejected(
@@ -368,10 +368,10 @@ def test_a_law_under_times_that_are_assumed_is_confirmed_under_them(tmp_path: Pa
     report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
     said = {n: f.verdict for n, f in report.modules[0].findings.items()}
     assert (said["P1c"], said["failsafe"]) == ("assumed", "proved")
-    found = recheck(tmp_path / "cert")
-    assert found.accepted, found.reason
-    assert "failsafe" in found.modules[0].confirmed
-    assert any("undeclared times are zero" in a for a in found.assumptions)
+    recheck_report = recheck(tmp_path / "cert")
+    assert recheck_report.accepted, recheck_report.reason
+    assert "failsafe" in recheck_report.modules[0].confirmed
+    assert any("undeclared times are zero" in a for a in recheck_report.assumptions)
 
 
 @pytest.mark.parametrize("missing", ["P1c", "P3", "start"])
@@ -442,10 +442,10 @@ system T { c: P; module Guard; until 10s; }
 
 
 def test_of_a_map_no_law_is_claimed() -> None:
-    found = verified(MAP)
-    assert found.findings["P3"].verdict == "proved"
-    assert found.findings["failsafe"].verdict == "undecided"
-    assert "in steps" in found.findings["failsafe"].text
+    module_result = verified(MAP)
+    assert module_result.findings["P3"].verdict == "proved"
+    assert module_result.findings["failsafe"].verdict == "undecided"
+    assert "in steps" in module_result.findings["failsafe"].text
 
 
 def test_two_systems_are_not_the_same_where_one_leaves_the_law_undecided(tmp_path: Path) -> None:

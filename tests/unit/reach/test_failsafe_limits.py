@@ -9,15 +9,15 @@ import pytest
 
 import soter
 from soter.api import recheck
-from soter.program.build import check_file, system_of
-from soter.reach.covered import problem_key
+from soter.program.front_end import check_file, system_of
 from soter.reach.problem import extract as extracting
 from soter.reach.problem.extract import extract
+from soter.reach.scope import problem_key
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.recheck.report import Report
+    from soter.certificate.report import Report
 
 MAP = """soter 1;
 topic pos: float in [-50.0, 50.0] max_age 5ms;
@@ -88,17 +88,17 @@ def test_a_law_that_only_the_prover_would_claim_is_rejected(
 ) -> None:
     honest = tmp_path / "honest"
     honest.mkdir()
-    verdict, found = rechecked(honest, text)
+    verdict, recheck_report = rechecked(honest, text)
     assert verdict == "undecided"
-    assert found.accepted, found.reason
-    assert "failsafe" not in found.modules[0].confirmed
+    assert recheck_report.accepted, recheck_report.reason
+    assert "failsafe" not in recheck_report.modules[0].confirmed
     monkeypatch.setattr(extracting, "_beyond_the_law", lambda _: "")
     dishonest = tmp_path / "dishonest"
     dishonest.mkdir()
-    verdict, found = rechecked(dishonest, text)
+    verdict, recheck_report = rechecked(dishonest, text)
     assert verdict == "proved", "the sets are there: only the argument is missing"
-    assert not found.accepted
-    assert why in found.reason
+    assert not recheck_report.accepted
+    assert why in recheck_report.reason
 
 
 def test_two_problems_with_other_laws_are_not_the_same(tmp_path: Path) -> None:

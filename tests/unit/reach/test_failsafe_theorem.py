@@ -54,10 +54,10 @@ def core(law: Callable[[int], int], allowed: frozenset[int]) -> frozenset[int]:
 
 def free(kept: frozenset[int], steps: int) -> frozenset[int]:
     """R(steps): whatever acts, it is in `kept` at every instant of [0, steps]."""
-    found = kept
+    states = kept
     for _ in range(steps):
-        found = frozenset(x for x in kept if all(moved(x, u) in found for u in U))
-    return found
+        states = frozenset(x for x in kept if all(moved(x, u) in states for u in U))
+    return states
 
 
 def reached(kept: frozenset[int], given: frozenset[int]) -> set[int]:

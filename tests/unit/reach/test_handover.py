@@ -9,8 +9,8 @@ import pytest
 from generators.handover_program import CHANGES, handover
 from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_of
-from soter.program.flatten.views import as_seen
+from soter.program.elaborate.views import systems_by_view
+from soter.program.front_end import check_file, system_of
 from soter.reach.induction.handover import handovers
 
 if TYPE_CHECKING:
@@ -26,11 +26,11 @@ def shown(tmp_path: Path, text: str) -> list[str]:
     checked = check_file(str(path))
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     flat = system_of(checked, None, {}, exact=False)
-    found = []
-    for system, module in as_seen(flat, flat.modules[0]):
+    reasons = []
+    for system, module in systems_by_view(flat, flat.modules[0]):
         (link,) = module.symbol.verify.abstracts
-        found += [h.why for h in handovers(system, module, link)]
-    return found
+        reasons += [h.why for h in handovers(system, module, link)]
+    return reasons
 
 
 def test_a_node_that_asks_before_it_changes_a_box(tmp_path: Path) -> None:
@@ -42,10 +42,10 @@ def test_a_node_that_does_not_keep_its_guard(tmp_path: Path, name: str) -> None:
     """In one view at least: a guard of one wall is one for that wall."""
     if name == "for less time":
         text = handover(*CHANGES[name], enters="Asked(box, motion)")
-        found = shown(tmp_path, text.replace("node Estimator", ASKED + "node Estimator", 1))
+        reasons = shown(tmp_path, text.replace("node Estimator", ASKED + "node Estimator", 1))
     else:
-        found = shown(tmp_path, handover(*CHANGES[name]))
-    assert any(found)
+        reasons = shown(tmp_path, handover(*CHANGES[name]))
+    assert any(reasons)
 
 
 ASKED = """fun Asked(b: Box, m: Motion): bool {

@@ -111,9 +111,11 @@ def test_what_is_heard_beside_is_told_and_adds_no_age(
     assert module.verdict == "proved"
     told = [a for a in module.problem.assumptions if "knows nothing" in a]
     assert {a.partition(",")[0] for a in told} == who
-    found = soter.recheck(tmp_path / "p")
-    assert found.accepted
-    again = [a.text for m in found.modules for a in m.assumptions if "knows nothing" in a.text]
+    recheck_report = soter.recheck(tmp_path / "p")
+    assert recheck_report.accepted
+    again = [
+        a.text for m in recheck_report.modules for a in m.assumptions if "knows nothing" in a.text
+    ]
     assert {a.partition(",")[0] for a in again} == who
 
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 import soter
-from generators.opaque import OPAQUE
+from generators.opaque_planner import OPAQUE
 from long_tests import some
 from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.reach.to_report import page
+from soter.reach.proof_report import page
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,25 +70,25 @@ def verified(tmp_path: Path, *changes: tuple[str, str], refute: bool = True) -> 
 
 
 def test_the_planner_is_proved_for_all_times(tmp_path: Path) -> None:
-    found = verified(tmp_path)["SafePlanner"]
-    assert found.verdict == "proved"
-    assert found.findings["P2a"].counts["k"] >= 1
-    assert found.findings["P2b"].verdict == "proved"
-    assert found.findings["DM"].verdict == "proved"
-    assert found.findings["P1c"].verdict == "assumed"
-    assert any("any value" in a for a in found.problem.assumptions)
+    module_result = verified(tmp_path)["SafePlanner"]
+    assert module_result.verdict == "proved"
+    assert module_result.findings["P2a"].counts["k"] >= 1
+    assert module_result.findings["P2b"].verdict == "proved"
+    assert module_result.findings["DM"].verdict == "proved"
+    assert module_result.findings["P1c"].verdict == "assumed"
+    assert any("any value" in a for a in module_result.problem.assumptions)
 
 
 def test_a_threshold_that_is_too_short_is_refuted_by_a_run(tmp_path: Path) -> None:
-    found = verified(tmp_path, ("SETTLED: duration = 30ms", "SETTLED: duration = 20ms"))
-    finding = found["SafePlanner"].findings["P2a"]
-    assert found.verdict == "refuted"
+    report = verified(tmp_path, ("SETTLED: duration = 30ms", "SETTLED: duration = 20ms"))
+    finding = report["SafePlanner"].findings["P2a"]
+    assert report.verdict == "refuted"
     assert "30 ms  violated" in str(finding.counterexample)
 
 
 def test_strictness_matters(tmp_path: Path) -> None:
-    found = verified(tmp_path, ("age(candidate) >", "age(candidate) >="))
-    assert found.verdict == "refuted"
+    report = verified(tmp_path, ("age(candidate) >", "age(candidate) >="))
+    assert report.verdict == "refuted"
 
 
 def test_phases_count(tmp_path: Path) -> None:
@@ -98,11 +98,11 @@ def test_phases_count(tmp_path: Path) -> None:
 
 def test_a_plan_that_is_published_again_and_again_never_settles(tmp_path: Path) -> None:
     again = ("publish candidate = Plan.Hover", "publish candidate = Plan.ThroughBuilding")
-    found = verified(tmp_path, again)
-    findings = found["SafePlanner"].findings
+    report = verified(tmp_path, again)
+    findings = report["SafePlanner"].findings
     assert findings["P2a"].verdict == "proved"
     assert findings["P2b"].verdict == "undecided"
-    assert found.verdict == "undecided"
+    assert report.verdict == "undecided"
 
 
 def test_declared_times_make_p1c_proved_and_need_a_longer_threshold(tmp_path: Path) -> None:
@@ -111,9 +111,9 @@ def test_declared_times_make_p1c_proved_and_need_a_longer_threshold(tmp_path: Pa
     declared = ("induction;", f"induction; {nodes} {none}")
     assert verified(tmp_path, declared).verdict == "refuted"
     longer = ("SETTLED: duration = 30ms", "SETTLED: duration = 32ms")
-    found = verified(tmp_path, declared, longer)["SafePlanner"]
-    assert found.verdict == "proved"
-    assert found.findings["P1c"].verdict == "proved"
+    module_result = verified(tmp_path, declared, longer)["SafePlanner"]
+    assert module_result.verdict == "proved"
+    assert module_result.findings["P1c"].verdict == "proved"
 
 
 def test_a_response_delays_what_is_published(tmp_path: Path) -> None:
@@ -130,10 +130,10 @@ def test_what_a_node_takes_counts_as_its_response(tmp_path: Path, node: str, set
     longer = ("SETTLED: duration = 30ms", f"SETTLED: duration = {settled}")
     said = verified(tmp_path, longer, ("induction;", f"induction; response {node} 9ms;"))
     takes = (f"node {node} period 10ms {{", f"node {node} period 10ms {{ takes [1ms, 9ms];")
-    found = verified(tmp_path, longer, takes)
+    report = verified(tmp_path, longer, takes)
     kinds = [
         {k for k, f in x["SafePlanner"].findings.items() if f.verdict == "proved"}
-        for x in (found, said)
+        for x in (report, said)
     ]  # a run that refutes may need a step that takes less than it says
     assert kinds[0] == kinds[1]
 
@@ -170,16 +170,16 @@ VALUES = (
 def test_predicates_may_read_ages_and_modes(tmp_path: Path) -> None:
     ttf = ("ttf !PhiPlan(candidate)", "ttf !PhiPlan(candidate) && age(candidate) >= 0.0")
     safer = ("safer PhiPlan(candidate)", "safer PhiPlan(candidate) && mode(SafePlanner) == Mode.SC")
-    found = verified(tmp_path, ttf, safer)["SafePlanner"]
-    assert found.verdict == "proved"
-    assert found.findings["DM"].verdict == "assumed"
+    module_result = verified(tmp_path, ttf, safer)["SafePlanner"]
+    assert module_result.verdict == "proved"
+    assert module_result.findings["DM"].verdict == "assumed"
 
 
 def test_a_predicate_of_lists_is_uninterpreted(tmp_path: Path) -> None:
     known = ("induction;", "induction; lemma PhiPlan(HOVER);")
-    found = verified(tmp_path, *VALUES, known, refute=False)["SafePlanner"]
-    assert found.verdict in ("proved", "undecided")
-    assert found.findings["P2a"].verdict != "refuted"
+    module_result = verified(tmp_path, *VALUES, known, refute=False)["SafePlanner"]
+    assert module_result.verdict in ("proved", "undecided")
+    assert module_result.findings["P2a"].verdict != "refuted"
 
 
 SYSTEM = "system Planning default {"
@@ -239,11 +239,11 @@ NOT_REFUTED = {"a lemma that is false", "a lemma about too short a time"}
 
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_planner_is_never_proved(tmp_path: Path, name: str) -> None:
-    found = verified(tmp_path, *WRONG[name])
-    assert found.verdict in ("refuted", "undecided")
-    assert found["SafePlanner"].findings["P2a"].verdict != "proved"
+    report = verified(tmp_path, *WRONG[name])
+    assert report.verdict in ("refuted", "undecided")
+    assert report["SafePlanner"].findings["P2a"].verdict != "proved"
     if name not in NOT_REFUTED:
-        assert found.verdict == "refuted", found["SafePlanner"].findings["P2a"].text
+        assert report.verdict == "refuted", report["SafePlanner"].findings["P2a"].text
 
 
 HOVER_NODE = "node HoverPlan period 10ms {\n" + SC + "\n}"
@@ -359,9 +359,9 @@ system S default { node Follower; node Beat; node Drive; c: Car; module Planner;
 def test_what_else_the_language_has_is_followed_or_left_open(tmp_path: Path) -> None:
     path = tmp_path / "everything.soter"
     path.write_text(EVERYTHING)
-    found = load(path).verify(refute=False)["Planner"]
-    assert found.verdict == "proved"
-    assert any("pose: any value" in a for a in found.problem.assumptions)
+    module_result = load(path).verify(refute=False)["Planner"]
+    assert module_result.verdict == "proved"
+    assert any("pose: any value" in a for a in module_result.problem.assumptions)
     wrong = EVERYTHING.replace("&& good(candidate) && !any", "&& !any").replace("40ms", "20ms")
     path.write_text(wrong)
     assert load(path).verify(refute=False).verdict == "undecided"
@@ -370,11 +370,11 @@ def test_what_else_the_language_has_is_followed_or_left_open(tmp_path: Path) -> 
 def test_what_an_induction_rests_on_is_said_and_nothing_of_sets(tmp_path: Path) -> None:
     report = verified(tmp_path)
     assert any(a.startswith("z3 is right") for a in report["SafePlanner"].problem.assumptions)
-    found = page(report)
-    assert [symbol for symbol, _, _ in found.modules[0].times] == ["Δ", "δ"]
-    assert any("z3" in line for line in found.trusted_base)
-    assert not any("set engine" in line for line in found.trusted_base)
-    said = " ".join(f"{row.meaning} {row.detail}" for row in found.modules[0].properties)
+    report_page = page(report)
+    assert [symbol for symbol, _, _ in report_page.modules[0].times] == ["Δ", "δ"]
+    assert any("z3" in line for line in report_page.trusted_base)
+    assert not any("set engine" in line for line in report_page.trusted_base)
+    said = " ".join(f"{row.meaning} {row.detail}" for row in report_page.modules[0].properties)
     assert "R(H)" not in said
     assert "core K" not in said
 
@@ -390,23 +390,23 @@ def opaque(tmp_path: Path, *changes: tuple[str, str]) -> ModuleResult:
 
 
 def test_what_is_opaque_is_named_and_no_assumption(tmp_path: Path) -> None:
-    found = opaque(tmp_path)
-    assert found.verdict == "proved"
-    assert found.findings["P2a"].verdict == "proved"
-    (note,) = found.notes
+    module_result = opaque(tmp_path)
+    assert module_result.verdict == "proved"
+    assert module_result.findings["P2a"].verdict == "proved"
+    (note,) = module_result.notes
     assert "good" in note
     assert "made" in note
-    assert not any("equal" in a for a in found.problem.assumptions)
+    assert not any("equal" in a for a in module_result.problem.assumptions)
 
 
 def test_progress_is_assumed_and_printed(tmp_path: Path) -> None:
-    found = opaque(tmp_path)
-    returns = found.findings["P2b"]
+    module_result = opaque(tmp_path)
+    returns = module_result.findings["P2b"]
     assert returns.verdict == "assumed"
     assert "`progress` holds" in returns.text
     assert "no step of Planner.Safe or Follower faults" in returns.text
-    assert found.recover_s is None
-    said = found.problem.assumptions
+    assert module_result.recover_s is None
+    said = module_result.problem.assumptions
     assert any(a.startswith("progress") and "made(asked)" in a for a in said)
     assert any("Follower faults" in a for a in said)
 
@@ -433,10 +433,10 @@ def test_without_progress_nothing_says_that_ac_gets_control_back(
     tmp_path: Path, change: tuple[str, str]
 ) -> None:
     """SC says it again: from any state a `told` that is wrong does not matter for long."""
-    found = opaque(tmp_path, change).findings
-    assert found["P2a"].verdict == "proved"
+    findings = opaque(tmp_path, change).findings
+    assert findings["P2a"].verdict == "proved"
     expected = "assumed" if "if false" in change[1] or "true" in change[1] else "undecided"
-    assert found["P2b"].verdict == expected
+    assert findings["P2b"].verdict == expected
 
 
 @pytest.mark.parametrize(
@@ -461,19 +461,19 @@ def test_without_progress_nothing_says_that_ac_gets_control_back(
 def test_what_is_opaque_proves_nothing_wrong(
     tmp_path: Path, changes: list[tuple[str, str]]
 ) -> None:
-    found = opaque(tmp_path, *changes)
-    assert found.findings["P2a"].verdict == "undecided"
-    assert found.verdict == "undecided"
+    module_result = opaque(tmp_path, *changes)
+    assert module_result.findings["P2a"].verdict == "undecided"
+    assert module_result.verdict == "undecided"
 
 
 def test_a_fail_safe_value_that_is_safe_does_no_harm(tmp_path: Path) -> None:
-    found = opaque(
+    module_result = opaque(
         tmp_path,
         ("  publishes inForce;\n", "  publishes inForce;\n  failsafe inForce = STILL;\n"),
         ("topic asked", "const STILL: Way = { ends: [1.0], n: 0 };\ntopic asked"),
         ("good(candidate) { now", "good(made(candidate.n)) && good(candidate) { now"),
     )
-    assert found.findings["P2a"].verdict == "proved"
+    assert module_result.findings["P2a"].verdict == "proved"
 
 
 def test_floats_are_equal_as_floats_are_and_not_as_terms(tmp_path: Path) -> None:
@@ -491,12 +491,12 @@ def test_lists_of_other_things_are_other_lists(tmp_path: Path) -> None:
     let b: Pair[<=2] = [{ x: candidate.ends[0], y: candidate.ends[1] }];
     if a.len + b.len > 5 { now.n = 3; }
     if true { now = candidate; }"""
-    found = opaque(
+    module_result = opaque(
         tmp_path,
         ("if age(candidate) > seconds(50ms) && good(candidate) { now = candidate; }", lists),
         ("topic asked", "type Pair = { x: float, y: float };\ntopic asked"),
     )
-    assert found.findings["P2a"].verdict == "undecided"
+    assert module_result.findings["P2a"].verdict == "undecided"
 
 
 def test_functions_have_names_of_their_own(tmp_path: Path) -> None:
@@ -509,9 +509,9 @@ def test_functions_have_names_of_their_own(tmp_path: Path) -> None:
 """
     low = "element(candidate.ends, 2) < 0.5 && !(candidate.ends[2] < 0.5)"
     step = f"if {low} || good(candidate) {{ now"
-    found = opaque(
+    module_result = opaque(
         tmp_path,
         ("if age(candidate) > seconds(50ms) && good(candidate) { now", step),
         ("node Any", function + "node Any"),
     )
-    assert found.findings["P2a"].verdict == "undecided"
+    assert module_result.findings["P2a"].verdict == "undecided"

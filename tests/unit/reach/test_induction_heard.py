@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.api.program import load
-from soter.recheck.rechecker import recheck
+from soter.certificate.rechecker import recheck
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -88,16 +88,16 @@ def verified(tmp_path: Path, *changes: tuple[str, str]) -> ModuleResult:
         assert old in text
         text = text.replace(old, new)
     (tmp_path / "p.soter").write_text(text)
-    found = load(tmp_path / "p.soter").verify(cert=str(tmp_path / "cert"), refute=False)
-    return found["SafePlanner"]
+    report = load(tmp_path / "p.soter").verify(cert=str(tmp_path / "cert"), refute=False)
+    return report["SafePlanner"]
 
 
 def test_what_hears_a_plant_says_anything_and_stands_still_for_progress(tmp_path: Path) -> None:
-    found = verified(tmp_path)
-    assert found.findings["P2a"].verdict == "proved"
-    assert found.findings["P2b"].verdict == "assumed"
-    assert "while wish stays as it is" in found.findings["P2b"].text
-    said = "\n".join(found.problem.assumptions)
+    module_result = verified(tmp_path)
+    assert module_result.findings["P2a"].verdict == "proved"
+    assert module_result.findings["P2b"].verdict == "assumed"
+    assert "while wish stays as it is" in module_result.findings["P2b"].text
+    said = "\n".join(module_result.problem.assumptions)
     assert "wish: any value of its set at any time (published by Dispatch, which hears" in said
     assert "for P2b alone: wish stays as it is" in said
     checked = recheck(tmp_path / "cert")
@@ -105,30 +105,30 @@ def test_what_hears_a_plant_says_anything_and_stands_still_for_progress(tmp_path
 
 
 def test_what_hears_a_plant_through_a_queue_hears_it(tmp_path: Path) -> None:
-    found = verified(tmp_path, *QUEUED)
-    said = "\n".join(found.problem.assumptions)
+    module_result = verified(tmp_path, *QUEUED)
+    said = "\n".join(module_result.problem.assumptions)
     assert "wish: any value of its set at any time (published by Dispatch, which hears" in said
     assert recheck(tmp_path / "cert").accepted
 
 
 def test_what_does_not_is_followed(tmp_path: Path) -> None:
-    found = verified(tmp_path, *ALONE)
-    assert found.findings["P2b"].verdict == "proved"
-    assert not any("stays as it is" in a for a in found.problem.assumptions)
+    module_result = verified(tmp_path, *ALONE)
+    assert module_result.findings["P2b"].verdict == "proved"
+    assert not any("stays as it is" in a for a in module_result.problem.assumptions)
 
 
 def test_safety_never_rests_on_its_standing_still(tmp_path: Path) -> None:
-    found = verified(tmp_path, OTHER_SOURCE)
-    assert found.findings["P2a"].verdict == "undecided"
-    assert found.verdict == "undecided"
+    module_result = verified(tmp_path, OTHER_SOURCE)
+    assert module_result.findings["P2a"].verdict == "undecided"
+    assert module_result.verdict == "undecided"
 
 
 def test_safety_fails_where_it_holds_only_of_what_stands_still(tmp_path: Path) -> None:
-    found = verified(tmp_path, *MOVES)
-    assert found.findings["P2a"].verdict == "undecided"
+    module_result = verified(tmp_path, *MOVES)
+    assert module_result.findings["P2a"].verdict == "undecided"
 
 
 def test_a_lemma_about_it_has_it_followed(tmp_path: Path) -> None:
-    found = verified(tmp_path, OTHER_SOURCE, LEMMA)
-    assert found.findings["P2a"].verdict == "proved"
+    module_result = verified(tmp_path, OTHER_SOURCE, LEMMA)
+    assert module_result.findings["P2a"].verdict == "proved"
     assert recheck(tmp_path / "cert").accepted

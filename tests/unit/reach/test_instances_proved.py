@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from soter.program.build import check_file, system_of
+from soter.certificate.rechecker import recheck
+from soter.program.front_end import check_file, system_of
 from soter.reach.problem.extract import extract
-from soter.recheck.rechecker import recheck
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -123,10 +123,10 @@ def test_every_element_is_a_problem_of_its_own_and_so_says_its_certificate(
         "system Fleet default { for i in 0..2 { r[i]: Robot { set WALL = i == 0 ? 2.0 : 1.9 }; } }"
     )
     path = tmp_path / "fleet.soter"
-    found = proved(path, text + fleet, cert=tmp_path / "cert", params={"r[1].A": 2.5})
+    proofs = proved(path, text + fleet, cert=tmp_path / "cert", params={"r[1].A": 2.5})
     for i, (wall, a) in enumerate((("2.0", "3.0"), ("1.9", "2.5"))):
         numbers = with_numbers(text + ONE, "3.0", TOP="3.0", A=a, WIND="0.1", WALL=wall)
-        assert found[i] == proved(tmp_path / "alone.soter", numbers)[0]
+        assert proofs[i] == proved(tmp_path / "alone.soter", numbers)[0]
     told = recheck(tmp_path / "cert")
     assert told.accepted, told
     manifest = json.loads((tmp_path / "cert" / "manifest.json").read_text())

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.switches import Step, ends_of, starts
+from generators.switch_threads import Step, ends_of, starts
 from soter.api.timing import timing_reports
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_to_prove
+from soter.program.front_end import check_file, system_to_prove
 from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from bench.mutant_models import BASES
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.attack.counterexample import Counterexample, replay
 from soter.reach.problem.extract import extract
-from soter.reach.verify import verify_module
+from soter.reach.verify_module import verify_module
 
 BY_NAME = {b.name: b for b in BASES}
 CHOSEN = (

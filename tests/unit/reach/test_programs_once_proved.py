@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.command import verify
 from soter.reach.problem.extract import extract
 
@@ -104,8 +104,8 @@ def test_a_default_is_no_first_read() -> None:
 
 def test_a_start_that_only_a_default_saves_is_not_proved() -> None:
     runaway = seen("10ms", "30ms").replace("1.4", "1.49")
-    found = report_of(runaway).modules[0]
-    assert found.findings["start"].verdict == "undecided"
+    module_result = report_of(runaway).modules[0]
+    assert module_result.findings["start"].verdict == "undecided"
 
 
 def test_an_sc_that_faults_on_the_default_is_not_proved() -> None:
@@ -114,9 +114,9 @@ def test_an_sc_that_faults_on_the_default_is_not_proved() -> None:
     faulty = text.replace("= 0.0 max_age", "= 9.0 max_age").replace(
         "step { publish u = clamp(-x", "step { assert x < 8.0; publish u = clamp(-x"
     )
-    found = report_of(faulty).modules[0].findings["start"]
-    assert found.verdict == "undecided"
-    assert "defaults" in found.text
+    finding = report_of(faulty).modules[0].findings["start"]
+    assert finding.verdict == "undecided"
+    assert "defaults" in finding.text
 
 
 def test_an_estimator_that_is_slower_than_max_age_is_refused() -> None:

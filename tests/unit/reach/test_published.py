@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 from soter.reach.command import modules_of, problems_of
-from soter.reach.verify import verify_module
-from unit.reach_undecided.tanks import TANK, changed
+from soter.reach.verify_module import verify_module
+from unit.reach_undecided.tank_modules import TANK, changed
 
 if TYPE_CHECKING:
     from soter.reach.claims.results import ModuleResult
@@ -32,9 +32,9 @@ def proved_of(text: str) -> ModuleResult:
     return verify_module(problem, refute=False, explain=False)
 
 
-def ends_of(found: ModuleResult) -> tuple[float, float]:
+def ends_of(module_result: ModuleResult) -> tuple[float, float]:
     """Of K, along its one axis; (1, 0) where there is none."""
-    (proof,) = found.cases[0].proofs
+    (proof,) = module_result.cases[0].proofs
     kept = proof.found.core > 0  # type: ignore[attr-defined]
     edges = proof.engine.edges[0]  # type: ignore[attr-defined]
     if not kept.any():
@@ -54,14 +54,14 @@ def dialled(value: str, bounds: str, *more: tuple[str, str]) -> str:
 )
 def test_every_estimate_of_k_can_be_published(low: float, high: float) -> None:
     declared = f"topic level: float in [{low!r}, {high!r}] = 1.0 max_age"
-    found = proved_of(changed((SET, declared), text=COMPUTED))
-    least, most = ends_of(found)
+    module_result = proved_of(changed((SET, declared), text=COMPUTED))
+    least, most = ends_of(module_result)
     if least < most:
         assert Fraction(least) - Fraction(0.01) >= Fraction(low)
         assert Fraction(most) + Fraction(0.01) <= Fraction(high)
     narrow = low > 0.19 or high < 1.81
-    assert any("`level` takes only [" in n for n in found.notes) == narrow
-    assert (found.verdict == "proved") == (high - low > 0.1)
+    assert any("`level` takes only [" in n for n in module_result.notes) == narrow
+    assert (module_result.verdict == "proved") == (high - low > 0.1)
     if not narrow:  # K is all of the grid that an error of 0.01 leaves in the set
         assert ends_of(proved_of(COMPUTED)) == (least, most)
 
@@ -79,11 +79,11 @@ def test_every_estimate_of_k_can_be_published(low: float, high: float) -> None:
 def test_what_nobody_reads_is_published_all_the_same(
     value: str, bounds: str, level: tuple[float, float]
 ) -> None:
-    found = proved_of(dialled(value, bounds))
-    least, most = ends_of(found)
-    assert found.verdict == "proved"
+    module_result = proved_of(dialled(value, bounds))
+    least, most = ends_of(module_result)
+    assert module_result.verdict == "proved"
     assert level[0] <= least < most <= level[1]
-    assert not any("what plants publish lies" in a for a in found.problem.assumptions)
+    assert not any("what plants publish lies" in a for a in module_result.problem.assumptions)
 
 
 @pytest.mark.parametrize(
@@ -96,24 +96,24 @@ def test_what_nobody_reads_is_published_all_the_same(
 def test_what_has_no_ends_in_the_ranges_is_no_crash(
     value: str, bounds: str, level: tuple[float, float]
 ) -> None:
-    found = proved_of(dialled(value, bounds))
-    least, most = ends_of(found)
+    module_result = proved_of(dialled(value, bounds))
+    least, most = ends_of(module_result)
     assert level[0] <= least < most <= level[1]
 
 
 def test_of_a_clock_on_a_dial_nothing_is_proved() -> None:
-    found = proved_of(dialled("time", "[0.0, 1000.0]"))
-    assert found.verdict == "undecided"
-    assert "`dial` takes only [0, 1000]" in found.findings["P2a"].hint
+    module_result = proved_of(dialled("time", "[0.0, 1000.0]"))
+    assert module_result.verdict == "undecided"
+    assert "`dial` takes only [0, 1000]" in module_result.findings["P2a"].hint
 
 
 def test_a_list_on_a_dial_is_an_assumption() -> None:
     lists = "fun one(h: float): float[<=2] { var o: float[<=2] = []; push o, h; return o; }\n"
     dial = f"{DRIVES}  drives dial = one(h);\n"
     declared = f"{lists}topic dial: float[<=2] in [0.0, 1.5];\ntopic pump"
-    found = proved_of(changed((DRIVES, dial), ("topic pump", declared), text=COMPUTED))
-    assert found.verdict == "proved"
-    assert any("what plants publish lies" in a for a in found.problem.assumptions)
+    module_result = proved_of(changed((DRIVES, dial), ("topic pump", declared), text=COMPUTED))
+    assert module_result.verdict == "proved"
+    assert any("what plants publish lies" in a for a in module_result.problem.assumptions)
 
 
 def test_an_error_of_what_nobody_reads_counts() -> None:
@@ -125,15 +125,15 @@ def test_an_error_of_what_nobody_reads_counts() -> None:
 def test_a_user_who_lets_ac_go_further_than_a_plant_can_publish_is_told() -> None:
     dial = f"{DRIVES}  drives dial = 10.0 * h;\n"
     declared = "topic dial: float in [0.0, 15.0];\ntopic pump"
-    found = proved_of(changed((DRIVES, dial), ("topic pump", declared)))
-    assert found.verdict == "undecided"
-    assert "`dial` takes only [0, 15]" in found.findings["ttf"].hint
+    module_result = proved_of(changed((DRIVES, dial), ("topic pump", declared)))
+    assert module_result.verdict == "undecided"
+    assert "`dial` takes only [0, 15]" in module_result.findings["ttf"].hint
 
 
 def test_without_a_set_nothing_is_asked() -> None:
-    found = proved_of(TANK)
-    assert found.verdict == "proved"
-    assert not found.notes
+    module_result = proved_of(TANK)
+    assert module_result.verdict == "proved"
+    assert not module_result.notes
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -143,8 +143,8 @@ def test_random_dials_against_the_middle_of_every_cell(seed: int) -> None:
     a, b = rng.choice((-3.0, 0.5, 7.0)), rng.uniform(-1.0, 1.0)
     low = rng.uniform(-8.0, -1.0)
     high = rng.uniform(1.0, 9.0)
-    found = proved_of(dialled(f"{a!r} * h + {b!r}", f"[{low!r}, {high!r}]"))
-    least, most = ends_of(found)
+    module_result = proved_of(dialled(f"{a!r} * h + {b!r}", f"[{low!r}, {high!r}]"))
+    least, most = ends_of(module_result)
     for k in range(201):
         if least > most:
             break

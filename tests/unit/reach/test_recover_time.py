@@ -11,15 +11,15 @@ from bench.recheck_models import Cart
 
 import soter
 from soter.api import recheck
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.problem.extract import extract
-from soter.reach.verify import verify_module
+from soter.reach.verify_module import verify_module
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from soter.certificate.rechecker import Report
     from soter.reach.claims.results import ModuleResult
-    from soter.recheck.rechecker import Report
 
 ms = 1_000_000
 
@@ -45,10 +45,10 @@ def test_a_declared_t_without_the_response_of_the_dm_is_too_short() -> None:
     needed = result_of("").recover_s
     assert needed is not None
     enough = round(needed * 1000)
-    found = result_of(f"response dm 1ms; recover within {enough + 1}ms;")
-    assert found.findings["P2b"].verdict == "proved"
-    found = result_of(f"response dm 1ms; recover within {enough}ms;")
-    assert found.findings["P2b"].verdict == "undecided"
+    module_result = result_of(f"response dm 1ms; recover within {enough + 1}ms;")
+    assert module_result.findings["P2b"].verdict == "proved"
+    module_result = result_of(f"response dm 1ms; recover within {enough}ms;")
+    assert module_result.findings["P2b"].verdict == "undecided"
 
 
 def rechecked(folder: Path, recover_ns: int) -> Report:
@@ -56,19 +56,19 @@ def rechecked(folder: Path, recover_ns: int) -> Report:
     folder.mkdir()
     path = folder / "cart.soter"
     path.write_text(text_with(f"response dm 1ms; recover within {recover_ns // ms}ms;"))
-    found = soter.load(path).verify(cert=folder / "cert", refute=False)
-    assert found.modules[0].findings["P2b"].verdict == "proved"
+    report = soter.load(path).verify(cert=folder / "cert", refute=False)
+    assert report.modules[0].findings["P2b"].verdict == "proved"
     return recheck(folder / "cert")
 
 
 def test_the_rechecker_holds_t_to_the_same_terms(tmp_path: Path) -> None:
-    found = result_of("response dm 1ms;")
-    (group,) = found.cases[0].groups
+    module_result = result_of("response dm 1ms;")
+    (group,) = module_result.cases[0].groups
     assert group.rank is not None
     assert group.rank_holds is not None
     ranks = range(1, int(group.rank.max()) + 1)
     holds = sum(int(np.max(group.rank_holds, where=group.rank == r, initial=0)) for r in ranks)
-    times = found.problem.times
+    times = module_result.problem.times
     bound = holds * times.delta_sc + times.jitter_sc
     bound += times.delta_dm + times.age_dm + times.late_dm + times.response_dm
     assert rechecked(tmp_path / "enough", bound).accepted

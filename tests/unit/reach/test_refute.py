@@ -10,8 +10,8 @@ import pytest
 from bench.mutant_models import BASES
 
 import json_documents
-from soter.program.build import check_file, system_of
-from soter.reach.attack.attacked import DRAWN, OWN, NotAttackableError, attacked
+from soter.program.front_end import check_file, system_of
+from soter.reach.attack.attacked_system import DRAWN, OWN, NotAttackableError, attacked
 from soter.reach.attack.counterexample import (
     CYCLE,
     LEAVES,
@@ -21,7 +21,7 @@ from soter.reach.attack.counterexample import (
     write_counterexample,
 )
 from soter.reach.attack.refute import refute, refute_return
-from soter.reach.problem.place import place
+from soter.reach.problem.verification_system import place
 from soter.semantics.adversary import AdverseDraws
 from soter.semantics.externs import UnboundExternError
 
@@ -59,13 +59,15 @@ def mutant(base_name: str, name: str) -> tuple[Base, System]:
 )
 def test_a_bad_module_is_refuted(base: str, name: str) -> None:
     chosen, system = mutant(base, name)
-    found = refute(system, chosen.module, 20.0).found
-    assert found is not None
-    assert found.shows == LEAVES
-    again = replay(found, system)
+    counterexample = refute(system, chosen.module, 20.0).found
+    assert counterexample is not None
+    assert counterexample.shows == LEAVES
+    again = replay(counterexample, system)
     assert again is not None
-    assert again.time_ns == found.time_ns
-    assert replay(found, system_with(chosen, {})) is None, "the sound module survives the same run"
+    assert again.time_ns == counterexample.time_ns
+    assert replay(counterexample, system_with(chosen, {})) is None, (
+        "the sound module survives the same run"
+    )
 
 
 @pytest.mark.parametrize("base", [b for b in BASES if b.beside is None], ids=lambda b: b.name)
@@ -80,27 +82,29 @@ def test_a_sound_module_is_not(base: Base) -> None:
 def test_a_dm_that_never_returns_is_refuted() -> None:
     base, system = mutant("tank", "SC rests where safer never holds")
     assert refute(system, base.module, 0.5).found is None
-    found = refute_return(system, base.module, 20.0).found
-    assert found is not None
-    assert found.shows == CYCLE
-    assert found.cycle_ns is not None
-    assert all(len(chosen) == 1 for chosen in found.choices.values())
-    assert replay(found, system) is not None
-    assert replay(replace(found, cycle_ns=found.cycle_ns + 1), system) is None
-    later = {**found.choices, "t.leak": [*found.choices["t.leak"], (10**6, 0.0)]}
-    assert replay(replace(found, choices=later), system) is None, "choices that change one day"
-    early = replace(found, time_ns=found.cycle_ns)
+    counterexample = refute_return(system, base.module, 20.0).found
+    assert counterexample is not None
+    assert counterexample.shows == CYCLE
+    assert counterexample.cycle_ns is not None
+    assert all(len(chosen) == 1 for chosen in counterexample.choices.values())
+    assert replay(counterexample, system) is not None
+    assert replay(replace(counterexample, cycle_ns=counterexample.cycle_ns + 1), system) is None
+    later = {**counterexample.choices, "t.leak": [*counterexample.choices["t.leak"], (10**6, 0.0)]}
+    assert replay(replace(counterexample, choices=later), system) is None, (
+        "choices that change one day"
+    )
+    early = replace(counterexample, time_ns=counterexample.cycle_ns)
     assert replay(early, system) is None, "at the start the state does not repeat itself"
-    assert replay(found, system_with(base, {})) is None
+    assert replay(counterexample, system_with(base, {})) is None
 
 
 def test_a_file_says_it_all(tmp_path: Path) -> None:
     base, system = mutant("tank", "ttf is constant false")
-    found = refute(system, base.module, 20.0).found
-    assert found is not None
-    path = write_counterexample(found, tmp_path / "deep" / "x.json")
+    counterexample = refute(system, base.module, 20.0).found
+    assert counterexample is not None
+    path = write_counterexample(counterexample, tmp_path / "deep" / "x.json")
     read = read_counterexample(path)
-    assert read == found
+    assert read == counterexample
     schema = json_documents.SCHEMAS["counterexample"]
     assert list(json_documents._check(schema, json.loads(path.read_text()), "")) == []
     document = json.loads(path.read_text())
@@ -117,11 +121,11 @@ def test_a_file_says_it_all(tmp_path: Path) -> None:
 
 def test_choices_that_do_no_harm_refute_nothing() -> None:
     base, system = mutant("tank", "ttf is constant false")
-    found = refute(system, base.module, 20.0).found
-    assert found is not None
-    still = {stream: [(0, 0.0)] for stream in found.choices}
-    assert replay(replace(found, choices=still), system) is None
-    assert replay(replace(found, time_ns=found.time_ns - 1), system) is None
+    counterexample = refute(system, base.module, 20.0).found
+    assert counterexample is not None
+    still = {stream: [(0, 0.0)] for stream in counterexample.choices}
+    assert replay(replace(counterexample, choices=still), system) is None
+    assert replay(replace(counterexample, time_ns=counterexample.time_ns - 1), system) is None
 
 
 STILL = """soter 1;
@@ -185,9 +189,9 @@ def test_a_controller_may_read_the_mode_of_a_module_that_is_left_out() -> None:
     system = place(flat, module).system
     with pytest.raises(UnboundExternError):  # its own code cannot be run: it is left to the draws
         leaving(attacked(system, 0, OWN), AdverseDraws(1), 100_000_000)
-    found = refute(system, "M", 0.5).found
-    assert found is not None
-    assert found.controller == DRAWN
+    counterexample = refute(system, "M", 0.5).found
+    assert counterexample is not None
+    assert counterexample.controller == DRAWN
 
 
 def test_what_no_plant_drives_cannot_be_judged() -> None:

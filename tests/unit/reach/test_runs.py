@@ -10,7 +10,7 @@ from bench.mutant_models import BASES
 
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
-from soter.reach.attack.runs import replay_file
+from soter.reach.attack.counterexample_files import replay_file
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,16 +11,16 @@ from bench.verify_times import BLIND
 from generators.every_schedule import QUANTITIES
 from generators.every_schedule_of_module import EverySchedule
 from generators.one_schedule import OneSchedule
-from generators.schedules import Compared, compare, in_the_limit, multiple, said, system
-from soter.reach.time.schedule import Output, Path, Releases, Schedule
+from generators.schedule_systems import Compared, compare, in_the_limit, multiple, said, system
+from soter.reach.time.schedule import ActuationPath, Releases, Schedule, SensorPath
 
 SYSTEMS = 200
 TEN = Releases(10)
-SENSOR = Path(TEN)
+SENSOR = SensorPath(TEN)
 BASE = Schedule(TEN, TEN, (SENSOR,), (SENSOR,))
 
 
-def _both(path: Path) -> Schedule:
+def _both(path: SensorPath) -> Schedule:
     return replace(BASE, read_by_dm=(path,), read_by_sc=(path,))
 
 
@@ -40,7 +40,7 @@ BY_HAND: dict[str, tuple[Schedule, dict[str, int]]] = {
         },
     ),
     "a sensor just after DM and SC": (
-        _both(Path(Releases(10, phase=1))),
+        _both(SensorPath(Releases(10, phase=1))),
         {"age_dm": 9, "age_sc": 9, "delay": 9, "h_star": 19, "start": 10},
     ),
     "SC waits for the verdict of DM": (
@@ -60,23 +60,25 @@ BY_HAND: dict[str, tuple[Schedule, dict[str, int]]] = {
         {"start_of_sc": 5, "jitter": 6, "start": 6},
     ),
     "DM comes before a path node of the same instant": (
-        _both(Path(TEN, (TEN,))),
+        _both(SensorPath(TEN, (TEN,))),
         {"age_dm": 10, "age_sc": 10, "start": 10, "h_star": 20, "stamp_age_sc": 10},
     ),
     "DM comes after a path node that ran before": (
-        _both(Path(TEN, (Releases(10, phase=9),))),
+        _both(SensorPath(TEN, (Releases(10, phase=9),))),
         {"age_dm": 10, "age_sc": 10, "stamp_age_sc": 1, "start": 10},
     ),
     "a publication at the instant of the read may be missed": (
-        _both(Path(TEN, (Releases(10, phase=5, response=5),))),
+        _both(SensorPath(TEN, (Releases(10, phase=5, response=5),))),
         {"age_dm": 20, "age_sc": 20, "start": 20},
     ),
     "a node ahead in the path at the same instant may be missed": (
-        _both(Path(TEN, (Releases(10, phase=5), Releases(10, phase=5)))),
+        _both(SensorPath(TEN, (Releases(10, phase=5), Releases(10, phase=5)))),
         {"age_dm": 20, "age_sc": 20, "start": 20},
     ),
     "an enforced age is a stamp's, the state is older": (
-        replace(BASE, read_by_dm=(Path(TEN, (Releases(10, late=1, response=1),), max_age=3),)),
+        replace(
+            BASE, read_by_dm=(SensorPath(TEN, (Releases(10, late=1, response=1),), max_age=3),)
+        ),
         {"age_dm": 5, "h_star": 15},
     ),
     "an output before the verdict is dropped, the next one acts": (
@@ -89,15 +91,15 @@ BY_HAND: dict[str, tuple[Schedule, dict[str, int]]] = {
     ),
     "a silent sensor": (replace(BASE, dropout=10), {"age_dm": 10, "delay": 10, "start": 10}),
     "an actuator node at the same instant may miss the output": (
-        replace(BASE, outputs=(Output(nodes=(TEN,)),)),
+        replace(BASE, outputs=(ActuationPath(nodes=(TEN,)),)),
         {"jitter": 10, "start": 10, "delay": 10, "h_star": 20},
     ),
     "outputs of different latencies share one window": (
-        replace(BASE, outputs=(Output(0, 1), Output(2, 4))),
+        replace(BASE, outputs=(ActuationPath(0, 1), ActuationPath(2, 4))),
         {"jitter": 4, "start": 4, "delay": 4, "h_star": 14},
     ),
     "the older of two paths counts": (
-        replace(BASE, read_by_dm=(SENSOR, Path(Releases(10, phase=3)))),
+        replace(BASE, read_by_dm=(SENSOR, SensorPath(Releases(10, phase=3)))),
         {"age_dm": 7, "age_sc": 0, "h_star": 17},
     ),
 }
@@ -118,10 +120,10 @@ def compared() -> list[list[Compared]]:
 
 def test_no_schedule_exceeds_what_the_model_says(compared: list[list[Compared]]) -> None:
     wrong = [
-        (number, found)
+        (number, comparison)
         for number, every in enumerate(compared)
-        for found in every
-        if found.slack is not None and found.slack < 0
+        for comparison in every
+        if comparison.slack is not None and comparison.slack < 0
     ]
     assert not wrong, wrong[0]
 
@@ -130,8 +132,8 @@ def test_some_schedule_reaches_what_the_model_says(compared: list[list[Compared]
     reached = dict.fromkeys(QUANTITIES, 0)
     for number, every in enumerate(compared):
         limit = in_the_limit(system(number).schedule, every) if number < 20 else set()
-        for found in every:
-            reached[found.quantity] += found.slack == 0 or found.quantity in limit
+        for comparison in every:
+            reached[comparison.quantity] += comparison.slack == 0 or comparison.quantity in limit
     assert reached["start_of_sc"] == SYSTEMS
     assert reached["jitter"] > 0.9 * SYSTEMS
     assert min(reached.values()) > 0, reached
@@ -167,6 +169,6 @@ def test_a_model_that_forgets_something_is_seen(name: str) -> None:
         if not unseen:
             return
         schedule = system(number).schedule
-        found = compare(schedule, tell(schedule))
-        unseen -= {c.quantity for c in found if c.slack is not None and c.slack < 0}
+        comparisons = compare(schedule, tell(schedule))
+        unseen -= {c.quantity for c in comparisons if c.slack is not None and c.slack < 0}
     assert not unseen

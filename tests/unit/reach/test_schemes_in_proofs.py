@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 from soter.reach.command import modules_of, problems_of
-from soter.reach.enclose.scheme import scheme_error, scheme_weight
-from soter.reach.verify import verify_module
+from soter.reach.enclose.scheme_error import scheme_error, scheme_weight
+from soter.reach.verify_module import verify_module
 
 if TYPE_CHECKING:
     from soter.reach.claims.results import ModuleResult
@@ -65,13 +65,13 @@ def found_of(rate: str, scheme: str = "rk4", *changes: tuple[str, str]) -> Modul
     ],
 )
 def test_a_group_that_no_command_moves_is_stepped_too(rate: str, scheme: str, verdict: str) -> None:
-    found = found_of(rate, scheme)
-    assert found.findings["P2a"].verdict == verdict
+    module_result = found_of(rate, scheme)
+    assert module_result.findings["P2a"].verdict == verdict
     if verdict == "proved":
-        assert "scheme" not in found.assumed
+        assert "scheme" not in module_result.assumed
     else:
-        assert "rate x step of p.z is" in found.findings["P2a"].text
-        assert "substeps" in found.findings["P2a"].hint
+        assert "rate x step of p.z is" in module_result.findings["P2a"].text
+        assert "substeps" in module_result.findings["P2a"].hint
 
 
 FORWARD = (
@@ -108,8 +108,8 @@ def test_an_end_is_kept_by_the_scheme_or_it_is_not_kept(
 
 def test_what_is_not_in_the_proof_is_in_the_headline() -> None:
     between = ("node Careful period 10ms {", "node Careful period 10ms phase 5ms {")
-    found = found_of("-50.0 * z", "rk4", between)
-    assert "scheme" in found.assumed
+    module_result = found_of("-50.0 * z", "rk4", between)
+    assert "scheme" in module_result.assumed
     assert "scheme" in found_of("-z * z * z", "rk4", ("/ 60;", "/ 24;")).assumed
 
 
@@ -119,7 +119,7 @@ def test_a_stiff_plant_beside_the_one_that_is_moved() -> None:
     plants = ("system S { p: P;", f"{beside}system S {{ p: P; q: Q;")
     other = ("grid p.z in", "grid q.z in")
     for fast, verdict in (("-1000.0", "undecided"), ("-50.0", "proved")):
-        found = found_of(
+        module_result = found_of(
             "",
             "rk4",
             (" drives shown = z;", ""),
@@ -129,26 +129,26 @@ def test_a_stiff_plant_beside_the_one_that_is_moved() -> None:
             (plants[0], plants[1].replace("FAST", fast)),
             other,
         )
-        assert found.findings["P2a"].verdict == verdict, found.findings["P2a"].text
-        assert ("scheme" in found.assumed) == (verdict == "undecided")
+        assert module_result.findings["P2a"].verdict == verdict, module_result.findings["P2a"].text
+        assert ("scheme" in module_result.assumed) == (verdict == "undecided")
 
 
 def test_a_linear_group_is_covered_beside_one_that_is_not() -> None:
     """z by itself is stepped; that x bends does not turn its scheme into an assumption."""
     bent = ("der x = push;", "der x = push - 0.01 * x * x * x;")
     coarse = ("/ 60;", "/ 24;")
-    found = found_of("-1000.0 * z", "rk4", bent, coarse).findings["P2a"]
-    assert (found.verdict, "rate x step of p.z is" in found.text) == ("undecided", True)
+    finding = found_of("-1000.0 * z", "rk4", bent, coarse).findings["P2a"]
+    assert (finding.verdict, "rate x step of p.z is" in finding.text) == ("undecided", True)
 
 
 @pytest.mark.parametrize(("by", "verdict"), [("rk4", "undecided"), ("rk4 substeps 8", "proved")])
 def test_a_flow_that_bends_and_diverges_by_a_bound_of_its_slope(by: str, verdict: str) -> None:
     """K is there, as the differential equation has one; the steps leave it."""
     rate = "-300.0 * z + 0.001 * sin(z)"
-    found = found_of(rate, by, ("/ 60;", "/ 24;"))
-    assert found.findings["P2a"].verdict == verdict
-    assert ("makes z diverge" in found.findings["P2a"].text) == (verdict == "undecided")
-    assert "scheme" in found.assumed
+    module_result = found_of(rate, by, ("/ 60;", "/ 24;"))
+    assert module_result.findings["P2a"].verdict == verdict
+    assert ("makes z diverge" in module_result.findings["P2a"].text) == (verdict == "undecided")
+    assert "scheme" in module_result.assumed
     text = CART.replace("RATE", rate).replace("SCHEME", by)
     warned = {d.code for d in check_file("cart.soter", text).diagnostics.items}
     assert ("W019" in warned) == (verdict == "undecided")
@@ -158,8 +158,8 @@ def test_measuring_ends_where_no_axis_has_an_inside() -> None:
     """Why K is empty is asked of a state deep in C; of an axis of one cell it went on for ever."""
     text = CART.replace("RATE", "-1000.0 * z + 10.0 * z * z * z").replace("SCHEME", "rk4")
     (problem,) = problems_of(modules_of(check_file("cart.soter", text), None, None, {}))
-    found = verify_module(problem, refute=False, explain=True).findings["P2a"]
-    assert (found.verdict, bool(found.causes)) == ("undecided", True)
+    finding = verify_module(problem, refute=False, explain=True).findings["P2a"]
+    assert (finding.verdict, bool(finding.causes)) == ("undecided", True)
 
 
 @pytest.mark.parametrize("order", [1, 4])

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.claims.results import UNDECIDED
 from soter.reach.problem.extract import extract
 from soter.reach.problem.problem import Interval, Problem
-from soter.reach.verify import verify_module
+from soter.reach.verify_module import verify_module
 
 SIGHTED = """soter 1;
 topic clean: float max_age 10ms;
@@ -88,8 +88,8 @@ def test_plants_with_different_periods_are_not_read_as_one_state() -> None:
         text = text.replace(old, new)
     with pytest.raises(SoterError) as raised:
         problem_of(text)
-    found = [d for d in raised.value.diagnostics if d.code == "R016"]
-    assert [d.message.split(" reads")[0] for d in found] == ["the DM", "SC"]
+    diagnostics = [d for d in raised.value.diagnostics if d.code == "R016"]
+    assert [d.message.split(" reads")[0] for d in diagnostics] == ["the DM", "SC"]
     problem_of(text.replace("plant Q period 5ms", "plant Q period 10ms"))
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.api import load
-from soter.program.build import check_file, system_of
-from soter.program.meaning.starts import start_behind
-from soter.recheck.rechecker import recheck
+from soter.certificate.rechecker import recheck
+from soter.program.evaluate.abstraction_start import start_behind
+from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,8 +67,8 @@ def verdict(tmp_path: Path, text: str, **params: object) -> tuple[str, list[str]
 def test_both_starts_have_to_be_among_those_proved(
     start: str, model: str, map_: str, expected: str, tmp_path: Path
 ) -> None:
-    found, assumed = verdict(tmp_path, text(start, model, map_))
-    assert found == expected
+    start_verdict, assumed = verdict(tmp_path, text(start, model, map_))
+    assert start_verdict == expected
     assert assumed[0].endswith("from the start of a on")
 
 
@@ -90,8 +90,8 @@ def test_of_a_start_that_is_drawn_nothing_is_said(tmp_path: Path) -> None:
     drawn = text().replace(
         "state p: float = 0.0; der p = u;\n}", "state p: float in [0.0, 3.5]; der p = u;\n}"
     )
-    found, assumed = verdict(tmp_path, drawn)
-    assert found == "proved"
+    start_verdict, assumed = verdict(tmp_path, drawn)
+    assert start_verdict == "proved"
     assert assumed[0].endswith("from the initial states of m on")
 
 
@@ -104,6 +104,6 @@ def test_the_re_checker_sees_it_by_itself(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(inputs, "start_behind", lambda *_: None)
     (module,) = load(path).verify(cert=tmp_path / "cert", refute=False).modules
     assert str(module.findings["start"].verdict) == "proved"
-    found = recheck(tmp_path / "cert")
-    assert not found.accepted
-    assert "initial state" in found.reason
+    recheck_report = recheck(tmp_path / "cert")
+    assert not recheck_report.accepted
+    assert "initial state" in recheck_report.reason

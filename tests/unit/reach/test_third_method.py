@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import pytest
 
-from soter.program.build import check_file, system_of
-from soter.reach import certificate
+from soter.program.front_end import check_file, system_of
+from soter.reach import write_certificate
 from soter.reach.claims.case import GroupProof, Method
-from soter.reach.claims.products import BoxPart
+from soter.reach.claims.product_sets import BoxPart
 from soter.reach.claims.results import VerifyReport
-from soter.reach.methods import METHODS
 from soter.reach.problem.extract import extract
-from soter.reach.tables.tables import Table
-from soter.reach.to_report import page
-from soter.reach.verify import verify_module
+from soter.reach.proof_methods import METHODS
+from soter.reach.proof_report import page
+from soter.reach.tables.grid_tables import GroupTable
+from soter.reach.verify_module import verify_module
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.reach.claims.case import Case, Tell
-    from soter.reach.claims.products import Part
+    from soter.reach.claims.product_sets import SetFactor
     from soter.reach.claims.results import ModuleResult
     from soter.reach.problem.problem import Group, Problem
     from soter.reach.tables.level_table import LevelTable
@@ -127,7 +127,7 @@ class FiniteProof(GroupProof):
             left = frozenset(v for v in left if self.after(v, law=False) <= left)
         return left
 
-    def take(self, case: Case, part: Part) -> None:
+    def take(self, case: Case, part: SetFactor) -> None:
         del case
         low, high = cast("BoxPart", part).box[self.axis.state]
         self.found.allowed = frozenset(v for v in self.all if low <= v <= high)
@@ -156,7 +156,7 @@ class FiniteProof(GroupProof):
 
     def admit(self, case: Case, table: LevelTable) -> None:
         del case
-        assert isinstance(table, Table)
+        assert isinstance(table, GroupTable)
 
     def start(self, case: Case, until_ns: int) -> None:
         initial = case.problem.initial[self.axis.state]
@@ -169,7 +169,7 @@ class FiniteProof(GroupProof):
         values = self.found.levels[1]
         return BoxPart({self.axis.state: (min(values), max(values))}) if values else None
 
-    def recover(self, case: Case, target: Part) -> None:
+    def recover(self, case: Case, target: SetFactor) -> None:
         low, high = cast("BoxPart", target).box[self.axis.state]
         self.found.home = left = self.kept(
             frozenset(v for v in self.found.allowed if low <= v <= high)
@@ -217,25 +217,25 @@ class Finite(Method):
     def parts(
         self, case: Case, proofs: Sequence[GroupProof], predicate: str
     ) -> list[BoxPart] | None:
-        found = []
+        parts = []
         for proof in cast("Sequence[FiniteProof]", proofs):
             good = [v for v in proof.all if case.forms.true(predicate, proof.box(v))]
             if not good:
                 return None
-            found.append(BoxPart({proof.axis.state: (min(good), max(good))}))
-        return found
+            parts.append(BoxPart({proof.axis.state: (min(good), max(good))}))
+        return parts
 
     def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
         states = sum(len(cast("FiniteProof", p).found.core) for c in done for p in c.proofs)
         return f"{claim}: {states} states", {"states": states}
 
-    def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> Table:
+    def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> GroupTable:
         del problem
         (axis,) = group.axes
         edges = (axis.edges[0] - 0.5, *(v + 0.5 for v in axis.edges))
         every = cast("Sequence[tuple[Set, Set]]", pairs)
         levels = [min((v in s) + (v in t) for s, t in every) for v in axis.edges]
-        return Table((axis.state,), (edges,), np.array(levels, dtype=np.uint8))
+        return GroupTable((axis.state,), (edges,), np.array(levels, dtype=np.uint8))
 
     def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
         both = enumerate(cast("tuple[Set, Set]", pair))
@@ -271,16 +271,16 @@ def sets_of(result: ModuleResult) -> Sets:
 
 
 def test_every_claim_is_proved_by_looking_at_every_state() -> None:
-    found = verified()
-    assert {n: f.verdict for n, f in found.findings.items() if f.verdict != "proved"} == {
+    module_result = verified()
+    assert {n: f.verdict for n, f in module_result.findings.items() if f.verdict != "proved"} == {
         "P1c": "assumed",
         "failsafe": "assumed",
     }
-    assert found.findings["P2a"].method == "every state there is"
-    assert "11 states" in found.findings["P2a"].text
-    assert found.findings["P2a"].counts["states"] == 11
-    assert sets_of(found).core == frozenset(range(-5, 6))
-    assert found.shares["core"] == pytest.approx(11 / 13)
+    assert module_result.findings["P2a"].method == "every state there is"
+    assert "11 states" in module_result.findings["P2a"].text
+    assert module_result.findings["P2a"].counts["states"] == 11
+    assert sets_of(module_result).core == frozenset(range(-5, 6))
+    assert module_result.shares["core"] == pytest.approx(11 / 13)
 
 
 def test_what_is_wrong_stays_undecided() -> None:
@@ -297,23 +297,23 @@ def test_what_is_wrong_stays_undecided() -> None:
 
 
 def test_computed_predicates_are_a_table_that_the_dm_reads() -> None:
-    found = verified(*COMPUTED)
-    assert found.findings["ttf"].text == "`ttf` is computed from the sets"
-    assert found.findings["DM"].verdict == "proved"
-    assert "all 13 cells" in found.findings["DM"].text
+    module_result = verified(*COMPUTED)
+    assert module_result.findings["ttf"].text == "`ttf` is computed from the sets"
+    assert module_result.findings["DM"].verdict == "proved"
+    assert "all 13 cells" in module_result.findings["DM"].text
 
 
 def test_certificate_and_report_are_written_by_the_method(tmp_path: Path) -> None:
     (tmp_path / "walk.soter").write_text(WALK)
     program = check_file(str(tmp_path / "walk.soter")).program
     assert program is not None
-    found = verified()
-    certificate.write(tmp_path / "cert", program, [found], ["S"])
+    module_result = verified()
+    write_certificate.write(tmp_path / "cert", program, [module_result], ["S"])
     manifest = json.loads((tmp_path / "cert" / "manifest.json").read_text())
     (group,) = manifest["modules"][0]["cases"][0]["groups"]
     assert group["kind"] == "finite"
     stored = (tmp_path / "cert" / group["K"]).read_bytes()
     assert manifest["files"][group["K"]] == hashlib.sha256(stored).hexdigest()
     assert np.frombuffer(stored).tolist() == list(range(-5, 6))
-    report = VerifyReport("walk.soter", program.sha256, "S", (found,), 0.0)
+    report = VerifyReport("walk.soter", program.sha256, "S", (module_result,), 0.0)
     assert page(report).modules[0].figures == ()

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from soter.program.build import check_file
-from soter.reach import verify as verifying
+from soter.program.front_end import check_file
+from soter.reach import verify_module as verifying
 from soter.reach.claims.results import PROPERTIES, ModuleResult
 from soter.reach.command import verify
 
@@ -39,12 +39,12 @@ def changed(*pairs: tuple[str, str]) -> str:
 def result_of(text: str, *, refute: bool = False) -> ModuleResult:
     checked = check_file("cart.soter", text)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
-    (found,) = verify(checked, refute=refute).modules
-    return found
+    (module_result,) = verify(checked, refute=refute).modules
+    return module_result
 
 
-def verdicts(found: ModuleResult) -> dict[str, str]:
-    return {name: f.verdict for name, f in found.findings.items()}
+def verdicts(module_result: ModuleResult) -> dict[str, str]:
+    return {name: f.verdict for name, f in module_result.findings.items()}
 
 
 @pytest.fixture(scope="module")
@@ -122,13 +122,13 @@ WRONG = {
 @pytest.mark.parametrize("what", WRONG)
 def test_what_is_wrong_is_not_proved(what: str) -> None:
     change, suspect = WRONG[what]
-    found = result_of(changed(change))
-    assert found.verdict == "undecided"
-    assert found.findings[suspect].verdict == "undecided", verdicts(found)
-    assert found.findings[suspect].text
+    module_result = result_of(changed(change))
+    assert module_result.verdict == "undecided"
+    assert module_result.findings[suspect].verdict == "undecided", verdicts(module_result)
+    assert module_result.findings[suspect].text
     if suspect in ("ttf", "safer"):
-        assert found.findings["P3"].verdict == "undecided"
-        assert found.findings[suspect].regions
+        assert module_result.findings["P3"].verdict == "undecided"
+        assert module_result.findings[suspect].regions
 
 
 SLOW = """soter 1;
@@ -158,8 +158,8 @@ system S { cart: Cart; module M; }
 def test_the_command_of_a_slow_controller_acts_on_every_step_of_a_map(
     gain: str, verdict: str
 ) -> None:
-    found = result_of(SLOW.replace("GAIN", gain))  # 1.5: x, -x/2, -2x
-    assert found.findings["P2a"].verdict == verdict
+    module_result = result_of(SLOW.replace("GAIN", gain))  # 1.5: x, -x/2, -2x
+    assert module_result.findings["P2a"].verdict == verdict
 
 
 CORNERS = """soter 1;
@@ -196,9 +196,9 @@ def test_a_finer_grid_of_one_group_does_not_pair_sets_of_different_corners(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 2)
-    found = result_of(CORNERS)
-    assert found.findings["P2a"].verdict == "proved"
-    for case in found.cases:
+    module_result = result_of(CORNERS)
+    assert module_result.findings["P2a"].verdict == "proved"
+    for case in module_result.cases:
         near = []
         for part in case.groups:
             (edges,) = part.edges

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.build import check_file
-from soter.reach import verify as verifying
+from soter.program.front_end import check_file
+from soter.reach import verify_module as verifying
 from soter.reach.command import verify
 
 if TYPE_CHECKING:
@@ -67,51 +67,51 @@ def result_of(*pairs: tuple[str, str], text: str = PLANE) -> ModuleResult:
         text = text.replace(old, new)
     checked = check_file("plane.soter", text)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
-    (found,) = verify(checked, refute=False).modules
-    return found
+    (module_result,) = verify(checked, refute=False).modules
+    return module_result
 
 
 def test_two_groups_and_two_values_of_a_parameter_are_proved() -> None:
-    found = result_of()
-    assert found.verdict == "proved", {n: f.text for n, f in found.findings.items()}
-    assert [c.parameter for c in found.cases] == [(0,), (1,)]
-    assert found.cells == 2 * (200 + 240)
-    one, two = (c.groups[0].core > 0 for c in found.cases)
+    module_result = result_of()
+    assert module_result.verdict == "proved", {n: f.text for n, f in module_result.findings.items()}
+    assert [c.parameter for c in module_result.cases] == [(0,), (1,)]
+    assert module_result.cells == 2 * (200 + 240)
+    one, two = (c.groups[0].core > 0 for c in module_result.cases)
     assert one.sum() >= two.sum()
 
 
 def test_states_that_the_constraint_compares_must_be_one_group() -> None:
     together = ("safe Inside(pos, 0.0);", "safe Inside(pos, 0.0) && abs(pos.x + pos.y) < 3.0;")
-    found = result_of(together)
-    assert found.findings["P2a"].verdict == "undecided"
-    assert "no product" in found.findings["P2a"].text
+    module_result = result_of(together)
+    assert module_result.findings["P2a"].verdict == "undecided"
+    assert "no product" in module_result.findings["P2a"].text
 
 
 def test_what_the_product_of_the_parts_misses_is_found_between_them() -> None:
     corner = ("safe Inside(pos, 0.0);", "safe Inside(pos, 0.0) && (pos.x < 1.9 || pos.y < 2.9);")
-    found = result_of(corner)
-    assert found.findings["P2a"].verdict == "undecided"
+    module_result = result_of(corner)
+    assert module_result.findings["P2a"].verdict == "undecided"
 
 
 def test_a_predicate_that_forgets_a_group_is_not_proved() -> None:
-    found = result_of(("ttf !Inside(pos, 0.2);", "ttf abs(pos.x) > 1.8;"))
-    assert found.findings["ttf"].verdict == "undecided"
-    assert {axis[0] for r in found.findings["ttf"].regions for axis in r.axes} == {"s.y"}
+    module_result = result_of(("ttf !Inside(pos, 0.2);", "ttf abs(pos.x) > 1.8;"))
+    assert module_result.findings["ttf"].verdict == "undecided"
+    assert {axis[0] for r in module_result.findings["ttf"].regions for axis in r.axes} == {"s.y"}
 
 
 def test_the_value_of_a_parameter_for_which_it_fails_is_named() -> None:
-    found = result_of(("(loaded ? 0.5 : 1.0)", "(loaded ? -0.5 : 1.0)"))
-    assert found.findings["P2a"].verdict == "undecided"
-    regions = found.findings["P2a"].regions
+    module_result = result_of(("(loaded ? 0.5 : 1.0)", "(loaded ? -0.5 : 1.0)"))
+    assert module_result.findings["P2a"].verdict == "undecided"
+    regions = module_result.findings["P2a"].regions
     assert regions
     assert {r.parameters for r in regions} == {(("s.loaded", 1),)}
 
 
 def test_the_core_stays_inside_its_hint() -> None:
     hint = ("verify {", "verify { core abs(pos.x) < 1.95;")
-    found = result_of(hint)
-    assert found.verdict == "proved"
-    part = found.cases[0].groups[0]
+    module_result = result_of(hint)
+    assert module_result.verdict == "proved"
+    part = module_result.cases[0].groups[0]
     edges = part.edges[0]
     kept = [i for i, n in enumerate(part.core) if n]
     assert edges[kept[0]] >= -1.95 - 1e-9
@@ -153,12 +153,14 @@ system S { b: Belt; module M; }
 
 def test_a_polytope_ends_where_sc_is_clamped() -> None:
     pytest.importorskip("highspy")
-    found = result_of(("grid pos.y in [-3.0, 3.0] / 240;", "polytope pos.y in [-3.0, 3.0];"))
-    assert found.findings["P2a"].verdict == "proved"
-    assert found.shares["core"] < 0.5 / 3.0
-    assert {found.findings[p].verdict for p in ("P3", "ttf", "safer")} == {"undecided"}
-    assert {axis[0] for r in found.findings["ttf"].regions for axis in r.axes} == {"s.y"}
-    assert len(found.cases[0].polytopes) == 1
+    module_result = result_of(
+        ("grid pos.y in [-3.0, 3.0] / 240;", "polytope pos.y in [-3.0, 3.0];")
+    )
+    assert module_result.findings["P2a"].verdict == "proved"
+    assert module_result.shares["core"] < 0.5 / 3.0
+    assert {module_result.findings[p].verdict for p in ("P3", "ttf", "safer")} == {"undecided"}
+    assert {axis[0] for r in module_result.findings["ttf"].regions for axis in r.axes} == {"s.y"}
+    assert len(module_result.cases[0].polytopes) == 1
 
 
 def test_a_finer_grid_settles_borders_and_forgets_no_failure(
@@ -171,6 +173,6 @@ def test_a_finer_grid_settles_borders_and_forgets_no_failure(
     cells = sum(p.core.size for p in fine.cases[0].groups)
     assert cells > 40 + 60
     wrong = ("ttf !Inside(pos, 0.2);", "ttf !Inside(pos, 0.2) && abs(pos.y) < 2.97;")
-    found = result_of(*coarse, wrong)
-    assert found.findings["ttf"].verdict == "undecided"
-    assert "s.y" in {axis[0] for r in found.findings["ttf"].regions for axis in r.axes}
+    module_result = result_of(*coarse, wrong)
+    assert module_result.findings["ttf"].verdict == "undecided"
+    assert "s.y" in {axis[0] for r in module_result.findings["ttf"].regions for axis in r.axes}

@@ -12,13 +12,13 @@ import pytest
 
 from generators.corridor_program import LAW, SAFE, SET, VIEWS, program
 from soter.api import load
+from soter.certificate.reading.views import left_out, seen
+from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_of
-from soter.program.flatten.views import as_seen
+from soter.program.elaborate.views import systems_by_view
+from soter.program.front_end import check_file, system_of
 from soter.program.model import typed
-from soter.reach.to_report import page
-from soter.recheck.reading.views import left_out, seen
-from soter.recheck.rechecker import recheck
+from soter.reach.proof_report import page
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,11 +49,13 @@ def test_every_view_is_proved_and_so_is_the_module(proved: tuple[Path, VerifyRep
 
 
 def test_the_re_checker_accepts_it(proved: tuple[Path, VerifyReport]) -> None:
-    found = recheck(proved[0])
-    assert found.accepted, found.reason
-    assert found.safe
-    assert [m.name for m in found.modules] == ["Keep as left", "Keep as right"]
-    open_ends = [a.key for m in found.modules for a in m.assumptions if a.key.startswith("open")]
+    recheck_report = recheck(proved[0])
+    assert recheck_report.accepted, recheck_report.reason
+    assert recheck_report.safe
+    assert [m.name for m in recheck_report.modules] == ["Keep as left", "Keep as right"]
+    open_ends = [
+        a.key for m in recheck_report.modules for a in m.assumptions if a.key.startswith("open")
+    ]
     assert open_ends == ["open seen.r 60.0"] * 2
 
 
@@ -78,9 +80,9 @@ def test_a_certificate_without_one_of_the_views_is_rejected(
             del manifest["files"][path]
             (folder / path).unlink()
     sealed(folder, manifest)
-    found = recheck(folder)
-    assert not found.accepted
-    assert f"view `{name}` of module `Keep` is not there" in found.reason
+    recheck_report = recheck(folder)
+    assert not recheck_report.accepted
+    assert f"view `{name}` of module `Keep` is not there" in recheck_report.reason
 
 
 def test_a_certificate_in_which_a_view_stands_twice_is_rejected(
@@ -159,7 +161,7 @@ def test_a_predicate_in_a_view_never_says_more_than_the_whole() -> None:
         flat = system_of(checked, "S")
         module = flat.modules[0]
         try:
-            views = as_seen(flat, module)
+            views = systems_by_view(flat, module)
         except SoterError:
             continue  # the re-checker takes more apart, and is not asked then
         assert not left_out(module.symbol, ["left", "right"])
@@ -182,26 +184,26 @@ def _never_more(whole: typed.ModuleSymbol, parts: list[typed.ModuleSymbol], seed
         assert all(holds(p.safe, rooms) for p in parts) == holds(whole.safe, rooms)
 
 
-def holds(e: typed.Expr | None, rooms: dict[str, float]) -> bool:
+def holds(e: typed.TypedExpr | None, rooms: dict[str, float]) -> bool:
     """The meaning of what `random_predicate` writes, once more."""
-    if isinstance(e, typed.Unary):
+    if isinstance(e, typed.TypedUnary):
         return not holds(e.operand, rooms)
-    if isinstance(e, typed.Binary) and e.op in ("&&", "||"):
+    if isinstance(e, typed.TypedBinary) and e.op in ("&&", "||"):
         both = holds(e.left, rooms), holds(e.right, rooms)
         return all(both) if e.op == "&&" else any(both)
-    if isinstance(e, typed.Binary):
+    if isinstance(e, typed.TypedBinary):
         assert e.op == ">="
         return number(e.left, rooms) >= number(e.right, rooms)
     assert isinstance(e, typed.Literal)
     return e.value is True
 
 
-def number(e: typed.Expr, rooms: dict[str, float]) -> float:
+def number(e: typed.TypedExpr, rooms: dict[str, float]) -> float:
     if isinstance(e, typed.Literal):
         return float(e.value)
-    if isinstance(e, typed.Unary):
+    if isinstance(e, typed.TypedUnary):
         return -number(e.operand, rooms)
-    assert isinstance(e, typed.Field)
+    assert isinstance(e, typed.TypedField)
     assert isinstance(e.target, typed.TopicRead)
     return rooms[e.target.topic.name]
 
@@ -221,10 +223,10 @@ def test_what_only_safe_reads_is_said_to_be_judged_on_the_plant_of_the_proof(
     words = "what `safe` says of danger is judged on what seen drives"
     said = ["".join(m.problem.assumptions) for m in report.modules]
     assert [words in text for text in said] == [True, False]
-    found = recheck(tmp_path / "cert")
-    assert [a.key for m in found.modules for a in m.assumptions if a.key.startswith("judged")] == [
-        "judged danger seen"
-    ]
+    recheck_report = recheck(tmp_path / "cert")
+    assert [
+        a.key for m in recheck_report.modules for a in m.assumptions if a.key.startswith("judged")
+    ] == ["judged danger seen"]
 
 
 @pytest.mark.parametrize(
@@ -246,8 +248,8 @@ def test_an_open_end_lies_beyond_the_grid(tmp_path: Path, end: str, code: str) -
 def test_the_page_names_the_module_once_and_draws_what_matters(
     proved: tuple[Path, VerifyReport],
 ) -> None:
-    found = page(proved[1])
-    assert found.headline.startswith("Keep in 2 views: proved")
-    figure = found.modules[0].figures[0]
+    report_page = page(proved[1])
+    assert report_page.headline.startswith("Keep in 2 views: proved")
+    figure = report_page.modules[0].figures[0]
     assert max(figure.x_edges) < 4.1, "not up to the open end"
     assert "seen.r goes on to 60" in figure.note

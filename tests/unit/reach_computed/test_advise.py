@@ -10,7 +10,7 @@ import pytest
 import soter
 from json_documents import problems_of
 from soter.cli.main import main
-from soter.reach import verify as verifying
+from soter.reach import verify_module as verifying
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def swept(tmp_path_factory: pytest.TempPathFactory, open_text: str) -> Advice:
     path = tmp_path_factory.mktemp("swept") / "open.soter"
     path.write_text(open_text, encoding="utf-8")
-    (found,) = soter.load(path).advise(factors=(0.4, 4, 40), levels=(2, 3))
-    return found
+    (advice,) = soter.load(path).advise(factors=(0.4, 4, 40), levels=(2, 3))
+    return advice
 
 
 def test_a_longer_period_leaves_ac_less(swept: Advice) -> None:

@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 import soter
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span
-from soter.program.build import check_file, system_of
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
+from soter.program.front_end import check_file, system_of
 from soter.program.model import typed as t
 from soter.program.model.system import Module, Scope, System
 from soter.program.model.types import FLOAT
 from soter.reach.claims.case import Case
-from soter.reach.deploy import complete as complete_
-from soter.reach.deploy.complete import complete
+from soter.reach.deploy import computed_predicates as complete_
+from soter.reach.deploy.computed_predicates import complete
 from soter.reach.grid import levels as levels_
-from soter.reach.tables.tables import Table, level_function
-from soter.reach.tables.writer import Writer
+from soter.reach.tables.grid_tables import GroupTable, level_function
+from soter.reach.tables.tree_writer import Writer
 
 SPAN = Span(Source("table.soter", "x"), 0, 1)
 
@@ -32,7 +32,7 @@ def flat(path: Path, system: str = "Protected") -> System:
     return system_of(check_file(str(path)), system)
 
 
-def reader(table: Table) -> Callable[..., int]:
+def reader(table: GroupTable) -> Callable[..., int]:
     """The level function of a table as a Python function of floats, by the evaluator."""
     w = Writer(SPAN)
     fun = level_function(w, "level", table)
@@ -40,9 +40,9 @@ def reader(table: Table) -> Callable[..., int]:
 
     def read(*values: float) -> int:
         literals = [t.Literal(FLOAT, SPAN, float(v)) for v in values]
-        found = evaluator.expression(w.call(fun, *literals))(environment())
-        assert isinstance(found, int)
-        return found
+        entry = evaluator.expression(w.call(fun, *literals))(environment())
+        assert isinstance(entry, int)
+        return entry
 
     return read
 
@@ -61,7 +61,7 @@ def environment() -> Environment:
 
 EDGES = ((-2.0, -0.3, -0.1, 0.0, 5e-324, 0.7, 1.9), (0.0, 0.1, 0.2, 0.30000000000000004, 1.0))
 ENTRIES = np.arange(24, dtype=np.uint8).reshape(6, 4) % 3
-READ = reader(Table((0, 1), EDGES, ENTRIES))
+READ = reader(GroupTable((0, 1), EDGES, ENTRIES))
 special = st.sampled_from([math.nan, math.inf, -math.inf, -0.0, 1e308, *EDGES[0], *EDGES[1]])
 near = special.map(lambda x: math.nextafter(x, math.inf)) | special.map(
     lambda x: math.nextafter(x, -math.inf)
@@ -82,17 +82,17 @@ def test_a_level_is_that_of_a_closed_cell_that_holds_the_estimate(x: float, y: f
 
 
 def test_one_cell_and_no_axis_are_tables_too() -> None:
-    assert reader(Table((0,), ((0.0, 1.0),), np.array([2], dtype=np.uint8)))(1.0) == 2
-    assert reader(Table((), (), np.array(1, dtype=np.uint8)))() == 1
+    assert reader(GroupTable((0,), ((0.0, 1.0),), np.array([2], dtype=np.uint8)))(1.0) == 2
+    assert reader(GroupTable((), (), np.array(1, dtype=np.uint8)))() == 1
 
 
 def test_every_entry_of_a_table_is_found_again() -> None:
     entries = np.random.default_rng(1).integers(0, 3, size=(37, 5)).astype(np.uint8)
     edges = (tuple(np.linspace(-1, 3, 38)), tuple(np.geomspace(1, 9, 6)))
-    read = reader(Table((0, 1), edges, entries))
+    read = reader(GroupTable((0, 1), edges, entries))
     middle = [np.add(e[1:], e[:-1]) / 2 for e in edges]
-    found = [[read(x, y) for y in middle[1]] for x in middle[0]]
-    assert np.array_equal(found, entries)
+    lookups = [[read(x, y) for y in middle[1]] for x in middle[0]]
+    assert np.array_equal(lookups, entries)
 
 
 def test_both_engines_read_the_same_sets(open_cart: Path) -> None:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.program.build import check_file, system_of
-from soter.reach import verify as verifying
+from soter.program.front_end import check_file, system_of
+from soter.reach import verify_module as verifying
 from soter.reach.claims.levels import deploy
 from soter.reach.claims.results import PROVED, UNDECIDED
-from soter.reach.deploy.complete import complete
+from soter.reach.deploy.computed_predicates import complete
 from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
@@ -78,43 +78,45 @@ def each_alone(cases: Sequence[Case]) -> None:
 def test_sc_that_rests_where_the_table_never_gives_control_back_is_not_proved(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    found = result_of()
-    assert found.findings["ttf"].verdict == found.findings["safer"].verdict == PROVED
-    assert found.findings["P2b"].verdict == UNDECIDED
+    module_result = result_of()
+    assert (
+        module_result.findings["ttf"].verdict == module_result.findings["safer"].verdict == PROVED
+    )
+    assert module_result.findings["P2b"].verdict == UNDECIDED
     monkeypatch.setattr(verifying, "deploy", each_alone)
     assert result_of().findings["P2b"].verdict == PROVED, "each case for itself would return"
 
 
 def test_sc_that_rests_where_every_value_gives_control_back_is_proved() -> None:
-    found = result_of(rest="0.0")
-    assert found.findings["P2b"].verdict == PROVED
+    module_result = result_of(rest="0.0")
+    assert module_result.findings["P2b"].verdict == PROVED
 
 
 def test_shares_and_sets_are_those_that_the_dm_holds() -> None:
-    found = result_of()
-    one, two = (case.groups[0] for case in found.cases)
+    module_result = result_of()
+    one, two = (case.groups[0] for case in module_result.cases)
     both = np.logical_and(one.levels[-1], two.levels[-1])
     assert both.sum() < min(one.levels[-1].sum(), two.levels[-1].sum())
     for part in (one, two):
         assert part.deployed is not None
         assert np.array_equal(part.deployed[1], both)
-    assert found.shares["gives_back"] == pytest.approx(both.mean())
+    assert module_result.shares["gives_back"] == pytest.approx(both.mean())
 
 
 def test_cases_without_a_common_estimate_let_nobody_have_control() -> None:
-    found = result_of(horizon="1100ms")
-    assert all(case.groups[0].levels[0].any() for case in found.cases)
+    module_result = result_of(horizon="1100ms")
+    assert all(case.groups[0].levels[0].any() for case in module_result.cases)
     for claim in ("ttf", "safer", "P2b"):
-        assert found.findings[claim].verdict == UNDECIDED, claim
-    assert "every case" in found.findings["ttf"].text
+        assert module_result.findings[claim].verdict == UNDECIDED, claim
+    assert "every case" in module_result.findings["ttf"].text
 
 
 def test_the_sets_of_a_proof_are_the_table_of_a_run() -> None:
     text = DRIFTS.replace("REST", "1.0").replace("HORIZON", "800ms").replace("GAIN", "2.0")
     flat = system_of(check_file("drifts.soter", text), None)
     (note,) = complete(flat)
-    found = result_of()
-    deployed = found.cases[0].groups[0].deployed
+    module_result = result_of()
+    deployed = module_result.cases[0].groups[0].deployed
     assert deployed is not None
     assert f"on {deployed[0].mean():.1%} of the grid (S_0)" in note
 
@@ -122,7 +124,7 @@ def test_the_sets_of_a_proof_are_the_table_of_a_run() -> None:
 def test_half_spaces_of_all_values_are_what_polytopes_return_to(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    found = result_of(**POLYTOPE)
-    assert found.findings["P2b"].verdict == UNDECIDED
+    module_result = result_of(**POLYTOPE)
+    assert module_result.findings["P2b"].verdict == UNDECIDED
     monkeypatch.setattr(verifying, "deploy", each_alone)
     assert result_of(**POLYTOPE).findings["P2b"].verdict == PROVED

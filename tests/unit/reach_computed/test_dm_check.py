@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.program.model.system import System
 from soter.reach.command import verify
-from soter.reach.deploy.complete import complete, put
+from soter.reach.deploy.computed_predicates import complete, put
 from soter.reach.deploy.dm_check import check_decisions, check_module, decided
 from soter.reach.deploy.dm_inputs import AC, SC
-from soter.reach.methods import tables
-from soter.reach.tables.tables import Table
+from soter.reach.proof_methods import tables
+from soter.reach.tables.grid_tables import GroupTable
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 MUTANTS = {
@@ -86,12 +86,12 @@ def test_one_wrong_entry_of_a_table_is_found(open_cart: Path) -> None:
     assert check_module(module).cells == 200 * 160
     sets = module.cases[0].groups[0].levels
     problem = module.problem
-    found = tables(problem, [[(sets[0], sets[-1])]])
+    decision_tables = tables(problem, [[(sets[0], sets[-1])]])
     flat = replace(problem.system, modules=(replace(problem.module),))
-    put(flat, flat.modules[0], problem, found)
-    table = found[0]
-    assert isinstance(table, Table)
+    put(flat, flat.modules[0], problem, decision_tables)
+    table = decision_tables[0]
+    assert isinstance(table, GroupTable)
     table.entries[137, 59] ^= 1
-    (check,) = check_decisions(flat, None, found, problem.topic_leaf_of_state)
+    (check,) = check_decisions(flat, None, decision_tables, problem.topic_leaf_of_state)
     assert check.verdict == "refuted"
     assert len(check.failures) == 1

@@ -14,12 +14,12 @@ import pytest
 
 import soter
 from long_tests import examples
-from soter.program.build import check_file, system_of
-from soter.reach.deploy.complete import looks_of
+from soter.program.front_end import check_file, system_of
+from soter.reach.deploy.computed_predicates import looks_of
 from soter.reach.problem.extract import extract
-from soter.reach.problem.problem import Parameter
-from soter.reach.tables.facets import Facets
-from soter.reach.tables.tables import Table
+from soter.reach.problem.problem import DiscreteParameter
+from soter.reach.tables.grid_tables import GroupTable
+from soter.reach.tables.polytope_tables import Facets
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -101,8 +101,8 @@ def slack(run: Run, above_ns: int = 0) -> Times:
     told = np.rint(run.topic("told") * 1e9).astype(np.int64)
     mode = run.mode("Keep")
     taken = np.append(now[1:][(mode[:-1] == 1) & (mode[1:] == 0)], AFTER)
-    found: Times = (taken[np.searchsorted(taken, now, side="right")] - now - told)[told > above_ns]
-    return found
+    slacks: Times = (taken[np.searchsorted(taken, now, side="right")] - now - told)[told > above_ns]
+    return slacks
 
 
 @pytest.mark.parametrize(
@@ -116,8 +116,8 @@ def test_nobody_takes_over_before_the_margin_said(
     for seed in range(RUNS):
         run = program.simulate(seed=seed, sha256=False)
         assert run.violations == 0
-        found = slack(run)
-        assert found.min() >= 0, f"seed {seed}"
+        slacks = slack(run)
+        assert slacks.min() >= 0, f"seed {seed}"
         least = min(least, int(slack(run, PERIOD_NS).min(initial=AFTER)))
         longest = max(longest, float(run.topic("told").max()))
     assert longest == 0.1, "two periods right after a look that found `safer`"
@@ -167,9 +167,9 @@ def test_levels_do_not_count_where_the_argument_has_a_gap(tmp_path: Path) -> Non
     flat = system_of(check_file(str(tmp_path / "cart.soter")), "S")
     problem = extract(flat, flat.modules[0])
     assert problem.kind == "flow"
-    table: Any = Table((), (), np.zeros(1, dtype=np.uint8))
+    table: Any = GroupTable((), (), np.zeros(1, dtype=np.uint8))
     facets: Any = object.__new__(Facets)
-    sides = Parameter("side", (0, 1))
+    sides = DiscreteParameter("side", (0, 1))
     assert looks_of(problem, [table]) == 5
     assert looks_of(problem, [table, facets]) == 1
     assert looks_of(replace(problem, kind="map"), [table]) == 1

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from generators.enclosing import (
+from generators.engine_comparison import subject
+from generators.python_enclosures import (
     INPUTS,
     Compiled,
     Enclosure,
@@ -23,20 +24,19 @@ from generators.enclosing import (
     seeded,
     value_of,
 )
-from generators.engines import subject
-from generators.programs import program
-from soter.lower.builder import FunctionTable
-from soter.program.build import check_file, system_of
-from soter.program.meaning.arith import StepFault
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator
+from generators.random_programs import program
+from soter.lower.statements import FunctionTable
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
+from soter.program.front_end import check_file, system_of
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaf_count
 
 if TYPE_CHECKING:
     import random
     from collections.abc import Callable, Iterator
 
-    from generators.enclosing import Statics
+    from generators.python_enclosures import Statics
     from soter.program.model.system import System
     from soter.program.model.typed import FunSymbol
     from soter.program.model.types import Type

@@ -16,8 +16,8 @@ import cffi
 import mpmath
 import pytest
 
-from generators.enclosing import seeded
-from generators.engines import call_compiler
+from generators.engine_comparison import call_compiler
+from generators.python_enclosures import seeded
 from soter.prelude.bounds import BOUNDS
 from soter.reach.enclose.prelude import ENCLOSED
 

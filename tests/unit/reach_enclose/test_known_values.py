@@ -7,33 +7,33 @@ from fractions import Fraction
 
 import pytest
 
-from generators.enclosing import seeded
+from generators.python_enclosures import seeded
 from soter.codegen.c import tree as c
-from soter.reach.enclose.emit import Emitter, Op
-from soter.reach.enclose.ops import Operations
-from soter.reach.enclose.values import Form, Span, compared, span_binary, span_unary
+from soter.reach.enclose.c_emitter import Emitter, Op
+from soter.reach.enclose.enclosed_values import FloatRange, Form, compared, span_binary, span_unary
+from soter.reach.enclose.operations import EnclosureOperations
 
 COUNT = 400
 NUMBERS = (0.0, 1.0, -1.0, 0.1, 3.0, 1e-320, 5e-324, 1e300, -1e308, 1.0 / 3.0)
 
 
-def spans(key: str) -> list[Span]:
+def spans(key: str) -> list[FloatRange]:
     """Single numbers and ranges."""
     rng = seeded(key)
-    found = []
+    samples = []
     for _ in range(COUNT):
         x = rng.choice(NUMBERS) if rng.random() < 0.4 else rng.uniform(-4, 4)
         width = rng.choice((0.0, 0.0, 0.5))
-        found.append(Span(x, x + width))
-    return found
+        samples.append(FloatRange(x, x + width))
+    return samples
 
 
-def ends(s: Span) -> tuple[Fraction, Fraction]:
+def ends(s: FloatRange) -> tuple[Fraction, Fraction]:
     """Both ends, exactly."""
     return Fraction(s.low), Fraction(s.high)
 
 
-def inside(s: Span) -> tuple[float, float, float]:
+def inside(s: FloatRange) -> tuple[float, float, float]:
     """Ends and middle."""
     return s.low, s.high, min(max(0.5 * s.low + 0.5 * s.high, s.low), s.high)
 
@@ -88,10 +88,10 @@ def test_comparisons_of_constants_decide_only_what_is_certain() -> None:
 def test_a_constant_that_is_a_range_stays_one() -> None:
     """`x - [1, 3]` is `x + [-3, -1]`; a maximum with a range is no maximum with its end."""
     emitter = Emitter()
-    ops = Operations(emitter)
+    ops = EnclosureOperations(emitter)
     x = Form(c.Name("x"))
-    ops.binary("-", x, Span(1.0, 3.0))
-    ops.extreme("max", x, Span(1.0, 3.0))
+    ops.binary("-", x, FloatRange(1.0, 3.0))
+    ops.extreme("max", x, FloatRange(1.0, 3.0))
     shift, most = emitter.block
     assert isinstance(shift, Op)
     assert isinstance(most, Op)

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from generators.enclosing import INPUTS, Compiled, enclosure
-from soter.lower.builder import FunctionTable
-from soter.program.build import check_file, system_of
+from generators.python_enclosures import INPUTS, Compiled, enclosure
+from soter.lower.statements import FunctionTable
+from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from generators.enclosing import Statics
+    from generators.python_enclosures import Statics
 
 PROGRAM = """soter 1;
 const BAND: float = 7.25;

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import cffi
 import pytest
 
-from generators.enclosing import holds, seeded, set_input
-from generators.engines import call_compiler
+from generators.engine_comparison import call_compiler
+from generators.python_enclosures import holds, seeded, set_input
 from soter.lower.steps import lower
-from soter.program.build import check_file, system_of
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
+from soter.program.front_end import check_file, system_of
 from soter.reach.enclose.unit import EnclosureError, generate_enclosures
 from soter.reach.problem.quantities import Leaf, Quantities
 
@@ -198,15 +198,15 @@ class Reference:
 
 def boxes(rng: random.Random, ranges: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """A box inside the ranges, of any size; the light is on, off or either."""
-    found = []
+    box = []
     scale = 10.0 ** rng.uniform(-4, 0)
     for i, (low, high) in enumerate(ranges):
         if i == 3:
-            found.append(rng.choice([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0)]))
+            box.append(rng.choice([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0)]))
             continue
         middle, half = rng.uniform(low, high), 0.5 * (high - low) * scale
-        found.append((max(low, middle - half), min(high, middle + half)))
-    return found
+        box.append((max(low, middle - half), min(high, middle + half)))
+    return box
 
 
 def point(rng: random.Random, box: list[tuple[float, float]]) -> list[float]:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from soter.reach.grid.sets import GridGroup, GridInputs
-from unit.reach_grids.adversary import Car, Runs
-from unit.reach_grids.units import car, corner, hill, pendulum
+from unit.reach_grids.grid_adversary import Car, Runs
+from unit.reach_grids.small_enclosure_units import car, corner, hill, pendulum
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from soter.reach.grid.sets import CancelledError, GridGroup, GridInputs
-from unit.reach_grids.adversary import Car, Runs, flow
+from unit.reach_grids.grid_adversary import Car, Runs, flow
+from unit.reach_grids.small_enclosure_units import corner, hill
 from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of
-from unit.reach_grids.units import corner, hill
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -23,7 +23,7 @@ WALL = 1.5
 
 def inside(engine: GridGroup, cells: Bools, x: Floats) -> Bools:
     """Whether points (axes, n) lie in closed cells of the set, up to numpy's rounding."""
-    found = np.zeros(x.shape[1], dtype=bool)
+    mask = np.zeros(x.shape[1], dtype=bool)
     for nudge in np.ndindex(*(3,) * len(x)):
         at = []
         ok = np.ones(x.shape[1], dtype=bool)
@@ -32,8 +32,8 @@ def inside(engine: GridGroup, cells: Bools, x: Floats) -> Bools:
             i = np.searchsorted(edges, y, side="right") - 1
             ok &= (i >= 0) & (i < len(edges) - 1)
             at.append(np.clip(i, 0, len(edges) - 2))
-        found |= ok & cells[tuple(at)]
-    return found
+        mask |= ok & cells[tuple(at)]
+    return mask
 
 
 def drawn(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.found import files_below
+from generators.file_listing import files_below
 from soter.api import load
 
 if TYPE_CHECKING:

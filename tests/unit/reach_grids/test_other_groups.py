@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach.enclose.scheme import scheme_error, scheme_weight
+from soter.reach.enclose.scheme_error import scheme_error, scheme_weight
 from soter.reach.grid.sets import GridGroup, GridInputs, UnboundedError
-from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of, pendulum_rate
-from unit.reach_grids.test_grid_sets import drawn, escapes, inside
-from unit.reach_grids.units import (
+from unit.reach_grids.small_enclosure_units import (
     END,
     SIGNATURE,
     _source,
@@ -21,6 +19,8 @@ from unit.reach_grids.units import (
     linear_source,
     pendulum,
 )
+from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of, pendulum_rate
+from unit.reach_grids.test_grid_sets import drawn, escapes, inside
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -137,11 +137,11 @@ def test_a_tube_is_cut_as_often_as_pays_off(name: str) -> None:
     target = np.zeros(engine.shape, dtype=bool)
     target[(slice(1, -1),) * target.ndim] = True
     few, many = (engine.safe_for(40 * MS, target, segments=s) for s in (2, 32))
-    found = engine.safe_for(40 * MS, target)
-    assert not np.any(few & ~found)
-    assert not np.any(found & ~target)
-    assert found.sum() > 1.05 * few.sum()
-    assert found.sum() > 0.95 * many.sum()
+    safe_cells = engine.safe_for(40 * MS, target)
+    assert not np.any(few & ~safe_cells)
+    assert not np.any(safe_cells & ~target)
+    assert safe_cells.sum() > 1.05 * few.sum()
+    assert safe_cells.sum() > 0.95 * many.sum()
 
 
 def test_a_core_on_four_axes_is_the_product_of_its_parts() -> None:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach.grid.policies import Table, _Synthesis, core_synthesis, way
+from soter.reach.grid.policies import CommandTable, _Synthesis, core_synthesis, way
 from soter.reach.grid.sets import GridGroup, GridInputs
-from unit.reach_grids.adversary import Runs
+from unit.reach_grids.grid_adversary import Runs
+from unit.reach_grids.small_enclosure_units import corner, hill
 from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of
 from unit.reach_grids.test_grid_sets import drawn, inside
-from unit.reach_grids.units import corner, hill
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -38,7 +38,9 @@ def entry(group: GridGroup, estimate: Floats) -> tuple[npt.NDArray[np.int64], ..
     )
 
 
-def run(group: GridGroup, table: Table, errors: dict[int, float], steps: int) -> tuple[int, int]:
+def run(
+    group: GridGroup, table: CommandTable, errors: dict[int, float], steps: int
+) -> tuple[int, int]:
     """Runs from K under the table, errors at their bounds: how many leave K, how many find no
     entry. Estimates outside the grid read its last cell."""
     rng = np.random.default_rng(1)
@@ -101,7 +103,7 @@ def test_the_preferred_commands_lead_to_the_middle() -> None:
     group = engine()
     middle = [(e[:-1] + e[1:]) / 2 for e in group.edges]
     cost = np.hypot(*np.meshgrid(*middle, indexing="ij"))
-    found = []
+    distances = []
     for prefer in (None, cost):
         table = core_synthesis(group, np.ones(group.shape, dtype=bool), COMMANDS, prefer=prefer)
         x, _ = drawn(group, table.cells, np.random.default_rng(2), 2000)
@@ -109,8 +111,8 @@ def test_the_preferred_commands_lead_to_the_middle() -> None:
             u = table.commands[table.choice[entry(group, x)], 0]
             v = np.clip(x[1] + 0.1 * u - 0.05 * x[0], -0.5, 0.5)
             x = np.stack([x[0] + v, v])
-        found.append(float(np.hypot(*x).mean()))
-    assert found[1] < 0.5 * found[0]
+        distances.append(float(np.hypot(*x).mean()))
+    assert distances[1] < 0.5 * distances[0]
 
 
 @pytest.mark.parametrize("number", [1, 3])
@@ -124,19 +126,19 @@ def test_the_way_back_takes_no_longer_than_claimed(number: int, *, in_turns: boo
     rates = np.abs(group.edges[1][:-1] + group.edges[1][1:]) < 1.6
     goal = core & middle[:, None] & rates[None, :]
     first = way(group, core, allowed, goal, holds=(2, 5)) if in_turns else None
-    found = way(group, core, allowed, goal, before=first)
+    way_back = way(group, core, allowed, goal, before=first)
     if first is not None:
         before = first.cells
-        assert 0.1 * core.sum() < before.sum() < found.cells.sum()
-        assert np.array_equal(found.rank[before], first.rank[before])
-        assert found.rank[found.cells & ~before].min() > first.rank.max()
-        assert np.array_equal(found.cells, way(group, core, allowed, goal).cells)
-    assert np.array_equal(found.rank == 1, goal)
-    assert (found.cells & core).sum() > 0.98 * core.sum()
+        assert 0.1 * core.sum() < before.sum() < way_back.cells.sum()
+        assert np.array_equal(way_back.rank[before], first.rank[before])
+        assert way_back.rank[way_back.cells & ~before].min() > first.rank.max()
+        assert np.array_equal(way_back.cells, way(group, core, allowed, goal).cells)
+    assert np.array_equal(way_back.rank == 1, goal)
+    assert (way_back.cells & core).sum() > 0.98 * core.sum()
     rng = np.random.default_rng(6)
-    start, at = drawn(group, found.cells & ~goal, rng, 1500)
-    limit = found.time_ns[at[:, 0], at[:, 1]] * 1e-9
-    assert 0 < limit.max() <= found.longest_ns * 1e-9
+    start, at = drawn(group, way_back.cells & ~goal, rng, 1500)
+    limit = way_back.time_ns[at[:, 0], at[:, 1]] * 1e-9
+    assert 0 < limit.max() <= way_back.longest_ns * 1e-9
     back = np.zeros(start.shape[1], dtype=bool)
     runs = Runs(c, start, rng)
     for _, x, _met in runs.holds(int(limit.max() / c.period) + 1):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from soter.reach.grid.sets import GridGroup, GridInputs
-from unit.reach_grids.units import car
+from unit.reach_grids.small_enclosure_units import car
 
 HOLDS = 12
 PERIOD_NS = 30_000_001
@@ -35,11 +35,11 @@ def group_of(far: float, fast: float, command: float) -> GridGroup:
 def exact(p: float, v: float, u: float) -> list[tuple[Fraction, Fraction]]:
     """States after each hold, as rationals."""
     h, a = Fraction(PERIOD_NS, 10**9), Fraction(u)
-    x, y, found = Fraction(p), Fraction(v), []
+    x, y, states = Fraction(p), Fraction(v), []
     for _ in range(HOLDS):
         x, y = x + y * h + a * h * h / 2, y + a * h
-        found.append((x, y))
-    return found
+        states.append((x, y))
+    return states
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from soter.reach.grid.sets import GridGroup, GridInputs
-from unit.reach_grids.sampled import Sampled
+from unit.reach_grids.sampled_sc_runs import Sampled
+from unit.reach_grids.small_enclosure_units import END, SIGNATURE, _source, corner, linear
 from unit.reach_grids.test_grid_sets import inside
-from unit.reach_grids.units import END, SIGNATURE, _source, corner, linear
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -351,8 +351,8 @@ def test_an_end_stays_where_no_push_goes_there_and_moves_with_the_least_one(
         assert engine.c.is_local
         images, tubes = engine.enclosures(low, high, 3)
         assert len(images) == 3
-        for found in (images, tubes):
-            lows, highs = found[:, 0, 0], found[:, 0, 1]
+        for enclosures in (images, tubes):
+            lows, highs = enclosures[:, 0, 0], enclosures[:, 0, 1]
             assert (lows >= low[0]).all() == (least >= 0.0)
             assert (highs <= high[0]).all() == (most <= 0.0)
             assert lows[-1] <= low[0] + least * (seconds if least < 0.0 else longest)

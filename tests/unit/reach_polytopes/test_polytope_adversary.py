@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from long_tests import some
-from soter.reach.polytope import model as polytope_model
-from soter.reach.polytope.balls import exact, up_product
+from soter.reach.polytope import linear_group as polytope_model
+from soter.reach.polytope.ball_matrices import exact, up_product
 from soter.reach.polytope.proofs import Windows, claims_of, find_core, prove_core
-from unit.reach_polytopes.adversary import MS, Attack, random_group
+from unit.reach_polytopes.polytope_adversary import MS, Attack, random_group
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.reach.polytope.balls import Array
-    from soter.reach.polytope.model import LinearGroup
+    from soter.reach.polytope.ball_matrices import Array
+    from soter.reach.polytope.linear_group import LinearGroup
     from soter.reach.polytope.proofs import PolytopeSets
 
 pytest.importorskip("highspy")
@@ -50,8 +50,8 @@ def exceeded(sets: PolytopeSets, seed: int = 0) -> float:
     jitter = sets.group.jitter_ns // MS
     worst = -np.inf
     for lead in sorted({0, jitter // 2, jitter}):
-        found = Attack(sets.group, sets.core, RUNS, lead, chance).run(PERIODS)
-        worst = max(worst, found.constraint, found.core)
+        excess = Attack(sets.group, sets.core, RUNS, lead, chance).run(PERIODS)
+        worst = max(worst, excess.constraint, excess.core)
     return worst
 
 
@@ -81,7 +81,7 @@ HOLES: dict[str, tuple[object, str, Callable[..., object], tuple[int, int], floa
         5.0,
     ),
     "nothing disturbs": (
-        polytope_model.Grid,
+        polytope_model.TimeGrid,
         "noise",
         lambda self, rows, _: np.zeros((len(self.times_ns), rows.mid.shape[0])),
         (0, 0),

@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from soter.reach.polytope.balls import Array, exponential
-from soter.reach.polytope.model import LinearGroup
+from soter.reach.polytope.ball_matrices import Array, exponential
+from soter.reach.polytope.half_spaces import Bounds, LinearProgram, Polytope
+from soter.reach.polytope.linear_group import LinearGroup
 from soter.reach.polytope.proofs import NotProvedError, PolytopeSets, Windows, compute, prove
-from soter.reach.polytope.sets import Bounds, Polytope, Program
 
 highspy = pytest.importorskip("highspy")
 
@@ -89,9 +89,9 @@ def proved(delay_ms: int, jitter_ms: int) -> tuple[PolytopeSets, list[Array]]:
 
 def vertices(p: Polytope, count: int, rng: np.random.Generator) -> Array:
     """Points of the border: extreme in random directions, and a little inside."""
-    program = Program(p)
-    found = [program.greatest(rng.normal(size=len(p.low)))[1] for _ in range(count)]
-    return np.array(found) * (1 - 1e-9)
+    program = LinearProgram(p)
+    points = [program.greatest(rng.normal(size=len(p.low)))[1] for _ in range(count)]
+    return np.array(points) * (1 - 1e-9)
 
 
 def flow(group: LinearGroup, ms: int) -> tuple[Array, Array]:
@@ -190,7 +190,9 @@ def test_every_run_from_k_comes_back_to_q() -> None:
 
 def test_a_proof_is_checked_again_without_a_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     sets, multipliers = proved(0, 0)
-    monkeypatch.setattr("soter.reach.polytope.sets.require_highs", lambda: pytest.fail("solved"))
+    monkeypatch.setattr(
+        "soter.reach.polytope.half_spaces.require_highs", lambda: pytest.fail("solved")
+    )
     assert len(prove(sets, multipliers)) == len(multipliers)
 
 
@@ -266,7 +268,7 @@ def test_bounds_hold_at_random_points() -> None:
     p = Polytope(-np.ones(3), np.ones(3), rng.normal(size=(12, 3)), rng.uniform(0.2, 1.0, 12))
     points = rng.uniform(-1, 1, size=(20_000, 3))
     points = points[p.contains(points)]
-    from soter.reach.polytope.balls import exact
+    from soter.reach.polytope.ball_matrices import exact
 
     rows = rng.normal(size=(20, 3))
     bounds = Bounds(p).of(exact(rows))

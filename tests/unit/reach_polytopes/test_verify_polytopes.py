@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 
 from soter.api import load
+from soter.certificate.rechecker import recheck
 from soter.monitor.linear_model import Plants
-from soter.program.build import check_file, system_of
-from soter.reach import verify as verifying
+from soter.program.front_end import check_file, system_of
+from soter.reach import verify_module as verifying
 from soter.reach.attack.refute import refute
 from soter.reach.claims.results import ModuleResult
-from soter.reach.deploy.complete import complete
-from soter.reach.enclose.forms import Forms, library_of
-from soter.reach.polytope.balls import exponential
-from soter.reach.polytope.extract import NotLinearError, linear_group
-from soter.reach.polytope.sets import Polytope, Program
+from soter.reach.deploy.computed_predicates import complete
+from soter.reach.enclose.compiled_enclosures import CompiledEnclosures, library_of
+from soter.reach.polytope.ball_matrices import exponential
+from soter.reach.polytope.extract_group import NotLinearError, linear_group
+from soter.reach.polytope.half_spaces import LinearProgram, Polytope
 from soter.reach.problem.extract import extract
-from soter.reach.verify import verify_module
-from soter.recheck.rechecker import recheck
+from soter.reach.verify_module import verify_module
 
 if TYPE_CHECKING:
     from soter.reach.claims.case import Failure
     from soter.reach.claims.results import PolytopePart
-    from soter.reach.polytope.balls import Array
+    from soter.reach.polytope.ball_matrices import Array
     from soter.reach.problem.problem import Problem
 
 pytest.importorskip("highspy")
@@ -130,12 +130,17 @@ def verdicts(result: ModuleResult) -> dict[str, str]:
 
 
 def test_a_polytope_group_is_proved_with_predicates_of_the_user() -> None:
-    found = result_of()
-    assert found.verdict == "proved", found.findings
-    assert found.findings["ttf"].counts["boxes"] > 1
-    assert found.recover_s is not None
-    assert 0 < found.shares["gives_back"] < found.shares["lets_ac"] < found.shares["free"]
-    assert found.shares["free"] < found.shares["core"]
+    module_result = result_of()
+    assert module_result.verdict == "proved", module_result.findings
+    assert module_result.findings["ttf"].counts["boxes"] > 1
+    assert module_result.recover_s is not None
+    assert (
+        0
+        < module_result.shares["gives_back"]
+        < module_result.shares["lets_ac"]
+        < module_result.shares["free"]
+    )
+    assert module_result.shares["free"] < module_result.shares["core"]
 
 
 def test_the_scheme_of_the_simulator_is_part_of_the_proof() -> None:
@@ -146,10 +151,15 @@ def test_the_scheme_of_the_simulator_is_part_of_the_proof() -> None:
 
 
 def test_computed_predicates_are_proved_and_compiled() -> None:
-    found = result_of(*COMPUTED)
-    assert found.verdict == "proved", verdicts(found)
-    assert "points at borders" in found.findings["DM"].text
-    assert 0 < found.shares["gives_back"] < found.shares["lets_ac"] < found.shares["free"]
+    module_result = result_of(*COMPUTED)
+    assert module_result.verdict == "proved", verdicts(module_result)
+    assert "points at borders" in module_result.findings["DM"].text
+    assert (
+        0
+        < module_result.shares["gives_back"]
+        < module_result.shares["lets_ac"]
+        < module_result.shares["free"]
+    )
 
 
 def test_the_lift_is_proved() -> None:
@@ -201,11 +211,11 @@ FAILS = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_wrong_is_undecided(name: str) -> None:
-    found = failures_of(*WRONG[name])
-    failed = {f.claim for f in found}
+    failures = failures_of(*WRONG[name])
+    failed = {f.claim for f in failures}
     assert failed, name
     assert FAILS.get(name, failed) <= failed
-    assert found[0].hint, name
+    assert failures[0].hint, name
 
 
 def test_predicates_that_forget_the_errors_are_not_proved() -> None:
@@ -245,7 +255,7 @@ def test_states_in_topics_of_different_ages_are_no_one_estimate() -> None:
     library, _ = library_of(problem)
     limits = [(-1.5, 1.5), (-6.0, 6.0)]
     with pytest.raises(NotLinearError, match="different ages"):
-        linear_group(problem, Forms(library, problem, ()), problem.groups[0], limits)
+        linear_group(problem, CompiledEnclosures(library, problem, ()), problem.groups[0], limits)
 
 
 def hidden(limit: float) -> tuple[tuple[str, str], ...]:
@@ -259,10 +269,10 @@ def hidden(limit: float) -> tuple[tuple[str, str], ...]:
 
 
 def test_a_state_that_no_topic_shows_is_named() -> None:
-    found = failures_of(*hidden(5.2))
-    assert {f.claim for f in found} == {"ttf", "safer", "P2b"}
-    assert "c.f" in found[0].text
-    assert "write `ttf` and `safer`" in found[0].hint
+    failures = failures_of(*hidden(5.2))
+    assert {f.claim for f in failures} == {"ttf", "safer", "P2b"}
+    assert "c.f" in failures[0].text
+    assert "write `ttf` and `safer`" in failures[0].hint
 
 
 def test_a_range_that_commands_leave_soon_leaves_ac_nothing() -> None:
@@ -277,7 +287,7 @@ def test_a_range_that_commands_leave_soon_leaves_ac_nothing() -> None:
 def test_the_matrices_enclose_the_plant_and_the_law() -> None:
     problem = problem_of(text=LIFT.read_text())
     library, _ = library_of(problem)
-    forms = Forms(library, problem, ())
+    forms = CompiledEnclosures(library, problem, ())
     limits = [(r.low, r.high) for r in problem.states]
     group = linear_group(problem, forms, problem.groups[0], limits).group
     plants, rng = Plants(problem), np.random.default_rng(1)
@@ -310,7 +320,9 @@ def test_a_clamp_that_is_tighter_than_the_set_limits_the_linear_part() -> None:
     problem = problem_of((LAW, "clamp(-2.0 * motion.x - 2.5 * motion.v, -3.0, 4.0)"))
     library, _ = library_of(problem)
     limits = [(-1.5, 1.5), (-6.0, 6.0)]
-    group = linear_group(problem, Forms(library, problem, ()), problem.groups[0], limits).group
+    group = linear_group(
+        problem, CompiledEnclosures(library, problem, ()), problem.groups[0], limits
+    ).group
     assert -3.0 - 1e-4 <= group.law_low[0] <= -2.9
     assert group.law_high[0] <= 4.0 + 1e-4
     assert group.remainder[0] < 1e-4
@@ -321,10 +333,10 @@ def test_a_clamp_that_is_tighter_than_the_set_limits_the_linear_part() -> None:
 
 def extreme(p: Polytope, count: int, rng: np.random.Generator) -> Array:
     """Points of the border in random directions."""
-    program = Program(p)
+    program = LinearProgram(p)
     width = p.high - p.low
-    found = [program.greatest(rng.normal(size=len(p.low)) / width)[1] for _ in range(count)]
-    return np.array(found) * (1 - 1e-9)
+    points = [program.greatest(rng.normal(size=len(p.low)) / width)[1] for _ in range(count)]
+    return np.array(points) * (1 - 1e-9)
 
 
 def closed_loop(result: ModuleResult, allowed: Polytope, safer: Polytope, seconds: float) -> int:
@@ -417,9 +429,9 @@ MIXED = (
 
 
 def test_a_polytope_stands_beside_a_grid() -> None:
-    found = result_of(*MIXED)
-    assert len(found.cases[0].groups) == len(found.cases[0].polytopes) == 1
-    assert found.verdict == "proved", {n: f.text for n, f in found.findings.items()}
+    module_result = result_of(*MIXED)
+    assert len(module_result.cases[0].groups) == len(module_result.cases[0].polytopes) == 1
+    assert module_result.verdict == "proved", {n: f.text for n, f in module_result.findings.items()}
 
 
 def test_a_grid_that_fails_beside_a_polytope_is_not_proved() -> None:
@@ -443,7 +455,9 @@ def test_a_coupling_between_groups_counts_as_disturbance() -> None:
     problem = problem_of(*coupled)
     library, _ = library_of(problem)
     limits = [(-1.5, 1.5), (-6.0, 6.0)]
-    model = linear_group(problem, Forms(library, problem, ()), problem.groups[0], limits)
+    model = linear_group(
+        problem, CompiledEnclosures(library, problem, ()), problem.groups[0], limits
+    )
     assert model.group.drift_high[1] >= 0.2 + 0.1 * 0.5
     assert model.group.drift_high[1] < 0.3
 

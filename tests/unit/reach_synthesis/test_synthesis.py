@@ -9,7 +9,7 @@ import pytest
 
 import soter
 from soter.cli.main import main
-from soter.reach.synthesis.synthesize import Choices, chosen
+from soter.reach.synthesis.synthesize import CellCommands, chosen
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -153,24 +153,24 @@ def refusal(path: Path, **options: Any) -> Diagnostic:
 
 def test_too_strong_a_wind_has_no_controller(walls: Path) -> None:
     walls.write_text(WALLS.replace("[-0.2, 0.2]", "[-3.2, 3.2]"))
-    found = refusal(walls)
-    assert found.code == "U009"
-    assert "no cell" in found.notes[0]
+    diagnostic = refusal(walls)
+    assert diagnostic.code == "U009"
+    assert "no cell" in diagnostic.notes[0]
 
 
 def test_more_commands_than_the_engine_takes_are_refused_in_words(walls: Path) -> None:
     many = ", ".join(f"{i / 30 - 1.5:.3f}" for i in range(80))
     walls.write_text(WALLS.replace("-3.0, 0.0, 3.0", many))
-    found = refusal(walls)
-    assert "64" in found.notes[0]
-    assert "fewer" in found.helps[0]
+    diagnostic = refusal(walls)
+    assert "64" in diagnostic.notes[0]
+    assert "fewer" in diagnostic.helps[0]
 
 
 def test_errors_of_the_estimate_are_refused_in_words(walls: Path) -> None:
     walls.write_text(WALLS.replace("  der x = v;", "  der x = v;\n  measured motion.x within 0.1;"))
-    found = refusal(walls)
-    assert found.code == "U009"
-    assert not any("commands" in text for text in found.helps)  # more of them would not help
+    diagnostic = refusal(walls)
+    assert diagnostic.code == "U009"
+    assert not any("commands" in text for text in diagnostic.helps)  # more of them would not help
 
 
 def test_the_output_lies_in_the_programs_folder(walls: Path, tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_entries_that_a_strict_cell_can_see_agree_on_what_serves_it() -> None:
     free[10:30, 17] = False  # a stripe where only command 1 keeps K
     admits = np.stack([free, core])
     table = chosen(
-        Choices(core, admits, free), (0.0, 0.0), (1.0, 1.0), lambda u, p: p - 1.0 + 0.0 * u, 4
+        CellCommands(core, admits, free), (0.0, 0.0), (1.0, 1.0), lambda u, p: p - 1.0 + 0.0 * u, 4
     )
     assert table.entries.shape == (10, 10)
     rows, columns = np.nonzero(~free)
@@ -208,6 +208,6 @@ def test_outside_the_core_the_nearest_entry_is_repeated() -> None:
     core[4:8] = True
     admits = np.stack([np.zeros_like(core), core])
     table = chosen(
-        Choices(core, admits, np.zeros_like(core)), (0.0, 0.0), (1.0, 1.0), lambda _, p: p, 4
+        CellCommands(core, admits, np.zeros_like(core)), (0.0, 0.0), (1.0, 1.0), lambda _, p: p, 4
     )
     assert (table.entries == 1).all()

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soter.reach.undecided import diagnose, experiments
-from unit.reach_undecided.tanks import cause, changed, explained, kinds
+from soter.reach.diagnosis import empty_invariant, experiments
+from unit.reach_undecided.tank_modules import cause, changed, explained, kinds
 
 
 def test_smaller_cells_give_the_k_that_is_promised() -> None:
-    found = explained(changed(("/ 320", "/ 4")))
-    assert found.findings["P2a"].text == "K is empty: the cells are too coarse"
-    numbers = dict(cause(found, "P2a", "cells").numbers)
+    module_result = explained(changed(("/ 320", "/ 4")))
+    assert module_result.findings["P2a"].text == "K is empty: the cells are too coarse"
+    numbers = dict(cause(module_result, "P2a", "cells").numbers)
     finer = explained(changed(("/ 320", f"/ {round(4 * numbers['split'])}")))
     assert finer.findings["P2a"].verdict == "proved"
     (part,) = finer.cases[0].groups
@@ -21,30 +21,30 @@ def test_smaller_cells_give_the_k_that_is_promised() -> None:
 
 
 def test_where_smaller_cells_change_nothing_that_is_told() -> None:
-    found = explained(changed(("0.5 * (1.0 - level)", "0.0 * level - 0.05")))
-    assert "cells" not in kinds(found, "P2a")
+    module_result = explained(changed(("0.5 * (1.0 - level)", "0.0 * level - 0.05")))
+    assert "cells" not in kinds(module_result, "P2a")
 
 
 def test_no_cell_inside_safe_is_told_apart() -> None:
     thin = ("safe level > 0.2 && level < 1.8", "safe level > 0.99 && level < 1.01")
-    found = explained(changed(thin, ("/ 320", "/ 16")))
-    assert found.findings["P2a"].text == "K is empty: there is no C"
-    assert "holds at the declared start" in found.findings["P2a"].causes[0].text
+    module_result = explained(changed(thin, ("/ 320", "/ 16")))
+    assert module_result.findings["P2a"].text == "K is empty: there is no C"
+    assert "holds at the declared start" in module_result.findings["P2a"].causes[0].text
     elsewhere = explained(changed(thin, ("/ 320", "/ 16"), ("float = 1.0", "float = 1.5")))
     assert "false at the declared start" in elsewhere.findings["P2a"].causes[0].text
 
 
 def test_a_k_that_no_run_leaves_is_told_so() -> None:
-    found = explained(changed(("/ 320", "/ 4")))
-    assert found.findings["P2a"].leaving is None
-    assert dict(cause(found, "P2a", "no_run").numbers)["runs"] > 10
+    module_result = explained(changed(("/ 320", "/ 4")))
+    assert module_result.findings["P2a"].leaving is None
+    assert dict(cause(module_result, "P2a", "no_run").numbers)["runs"] > 10
 
 
 def test_what_was_cut_short_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(diagnose, "BUDGET_S", 0.0)
-    found = explained(changed(("/ 320", "/ 4")))
-    assert kinds(found, "P2a")[-1] == "cut"
-    assert "cells" not in kinds(found, "P2a")
+    monkeypatch.setattr(empty_invariant, "BUDGET_S", 0.0)
+    module_result = explained(changed(("/ 320", "/ 4")))
+    assert kinds(module_result, "P2a")[-1] == "cut"
+    assert "cells" not in kinds(module_result, "P2a")
     bold = explained(changed(("level < 0.25 || level > 1.75", "level < 0.232 || level > 1.768")))
     assert bold.findings["ttf"].verdict == "undecided"
 
@@ -55,7 +55,7 @@ def test_an_invariant_that_fails_in_an_experiment_is_a_defect(
     def broken(*_: object) -> None:
         raise AssertionError("an invariant")
 
-    monkeypatch.setattr("soter.reach.undecided.experiments.allowed_on", broken)
+    monkeypatch.setattr("soter.reach.diagnosis.experiments.allowed_on", broken)
     with pytest.raises(AssertionError, match="an invariant"):
         explained(changed(("/ 320", "/ 4")))
 

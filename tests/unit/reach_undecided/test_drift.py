@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from unit.reach_undecided.tanks import (
+from unit.reach_undecided.tank_modules import (
     HIGH,
     LOW,
     cause,
@@ -58,6 +58,6 @@ def test_the_run_is_one_of_the_tank_and_as_soon_as_brute_force_finds(
 
 
 def test_a_state_that_can_be_held_is_no_drift() -> None:
-    found = explained(changed(("[0.0, 0.02]", "[0.0, 0.104]")))
-    assert "drift_of_all" not in kinds(found, "P2a")
-    assert found.findings["P2a"].verdict == "undecided"
+    module_result = explained(changed(("[0.0, 0.02]", "[0.0, 0.104]")))
+    assert "drift_of_all" not in kinds(module_result, "P2a")
+    assert module_result.findings["P2a"].verdict == "undecided"

@@ -7,18 +7,18 @@ import re
 import numpy as np
 
 from soter.reach.claims.results import LeavingRun
-from soter.reach.undecided.leaving_figures import leaving_figures
+from soter.reach.diagnosis.leaving_figures import leaving_figures
 from soter.report.proof.record import R1, R2
 from soter.report.proof.regions import region_svg
-from unit.reach_undecided.tanks import changed, explained
+from unit.reach_undecided.tank_modules import changed, explained
 from unit.reach_undecided.test_one_sided import HALF
 
 
 def test_the_axis_over_time_begins_inside_c_and_ends_outside() -> None:
-    found = explained(changed(*HALF))  # C reaches to the end of the grid by which it leaves
-    run = found.findings["P2a"].leaving
+    module_result = explained(changed(*HALF))  # C reaches to the end of the grid by which it leaves
+    run = module_result.findings["P2a"].leaving
     assert isinstance(run, LeavingRun)
-    (figure,) = leaving_figures(found, run)
+    (figure,) = leaving_figures(module_result, run)
     assert figure.trajectory is not None
     assert figure.trajectory.leaves
 
@@ -44,7 +44,7 @@ def test_a_plane_is_drawn_where_the_group_has_two_axes() -> None:
     from unit.reach.test_verify import changed as cart
     from unit.reach.test_verify import result_of
 
-    found = result_of(cart())
+    module_result = result_of(cart())
     states = np.array([[0.0, 0.0], [5.0, 6.0], [10.2, 7.0]])
     run = LeavingRun(
         names=("c.x", "c.v"),
@@ -56,10 +56,10 @@ def test_a_plane_is_drawn_where_the_group_has_two_axes() -> None:
         start="the middle",
         chosen=(),
     )
-    over_time, plane = leaving_figures(found, run)
+    over_time, plane = leaving_figures(module_result, run)
     assert over_time.regions.shape == (1, len(over_time.y_edges) - 1)
     assert plane.regions.shape == (len(plane.x_edges) - 1, len(plane.y_edges) - 1)
     assert (plane.x_name, plane.y_name) == ("c.x", "c.v")
-    (part,) = found.cases[0].groups
+    (part,) = module_result.cases[0].groups
     inside = plane.regions[1:-1, 1:-1] > R1
     assert np.array_equal(inside, part.allowed)

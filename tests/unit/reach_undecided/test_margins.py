@@ -9,7 +9,7 @@ import pytest
 
 from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from unit.reach.test_verify import changed as cart
-from unit.reach_undecided.tanks import cause, changed, explained, kinds, law
+from unit.reach_undecided.tank_modules import cause, changed, explained, kinds, law
 
 TTF = "ttf level < 0.25 || level > 1.75;"
 BOLD = "ttf level < 0.232 || level > 1.768;"
@@ -43,20 +43,20 @@ def test_the_horizon_is_told_for_which_ttf_would_do(bold: ModuleResult) -> None:
 
 
 def test_ttf_outside_k_is_no_question_of_time() -> None:
-    found = explained(changed((TTF, "ttf level < 0.15;")))
-    assert "outside_core" in kinds(found, "ttf")
-    assert "horizon" not in kinds(found, "ttf")
+    module_result = explained(changed((TTF, "ttf level < 0.15;")))
+    assert "outside_core" in kinds(module_result, "ttf")
+    assert "horizon" not in kinds(module_result, "ttf")
 
 
 def test_where_sc_settles_outside_safer_is_computed_by_hand_too() -> None:
-    found = explained(changed(("0.5 * (1.0 - level)", "0.5 * (1.7 - level)")))
-    assert found.findings["P2b"].verdict == "undecided"
-    text = cause(found, "P2b", "stays_away").text
+    module_result = explained(changed(("0.5 * (1.0 - level)", "0.5 * (1.7 - level)")))
+    assert module_result.findings["P2b"].verdict == "undecided"
+    text = cause(module_result, "P2b", "stays_away").text
     x = 1.0
     for _ in range(20_000):
         x += 0.1 * (law(x, 1.7) - 0.01)
     assert f"comes to rest at t.h = {x:.5g}" in text
-    wider = dict(cause(found, "P2b", "safer_wider").numbers)["t.h"]
+    wider = dict(cause(module_result, "P2b", "safer_wider").numbers)["t.h"]
     assert 1.6 + wider > x > 1.6
     more = changed(
         ("0.5 * (1.0 - level)", "0.5 * (1.7 - level)"),
@@ -73,10 +73,10 @@ def test_a_start_that_is_not_in_k_is_told_from_one_that_is_too_late() -> None:
         ("/ 320;", "/ 320; late dm 0s, sc 0s; response dm 0s, sc 0s; acts within 45ms;"),
         (TTF, "ttf level < 0.35 || level > 1.65;"),
     )
-    found = explained(late)
-    assert found.findings["start"].verdict == "undecided"
-    assert kinds(found, "start") == ["start_late"]
-    numbers = dict(cause(found, "start", "start_late").numbers)
+    module_result = explained(late)
+    assert module_result.findings["start"].verdict == "undecided"
+    assert kinds(module_result, "start") == ["start_late"]
+    numbers = dict(cause(module_result, "start", "start_late").numbers)
     assert 0.0 <= numbers["in_time_s"] < numbers["acts_s"]
     assert 1.794 + 0.1 * numbers["in_time_s"] < 1.8  # the pump fills by 0.1 a second
     assert 1.794 + 0.1 * numbers["acts_s"] > 1.795
@@ -89,14 +89,14 @@ def test_the_way_back_that_is_not_found_is_followed() -> None:
         ("clamp(0.5 * (1.0 - level), -0.1, 0.1)", law_),
         ("safer level > 0.4 && level < 1.6", "safer level > 0.6 && level < 0.9"),
     )
-    found = explained(changed(*stands))
-    assert found.findings["P2a"].verdict == "proved"
-    assert found.findings["P2b"].verdict == "undecided"
-    text = cause(found, "P2b", "stays_away").text
+    module_result = explained(changed(*stands))
+    assert module_result.findings["P2a"].verdict == "proved"
+    assert module_result.findings["P2b"].verdict == "undecided"
+    text = cause(module_result, "P2b", "stays_away").text
     begun, reached = re.findall(r"t\.h = ([\d.]+)", text)
     assert 0.9 < float(begun) < 1.8
     assert float(reached) == pytest.approx(float(begun), abs=1e-3)
-    (part,) = found.cases[0].groups
+    (part,) = module_result.cases[0].groups
     assert part.rank is not None
     at = int(np.searchsorted(part.edges[0], float(begun))) - 1
     assert part.core[at]
@@ -105,9 +105,9 @@ def test_the_way_back_that_is_not_found_is_followed() -> None:
 
 def test_a_predicate_of_two_states_has_a_distance_along_one_axis() -> None:
     bold = cart(("+ 0.8", "+ 0.0"), ("ttf Room(motion, 0.12)", "ttf Room(motion, 0.06)"))
-    found = explained(bold)
-    assert found.findings["ttf"].verdict == "undecided"
-    numbers = dict(cause(found, "ttf", "sooner").numbers)
+    module_result = explained(bold)
+    assert module_result.findings["ttf"].verdict == "undecided"
+    numbers = dict(cause(module_result, "ttf", "sooner").numbers)
     leaves = ["motion.x", "motion.v"]
     axis = leaves[round(numbers["axis"])]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from unit.reach_undecided.tanks import changed, check_run, explained
+from unit.reach_undecided.tank_modules import changed, check_run, explained
 
 HALF = (
     ("safe level > 0.2 && level < 1.8", "safe level > 0.2"),

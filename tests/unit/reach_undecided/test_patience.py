@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach import verify as verifying
+from soter.reach import verify_module as verifying
 from soter.reach.claims import recovery
+from soter.reach.diagnosis import recovery_patience
 from soter.reach.grid.sets import CancelledError
-from soter.reach.undecided import patience
 from unit.reach import test_verify_groups as plane
 from unit.reach.test_verify import changed, result_of
 
@@ -21,19 +21,21 @@ if TYPE_CHECKING:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """No time for P2b as soon as anything else fails."""
-    monkeypatch.setattr(patience, "LEAST_S", -1e9)
-    monkeypatch.setattr(patience, "sum", lambda _: -1e9, raising=False)
+    monkeypatch.setattr(recovery_patience, "LEAST_S", -1e9)
+    monkeypatch.setattr(recovery_patience, "sum", lambda _: -1e9, raising=False)
 
 
 @pytest.mark.usefixtures("impatient")
 def test_p2b_is_undecided_where_it_was_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 0)
-    found = result_of(changed(("ttf Room(motion, 0.12) < 0.0", "ttf Room(motion, 0.02) < 0.0")))
-    assert found.findings["ttf"].verdict == "undecided"
-    assert found.findings["P2b"].verdict == "undecided"
-    assert "not looked at to the end" in found.findings["P2b"].text
-    assert found.recover_s is None
-    (part,) = found.cases[0].groups
+    module_result = result_of(
+        changed(("ttf Room(motion, 0.12) < 0.0", "ttf Room(motion, 0.02) < 0.0"))
+    )
+    assert module_result.findings["ttf"].verdict == "undecided"
+    assert module_result.findings["P2b"].verdict == "undecided"
+    assert "not looked at to the end" in module_result.findings["P2b"].text
+    assert module_result.recover_s is None
+    (part,) = module_result.cases[0].groups
     assert part.rank is None
 
 
@@ -45,10 +47,10 @@ def test_what_was_cut_is_looked_at_on_the_finer_grid(monkeypatch: pytest.MonkeyP
     first = result_of(bold)
     assert first.findings["ttf"].verdict == "undecided"
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 2)
-    found = result_of(bold)
-    assert found.findings["ttf"].verdict == "proved"
-    assert found.findings["P2b"].verdict == "proved"
-    (part,) = found.cases[0].groups
+    module_result = result_of(bold)
+    assert module_result.findings["ttf"].verdict == "proved"
+    assert module_result.findings["P2b"].verdict == "proved"
+    (part,) = module_result.cases[0].groups
     assert part.rank is not None
     assert np.array_equal(part.rank > 0, part.core > 0)
 
@@ -68,12 +70,12 @@ def test_a_group_that_is_kept_is_not_taken_for_done(monkeypatch: pytest.MonkeyPa
     coarse = (("/ 200", "/ 80"), ("state loaded: bool;", ""), ("(loaded ? 0.5 : 1.0) * ", ""))
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 0)
     assert plane.result_of(*coarse).findings["ttf"].verdict == "undecided"
-    monkeypatch.setattr(patience, "recover", once)
+    monkeypatch.setattr(recovery_patience, "recover", once)
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 2)
-    found = plane.result_of(*coarse)
+    module_result = plane.result_of(*coarse)
     assert cut
-    assert found.findings["P2b"].verdict == "proved"
-    x, y = found.cases[0].groups
+    assert module_result.findings["P2b"].verdict == "proved"
+    x, y = module_result.cases[0].groups
     assert len(x.edges[0]) > 81
     assert len(y.edges[0]) == 241
     for part in (x, y):

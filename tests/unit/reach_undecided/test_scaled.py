@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from unit.reach_undecided.tanks import cause, changed, explained, kinds
+from unit.reach_undecided.tank_modules import cause, changed, explained, kinds
 
 COARSE = (("[0.2, 1.8] / 320", "[0.2, 1.8] / 40"),)
 SCALED = (("drives level = h;", "drives level = h / 10.0;"), ("grid level", "grid t.h"))
@@ -10,13 +10,15 @@ SCALED = (("drives level = h;", "drives level = h / 10.0;"), ("grid level", "gri
 
 def test_predicates_in_other_units_than_the_topic_are_told_what_they_read() -> None:
     whole = (("safe level > 0.2 && level < 1.8;", "safe level > -0.2 && level < 1.8;"),)
-    found = explained(changed(*COARSE, *SCALED, *whole, ("level < 0.25 ||", "level < -0.15 ||")))
-    assert found.verdict != "proved"
-    named = [n for n, f in found.findings.items() if "scaled" in kinds(found, n)]
+    module_result = explained(
+        changed(*COARSE, *SCALED, *whole, ("level < 0.25 ||", "level < -0.15 ||"))
+    )
+    assert module_result.verdict != "proved"
+    named = [n for n, f in module_result.findings.items() if "scaled" in kinds(module_result, n)]
     assert named
-    why = cause(found, named[0], "scaled")
+    why = cause(module_result, named[0], "scaled")
     assert "it reads `level`, driven as `h / 10.0`" in why.text
-    assert "divide in the controller" in found.findings[named[0]].hint
+    assert "divide in the controller" in module_result.findings[named[0]].hint
 
 
 def test_a_scaled_topic_with_predicates_in_its_own_units_is_not_doubted() -> None:
@@ -28,13 +30,13 @@ def test_a_scaled_topic_with_predicates_in_its_own_units_is_not_doubted() -> Non
         ("0.5 * (1.0 - level)", "5.0 * (0.1 - level)"),
         ("measured level within 0.01;", "measured level within 0.001;"),
     )
-    found = explained(changed(*COARSE, *SCALED, *tenth))
-    assert found.verdict != "proved"
-    assert not any("scaled" in kinds(found, n) for n in found.findings)
+    module_result = explained(changed(*COARSE, *SCALED, *tenth))
+    assert module_result.verdict != "proved"
+    assert not any("scaled" in kinds(module_result, n) for n in module_result.findings)
 
 
 def test_states_that_are_driven_as_they_are_are_not_doubted() -> None:
     open_ = (("safe level > 0.2 && level < 1.8;", "safe level > -9.0 && level < 9.0;"),)
-    found = explained(changed(*COARSE, *open_, ("level < 0.25 ||", "level < 0.2001 ||")))
-    assert found.verdict != "proved"
-    assert not any("scaled" in kinds(found, n) for n in found.findings)
+    module_result = explained(changed(*COARSE, *open_, ("level < 0.25 ||", "level < 0.2001 ||")))
+    assert module_result.verdict != "proved"
+    assert not any("scaled" in kinds(module_result, n) for n in module_result.findings)

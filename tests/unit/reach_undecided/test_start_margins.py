@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import re
 
-from unit.reach_undecided.tanks import cause, changed, explained
+from unit.reach_undecided.tank_modules import cause, changed, explained
 from unit.reach_undecided.test_way_back import FINE, LIFT
 
 HEIGHT, SPEED = "state h: float = 5.0;", "state v: float = 0.0;"
 
 
 def test_the_state_its_value_and_the_nearest_bound_are_named() -> None:
-    found = explained(
+    module_result = explained(
         changed(
             (HEIGHT, "state h: float = 9.9;"), (SPEED, "state v: float = 1.5;"), FINE, text=LIFT
         )
     )
-    assert found.findings["start"].verdict == "undecided"
-    why = cause(found, "start", "start_not_in_core")
+    assert module_result.findings["start"].verdict == "undecided"
+    why = cause(module_result, "start", "start_not_in_core")
     assert "e.h starts at 9.9" in why.text
     numbers = dict(why.numbers)
     # braking from 1.5 with less than 2 takes more than 0.56, so with less room no start is proved
     assert numbers["high"] < 10.0 - 1.5**2 / (2 * 2.0)
-    line = re.search(r"`(state h: float = [\d.]+;)`", found.findings["start"].hint)
+    line = re.search(r"`(state h: float = [\d.]+;)`", module_result.findings["start"].hint)
     assert line is not None
     mended = changed((HEIGHT, line[1]), (SPEED, "state v: float = 1.5;"), FINE, text=LIFT)
     assert explained(mended).findings["start"].verdict == "proved"
@@ -45,10 +45,10 @@ def test_a_start_that_sc_meets_too_late_is_told_where_it_would_be_in_time() -> N
         ("/ 320;", "/ 320; late dm 0s, sc 0s; response dm 0s, sc 0s; acts within 45ms;"),
         ("ttf level < 0.25 || level > 1.75;", "ttf level < 0.35 || level > 1.65;"),
     )
-    found = explained(changed(*late))
-    high = dict(cause(found, "start", "start_late").numbers)["high"]
+    module_result = explained(changed(*late))
+    high = dict(cause(module_result, "start", "start_late").numbers)["high"]
     assert high < 1.794
-    line = re.search(r"`state h: float = ([\d.]+);`", found.findings["start"].hint)
+    line = re.search(r"`state h: float = ([\d.]+);`", module_result.findings["start"].hint)
     assert line is not None
     mended = explained(changed(("float = 1.0", f"float = {line[1]}"), *late[1:]))
     assert mended.findings["start"].verdict == "proved"

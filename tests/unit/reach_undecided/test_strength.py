@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from unit.reach_undecided.tanks import cause, changed, check_run, explained, soonest
+from unit.reach_undecided.tank_modules import cause, changed, check_run, explained, soonest
 
 LEAK = 0.104
 
@@ -26,8 +26,8 @@ def scaled(p: float) -> str:
 
 
 def test_sc_keeps_a_set_with_that_part_and_none_with_the_next(weak: ModuleResult) -> None:
-    found = cause(weak, "P2a", "strength")
-    numbers = dict(found.numbers)
+    strength_cause = cause(weak, "P2a", "strength")
+    numbers = dict(strength_cause.numbers)
     assert 0.8 < numbers["part"] < numbers["fails_at"] <= 1.0
     fine, bad = (explained(scaled(numbers[k])) for k in ("part", "fails_at"))
     assert fine.findings["P2a"].verdict == "proved"

@@ -11,12 +11,12 @@ import pytest
 
 import soter
 from soter.cli.main import main
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from soter.reach.command import modules_of, problems_of
-from soter.reach.undecided.vacuity import HARDLY
-from soter.reach.verify import verify_module
-from unit.reach_undecided.tanks import TANK, changed
+from soter.reach.diagnosis.vacuity import HARDLY
+from soter.reach.verify_module import verify_module
+from unit.reach_undecided.tank_modules import TANK, changed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,66 +33,70 @@ def proved(text: str) -> ModuleResult:
     checked = check_file("tank.soter", text)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     (problem,) = problems_of(modules_of(checked, None, None, {}))
-    found = verify_module(problem, refute=False)
-    assert found.verdict == "proved", {n: f.text for n, f in found.findings.items()}
-    return found
+    module_result = verify_module(problem, refute=False)
+    assert module_result.verdict == "proved", {n: f.text for n, f in module_result.findings.items()}
+    return module_result
 
 
 def test_a_useful_module_is_just_proved() -> None:
-    found = proved(TANK)
-    assert found.vacuity is None
-    assert found.headline == "proved"
+    module_result = proved(TANK)
+    assert module_result.vacuity is None
+    assert module_result.headline == "proved"
 
 
 def test_a_safe_that_reads_nothing_says_nothing() -> None:
-    found = proved(changed(("safe level > 0.2 && level < 1.8;", "safe true;")))
-    assert found.headline == "proved, but `safe` reads no topic: it says nothing of the plant"
+    module_result = proved(changed(("safe level > 0.2 && level < 1.8;", "safe true;")))
+    assert (
+        module_result.headline == "proved, but `safe` reads no topic: it says nothing of the plant"
+    )
 
 
 def test_ttf_true_leaves_ac_nothing() -> None:
-    found = proved(changed((TTF, "ttf true;")))
-    assert found.vacuity is not None
-    assert (found.vacuity.how_often, found.vacuity.what) == ("never", "ttf")
-    assert found.headline.startswith("proved, but AC never keeps control (`ttf` holds everywhere")
+    module_result = proved(changed((TTF, "ttf true;")))
+    assert module_result.vacuity is not None
+    assert (module_result.vacuity.how_often, module_result.vacuity.what) == ("never", "ttf")
+    assert module_result.headline.startswith(
+        "proved, but AC never keeps control (`ttf` holds everywhere"
+    )
 
 
 def test_a_predicate_that_only_enclosures_cannot_decide_is_seen_through() -> None:
     """Over a cell nothing is known of the sum of the squares; at a point it is 1."""
     wave = "10000.0 * level"
     one = f"sin({wave}) * sin({wave}) + cos({wave}) * cos({wave}) > 0.5"
-    found = proved(changed((TTF, f"ttf level < 0.25 || level > 1.75 || {one};")))
-    (part,) = found.cases[0].groups
+    module_result = proved(changed((TTF, f"ttf level < 0.25 || level > 1.75 || {one};")))
+    (part,) = module_result.cases[0].groups
     assert part.lets_ac is not None
     assert part.lets_ac.mean() > 0.9  # as far as the cells know
-    assert found.vacuity is not None
-    assert found.vacuity.how_often == "hardly ever"
-    assert "none of the states drawn" in found.vacuity.text
+    assert module_result.vacuity is not None
+    assert module_result.vacuity.how_often == "hardly ever"
+    assert "none of the states drawn" in module_result.vacuity.text
 
 
 @pytest.mark.parametrize(("width", "little"), [(0.002, True), (0.1, False)])
 def test_a_sliver_is_hardly_ever_and_more_is_not(width: float, little: bool) -> None:
     ttf = f"ttf level < 1.0 || level > {1.0 + width};"
-    found = proved(changed((TTF, ttf)))
-    assert (found.vacuity is not None) == little
-    if found.vacuity is not None:
-        assert found.vacuity.how_often == "hardly ever"
+    module_result = proved(changed((TTF, ttf)))
+    assert (module_result.vacuity is not None) == little
+    if module_result.vacuity is not None:
+        assert module_result.vacuity.how_often == "hardly ever"
         chance = np.random.default_rng(7)
-        (part,) = found.cases[0].groups
+        (part,) = module_result.cases[0].groups
         core = np.flatnonzero(part.core)
         edges = np.asarray(part.edges[0])
         level = chance.uniform(edges[core[0]], edges[core[-1] + 1], 200_000)
         level += chance.uniform(-0.01, 0.01, level.size)
         share = float(((level >= 1.0) & (level <= 1.0 + width)).mean())
-        assert found.vacuity.share < HARDLY
-        assert found.vacuity.share == pytest.approx(share, abs=0.004)  # of 2,000 drawn
+        assert module_result.vacuity.share < HARDLY
+        assert module_result.vacuity.share == pytest.approx(share, abs=0.004)  # of 2,000 drawn
 
 
 def test_the_worst_parameter_value_is_named() -> None:
     ttf = "ttf level < 0.25 || level > 1.75 || kind == 2;"
-    found = proved(changed(*WITH_MODE, (TTF, ttf)))
-    assert found.vacuity is not None
-    assert found.vacuity.parameters == (("t.kind", 2),)
-    assert found.vacuity.text.startswith("with t.kind = 2 AC never keeps control")
+    module_result = proved(changed(*WITH_MODE, (TTF, ttf)))
+    assert module_result.vacuity is not None
+    assert module_result.vacuity.parameters == (("t.kind", 2),)
+    assert module_result.vacuity.text.startswith("with t.kind = 2 AC never keeps control")
     sliver = f"{ttf[:-1]} || (kind == 3 && (level < 1.0 || level > 1.002));"
     two = proved(changed(*WITH_MODE, (TTF, sliver)))
     assert two.vacuity is not None
@@ -121,9 +125,9 @@ def test_computed_predicates_are_measured_as_deployed() -> None:
 
 
 def test_a_start_outside_safer_is_a_line_and_no_headline() -> None:
-    found = proved(changed(("float = 1.0", "float = 1.7")))
-    assert found.headline == "proved"
-    assert "`safer` does not hold" in found.at_the_start
+    module_result = proved(changed(("float = 1.0", "float = 1.7")))
+    assert module_result.headline == "proved"
+    assert "`safer` does not hold" in module_result.at_the_start
     assert not proved(TANK).at_the_start
 
 

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from unit.reach_undecided.tanks import cause, changed, explained, kinds
+from unit.reach_undecided.tank_modules import cause, changed, explained, kinds
 
 LIFT = """soter 1;
 type Motion = { h: float, v: float };
@@ -48,8 +48,8 @@ FINE = (
 )
 
 
-def helped(found: ModuleResult, claim: str = "P2b") -> str:
-    return found.findings[claim].hint
+def helped(module_result: ModuleResult, claim: str = "P2b") -> str:
+    return module_result.findings[claim].hint
 
 
 @pytest.fixture(scope="module")
@@ -79,11 +79,11 @@ def test_an_sc_that_goes_where_it_is_told_gives_control_back(elsewhere: ModuleRe
 
 
 def test_cells_that_are_too_coarse_are_told_with_a_grid_that_does() -> None:
-    found = explained(LIFT)
-    assert found.findings["P2b"].verdict == "undecided"
-    assert "stays_away" not in kinds(found, "P2b")
-    assert "let SC" not in helped(found)
-    grid = re.search(r"`(grid [^`]*;)`", helped(found))
+    module_result = explained(LIFT)
+    assert module_result.findings["P2b"].verdict == "undecided"
+    assert "stays_away" not in kinds(module_result, "P2b")
+    assert "let SC" not in helped(module_result)
+    grid = re.search(r"`(grid [^`]*;)`", helped(module_result))
     assert grid is not None
     before = re.search(r"grid [^;]*;", LIFT)
     assert before is not None
@@ -93,8 +93,8 @@ def test_cells_that_are_too_coarse_are_told_with_a_grid_that_does() -> None:
 def test_a_disturbance_that_pushes_sc_out_of_safer_is_named_with_how_far() -> None:
     """It rests where 0.5 (1 - x) is the leak: from 0.96 to 1, and 0.01 of error on either side."""
     narrow = ("safer level > 0.4 && level < 1.6", "safer level > 0.965 && level < 1.1")
-    found = explained(changed(narrow))
-    why = cause(found, "P2b", "pushed_out")
+    module_result = explained(changed(narrow))
+    why = cause(module_result, "P2b", "pushed_out")
     assert "leak = 0.02" in why.text
     assert "error of level = -0.01" in why.text
     numbers = dict(why.numbers)
@@ -106,21 +106,21 @@ def test_a_disturbance_that_pushes_sc_out_of_safer_is_named_with_how_far() -> No
 
 
 def test_a_safer_without_room_for_the_error_is_told_how_wide_it_has_to_be() -> None:
-    found = explained(
+    module_result = explained(
         changed(("safer level > 0.4 && level < 1.6", "safer level > 0.99 && level < 1.0"))
     )
-    assert kinds(found, "P2b") == ["no_target"]
-    assert "(0.03 in t.h)" in helped(found)  # twice 0.01, and two cells of 0.005
+    assert kinds(module_result, "P2b") == ["no_target"]
+    assert "(0.03 in t.h)" in helped(module_result)  # twice 0.01, and two cells of 0.005
 
 
 def test_an_sc_that_only_stops_is_told_from_one_that_is_weak() -> None:
     stops = (LAW, "-2.0 * motion.v")
     still = ("load: float in [-0.1, 0.1]", "load: float in [-0.001, 0.001]")
-    found = explained(changed(stops, still, text=LIFT))
-    p2a = found.findings["P2a"]
+    module_result = explained(changed(stops, still, text=LIFT))
+    p2a = module_result.findings["P2a"]
     assert p2a.verdict == "undecided"
     assert p2a.text == "K is empty: SC only stops, and brings the plant to no place"
-    why = cause(found, "P2a", "no_pull")
+    why = cause(module_result, "P2a", "no_pull")
     assert why.text.startswith("SC brings e.h to no place")
     assert "e.v" not in why.text  # that it does stop
     assert "(5 - h)" in p2a.hint or "(4.875 - h)" in p2a.hint or "(5.125 - h)" in p2a.hint
@@ -128,8 +128,8 @@ def test_an_sc_that_only_stops_is_told_from_one_that_is_weak() -> None:
 
 def test_an_sc_that_is_too_slow_is_told_the_time_that_it_needs() -> None:
     grid = "verify { grid level in [0.2, 1.8] / 320;"
-    found = explained(changed((grid, f"{grid} recover within 500ms;")))
-    enough = re.search(r"`recover within (\d+)ms;`", helped(found))
+    module_result = explained(changed((grid, f"{grid} recover within 500ms;")))
+    enough = re.search(r"`recover within (\d+)ms;`", helped(module_result))
     assert enough is not None
     mended = explained(changed((grid, f"{grid} recover within {enough[1]}ms;")))
     assert mended.findings["P2b"].verdict == "proved"

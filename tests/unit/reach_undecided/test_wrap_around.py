@@ -7,7 +7,7 @@ import math
 import pytest
 
 from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from unit.reach_undecided.tanks import cause, changed, explained, kinds
+from unit.reach_undecided.tank_modules import cause, changed, explained, kinds
 
 ARM = """soter 1;
 topic arm: float max_age 100ms;
@@ -62,9 +62,9 @@ def test_the_run_does_leave_at_that_end_where_plant_and_safe_are_the_same(
 
 
 def test_a_plant_that_differs_at_the_ends_does_not_wrap() -> None:
-    found = explained(changed(("0.1 * sin(a)", "0.01 * a"), text=ARM))
-    assert "wrap_around" not in kinds(found, "P2a")
-    assert dict(cause(found, "P2a", "drift").numbers)["side"] == 1.0
+    module_result = explained(changed(("0.1 * sin(a)", "0.01 * a"), text=ARM))
+    assert "wrap_around" not in kinds(module_result, "P2a")
+    assert dict(cause(module_result, "P2a", "drift").numbers)["side"] == 1.0
 
 
 def test_a_place_that_merely_moves_on_does_not_wrap() -> None:

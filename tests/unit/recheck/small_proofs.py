@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.program.build import check_file, system_to_prove
-from soter.recheck.assumptions import p1c_of
-from soter.recheck.certificate.folder import canonical
-from soter.recheck.claims import CLAIMS
-from soter.recheck.inclusions.inclusion import ChainCheck, FreeCheck, GroupTables
-from soter.recheck.inclusions.predicates import certain
-from soter.recheck.inclusions.tables import Cells, Grid
-from soter.recheck.reading.model import Model
-from soter.recheck.reading.problem import Facts, read_facts
-from soter.recheck.rechecker import TIME_KEYS
-from soter.recheck.terms.balls import above, below
-from soter.recheck.terms.compiled import form_of_box
+from soter.certificate.allowed_claims import CLAIMS
+from soter.certificate.assumptions import p1c_of
+from soter.certificate.format.folder import canonical
+from soter.certificate.inclusions.group_claims import ChainCheck, FreeCheck, GroupTables
+from soter.certificate.inclusions.predicates import certain
+from soter.certificate.inclusions.tables import Cells, Grid
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.problem import Facts, read_facts
+from soter.certificate.rechecker import TIME_KEYS
+from soter.certificate.terms.arb_balls import above, below
+from soter.certificate.terms.compile_terms import form_of_box
+from soter.program.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,14 +45,14 @@ def even_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
 def images(check: ChainCheck, within: Cells, holds_max: int) -> dict[int, list[Any]]:
     """For each cell and each number of holds the box reached, while everything stays within."""
     grid = check.group.grid
-    found: dict[int, list[Any]] = {}
+    images_by_cell: dict[int, list[Any]] = {}
     chain = check.chain(1)
     n = chain.dimension
     for at, cell in enumerate(np.ndindex(grid.shape)):
         form = form_of_box(grid.box(tuple((i, i + 1) for i in cell)), symbols=True)
         step, row = chain.first, []
         if not within.members[cell]:
-            found[at] = []
+            images_by_cell[at] = []
             continue
         for _ in range(holds_max):
             after = step(form)
@@ -66,8 +66,8 @@ def images(check: ChainCheck, within: Cells, holds_max: int) -> dict[int, list[A
                 ends = [(form[2 * i], form[2 * i + 1]) for i in range(n)]
                 row.append(tuple(x for lo, hi in ends for x in (below(lo), above(hi))))
             step = chain.later
-        found[at] = row
-    return found
+        images_by_cell[at] = row
+    return images_by_cell
 
 
 def kernel(check: ChainCheck, within: Cells, holds_max: int) -> np.ndarray:
@@ -77,16 +77,16 @@ def kernel(check: ChainCheck, within: Cells, holds_max: int) -> np.ndarray:
     members = within.members.copy()
     while True:
         cells = Cells(grid, members)
-        found = np.zeros(grid.shape, dtype=np.uint8)
+        witnesses = np.zeros(grid.shape, dtype=np.uint8)
         for at, cell in enumerate(np.ndindex(grid.shape)):
             if members[cell]:
                 for k in range(len(boxes[at]) - 1, -1, -1):
                     if boxes[at][k] is not None and cells.contains(boxes[at][k]):
-                        found[cell] = k + 1
+                        witnesses[cell] = k + 1
                         break
-        if ((found > 0) == members).all():
-            return found
-        members = found > 0
+        if ((witnesses > 0) == members).all():
+            return witnesses
+        members = witnesses > 0
 
 
 def ranks(check: ChainCheck, home: Cells, core: np.ndarray, holds_max: int) -> Any:
@@ -145,7 +145,7 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
     sets: dict[str, bytes] = {}
     groups_of = [tuple(range(len(facts.states)))]
     for k, values in enumerate(facts.cases()):
-        model = Model(facts, values, extents)
+        model = CaseModel(facts, values, extents)
         grid = Grid(tuple(even_edges(*extents[i], n) for i, n in enumerate(shape[0])))
         none = np.zeros(grid.shape, dtype=np.uint8)
         group = GroupTables(groups_of[0], grid, none)

@@ -12,10 +12,10 @@ import pytest
 from json_documents import problems_of
 from long_tests import some
 from soter.api import recheck
+from soter.certificate.reading import supported
+from soter.certificate.terms.terms import NotRecheckedError
 from soter.cli.main import main
 from soter.program.model import typed
-from soter.recheck.reading import understood
-from soter.recheck.terms.terms import NotRecheckedError
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -87,28 +87,28 @@ def test_a_module_above_or_below_another_one_is_refused(over: tuple[int | None, 
     modules = [SimpleNamespace(index=i, over=o, forced=None, name="M") for i, o in enumerate(over)]
     facts: Any = SimpleNamespace(flying_module=modules[0], flying=SimpleNamespace(modules=modules))
     with pytest.raises(NotRecheckedError, match="`M` stands above or below another module"):
-        understood.understood(facts)
+        supported.check_supported(facts)
 
 
 def test_a_construct_with_a_field_more_is_refused(
     copied: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    known = understood.CODE[typed.Binary].replace(" op", "")
-    monkeypatch.setitem(understood.CODE, typed.Binary, known)
+    known = supported.CODE[typed.TypedBinary].replace(" op", "")
+    monkeypatch.setitem(supported.CODE, typed.TypedBinary, known)
     report = recheck(copied)
     assert not report.accepted
     assert "`Binary` is not known here" in report.reason
 
 
 def test_a_construct_that_is_new_is_refused(copied: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(understood.CODE, typed.Publish)
+    monkeypatch.delitem(supported.CODE, typed.TypedPublish)
     report = recheck(copied)
     assert "`publish` in SC is not rechecked yet" in report.reason
 
 
 def test_the_list_is_that_of_the_language() -> None:
     """A field that was added to the language: judge what it does to a proof, then name it here."""
-    for of, names in {**understood.CODE, **understood.DECLARATIONS}.items():
+    for of, names in {**supported.CODE, **supported.DECLARATIONS}.items():
         assert {f.name for f in fields(of)} == set(names.split()), of.__name__
 
 
@@ -190,10 +190,10 @@ def test_the_verdict_says_what_it_is_about(
     assert "with GAIN = 2.0" in out
     assert "module SafeCart of system Other (forced to ac)" in out
     assert main(["recheck", str(copied), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert not problems_of(found)
-    assert found["modules"]["SafeCart"]["parameters"] == {"GAIN": "2.0"}
-    assert [s["key"] for s in found["not_covered"]] == list(keys)
+    document = json.loads(capsys.readouterr().out)
+    assert not problems_of(document)
+    assert document["modules"]["SafeCart"]["parameters"] == {"GAIN": "2.0"}
+    assert [s["key"] for s in document["not_covered"]] == list(keys)
 
 
 def test_a_module_twice_is_rejected(changed: Change) -> None:

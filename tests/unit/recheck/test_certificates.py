@@ -14,8 +14,8 @@ from bench.recheck_models import Attack
 import soter
 from long_tests import examples
 from soter.api import recheck
+from soter.certificate.allowed_claims import CLAIMS
 from soter.diagnostics.diagnostic import SoterError
-from soter.recheck.claims import CLAIMS
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ def reason_of(folder: Path) -> str:
 
 
 def entry_of(manifest: dict[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = manifest["modules"][0]
-    return found
+    entry: dict[str, Any] = manifest["modules"][0]
+    return entry
 
 
 def test_a_right_certificate_is_accepted(proved: Path) -> None:
@@ -52,8 +52,8 @@ def test_a_right_certificate_is_accepted(proved: Path) -> None:
 def test_what_the_prover_writes_is_accepted(tmp_path: Path, sealed: Sealed) -> None:
     path = tmp_path / "cart.soter"
     path.write_text(sealed.cart.text())
-    found = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
-    assert found.verdict == "proved"
+    verify_report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert verify_report.verdict == "proved"
     report = recheck(tmp_path / "cert")
     assert report.accepted, report.reason
 
@@ -192,9 +192,9 @@ def test_a_program_that_reads_outside_its_folder_is_rejected(copied: Path) -> No
 
 
 def test_corruptions_that_are_sealed_again_are_rejected_or_true(sealed: Sealed) -> None:
-    found = [judge(sealed, seed) for seed in range(CORRUPTIONS)]
-    assert not [o for o in found if o.accepted and o.broken]
-    assert sum(not o.accepted for o in found) > CORRUPTIONS / 2
+    outcomes = [judge(sealed, seed) for seed in range(CORRUPTIONS)]
+    assert not [o for o in outcomes if o.accepted and o.broken]
+    assert sum(not o.accepted for o in outcomes) > CORRUPTIONS / 2
 
 
 def test_the_adversary_sees_what_is_wrong(sealed: Sealed) -> None:
@@ -209,8 +209,8 @@ def test_the_adversary_sees_what_is_wrong(sealed: Sealed) -> None:
 
 def test_bits_behind_the_last_cell_are_rejected(copied: Path) -> None:
     """36 x 24 cells fill their bytes, 5 do not: so the reader is asked itself."""
-    from soter.recheck.certificate.errors import RejectedError
-    from soter.recheck.certificate.folder import Certificate
+    from soter.certificate.format.errors import RejectedError
+    from soter.certificate.format.folder import Certificate
 
     certificate = Certificate(copied, {}, {"sets/a": b"\x3f"}, set())
     with pytest.raises(RejectedError, match="behind the last cell"):

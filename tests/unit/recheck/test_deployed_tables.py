@@ -15,11 +15,11 @@ from bench.recheck_models import Cart
 
 import soter
 from soter.api import recheck
-from soter.program.build import check_file, system_of
-from soter.reach.deploy.complete import complete
-from soter.recheck.inclusions.deployed import levels_of, packed
-from soter.recheck.inclusions.inclusion import GroupTables
-from soter.recheck.inclusions.tables import Grid
+from soter.certificate.inclusions.dm_tables import levels_of, packed
+from soter.certificate.inclusions.group_claims import GroupTables
+from soter.certificate.inclusions.tables import Grid
+from soter.program.front_end import check_file, system_of
+from soter.reach.deploy.computed_predicates import complete
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ def open_proof(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("open")
     text = Cart(cells_x=CELLS[0], cells_v=CELLS[1]).text()
     (folder / "cart.soter").write_text(re.sub(r"\n  (ttf|safer) [^\n]*", "", text))
-    found = soter.load(folder / "cart.soter").verify(cert=folder / "cert", refute=False)
-    assert {n: found.modules[0].findings[n].verdict for n in ("P3", "ttf", "safer")} == {
+    verify_report = soter.load(folder / "cart.soter").verify(cert=folder / "cert", refute=False)
+    assert {n: verify_report.modules[0].findings[n].verdict for n in ("P3", "ttf", "safer")} == {
         "P3": "proved",
         "ttf": "proved",
         "safer": "proved",
@@ -49,8 +49,8 @@ def copied_proof(open_proof: Path, tmp_path: Path) -> Path:
 
 
 def entry_of(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / "manifest.json").read_text())["modules"][0]
-    return found
+    entry: dict[str, Any] = json.loads((folder / "manifest.json").read_text())["modules"][0]
+    return entry
 
 
 def rewritten(folder: Path, name: str, how: Callable[[NDArrayU8], None]) -> str:
@@ -82,9 +82,9 @@ def test_what_the_prover_writes_of_computed_predicates_is_accepted(open_proof: P
 
 def numbers_of(source: str, name: str) -> list[str]:
     """The elements of a constant array in C."""
-    found = re.search(rf"{name} = \{{\s*\.at = \{{([^}}]*)\}}", source)
-    assert found, name
-    return [x.strip() for x in found.group(1).split(",") if x.strip()]
+    match = re.search(rf"{name} = \{{\s*\.at = \{{([^}}]*)\}}", source)
+    assert match, name
+    return [x.strip() for x in match.group(1).split(",") if x.strip()]
 
 
 def test_build_deploys_the_bytes_of_the_certificate(open_proof: Path, tmp_path: Path) -> None:

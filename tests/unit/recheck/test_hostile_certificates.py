@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from soter.certificate.format import folder as certificate_folder
+from soter.certificate.format.folder import BYTES_MAX, FILE_MAX, MANIFEST_MAX, PROGRAM_MAX
+from soter.certificate.rechecker import recheck
 from soter.cli.main import main
-from soter.recheck.certificate import folder as certificate_folder
-from soter.recheck.certificate.folder import BYTES_MAX, FILE_MAX, MANIFEST_MAX, PROGRAM_MAX
-from soter.recheck.rechecker import recheck
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -62,10 +62,12 @@ def test_many_large_files_are_not_read(copied: Path) -> None:
 
 
 def test_a_file_that_grows_is_noticed(copied: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = certificate_folder._sizes
+    original_sizes = certificate_folder._sizes
 
     def smaller(folder: Path) -> dict[str, int]:
-        return {name: size - (name == "sets/0_K.bin") for name, size in found(folder).items()}
+        return {
+            name: size - (name == "sets/0_K.bin") for name, size in original_sizes(folder).items()
+        }
 
     monkeypatch.setattr(certificate_folder, "_sizes", smaller)
     assert "was changed while it was read" in reason_of(copied)

@@ -10,11 +10,11 @@ import pytest
 from bench.recheck_corruptions import Sealed, judge, read
 from bench.recheck_models import Attack, Cart
 
-from soter.recheck.reading.model import Model
-from soter.recheck.rechecker import recheck
-from soter.recheck.terms.balls import exact
-from soter.recheck.terms.compiled import compile_step, form_of_box
-from soter.recheck.terms.terms import NotRecheckedError
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.rechecker import recheck
+from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.compile_terms import compile_step, form_of_box
+from soter.certificate.terms.terms import NotRecheckedError
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def command_of(tmp_path: Path, body: str, high: str) -> Any:
         text.replace(LAW, WITH_LOCALS.format(body=body, high=high))
     )
     facts = small_proofs.facts_of(tmp_path / "cart.soter", "Track", "SafeCart")
-    model = Model(facts, (), tuple(facts.axes[i] for i in range(2)))
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
     terms, states = model.new_terms()
     (command,) = model.commands(terms, states)
     places = [next(iter(x.terms)) for x in states]
@@ -162,8 +162,8 @@ def command_of(tmp_path: Path, body: str, high: str) -> Any:
 
     def over(x: float, v: float, half: float) -> tuple[float, ...] | None:
         box = [(exact(x - half), exact(x + half)), (exact(v - half), exact(v + half))]
-        found = step(form_of_box(box, symbols=True))
-        return None if found is None else (*found[1], *(float(c) for c in found[0]))
+        image = step(form_of_box(box, symbols=True))
+        return None if image is None else (*image[1], *(float(c) for c in image[0]))
 
     return over
 
@@ -245,15 +245,15 @@ def test_a_long_range_is_an_input(tmp_path: Path) -> None:
         text.replace(LAW, wide.format(body=body, high="1.5"))
     )
     facts = small_proofs.facts_of(tmp_path / "wide" / "cart.soter", "Track", "SafeCart")
-    model = Model(facts, (), tuple(facts.axes[i] for i in range(2)))
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
     terms, states = model.new_terms()
     (command,) = model.commands(terms, states)
     places = [next(iter(x.terms)) for x in states]
     step = compile_step(terms, places, 2, [command], ranges=[command], must=terms.obligations)
     box = [(exact(0.1), exact(0.11)), (exact(0.2), exact(0.21))]
-    found = step(form_of_box(box, symbols=True))
-    assert found is not None
-    low, top = found[1]
+    image = step(form_of_box(box, symbols=True))
+    assert image is not None
+    low, top = image[1]
     few = over(0.105, 0.205, 0.005)
     assert low <= few[0] + 1e-9
     assert top >= few[1] - 1e-9

@@ -10,16 +10,21 @@ import numpy as np
 import pytest
 from flint import arb, arb_mat
 
-from soter.recheck.inclusions.chains import EVERY, delays, windows
-from soter.recheck.inclusions.inclusion import ChainCheck, FreeCheck, GroupTables
-from soter.recheck.inclusions.inward import kept_ends
-from soter.recheck.inclusions.local_chains import NANOSECOND, LocalChain
-from soter.recheck.inclusions.local_flow import Local, LocalFlow, integral_of, solved
-from soter.recheck.inclusions.tables import Grid
-from soter.recheck.reading.flows import is_linear
-from soter.recheck.reading.model import Model
-from soter.recheck.terms.balls import ONE, ZERO, exact
-from soter.recheck.terms.compiled import form_of_box
+from soter.certificate.inclusions.group_claims import ChainCheck, FreeCheck, GroupTables
+from soter.certificate.inclusions.inward_flow import uncrossed_ends
+from soter.certificate.inclusions.nonlinear_chains import NANOSECOND, LocalChain
+from soter.certificate.inclusions.nonlinear_flow import (
+    LocalFlow,
+    LocalLinearModel,
+    integral_of,
+    solved,
+)
+from soter.certificate.inclusions.sc_chains import EVERY, delays, windows
+from soter.certificate.inclusions.tables import Grid
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.terms.arb_balls import ONE, ZERO, exact
+from soter.certificate.terms.compile_terms import form_of_box
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -108,7 +113,7 @@ TIMES = ((5, 20, 0), (15, 20, 3), (50, 20, 2), (75, 20, 4))
 
 def model_of(
     tmp_path: Path, thing: Thing, age: int, delta: int, late: int, *, two: bool = False
-) -> Model:
+) -> CaseModel:
     path = tmp_path / "thing.soter"
     text = TEXT
     for one, other in TWO if two else ():
@@ -126,7 +131,7 @@ def model_of(
         )
     )
     facts = small_proofs.facts_of(path, "S", "Module")
-    return Model(facts, (), tuple(facts.axes[i] for i in range(2)))
+    return CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
 
 
 TWO = (
@@ -141,14 +146,14 @@ TWO = (
 """Two commands, whose sum is what is felt."""
 
 
-def times_of(model: Model) -> tuple[Fraction, Fraction, Fraction, Fraction]:
+def times_of(model: CaseModel) -> tuple[Fraction, Fraction, Fraction, Fraction]:
     """Delta, d, and how early and late a command may act."""
     d, j = delays(model)
     delta, delay, late = (t * NANOSECOND for t in (model.facts.times["delta_ns"], d, j))
     return delta, delay, late, late
 
 
-def group_of(model: Model) -> GroupTables:
+def group_of(model: CaseModel) -> GroupTables:
     grid = Grid(tuple(small_proofs.even_edges(*e, 40) for e in model.extents))
     return GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
 
@@ -156,7 +161,7 @@ def group_of(model: Model) -> GroupTables:
 class Runs:
     """Many SC-runs at once from one cell, every bound played against at random; a tick is 1 ms."""
 
-    def __init__(self, thing: Thing, model: Model, box: Sequence[float], seed: int) -> None:
+    def __init__(self, thing: Thing, model: CaseModel, box: Sequence[float], seed: int) -> None:
         self.thing, self.draw = thing, np.random.default_rng(seed)
         self.count = 60
         self.delta = model.facts.times["delta_ns"] // 10**6
@@ -239,24 +244,24 @@ class Runs:
         return states
 
 
-def sure(found: Any) -> Any:
+def sure(value: Any) -> Any:
     """What must not be None."""
-    assert found is not None
-    return found
+    assert value is not None
+    return value
 
 
 def inside(boxes: Sequence[float], state: Any) -> np.ndarray[Any, Any]:
     """Of each state whether one of the boxes holds it, but for what the simulation rounds."""
-    found = np.zeros(len(state[0]), dtype=bool)
+    mask = np.zeros(len(state[0]), dtype=bool)
     slack = 1e-9
     for k in range(0, len(boxes), 4):
         a, b, c, e = boxes[k : k + 4]
-        found |= (
+        mask |= (
             (state[0] >= a - slack)
             & (state[0] <= b + slack)
             & ((state[1] >= c - slack) & (state[1] <= e + slack))
         )
-    return found
+    return mask
 
 
 @pytest.mark.parametrize("times", TIMES)
@@ -280,9 +285,9 @@ def test_chains_enclose_runs(
         form = form_of_box(group.grid.box(block), symbols=True)
         before = 0
         for k in range(holds):
-            found = (chain.later if k else chain.first)(form)
-            assert found is not None
-            form, boxes = found
+            form_and_boxes = (chain.later if k else chain.first)(form)
+            assert form_and_boxes is not None
+            form, boxes = form_and_boxes
             after = (k + 1) * runs.delta - runs.j
             for tick in range(before, after + 1):
                 assert inside(boxes, states[tick]).all(), (k, tick)
@@ -385,10 +390,10 @@ def test_free_phases_enclose_runs(tmp_path: Path, name: str, pieces: int) -> Non
         ends = [float(x) for interval in group.grid.box(block) for x in interval]
         form = form_of_box(group.grid.box(block), symbols=True)
         (step,) = phase.steps
-        found = step(form)
-        assert found is not None
+        image = step(form)
+        assert image is not None
         for state in Runs(thing, model, ends, seed).free(80):
-            assert inside(found[1], state).all()
+            assert inside(image[1], state).all()
 
 
 def test_steps_solve_the_linear_model() -> None:
@@ -397,7 +402,7 @@ def test_steps_solve_the_linear_model() -> None:
     for _ in range(20):
         a, noise = draw.uniform(-4, 4, (2, 2)), draw.uniform(0, 1, 2)
         time = float(draw.uniform(0.01, 0.3))
-        local = Local(
+        local = LocalLinearModel(
             arb_mat(a.tolist()),
             arb_mat([[ONE], [ZERO]]),
             arb_mat([[ZERO], [ONE]]),
@@ -423,9 +428,9 @@ def test_steps_solve_the_linear_model() -> None:
 def test_the_rest_of_a_series_is_counted() -> None:
     """Few terms of a large exponent: the ball must still hold the integral of e^{As}."""
     for rate in (0.1, 2.0, 9.0, -9.0):
-        found = integral_of(arb_mat([[exact(rate)]]), exact(1.0))[0, 0]
-        assert found.contains((exact(rate).exp() - 1) / exact(rate))
-        assert float(found.rad()) < 1e-2
+        integral = integral_of(arb_mat([[exact(rate)]]), exact(1.0))[0, 0]
+        assert integral.contains((exact(rate).exp() - 1) / exact(rate))
+        assert float(integral.rad()) < 1e-2
     still = integral_of(arb_mat([[ZERO, ONE], [ZERO, ZERO]]), exact(0.25))
     assert still[1, 1] == exact(0.25)
     assert still[1, 0].is_zero()
@@ -456,7 +461,7 @@ def test_the_rest_of_a_series_is_counted() -> None:
 def test_ends_that_the_flow_keeps(tmp_path: Path, der_x: str, low: bool, high: bool) -> None:
     thing = Thing(der_x, "push + w", lambda x, v, _u, _w: (x, v))
     model = model_of(tmp_path, thing, 5, 20, 0)
-    assert kept_ends(model, (0, 1))[0] == (low, high)
+    assert uncrossed_ends(model, (0, 1))[0] == (low, high)
 
 
 @pytest.mark.parametrize("kept", [True, False])
@@ -464,7 +469,7 @@ def test_boxes_end_where_the_flow_keeps_the_end(tmp_path: Path, kept: bool) -> N
     """From the cell at the end nothing comes out beyond it, whatever is commanded."""
     thing = Thing("max(push, 0.0) - 2.0 * (x + 2.0) * abs(v)", "-v * abs(v)", lambda *_: (0, 0))
     model = model_of(tmp_path, thing, 5, 20, 1)
-    assert kept_ends(model, (0, 1))[0] == (True, False)
+    assert uncrossed_ends(model, (0, 1))[0] == (True, False)
     local = LocalChain(model, (0, 1), [(kept, kept), (False, False)], times_of(model))
     group = group_of(model)
     box = group.grid.box(((0, 1), (36, 37)))
@@ -489,8 +494,8 @@ def test_ends_of_linear_flows_are_cut_off(tmp_path: Path) -> None:
         form, boxes = sure((chain.later if k else chain.first)(form))
         assert min(boxes[0::4]) >= -2.0
     (step,) = FreeCheck(model, group, 50 * 10**6).phase(4).steps
-    found = sure(step(form_of_box(group.grid.box(((0, 1), (20, 21))), symbols=True)))
-    assert min(found[1][0::4]) == -2.0
+    image = sure(step(form_of_box(group.grid.box(((0, 1), (20, 21))), symbols=True)))
+    assert min(image[1][0::4]) == -2.0
 
 
 def test_what_stands_is_where_it_was(tmp_path: Path) -> None:
@@ -503,9 +508,9 @@ def test_what_stands_is_where_it_was(tmp_path: Path) -> None:
     chain = ChainCheck(model, group).chain(1)
     form = form_of_box(group.grid.box(cell), symbols=True)
     for k in range(4):
-        found = (chain.later if k else chain.first)(form)
-        assert found is not None
-        form, boxes = found
+        image = (chain.later if k else chain.first)(form)
+        assert image is not None
+        form, boxes = image
         assert list(boxes) == ends * (len(boxes) // 4)
     assert list(sure(sure(chain.last)(form))[1]) == ends
     assert arb(form[0]) == ends[0]
@@ -542,9 +547,9 @@ def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, look
         sample = local._sampled(start, fresh=False)
         assert sample is not None
         centre = sample.rows * start.z
-        found = local.later(pieces, form)
-        assert found is not None
-        after = [float(x) for x in found[0]]
+        image = local.later(pieces, form)
+        assert image is not None
+        after = [float(x) for x in image[0]]
         runs = Runs(thing, model, [0.0] * 4, seed)
         eps = np.array([runs.extreme(1.0) for _ in range(2)])
         runs.x, runs.v = (state[i] + 0.01 * eps[i] for i in range(2))
@@ -635,7 +640,7 @@ def test_a_box_that_does_not_hold_its_image_is_none(tmp_path: Path) -> None:
     still = (exact(0.0), exact(0.0))
     known = 0
     for time in np.linspace(0.05, 0.8, 40):
-        found = flow.around([(exact(1.0), exact(1.1)), still], [], ZERO, exact(float(time)))
-        known += found is not None
-        assert found is None or float(found[0][0][1]) >= 1.1 / (1 - 1.1 * time)
+        enclosure = flow.around([(exact(1.0), exact(1.1)), still], [], ZERO, exact(float(time)))
+        known += enclosure is not None
+        assert enclosure is None or float(enclosure[0][0][1]) >= 1.1 / (1 - 1.1 * time)
     assert known > 5

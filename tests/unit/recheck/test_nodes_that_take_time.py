@@ -39,8 +39,8 @@ def proved(folder: Path, *pairs: tuple[str, str]) -> dict[str, Any]:
     folder.mkdir()
     program(folder, *pairs).verify(refute=False, cert=folder / "cert")
     manifest = json.loads((folder / "cert" / "manifest.json").read_text())
-    found: dict[str, Any] = manifest["modules"][0]
-    return found
+    entry: dict[str, Any] = manifest["modules"][0]
+    return entry
 
 
 def test_a_proof_counts_with_the_longest_and_its_certificate_is_accepted(tmp_path: Path) -> None:

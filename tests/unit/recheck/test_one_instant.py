@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.recheck.reading.problem import DiffersError
+from soter.certificate.reading.problem import DiffersError
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:

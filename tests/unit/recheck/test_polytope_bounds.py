@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soter.reach.polytope import model as polytope_model
-from soter.reach.polytope.balls import exact as ball
-from soter.reach.polytope.balls import exponential
-from soter.reach.polytope.model import LinearGroup, free_instants, hold_instants
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.polytope.certificate_tables import HalfSpaces
+from soter.certificate.polytope.dual_bounds import BoundedPolytope
+from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
+from soter.certificate.polytope.linear_law import CommandLaw
+from soter.certificate.reading.linear_flows import LinearFlow
+from soter.certificate.terms.arb_balls import ZERO, exact
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.reach.polytope import linear_group as polytope_model
+from soter.reach.polytope.ball_matrices import exact as ball
+from soter.reach.polytope.ball_matrices import exponential
+from soter.reach.polytope.linear_group import LinearGroup, free_instants, hold_instants
 from soter.reach.polytope.proofs import Windows, claims_of, find_core, prove_core
-from soter.recheck.certificate.errors import RejectedError
-from soter.recheck.polytope.bounds import Bounded
-from soter.recheck.polytope.law import Law
-from soter.recheck.polytope.moves import Flow, Free, Hold
-from soter.recheck.polytope.tables import HalfSpaces
-from soter.recheck.reading.flows import LinearFlow
-from soter.recheck.terms.balls import ZERO, exact
-from soter.recheck.terms.terms import NotRecheckedError
-from unit.reach_polytopes.adversary import MS, Attack, random_group
+from unit.reach_polytopes.polytope_adversary import MS, Attack, random_group
 
 pytest.importorskip("highspy")
 
@@ -34,7 +34,7 @@ def numbers(values: object) -> list[list[Any]]:
     return [[exact(float(x)) for x in row] for row in np.asarray(values)]
 
 
-def flow_of(group: LinearGroup) -> Flow:
+def flow_of(group: LinearGroup) -> BallFlow:
     """The numbers of a group in balls."""
     centre, radius = group.drift
     ends = [
@@ -49,20 +49,20 @@ def flow_of(group: LinearGroup) -> Flow:
         tuple(ends),
     )
     box = list(zip(group.low.tolist(), group.high.tolist(), strict=True))
-    return Flow(linear, box, range(len(ends)))
+    return BallFlow(linear, box, range(len(ends)))
 
 
-def law_of(group: LinearGroup) -> Law:
+def law_of(group: LinearGroup) -> CommandLaw:
     error = np.abs(group.gain) @ group.error + group.remainder
     rows = (group.offset, error, group.law_low, group.law_high)
     offset, spread, low, high = ([exact(float(x)) for x in row] for row in rows)
-    return Law(tuple(range(len(offset))), numbers(group.gain), offset, spread, low, high)
+    return CommandLaw(tuple(range(len(offset))), numbers(group.gain), offset, spread, low, high)
 
 
-def hold_of(group: LinearGroup, rate: object) -> Hold:
+def hold_of(group: LinearGroup, rate: object) -> HoldImage:
     delays = (group.delay_ns, group.jitter_ns)
     instants = hold_instants(group.delta_ns)
-    return Hold(flow_of(group), law_of(group), np.asarray(rate).tolist(), instants, delays)
+    return HoldImage(flow_of(group), law_of(group), np.asarray(rate).tolist(), instants, delays)
 
 
 def rows_of(group: LinearGroup, seed: int) -> Any:
@@ -88,7 +88,7 @@ def test_its_bounds_are_no_wider_than_those_of_the_prover(
     pairs = [(theirs.after(ball(rows)), own.after(numbers(rows)))]
     pairs += zip(theirs.everywhere(ball(rows)), own.everywhere(numbers(rows)), strict=True)
     free = polytope_model.FreePhase(group, 54 * MS).everywhere(ball(rows))
-    again = Free(flow_of(group), free_instants(54 * MS)).everywhere(numbers(rows))
+    again = FreeImage(flow_of(group), free_instants(54 * MS)).everywhere(numbers(rows))
     pairs += zip(free, again, strict=True)
     for (row, loss), moved in pairs:
         own_row, own_loss = floats(moved)
@@ -121,7 +121,7 @@ def test_no_command_leaves_the_bounds_of_a_free_phase(seed: int) -> None:
     chance = np.random.default_rng(seed)
     group = random_group(chance, delay_ms=0, jitter_ms=0)
     flow, rows = flow_of(group), rows_of(group, seed)
-    moved = [floats(m) for m in Free(flow, free_instants(40 * MS)).everywhere(numbers(rows))]
+    moved = [floats(m) for m in FreeImage(flow, free_instants(40 * MS)).everywhere(numbers(rows))]
     x0 = chance.uniform(group.low / 4, group.high / 4, (50, len(group.low)))
     bound = np.max([x0 @ r.T + loss for r, loss in moved], axis=0)
     e, g = exponential(group.state, MS)
@@ -155,7 +155,7 @@ def test_bounds_by_multipliers_hold_at_random_points() -> None:
     for _ in range(20):
         row = chance.normal(size=3)
         weights = [(int(k), float(chance.uniform(0, 2))) for k in chance.integers(8, size=3)]
-        bound = Bounded(p).bound([exact(float(x)) for x in row], weights)
+        bound = BoundedPolytope(p).bound([exact(float(x)) for x in row], weights)
         assert (points @ row).max() <= float(bound)
     with pytest.raises(RejectedError):
-        Bounded(p).require("nothing", numbers(np.eye(3)), [ZERO] * 3, [[], [], []])
+        BoundedPolytope(p).require("nothing", numbers(np.eye(3)), [ZERO] * 3, [[], [], []])

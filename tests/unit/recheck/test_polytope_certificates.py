@@ -14,11 +14,11 @@ import pytest
 
 import soter
 from long_tests import some
-from soter.program.build import check_file
-from soter.reach.polytope import extract as polytope_extract
-from soter.reach.polytope import model as polytope_model
-from soter.reach.tables import facets
-from soter.recheck.rechecker import Report, recheck
+from soter.certificate.rechecker import Report, recheck
+from soter.program.front_end import check_file
+from soter.reach.polytope import extract_group as polytope_extract
+from soter.reach.polytope import linear_group as polytope_model
+from soter.reach.tables import polytope_tables
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -151,8 +151,8 @@ RIGHT: dict[str, tuple[tuple[str, str], ...]] = {
 
 @pytest.mark.parametrize("name", some(RIGHT, 3))
 def test_what_the_prover_writes_is_accepted(name: str, tmp_path: Path) -> None:
-    folder, found = written(tmp_path, program(*RIGHT[name]))
-    assert found.verdict == "proved", found
+    folder, verify_report = written(tmp_path, program(*RIGHT[name]))
+    assert verify_report.verdict == "proved", verify_report
     report = checked(folder)
     assert report.accepted, report.reason
     assert report.safe
@@ -161,9 +161,9 @@ def test_what_the_prover_writes_is_accepted(name: str, tmp_path: Path) -> None:
 
 def numbers_of(source: str, name: str) -> list[float]:
     """The elements of a constant array in C."""
-    found = re.search(rf"{name} = \{{\s*\.at = \{{([^}}]*)\}}", source)
-    assert found, name
-    return [float(x) for x in found.group(1).split(",") if x.strip()]
+    match = re.search(rf"{name} = \{{\s*\.at = \{{([^}}]*)\}}", source)
+    assert match, name
+    return [float(x) for x in match.group(1).split(",") if x.strip()]
 
 
 def test_build_deploys_the_half_spaces_of_the_certificate(right: Path, tmp_path: Path) -> None:
@@ -195,10 +195,10 @@ class Opened:
     def matrix(self, of: dict[str, Any], change: Callable[[Any], Any]) -> None:
         """Change the numbers of a matrix."""
         path = self.folder / of["file"]
-        found = np.frombuffer(path.read_bytes(), dtype="<f8").reshape(of["shape"]).copy()
-        found = np.asarray(change(found), dtype="<f8")
-        of["shape"] = list(found.shape)
-        path.write_bytes(found.tobytes())
+        values = np.frombuffer(path.read_bytes(), dtype="<f8").reshape(of["shape"]).copy()
+        values = np.asarray(change(values), dtype="<f8")
+        of["shape"] = list(values.shape)
+        path.write_bytes(values.tobytes())
 
     def program(self, old: str, new: str, **entry: Any) -> None:
         """Change the program, and the entry of its module."""
@@ -434,13 +434,13 @@ HOLES: dict[str, tuple[object, str, object]] = {
     ),
     "reads are exact": (polytope_model.Hold, "_read", lambda self: np.zeros(len(self.rate))),
     "nothing disturbs": (
-        polytope_model.Grid,
+        polytope_model.TimeGrid,
         "noise",
         lambda self, rows, _: np.zeros((len(self.times_ns), rows.mid.shape[0])),
     ),
     "nothing happens between instants": (polytope_model.LinearGroup, "sagging", _nothing),
     "estimates are exact": (polytope_extract, "errors_of", lambda _: {}),
-    "thresholds are not lowered": (facets, "thresholds", lambda p: p.bounds),
+    "thresholds are not lowered": (polytope_tables, "thresholds", lambda p: p.bounds),
 }
 
 
@@ -511,14 +511,14 @@ def greatest_in_core(folder: Path) -> float:
     )
     rows = np.vstack([faces[:, :2], np.eye(2), -np.eye(2)])
     ends = np.concatenate([faces[:, 2], box[1], -box[0]])
-    found = -np.inf
+    greatest = -np.inf
     for i in range(len(rows)):
         for j in range(i):
             if abs(np.linalg.det(rows[[i, j]])) > 1e-9:
                 x = np.linalg.solve(rows[[i, j]], ends[[i, j]])
                 if (rows @ x <= ends + 1e-9).all():
-                    found = max(found, float(x.sum()))
-    return found
+                    greatest = max(greatest, float(x.sum()))
+    return greatest
 
 
 def test_what_is_published_of_half_spaces_is_shown_over_k_and_what_sc_does(
@@ -535,13 +535,13 @@ def test_what_is_published_of_half_spaces_is_shown_over_k_and_what_sc_does(
         shutil.copytree(folder, other)
         at = Opened(other)
         at.program(f"[-{now}, {now}]", f"[-{bound!r}, {bound!r}]")
-        found = checked(at.seal())
-        if not found.accepted:
-            assert "not rechecked" in found.reason
-            assert f"`{topic}`" in found.reason
+        report = checked(at.seal())
+        if not report.accepted:
+            assert "not rechecked" in report.reason
+            assert f"`{topic}`" in report.reason
             return False
-        assert f"set {topic}" in {s.key for s in found.modules[0].shown}
-        assert f"set {topic}" not in {s.key for s in found.said}
+        assert f"set {topic}" in {s.key for s in report.modules[0].shown}
+        assert f"set {topic}" not in {s.key for s in report.said}
         return True
 
     assert shown_with(2.5, "wide")

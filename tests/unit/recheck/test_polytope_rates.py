@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import soter
-from soter.recheck.polytope.enclosed import enclosed_flow
-from soter.recheck.polytope.tables import ClaimedRates
-from soter.recheck.reading.model import Model
-from soter.recheck.rechecker import recheck
+from soter.certificate.polytope.certificate_tables import ClaimedRates
+from soter.certificate.polytope.enclosed import enclosed_flow
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.rechecker import recheck
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def test_the_rates_are_as_far_from_the_line_as_is_found(
     text, rate = RATES[name]
     (tmp_path / "cart.soter").write_text(PROGRAM.replace(DRAG, text))
     facts = small_proofs.facts_of(tmp_path / "cart.soter", "S", "SafeCart")
-    model = Model(facts, (), ((-1.5, 1.5), (-2.16, 2.16)))
+    model = CaseModel(facts, (), ((-1.5, 1.5), (-2.16, 2.16)))
     draw = np.random.default_rng(seed)
     a, b = draw.uniform(-1, 1, (2, 2)), draw.uniform(-1, 1, (2, 1))
     c = draw.uniform(-0.2, 0.2, 2)

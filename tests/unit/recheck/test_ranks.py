@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from bench.recheck_models import Cart
 
-from soter.recheck.inclusions.inclusion import ChainCheck, GroupTables, ranked
-from soter.recheck.inclusions.tables import Cells, Grid
-from soter.recheck.reading.model import Model
+from soter.certificate.inclusions.group_claims import ChainCheck, GroupTables, ranked
+from soter.certificate.inclusions.tables import Cells, Grid
+from soter.certificate.reading.case_model import CaseModel
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def test_a_rank_that_leads_to_cells_without_one_is_not_shown(tmp_path: Path) -> 
     rank, holds = none.astype(np.uint16), none.copy()
     rank[MIDDLE], holds[MIDDLE] = 1, 4
     group = GroupTables((0, 1), grid, none + 1, rank=rank, rank_holds=holds)
-    check = ChainCheck(Model(facts, (), extents), group)
+    check = ChainCheck(CaseModel(facts, (), extents), group)
     home = np.zeros(grid.shape, dtype=np.bool_)
     assert list(ranked(check, Cells(grid, home), grid.whole))
     home[...] = True
@@ -93,7 +93,7 @@ def test_a_rank_that_holds_only_where_commands_are_as_late_as_each_other(
     holds = rank.astype(np.uint8)
     rank[FAST], holds[FAST] = 1, 2
     group = GroupTables((0, 1), grid, holds * 0 + 1, rank=rank, rank_holds=holds)
-    check = ChainCheck(Model(facts, (), ((-1.0, 1.0), (-1.0, 1.0))), group)
+    check = ChainCheck(CaseModel(facts, (), ((-1.0, 1.0), (-1.0, 1.0))), group)
     home = np.zeros(grid.shape, dtype=np.bool_)
     home[:, lowest:] = True
     home[FAST] = False

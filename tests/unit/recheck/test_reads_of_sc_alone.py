@@ -8,11 +8,11 @@ import pytest
 
 import soter
 from soter.api import recheck
+from soter.certificate.allowed_claims import static_claims
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.reading.problem import read_facts
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import check_file, system_of
-from soter.recheck.certificate.errors import RejectedError
-from soter.recheck.claims import static_claims
-from soter.recheck.reading.problem import read_facts
+from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,10 +53,10 @@ def test_a_shorter_horizon_is_refused_by_both(tmp_path: Path) -> None:
     path = tmp_path / "short.soter"
     path.write_text(text)
     try:
-        found = soter.load(path).verify(refute=False).modules[0].findings["P1c"].verdict
+        verdict = soter.load(path).verify(refute=False).modules[0].findings["P1c"].verdict
     except SoterError:
-        found = "refused"
-    assert found != "proved"
+        verdict = "refused"
+    assert verdict != "proved"
     checked = check_file(str(path))
     facts = read_facts(system_of(checked, None), "M")
     with pytest.raises(RejectedError, match=r"which the DM does not read|shorter than"):

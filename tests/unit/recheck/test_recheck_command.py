@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from json_documents import problems_of
+from soter.certificate.allowed_claims import CLAIMS, SAFETY
+from soter.certificate.rechecker import RecheckedModule, Report
 from soter.cli.main import main
-from soter.recheck.claims import CLAIMS, SAFETY
-from soter.recheck.rechecker import ModuleReport, Report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 
 def document(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
-    found: dict[str, object] = json.loads(capsys.readouterr().out)
-    assert not problems_of(found)
-    return found
+    recheck_document: dict[str, object] = json.loads(capsys.readouterr().out)
+    assert not problems_of(recheck_document)
+    return recheck_document
 
 
 def test_accepted_is_0(proved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["recheck", str(proved), "--json"]) == 0
-    found = document(capsys)
-    assert found["accepted"] is True
-    assert found["reason"] == ""
+    recheck_document = document(capsys)
+    assert recheck_document["accepted"] is True
+    assert recheck_document["reason"] == ""
     assert main(["recheck", str(proved)]) == 0
     assert "ACCEPTED" in capsys.readouterr().out
 
@@ -35,9 +35,9 @@ def test_accepted_is_0(proved: Path, capsys: pytest.CaptureFixture[str]) -> None
 def test_rejected_is_3(copied: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (copied / "sets" / "more.bin").write_bytes(b"\0")
     assert main(["recheck", str(copied), "--json"]) == 3
-    found = document(capsys)
-    assert found["accepted"] is False
-    assert "more.bin" in str(found["reason"])
+    recheck_document = document(capsys)
+    assert recheck_document["accepted"] is False
+    assert "more.bin" in str(recheck_document["reason"])
     assert main(["recheck", str(copied)]) == 3
     assert "more.bin" in capsys.readouterr().out
 
@@ -64,7 +64,7 @@ def claiming(changed: Callable[[Callable[[dict[str, object]], None]], Path], **c
 @pytest.mark.parametrize("name", ["P1a", "P1c", "P2a", "P3", "ttf", "safer", "start"])
 def test_what_safety_needs_and_is_not_claimed_is_accepted_in_part(name: str) -> None:
     claims = dict.fromkeys(CLAIMS, "proved") | {name: "undecided"}
-    module = ModuleReport("M", claims, confirmed=[n for n in CLAIMS if n != name])
+    module = RecheckedModule("M", claims, confirmed=[n for n in CLAIMS if n != name])
     report = Report(accepted=True, modules=[module])
     assert module.missing == [name]
     assert not report.safe
@@ -73,12 +73,12 @@ def test_what_safety_needs_and_is_not_claimed_is_accepted_in_part(name: str) -> 
 def test_p1c_may_be_assumed() -> None:
     claims = dict.fromkeys(CLAIMS, "proved") | {"P1c": "assumed"}
     confirmed = [n for n in CLAIMS if n != "P1c"]
-    assert Report(accepted=True, modules=[ModuleReport("M", claims, confirmed=confirmed)]).safe
+    assert Report(accepted=True, modules=[RecheckedModule("M", claims, confirmed=confirmed)]).safe
 
 
 def test_nothing_else_may_be_assumed() -> None:
     claims = dict.fromkeys(CLAIMS, "assumed")
-    assert ModuleReport("M", claims, confirmed=[]).missing == ["P1a", "P1b", *SAFETY[3:]]
+    assert RecheckedModule("M", claims, confirmed=[]).missing == ["P1a", "P1b", *SAFETY[3:]]
 
 
 def test_without_the_start_it_is_accepted_in_part(
@@ -87,8 +87,12 @@ def test_without_the_start_it_is_accepted_in_part(
 ) -> None:
     folder = str(claiming(changed, start="undecided", ttf="undecided"))
     assert main(["recheck", folder, "--json"]) == 4
-    found = document(capsys)
-    assert (found["accepted"], found["safe"], found["ok"]) == (True, False, False)
+    recheck_document = document(capsys)
+    assert (recheck_document["accepted"], recheck_document["safe"], recheck_document["ok"]) == (
+        True,
+        False,
+        False,
+    )
     assert main(["recheck", folder]) == 4
     out = capsys.readouterr().out
     assert f"ACCEPTED IN PART  {folder}: safety is not established (ttf, start not claimed)" in out
@@ -105,9 +109,12 @@ def test_without_p2b_that_is_said(
 
     folder = str(changed(change))
     code = main(["recheck", folder, "--json"])
-    found = document(capsys)
-    assert (code, found["accepted"], found["safe"], found["returns"]) == (4, True, True, False), (
-        found["reason"]
-    )
+    recheck_document = document(capsys)
+    assert (
+        code,
+        recheck_document["accepted"],
+        recheck_document["safe"],
+        recheck_document["returns"],
+    ) == (4, True, True, False), recheck_document["reason"]
     assert main(["recheck", folder]) == 4
     assert f"ACCEPTED, without P2b  {folder}" in capsys.readouterr().out

@@ -11,13 +11,19 @@ import pytest
 from flint import arb
 
 import soter
-from soter.program.build import check_file
+from soter.certificate.reading.linear_flows import LinearFlow, exponential
+from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
+from soter.certificate.terms.arb_balls import (
+    UNIVARIATE,
+    ZERO,
+    exact,
+    line_noisy_max0,
+    line_or_range,
+)
+from soter.certificate.terms.compile_terms import compile_step, form_of_box
+from soter.certificate.terms.terms import Linear, Terms
+from soter.program.front_end import check_file
 from soter.program.model import typed
-from soter.recheck.reading.flows import LinearFlow, exponential
-from soter.recheck.reading.symbolic import Reader, Surroundings
-from soter.recheck.terms.balls import UNIVARIATE, ZERO, exact, line_noisy_max0, line_or_range
-from soter.recheck.terms.compiled import compile_step, form_of_box
-from soter.recheck.terms.terms import Linear, Terms
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -102,8 +108,8 @@ def term_of(path: Path, name: str, terms: Terms) -> tuple[list[Linear], Linear]:
     fun = checked.program.funs[name]
     inputs = [terms.input("state", p.name, exact(-6.0), exact(6.0)) for p in fun.parameters]
     reads = tuple(typed.VarRead(p.type, p.span, p) for p in fun.parameters)
-    call = typed.Call(fun.result, fun.span, fun, reads)
-    reader = Reader(terms, Surroundings({}, {}))
+    call = typed.TypedCall(fun.result, fun.span, fun, reads)
+    reader = SymbolicReader(terms, Surroundings({}, {}))
     value = reader.expression(call, dict(zip(fun.parameters, inputs, strict=True)))
     return inputs, value
 
@@ -121,11 +127,11 @@ def test_a_function_stays_within_its_enclosure(program: Path, name: str) -> None
         centre = draw.uniform(-2.5, 2.5, 2)
         width = 10.0 ** draw.uniform(-4, 0.3)
         box = [(exact(float(c - width)), exact(float(c + width))) for c in centre]
-        found = step(form_of_box(box, symbols=True))
-        if found is None:
+        image = step(form_of_box(box, symbols=True))
+        if image is None:
             continue
         known += 1
-        form, (low, high) = found
+        form, (low, high) = image
         for _ in range(6):
             at = draw.choice([-1.0, 1.0, float(draw.uniform(-1, 1))], 2)
             ends = [(float(a), float(b)) for a, b in box]
@@ -151,12 +157,12 @@ def test_small_cells_have_small_enclosures(program: Path) -> None:
         inputs, value = term_of(program, name, terms)
         places = [next(iter(x.terms)) for x in inputs]
         step = compile_step(terms, places, 2, [value], ranges=[value])
-        found = step(
+        image = step(
             form_of_box([(exact(0.5), exact(0.501)), (exact(1.1), exact(1.101))], symbols=True)
         )
-        assert found is not None
-        assert found[1][1] - found[1][0] < 0.02
-        assert float(found[0][5]) < 1e-5
+        assert image is not None
+        assert image[1][1] - image[1][0] < 0.02
+        assert float(image[0][5]) < 1e-5
 
 
 def test_no_line_says_less_than_the_range(program: Path) -> None:
@@ -169,9 +175,9 @@ def test_no_line_says_less_than_the_range(program: Path) -> None:
     for _ in range(200):
         middle, width = draw.uniform(-1, 1, 2), draw.uniform(0.1, 3)
         box = [(exact(float(c - width)), exact(float(c + width))) for c in middle]
-        found = step(form_of_box(box, symbols=True))
-        assert found is not None
-        form, (low, high) = found
+        image = step(form_of_box(box, symbols=True))
+        assert image is not None
+        form, (low, high) = image
         assert -1.8 - 1e-9 < low <= high < 1.8 + 1e-9
         assert float(form[5]) <= (high - low) / 2 + 1e-9
 
@@ -185,9 +191,9 @@ def test_a_limit_that_varies_is_a_limit(program: Path) -> None:
     for _ in range(200):
         (a, b), (c, d) = np.sort(draw.uniform(-4, 4, (2, 2)))
         box = [(exact(float(a)), exact(float(b))), (exact(float(c)), exact(float(d)))]
-        found = step(form_of_box(box, symbols=True))
-        assert found is not None
-        low, high = found[1]
+        image = step(form_of_box(box, symbols=True))
+        assert image is not None
+        low, high = image[1]
         assert high <= max(min(d, b - 1.1), 1.0 - a) + 1e-9
         assert low >= max(min(c, a - 1.1), 1.0 - b) - 1e-9
 

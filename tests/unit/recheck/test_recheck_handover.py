@@ -10,22 +10,22 @@ import pytest
 
 from generators.handover_program import CHANGES, GUARD, GUARDS, IN, handover, of_walls
 from soter.api.program import load
+from soter.certificate import rechecker
+from soter.certificate.case_check import CaseCheck
+from soter.certificate.handover import jumps_of
+from soter.certificate.inclusions.tables import Cells
+from soter.certificate.reading.problem import read_facts
+from soter.certificate.rechecker import recheck
+from soter.certificate.terms.terms import NotRecheckedError
 from soter.cli.main import main
-from soter.program.build import check_file, system_of
-from soter.recheck import rechecker
-from soter.recheck.case import Case
-from soter.recheck.handover import jumps_of
-from soter.recheck.inclusions.tables import Cells
-from soter.recheck.reading.problem import read_facts
-from soter.recheck.rechecker import recheck
-from soter.recheck.terms.terms import NotRecheckedError
+from soter.program.front_end import check_file, system_of
 from unit.recheck.small_proofs import edit_program
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.recheck.reading.facts import Facts
-    from soter.recheck.report import Report
+    from soter.certificate.reading.facts import Facts
+    from soter.certificate.report import Report
 
 pytest.importorskip("z3")
 pytest.importorskip("flint")
@@ -68,15 +68,15 @@ def whys(tmp_path: Path, text: str, proved: Proved) -> list[str]:
 
     They are those of this one: neither `enters` nor the node is in them.
     """
-    found = []
+    reasons = []
     for facts, (other, groups, extents, claims) in zip(
         facts_of(tmp_path, text), proved[2], strict=True
     ):
         facts.times = other.times
         (jumps,) = jumps_of(facts, groups, extents, claims).values()
         (jump,) = jumps
-        found.append(jump.why)
-    return found
+        reasons.append(jump.why)
+    return reasons
 
 
 # ---------------------------------------------------------------- confirmed
@@ -110,7 +110,7 @@ def test_a_node_that_does_not_ask_is_accepted_and_assumed_to(
     proved: Proved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An assumption is no claim: nothing is rejected for it. (The claims are those of before.)"""
-    monkeypatch.setattr(Case, "check", lambda _: None)
+    monkeypatch.setattr(CaseCheck, "check", lambda _: None)
     folder = tmp_path / "cert"
     shutil.copytree(proved[0], folder)
     edit_program(folder, (GUARD, "asked"))
@@ -133,11 +133,11 @@ def test_a_node_that_asks_in_other_words(tmp_path: Path, proved: Proved) -> None
 @pytest.mark.parametrize("name", [n for n in CHANGES if n != "for less time"])
 def test_a_node_that_does_not_keep_its_guard(tmp_path: Path, name: str, proved: Proved) -> None:
     try:
-        found = whys(tmp_path, handover(*CHANGES[name], enters="May(box, motion)"), proved)
+        reasons = whys(tmp_path, handover(*CHANGES[name], enters="May(box, motion)"), proved)
         shown = whys(tmp_path, handover(enters="May(box, motion)"), proved)
     except NotRecheckedError:
         return  # a certificate of such a program is rejected
-    assert any("the first step of" in w or "a step of" in w or "fail-safe" in w for w in found)
+    assert any("the first step of" in w or "a step of" in w or "fail-safe" in w for w in reasons)
     assert not any("step" in w for w in shown), "of the node that asks all is shown of steps"
 
 
@@ -242,14 +242,14 @@ def test_a_guard_that_lets_too_much_in(
 ) -> None:
     """As the prover has it, view by view."""
     assert old in IN
-    found = whys(tmp_path, of_walls(IN.replace(old, new)), proved)
-    assert [why in w for w in found] == [not s for s in shown]
-    assert [w == "" for w in found] == shown
+    reasons = whys(tmp_path, of_walls(IN.replace(old, new)), proved)
+    assert [why in w for w in reasons] == [not s for s in shown]
+    assert [w == "" for w in reasons] == shown
 
 
 def test_a_guard_that_speaks_of_nothing_that_plants_drive(tmp_path: Path, proved: Proved) -> None:
-    found = whys(tmp_path, handover(), proved)
-    assert all("bounds" in w for w in found)
+    reasons = whys(tmp_path, handover(), proved)
+    assert all("bounds" in w for w in reasons)
 
 
 def test_a_topic_without_a_set_bounds_no_state(tmp_path: Path, proved: Proved) -> None:
@@ -379,7 +379,7 @@ def test_sets_that_nobody_claims_confirm_nothing(proved: Proved, tmp_path: Path)
     assert jumps[0].why == "nothing is claimed with which R(H) is confirmed"
 
 
-@pytest.mark.parametrize("where", ["handover.not_entered", "induction.jumps.why_not"])
+@pytest.mark.parametrize("where", ["handover.not_entered", "induction.handover_jumps.why_not"])
 def test_what_goes_wrong_confirms_nothing(
     proved: Proved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
@@ -387,6 +387,6 @@ def test_what_goes_wrong_confirms_nothing(
         msg = "out of luck"
         raise ValueError(msg)
 
-    monkeypatch.setattr(f"soter.recheck.{where}", fails)
+    monkeypatch.setattr(f"soter.certificate.{where}", fails)
     failed = "the re-checker itself failed (ValueError: out of luck)"
     assert whys(tmp_path, of_walls(), proved) == [failed] * 2

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from generators.opaque import OPAQUE as SLOW
+from generators.opaque_planner import OPAQUE as SLOW
 from long_tests import some
 from soter.api.program import load
 from soter.api.rechecking import recheck
-from soter.program.build import check_file
+from soter.program.front_end import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable

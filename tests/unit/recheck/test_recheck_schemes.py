@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 from bench.recheck_small import PROGRAMS
 
-from soter.recheck.reading.flows import ORDERS, linear_flow
-from soter.recheck.reading.model import Model
-from soter.recheck.terms.terms import NotRecheckedError
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.linear_flows import ORDERS, linear_flow
+from soter.certificate.terms.terms import NotRecheckedError
 from soter.syntax.schemes import SCHEMES
 from unit.recheck import small_proofs
 
@@ -25,7 +25,7 @@ def test_only_schemes_whose_step_is_the_series_of_the_solution_are_known() -> No
 def test_a_scheme_that_is_not_known_is_refused_in_words(tmp_path: Path) -> None:
     (tmp_path / "small.soter").write_text(PROGRAMS["flying"])
     facts = small_proofs.facts_of(tmp_path / "small.soter", "S", "M")
-    model = Model(facts, (), tuple(facts.axes[i] for i in range(len(facts.states))))
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(len(facts.states))))
     members = tuple(range(len(facts.states)))
     assert linear_flow(model, members).members == members
     for component in facts.plants:

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from bench.recheck_models import Cart
 
-from soter.recheck.case import Case
-from soter.recheck.certificate.errors import RejectedError
-from soter.recheck.inclusions.inclusion import ChainCheck, GroupTables, ranked
-from soter.recheck.inclusions.inward import points_inwards
-from soter.recheck.inclusions.tables import Cells, Grid, unshown, volume
-from soter.recheck.reading.model import Model
-from soter.recheck.terms.compiled import form_of_box
+from soter.certificate.case_check import CaseCheck
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.group_claims import ChainCheck, GroupTables, ranked
+from soter.certificate.inclusions.inward_flow import points_inwards
+from soter.certificate.inclusions.tables import Cells, Grid, unshown, volume
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.terms.compile_terms import form_of_box
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.recheck.inclusions.tables import Block
+    from soter.certificate.inclusions.tables import Block
 
 CLAMPED = "clamp(-2.0 * seen, -1.0, 1.0)"
 LAG = """soter 1;
@@ -60,13 +60,13 @@ system S default { l: Lag; module Module; until 10s; }
 
 def lag(
     tmp_path: Path, rate: str, extra: str, bound: float, law: str = CLAMPED
-) -> tuple[Model, list[GroupTables]]:
+) -> tuple[CaseModel, list[GroupTables]]:
     """The model, and a table for w and for q; `bound`: of the grid of q."""
     text = LAG.replace(CLAMPED, law)
     text = text.replace("RATE", rate).replace("EXTRA", extra).replace("BOUND", repr(bound))
     (tmp_path / "lag.soter").write_text(text)
     facts = small_proofs.facts_of(tmp_path / "lag.soter", "S", "Module")
-    model = Model(facts, (), tuple(facts.axes[i] for i in range(2)))
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
     grids = (Grid((small_proofs.even_edges(-1.0, 1.0, 40),)), Grid(((-bound, bound),)))
     groups = []
     for i, grid in enumerate(grids):
@@ -112,7 +112,7 @@ def test_a_group_that_flows_inwards_needs_no_chain(
         return chain(self, pieces)
 
     monkeypatch.setattr(ChainCheck, "chain", noted)
-    case = Case(model, [groups[1]], {"P2a"}, {}, lambda _: None, 1)
+    case = CaseCheck(model, [groups[1]], {"P2a"}, {}, lambda _: None, 1)
     case.cores = [Cells(groups[1].grid, groups[1].core > 0)]
     case.kept = [True]
     case._kernel()
@@ -131,7 +131,7 @@ def test_a_part_of_a_group_that_flows_inwards_is_not_kept_for_free(tmp_path: Pat
     grid = Grid(((-1.13, 0.0, 1.13),))
     half = np.array([1, 0], dtype=np.uint8)
     part = GroupTables((1,), grid, half, half > 0, half, np.ones(2, np.uint16), half)
-    case = Case(model, [groups[0], part], {"P2a"}, {}, lambda _: None, 1)
+    case = CaseCheck(model, [groups[0], part], {"P2a"}, {}, lambda _: None, 1)
     with pytest.raises(RejectedError, match="lead back"):
         case.check()
 
@@ -175,26 +175,26 @@ def test_a_walk_gives_back_the_cells_that_nothing_showed() -> None:
                 return shown
 
             whole = tuple((0, n) for n in shape)
-            found = {tuple(low for low, _ in b) for b in unshown(todo, whole, attempt, 8)}
-            assert found == {tuple(int(i) for i in c) for c in np.argwhere(todo & ~true)}
+            cells = {tuple(low for low, _ in b) for b in unshown(todo, whole, attempt, 8)}
+            assert cells == {tuple(int(i) for i in c) for c in np.argwhere(todo & ~true)}
             assert max(tried, default=1) <= 8
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[Model, GroupTables]:
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[CaseModel, GroupTables]:
     cart = Cart(cells_x=12, cells_v=10)
     path = tmp_path_factory.mktemp("small") / "cart.soter"
     path.write_text(cart.text())
     facts = small_proofs.facts_of(path, "Track", "SafeCart")
     extents = tuple(facts.axes[i] for i in range(2))
-    model = Model(facts, (), extents)
+    model = CaseModel(facts, (), extents)
     grid = Grid(
         tuple(small_proofs.even_edges(*e, n) for e, n in zip(extents, (12, 10), strict=True))
     )
     return model, GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
 
 
-def test_steps_without_boxes_give_the_same_forms(small: tuple[Model, GroupTables]) -> None:
+def test_steps_without_boxes_give_the_same_forms(small: tuple[CaseModel, GroupTables]) -> None:
     model, group = small
     chain = ChainCheck(model, group).chain(1)
     for i in range(12):
@@ -211,7 +211,7 @@ def test_steps_without_boxes_give_the_same_forms(small: tuple[Model, GroupTables
 
 
 def test_what_was_seen_of_a_block_is_used_for_its_parts_only(
-    small: tuple[Model, GroupTables], monkeypatch: pytest.MonkeyPatch
+    small: tuple[CaseModel, GroupTables], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`seen` is written for the block alone, and only as far as it was within."""
     model, group = small
@@ -242,7 +242,7 @@ def test_what_was_seen_of_a_block_is_used_for_its_parts_only(
     assert seen[11, 9] < 3
 
 
-def test_every_cell_is_held_to_its_own_rank(small: tuple[Model, GroupTables]) -> None:
+def test_every_cell_is_held_to_its_own_rank(small: tuple[CaseModel, GroupTables]) -> None:
     """In a block of several ranks no cell may count another's as its own."""
     model, group = small
     shape = group.grid.shape
@@ -260,8 +260,8 @@ def test_every_cell_is_held_to_its_own_rank(small: tuple[Model, GroupTables]) ->
     rank[2, 4:6] = 1
     assert list(ranked(check, Cells(group.grid, home), whole)) == []
     holds[3, 4] = 0
-    found = list(ranked(check, Cells(group.grid, home), whole))
-    assert found == [((3, 4), (4, 5))], "no hold, no way"
+    blocks = list(ranked(check, Cells(group.grid, home), whole))
+    assert blocks == [((3, 4), (4, 5))], "no hold, no way"
     none = Cells(group.grid, np.zeros(shape, dtype=np.bool_))
     rank[:], holds[:] = 0, 1
     rank[home] = 1

@@ -1,7 +1,8 @@
 """Times of random systems against schedules that are played: never exceeded, and reached.
 
-The player shares nothing with `times.py`: each release starts and publishes when dice say so, each
-read looks through all publications, and what may or may not be seen in one instant is diced, too.
+The player shares nothing with `derived_times.py`: each release starts and publishes when dice say
+so, each read looks through all publications, and what may or may not be seen in one instant is
+diced, too.
 """
 
 from __future__ import annotations
@@ -12,14 +13,22 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from soter.recheck.terms.terms import NotRecheckedError
-from soter.recheck.time.times import Clock, Effect, Path, Read, Setting, Times, derive
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.time.derived_times import (
+    Clock,
+    DerivedTimes,
+    Effect,
+    TimingSetting,
+    TopicPath,
+    TopicReading,
+    derive,
+)
 
 SYSTEMS = 30
 PLAYS = 150
 
 
-def drawn(dice: random.Random) -> Setting:
+def drawn(dice: random.Random) -> TimingSetting:
     """A small system: periods of a few ns, so that extremes meet by chance."""
 
     def clock(name: str, periods: tuple[int, ...], slow: int = 2) -> Clock:
@@ -28,22 +37,24 @@ def drawn(dice: random.Random) -> Setting:
         response = dice.randint(0, min(slow, period // 2))
         return Clock(name, period, dice.choice([0, dice.randrange(period)]), late, response)
 
-    def path() -> Path:
+    def path() -> TopicPath:
         sensor = Clock("sensor", dice.choice((2, 3, 4, 6)))
-        return Path(sensor, tuple(clock(f"n{i}", (3, 4, 6)) for i in range(dice.choice((0, 1, 2)))))
+        return TopicPath(
+            sensor, tuple(clock(f"n{i}", (3, 4, 6)) for i in range(dice.choice((0, 1, 2))))
+        )
 
     dm = clock("dm", (8, 12))
     sc = clock("sc", tuple(p for p in (4, 6, 8, 12) if p <= dm.period), 1)
-    read = Read("x", (path(),), 20)
+    read = TopicReading("x", (path(),), 20)
     behind = tuple(clock(f"a{i}", (1, 2, 3), 1) for i in range(dice.choice((0, 0, 1))))
-    return Setting(dm, sc, (read,), (read,), (Effect(behind, 0, dice.choice((0, 1))),))
+    return TimingSetting(dm, sc, (read,), (read,), (Effect(behind, 0, dice.choice((0, 1))),))
 
 
 @dataclass
 class Run:
     """One schedule, played for a while."""
 
-    setting: Setting
+    setting: TimingSetting
     dice: random.Random
     most: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     window: list[int] = field(default_factory=lambda: [10**9, -(10**9)])
@@ -52,20 +63,20 @@ class Run:
         """Early, late or between."""
         return self.dice.choice([0, top, self.dice.randint(0, top)])
 
-    def publications(self, path: Path, until: int) -> list[tuple[int, int, int | None]]:
+    def publications(self, path: TopicPath, until: int) -> list[tuple[int, int, int | None]]:
         """(start, published, state time) of the last publisher on a path."""
         if not path.nodes:
             times = range(path.sensor.phase, until, path.sensor.period)
             return [(t, t, t) for t in times]
         node = path.nodes[-1]
-        before = self.publications(Path(path.sensor, path.nodes[:-1]), until + 20)
-        found = []
+        before = self.publications(TopicPath(path.sensor, path.nodes[:-1]), until + 20)
+        publications = []
         for t in range(node.phase, until, node.period):
             start = t + self.some(node.late)
             seen = self.seen(before, start, sensor=len(path.nodes) == 1, module=False)
             state = None if seen is None else seen[2]
-            found.append((start, start + self.some(node.response), state))
-        return found
+            publications.append((start, start + self.some(node.response), state))
+        return publications
 
     def seen(
         self,
@@ -76,13 +87,13 @@ class Run:
         module: bool,
     ) -> tuple[int, int, int | None] | None:
         """The latest publication that a read at this time sees."""
-        found = None
+        publication = None
         for one in published:
             start, when, _ = one
             order = sensor or (not (module and start == at) and self.dice.random() < 0.5)
             if when < at or (when == at and order):
-                found = one
-        return found
+                publication = one
+        return publication
 
     def acts(self, release: int, published: int) -> int:
         """When an output acts, over the nodes behind."""
@@ -140,7 +151,7 @@ class Run:
                 self.most["lag"] = max(self.most["lag"], when - state)
 
 
-def played(setting: Setting, seed: int) -> dict[str, int]:
+def played(setting: TimingSetting, seed: int) -> dict[str, int]:
     """The greatest that was seen in many runs."""
     run = Run(setting, random.Random(seed))  # noqa: S311 - dice
     for _ in range(PLAYS):
@@ -148,7 +159,7 @@ def played(setting: Setting, seed: int) -> dict[str, int]:
     return {**run.most, "jitter": run.window[1] - run.window[0]}
 
 
-def claimed(setting: Setting, times: Times) -> dict[str, int]:
+def claimed(setting: TimingSetting, times: DerivedTimes) -> dict[str, int]:
     """The same as derived."""
     (path,) = setting.by_sc[0].paths
     return {
@@ -183,15 +194,15 @@ def test_no_schedule_exceeds_a_time_and_nearly_all_are_reached() -> None:
 # ---------------------------------------------------------------- one thing at a time
 
 
-def plain(**more: object) -> Setting:
-    read = Read("x", (Path(Clock("p", 10)),), 20)
+def plain(**more: object) -> TimingSetting:
+    read = TopicReading("x", (TopicPath(Clock("p", 10)),), 20)
     base: dict[str, object] = {
         "dm": Clock("dm", 100),
         "sc": Clock("sc", 50),
         "by_dm": (read,),
         "by_sc": (read,),
     }
-    return Setting(**{**base, **more})  # type: ignore[arg-type]
+    return TimingSetting(**{**base, **more})  # type: ignore[arg-type]
 
 
 def test_sc_is_late_because_the_dm_is() -> None:
@@ -204,15 +215,15 @@ def test_sc_is_late_because_the_dm_is() -> None:
 def test_the_first_output_that_counts_reads_a_state() -> None:
     """SC steps before the node in one instant: at 0 it reads the default."""
     node = Clock("n", 50, 0, 0, 0)
-    read = Read("x", (Path(Clock("p", 10), (node,)),), 60)
+    read = TopicReading("x", (TopicPath(Clock("p", 10), (node,)),), 60)
     assert derive(plain(by_sc=(read,))).h_0 == 50
     assert derive(plain(by_sc=(read,), silent=60)).start == 150
 
 
 def test_ac_may_be_called_on_what_was_made_of_a_default() -> None:
     """Two nodes in one instant: the second may publish before the first has, with a fresh stamp."""
-    path = Path(Clock("p", 10), (Clock("a", 50), Clock("b", 50)))
-    read = Read("x", (path,), 60)
+    path = TopicPath(Clock("p", 10), (Clock("a", 50), Clock("b", 50)))
+    read = TopicReading("x", (path,), 60)
     times = derive(plain(dm=Clock("dm", 100, 40), by_dm=(read,), by_sc=(read,)))
     assert path.may_publish_nothing()
     assert (times.h_0, times.start) == (100, 150)
@@ -222,7 +233,7 @@ def test_a_silent_sensor_makes_reads_older() -> None:
     still, silent = derive(plain()), derive(plain(silent=30))
     assert silent.delay == still.delay + 30
     assert silent.age == still.age  # enforced, where nobody stands between
-    node = Read("x", (Path(Clock("p", 10), (Clock("n", 50),)),), 60)
+    node = TopicReading("x", (TopicPath(Clock("p", 10), (Clock("n", 50),)),), 60)
     with_node = [derive(plain(by_dm=(node,), silent=k)).age for k in (0, 30)]
     assert with_node[1] == with_node[0] + 30
 

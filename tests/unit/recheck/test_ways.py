@@ -9,15 +9,15 @@ from bench.recheck_small import PROGRAMS
 
 import soter
 from soter.api import recheck
-from soter.recheck.assumptions import assumptions_of, p1c_of
-from soter.recheck.reading.problem import DiffersError
-from soter.recheck.terms.terms import NotRecheckedError
+from soter.certificate.assumptions import assumptions_of, p1c_of
+from soter.certificate.reading.problem import DiffersError
+from soter.certificate.terms.terms import NotRecheckedError
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.recheck.reading.facts import Facts
+    from soter.certificate.reading.facts import Facts
 
 MS = 1_000_000
 

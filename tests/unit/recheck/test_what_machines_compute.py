@@ -84,7 +84,7 @@ def test_what_a_machine_computes_otherwise_is_not_accepted(step: str, tmp_path: 
 def test_what_is_proved_with_truths_and_tables_is_accepted(step: str, tmp_path: Path) -> None:
     path = tmp_path / "right.soter"
     path.write_text(edited(step))
-    found = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
-    assert found.verdict in ("proved", "assumed")
+    verify_report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert verify_report.verdict in ("proved", "assumed")
     report = recheck(tmp_path / "cert")
     assert report.accepted, report.reason

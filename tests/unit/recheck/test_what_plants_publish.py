@@ -17,9 +17,9 @@ from bench.recheck_small import PROGRAMS
 
 import soter
 from long_tests import some
+from soter.certificate.rechecker import Report, recheck
+from soter.certificate.terms.arb_balls import greatest_below
 from soter.cli.main import main
-from soter.recheck.rechecker import Report, recheck
-from soter.recheck.terms.balls import greatest_below
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -129,8 +129,8 @@ def test_the_greatest_value_whose_sum_does_not_exceed_a_bound() -> None:
     for _ in range(2000):
         bound = dice.uniform(-3, 3) * 10.0 ** dice.randint(-6, 6)
         added = dice.choice([0.0, dice.uniform(0, 1) * 10.0 ** dice.randint(-8, 3)])
-        found = greatest_below(bound, added)
-        assert found + added <= bound < math.nextafter(found, math.inf) + added
+        greatest = greatest_below(bound, added)
+        assert greatest + added <= bound < math.nextafter(greatest, math.inf) + added
 
 
 @pytest.mark.parametrize("bounds", ["[-1.0, 1.0]", ""])

@@ -9,12 +9,12 @@ from __future__ import annotations
 from soter.report.sequence.view import (
     Lane,
     Mode,
+    ModeSwitch,
     ModuleModes,
     Pick,
     Published,
     SequenceStep,
     SequenceView,
-    Switch,
     TopicFlow,
 )
 
@@ -29,7 +29,7 @@ def small() -> SequenceView:
         s(0, 0, "", "start", published=(p("motion", "{ x: 6.0, v: 0.0 }"), p("push", "0.0"))),
         s(1, 0, "cart.body", release_ns=0, published=(p("motion", "{ x: 6.0, v: 1.5 }"),),
           choices=(Pick("disturbance wind", "0.0"),)),
-        s(2, 0, f"{M}.dm", release_ns=0, switch=Switch(M, "SC", "AC"),
+        s(2, 0, f"{M}.dm", release_ns=0, switch=ModeSwitch(M, "SC", "AC"),
           note="`safer` holds: x = 6.0"),
         s(3, 0, f"{M}.Careful", release_ns=0, gated=True, published=(p("push", "-1.0"),)),
         s(4, 0, f"{M}.Anything", release_ns=0, published=(p("push", "3.0"), p("lamp", "On")),
@@ -39,7 +39,7 @@ def small() -> SequenceView:
           published=(p("motion", "{ x: 7.9, v: 3.2 }"),)),
         s(6, 100 * MS, f"{M}.Anything", "overrun", release_ns=100 * MS,
           choices=(Pick("choose [-3, 3]", "3.0", default=False),), observable=True),
-        s(7, 112 * MS, f"{M}.dm", release_ns=100 * MS, switch=Switch(M, "AC", "SC"),
+        s(7, 112 * MS, f"{M}.dm", release_ns=100 * MS, switch=ModeSwitch(M, "AC", "SC"),
           note="`ttf` holds: the wall is nearer than 2Δ"),
         s(8, 112 * MS, f"{M}.Anything", "effect", gated=True, published=(p("push", "3.0"),),
           observable=True),
@@ -99,7 +99,7 @@ def large(lanes: int = 20, steps: int = 200) -> SequenceView:
         if lane.role == "dm" and lane.module is not None and number % 3 == 0:
             before = mode[lane.module]
             after: Mode = "AC" if before == "SC" else "SC"
-            switch, mode[lane.module] = Switch(lane.module, before, after), after
+            switch, mode[lane.module] = ModeSwitch(lane.module, before, after), after
             modes[lane.module].append((number, after))
         picks = (Pick("choose", str(number % 3), default=number % 3 == 0),)
         made.append(

@@ -6,8 +6,8 @@ import io
 
 import pytest
 
+from soter.cli.terminal.ascii import PLAIN, plainly
 from soter.cli.terminal.console import Console
-from soter.cli.terminal.plain import PLAIN, plainly
 from soter.report.summary import Styled, display_width, table
 
 HEAD = ("property", "verdict", "time", "how")

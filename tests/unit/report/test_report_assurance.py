@@ -10,9 +10,9 @@ from xml.etree import ElementTree as ET
 import pytest
 
 import browser
-from soter.report.assurance.case import Case, Node
+from soter.report.assurance.gsn_diagram import BOX, pictures
 from soter.report.assurance.page import body, write_case
-from soter.report.assurance.picture import BOX, pictures
+from soter.report.assurance.safety_case import CaseNode, SafetyCase
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,23 +22,25 @@ PARTS = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
 PHONE_PX = 420
 
 
-def case_of(modules: int) -> Case:
+def case_of(modules: int) -> SafetyCase:
     """So many modules; of the second one goal has no evidence, of the third none was checked."""
-    case = Case("Safety case of S", "s.soter", "ab" * 32, "S", {})
-    top = case.add(Node("G1", "goal", "System S keeps `Clear(m)` in every run"))
-    way = case.add(Node("S1", "strategy", "argument over every RTA module"), under=top)
+    case = SafetyCase("Safety case of S", "s.soter", "ab" * 32, "S", {})
+    top = case.add(CaseNode("G1", "goal", "System S keeps `Clear(m)` in every run"))
+    way = case.add(CaseNode("S1", "strategy", "argument over every RTA module"), under=top)
     for k in range(1, modules + 1):
-        module = case.add(Node(f"G1.{k}", "goal", f"RTA module M{k} keeps `X`"), under=way)
+        module = case.add(CaseNode(f"G1.{k}", "goal", f"RTA module M{k} keeps `X`"), under=way)
         for name in PARTS:
-            goal = case.add(Node(f"G1.{k}.{name}", "goal", f"{name}: is to be shown"), under=module)
+            goal = case.add(
+                CaseNode(f"G1.{k}.{name}", "goal", f"{name}: is to be shown"), under=module
+            )
             if (k, name) == (2, "P1c"):
                 continue
-            leaf = Node(f"Sn.{k}.{name}", "solution", "certificate, checked", path="proof")
+            leaf = CaseNode(f"Sn.{k}.{name}", "solution", "certificate, checked", path="proof")
             leaf.checked, leaf.sha256 = k != 3, "cd" * 32
             leaf.why = "" if leaf.checked else "the certificate is of `another` program"
             case.add(leaf, under=goal)
-    case.add(Node("A1", "assumption", "the wind is <weak>"), beside=top)
-    case.add(Node("C1", "context", "not covered: `always`"), beside=top)
+    case.add(CaseNode("A1", "assumption", "the wind is <weak>"), beside=top)
+    case.add(CaseNode("C1", "context", "not covered: `always`"), beside=top)
     return case
 
 
@@ -49,10 +51,10 @@ def drawn(svg: str) -> ET.Element:
 @pytest.mark.parametrize("modules", [1, 3])
 def test_every_goal_is_drawn_with_its_state_and_an_arrow_to_what_supports_it(modules: int) -> None:
     case = case_of(modules)
-    found = [drawn(svg) for _, svg in pictures(case)]
-    assert len(found) == (1 if modules == 1 else 1 + modules)
+    drawings = [drawn(svg) for _, svg in pictures(case)]
+    assert len(drawings) == (1 if modules == 1 else 1 + modules)
     states: dict[str | None, str | None] = {}
-    for svg in found:
+    for svg in drawings:
         for link in svg.iter(f"{SVG}a"):
             group = link.find(f"{SVG}g")
             assert group is not None
@@ -61,8 +63,10 @@ def test_every_goal_is_drawn_with_its_state_and_an_arrow_to_what_supports_it(mod
         assert wires
     for n in case.goals:
         assert states[f"#{n.id}"] == f"goal {case.status(n)}", n.id
-    kinds = [p.get("class") for svg in found for p in svg.iter(f"{SVG}path")]
-    assert kinds.count("diamond") - len(found) == (0 if modules == 1 else 1)  # one in a legend each
+    kinds = [p.get("class") for svg in drawings for p in svg.iter(f"{SVG}path")]
+    assert kinds.count("diamond") - len(drawings) == (
+        0 if modules == 1 else 1
+    )  # one in a legend each
 
 
 @pytest.mark.parametrize("modules", [1, 2, 3, 12])

@@ -14,7 +14,7 @@ import pytest
 from soter.report.run.city_map import city_map, dash_of
 from soter.report.run.city_solid import city_solid
 from soter.report.run.figure import TUBE_GROUP, arm_group, decision_hover
-from soter.report.run.packed import numbers
+from soter.report.run.packed_json import numbers
 from soter.report.run.page import body
 from soter.report.run.record import Decision, ModeBand, Scene, Threshold, Violation
 from soter.report.run.timeline import chart_timeline, flight_timeline
@@ -39,8 +39,8 @@ def marks(figure: Figure, words: str) -> list[str]:
     """Return the hover texts that hold these words."""
     texts: list[str] = []
     for trace in figure.data:
-        found = trace.get("text")
-        texts += [text for text in found if words in text] if isinstance(found, list) else []
+        labels = trace.get("text")
+        texts += [text for text in labels if words in text] if isinstance(labels, list) else []
     return texts
 
 
@@ -202,6 +202,6 @@ def test_levels_and_their_labels_have_room(cart_page: ReportPage) -> None:
 
 def _list(figure: Figure, name: str) -> list[dict[str, Any]]:
     """Return a list of the layout."""
-    found = figure.layout[name]
-    assert isinstance(found, list)
-    return found
+    items = figure.layout[name]
+    assert isinstance(items, list)
+    return items

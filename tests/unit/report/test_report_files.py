@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.report.whole_file import whole_file
+from soter.report.atomic_write import atomic_write
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
     path = tmp_path / "a" / "b.bin"
-    with whole_file(path) as stream:
+    with atomic_write(path) as stream:
         stream.write(b"123")
         assert not path.exists()
     assert path.read_bytes() == b"123"
@@ -28,7 +28,7 @@ def test_an_error_leaves_the_old_file_alone(tmp_path: Path, error: BaseException
     path.write_bytes(b"old")
 
     def fail() -> None:
-        with whole_file(path) as stream:
+        with atomic_write(path) as stream:
             stream.write(b"new")
             raise error
 
@@ -39,7 +39,7 @@ def test_an_error_leaves_the_old_file_alone(tmp_path: Path, error: BaseException
 
 
 def test_a_new_file_has_the_rights_of_any_other(tmp_path: Path) -> None:
-    with whole_file(tmp_path / "ours") as stream:
+    with atomic_write(tmp_path / "ours") as stream:
         stream.write(b"")
     (tmp_path / "other").write_bytes(b"")
     modes = {stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("ours", "other")}
@@ -49,7 +49,7 @@ def test_a_new_file_has_the_rights_of_any_other(tmp_path: Path) -> None:
 def test_a_link_is_followed(tmp_path: Path) -> None:
     (tmp_path / "real").write_bytes(b"old")
     (tmp_path / "link").symlink_to(tmp_path / "real")
-    with whole_file(tmp_path / "link") as stream:
+    with atomic_write(tmp_path / "link") as stream:
         stream.write(b"new")
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "real").read_bytes() == b"new"
@@ -58,14 +58,14 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
 def test_a_device_is_written_to_and_stays(tmp_path: Path) -> None:
     null = tmp_path / "null"
     null.symlink_to("/dev/null")
-    with whole_file(null) as stream:
+    with atomic_write(null) as stream:
         stream.write(b"gone")
     assert stat.S_ISCHR(null.stat().st_mode)
 
 
 def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
     def write() -> None:
-        with whole_file(tmp_path) as stream:
+        with atomic_write(tmp_path) as stream:
             stream.write(b"x")
 
     with pytest.raises(IsADirectoryError):

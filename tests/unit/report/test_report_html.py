@@ -17,7 +17,7 @@ import processes
 from soter.report.errors import ReportError, ReportUnavailableError
 from soter.report.html import BESIDE, POLICY, html_document, write_html
 from soter.report.run.record import Decision, ReportPage, Violation
-from soter.report.run.wording import headline, prose, value_text
+from soter.report.run.result_wording import headline, prose, value_text
 
 if TYPE_CHECKING:
     from soter.report.run.record import Flight
@@ -51,9 +51,9 @@ class Outline(HTMLParser):
 
 def figures_in(document: str) -> list[dict[str, Any]]:
     """Return the figures a document carries."""
-    found = re.search(r'id="figures">(.*?)</script>', document, re.DOTALL)
-    assert found is not None
-    figures: list[dict[str, Any]] = json.loads(found[1])
+    match = re.search(r'id="figures">(.*?)</script>', document, re.DOTALL)
+    assert match is not None
+    figures: list[dict[str, Any]] = json.loads(match[1])
     return figures
 
 

@@ -72,9 +72,9 @@ def test_no_label_is_cut_or_covered_on_a_phone_and_decisions_are_read_whole(
     page.size(wide, 900)
     page.open(report.as_uri())
     page.wait(READY)
-    count, found = page.value(COVERED)
+    count, overlaps = page.value(COVERED)
     assert count > 10
-    assert found == []
+    assert overlaps == []
     assert page.value("document.querySelectorAll('.events td').length") > 10
     assert page.value(CUT) == 0
 

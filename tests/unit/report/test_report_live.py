@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import soter
-from soter.report.run.live import Live, Values, live_json
-from soter.report.run.packed import packed
+from soter.report.run.live_diagram import Live, Values, live_json
+from soter.report.run.packed_json import packed
 
 if TYPE_CHECKING:
     import browser
@@ -36,11 +36,11 @@ def unpacked(value: Any) -> list[float | None]:
     """As `assets/packed.js` does it."""
     if not isinstance(value, dict):
         return list(value)
-    total, found = 0, []
+    total, values = 0, []
     for step in value["d"]:
         total += step or 0
-        found.append(None if step is None else total / 10 ** value["e"])
-    return found
+        values.append(None if step is None else total / 10 ** value["e"])
+    return values
 
 
 @pytest.fixture(scope="module")
@@ -156,11 +156,11 @@ def test_rows_that_change_often_stand_on_a_grid_and_others_keep_every_change() -
     quick = Values("q", "", ("q",), time_s, (np.sin(time_s),))
     slow = Values("s", "", ("s",), time_s, ((time_s >= 4.321).astype(float),), words=("no", "yes"))
     drawn = {"else": (0, 0)}
-    found = live_json(Live(9.999, (quick, slow), (), ()), drawn)
-    rows: Any = found["values"]
+    live_document = live_json(Live(9.999, (quick, slow), (), ()), drawn)
+    rows: Any = live_document["values"]
     assert unpacked(rows[1]["t"]) == [0.0, 4.321]
     assert unpacked(rows[1]["v"][0]) == [0.0, 1.0]
-    grid = unpacked(found["grid"])
+    grid = unpacked(live_document["grid"])
     assert "t" not in rows[0]
     held = unpacked(rows[0]["v"][0])
     assert len(held) == len(grid) >= 100

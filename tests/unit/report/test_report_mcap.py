@@ -20,10 +20,10 @@ from soter.report.mcap_log import (
     METADATA_NAME,
     MODES_TOPIC,
     NUMBER,
-    Channel,
     DecisionStep,
+    LogChannel,
     LogHeader,
-    ModeChange,
+    ModeRecord,
     array_schema,
     enum_schema,
     object_schema,
@@ -49,7 +49,7 @@ STATE = object_schema(
     }
 )
 HEADER = LogHeader("ab" * 32, "Protected", 7, "0.1.0", {"command": "soter run x.soter"})
-MODES = (ModeChange(0, "d.M", "SC"), ModeChange(50_000_000, "d.M", "AC"))
+MODES = (ModeRecord(0, "d.M", "SC"), ModeRecord(50_000_000, "d.M", "AC"))
 DECISIONS = (
     DecisionStep(0, "d.M", "SC", "SC", "not in φ_safer", {"ttf": False, "slack": math.inf}),
     DecisionStep(
@@ -77,23 +77,25 @@ def state(k: int, margin: float = 0.5) -> dict[str, object]:
     }
 
 
-def channels() -> list[Channel]:
+def channels() -> list[LogChannel]:
     """Return two topics at 100 Hz and 50 Hz."""
     return [
-        Channel("control", VEC, [(10_000_000 * k, {"x": k, "y": 0.5, "z": 0}) for k in range(50)]),
-        Channel("d.localPosition", STATE, ((20_000_000 * k, state(k)) for k in range(25))),
+        LogChannel(
+            "control", VEC, [(10_000_000 * k, {"x": k, "y": 0.5, "z": 0}) for k in range(50)]
+        ),
+        LogChannel("d.localPosition", STATE, ((20_000_000 * k, state(k)) for k in range(25))),
     ]
 
 
 def read(path: Path) -> list[tuple[str, int, dict[str, Any], dict[str, Any]]]:
     """Return topic, time, message and schema of each message, in the order of the reader."""
-    found = []
+    messages = []
     with path.open("rb") as stream:
         for schema, channel, message in mcap_reader.make_reader(stream).iter_messages():
             assert schema.encoding == "jsonschema"
             assert channel.message_encoding == "json"
             assert message.log_time == message.publish_time
-            found.append(
+            messages.append(
                 (
                     channel.topic,
                     message.log_time,
@@ -101,7 +103,7 @@ def read(path: Path) -> list[tuple[str, int, dict[str, Any], dict[str, Any]]]:
                     json.loads(schema.data),
                 )
             )
-    return found
+    return messages
 
 
 def _refuse(name: str) -> object:
@@ -203,7 +205,7 @@ def test_modes_and_decisions_have_their_channels(tmp_path: Path) -> None:
 
 
 def test_channels_without_messages_and_metadata_are_listed(tmp_path: Path) -> None:
-    quiet = Channel("alarms", object_schema({"value": BOOLEAN}), ())
+    quiet = LogChannel("alarms", object_schema({"value": BOOLEAN}), ())
     path = write_mcap(tmp_path / "run.mcap", [*channels(), quiet], header=HEADER)
     with path.open("rb") as stream:
         reader = mcap_reader.make_reader(stream)
@@ -280,14 +282,14 @@ def test_a_value_nobody_can_log_is_refused() -> None:
 @pytest.mark.parametrize(
     ("bad", "why"),
     [
-        ([Channel("a", VEC, ()), Channel("a", VEC, ())], "a: two channels"),
-        ([Channel(MODES_TOPIC, VEC, ())], "two channels"),
-        ([Channel("a", NUMBER, ())], "a: the schema of a message"),
-        ([Channel("a", VEC, [(5, {}), (4, {})])], "a: time runs back from 5 to 4 ns"),
-        ([Channel("a", VEC, [(-1, {})])], "a: time runs back from 0 to -1 ns"),
+        ([LogChannel("a", VEC, ()), LogChannel("a", VEC, ())], "a: two channels"),
+        ([LogChannel(MODES_TOPIC, VEC, ())], "two channels"),
+        ([LogChannel("a", NUMBER, ())], "a: the schema of a message"),
+        ([LogChannel("a", VEC, [(5, {}), (4, {})])], "a: time runs back from 5 to 4 ns"),
+        ([LogChannel("a", VEC, [(-1, {})])], "a: time runs back from 0 to -1 ns"),
     ],
 )
-def test_mistakes_of_the_caller_are_named(tmp_path: Path, bad: list[Channel], why: str) -> None:
+def test_mistakes_of_the_caller_are_named(tmp_path: Path, bad: list[LogChannel], why: str) -> None:
     with pytest.raises(ValueError, match=why):
         write_mcap(tmp_path / "a.mcap", bad, header=HEADER)
     assert list(tmp_path.iterdir()) == []
@@ -297,7 +299,7 @@ def test_a_full_disk_leaves_the_old_log_alone(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / "run.mcap", channels(), header=HEADER)
     before = path.read_bytes()
     noise = np.random.default_rng(1).random(20_000).tolist()
-    flood = [Channel("a", object_schema({"v": NUMBER}), enumerate({"v": v} for v in noise))]
+    flood = [LogChannel("a", object_schema({"v": NUMBER}), enumerate({"v": v} for v in noise))]
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (64 * 1024, hard))
     try:

@@ -16,25 +16,25 @@ import pytest
 import processes
 from soter.report.errors import ReportError
 from soter.report.html import POLICY
+from soter.report.printable_text import visible
 from soter.report.sequence.drawing import plan
 from soter.report.sequence.log import STEPS_TOPIC, write_log
 from soter.report.sequence.page import page, write_page
+from soter.report.sequence.step_wording import clipped, explanation
 from soter.report.sequence.text import HEADERS, rows, text
 from soter.report.sequence.view import (
     Lane,
+    ModeSwitch,
     ModuleModes,
     Pick,
     Published,
     SequenceStep,
     SequenceView,
-    Switch,
     TopicFlow,
     duration_text,
     late_ns,
     reached,
 )
-from soter.report.sequence.words import clipped, explanation
-from soter.report.visible import visible
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -96,7 +96,7 @@ def hostile() -> SequenceView:
                 note=h,
                 violates=True,
             ),
-            SequenceStep(2, 5, f"{h}.dm", switch=Switch(h, "AC", "SC"), fault=h),
+            SequenceStep(2, 5, f"{h}.dm", switch=ModeSwitch(h, "AC", "SC"), fault=h),
             SequenceStep(3, 5, f"elsewhere {h}", "lost"),
         ),
         (TopicFlow(h, (h,), (f"{h}.dm",)),),
@@ -270,9 +270,9 @@ def test_the_script_is_valid_javascript(tmp_path: Path) -> None:
     node = shutil.which("node")
     if node is None:
         pytest.skip("node is not installed")
-    found = re.search(r"<script>(.*?)</script>", page(sample.small()), re.DOTALL)
-    assert found is not None
-    (tmp_path / "a.js").write_text(found[1], encoding="utf-8")
+    match = re.search(r"<script>(.*?)</script>", page(sample.small()), re.DOTALL)
+    assert match is not None
+    (tmp_path / "a.js").write_text(match[1], encoding="utf-8")
     processes.run([node, "--check", str(tmp_path / "a.js")], check=True)
 
 

@@ -39,10 +39,10 @@ def test_runs_hold_until_the_next_sample() -> None:
 
 @given(MODES)
 def test_runs_cover_everything_once(modes: np.ndarray) -> None:
-    found = runs(modes)
-    assert found[0][0] == 0
-    assert found[-1][1] == len(modes) - 1
-    for (_, last, before), (first, _, after) in pairwise(found):
+    mode_runs = runs(modes)
+    assert mode_runs[0][0] == 0
+    assert mode_runs[-1][1] == len(modes) - 1
+    for (_, last, before), (first, _, after) in pairwise(mode_runs):
         assert last == first
         assert before is not after
 

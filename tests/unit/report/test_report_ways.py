@@ -12,7 +12,7 @@ import pytest
 from soter.report.html import html_document
 from soter.report.run.city_map import city_map
 from soter.report.run.city_solid import city_solid
-from soter.report.run.figure import PLAN_GROUP, REFUSED_GROUP, arm_group, way_group
+from soter.report.run.figure import PLAN_GROUP, REFUSED_GROUP, arm_group, plans_group
 from soter.report.run.record import ReportPage, Way
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def planned(city_page: ReportPage) -> ReportPage:
 
 
 def of_group(data: tuple[Json, ...], flight: Flight, *, refused: bool) -> list[Json]:
-    return [t for t in data if t.get("group") == way_group(flight.name, refused=refused)]
+    return [t for t in data if t.get("group") == plans_group(flight.name, refused=refused)]
 
 
 def switches(page: ReportPage) -> set[str]:
@@ -61,13 +61,13 @@ def test_on_the_map_every_point_tells_of_its_own_plan(city_page: ReportPage) -> 
 
 
 def test_plans_go_with_their_arm_and_can_be_switched_off_together(planned: ReportPage) -> None:
-    groups = way_group(planned.flights[0].name, refused=False).split(" ")
+    groups = plans_group(planned.flights[0].name, refused=False).split(" ")
     assert groups == [arm_group(planned.flights[0].name), PLAN_GROUP]
     assert {PLAN_GROUP, REFUSED_GROUP} <= switches(planned)
 
 
 def test_a_name_of_two_words_is_one_group() -> None:
-    assert len(way_group("SC alone", refused=True).split(" ")) == 2
+    assert len(plans_group("SC alone", refused=True).split(" ")) == 2
 
 
 def test_no_switch_for_plans_that_nobody_made(city_page: ReportPage) -> None:

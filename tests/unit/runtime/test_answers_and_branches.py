@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.any_order import Native
-from generators.engines import Subject, compile_library, subject
+from generators.any_order_driver import Native
+from generators.engine_comparison import Subject, compile_library, subject
 from soter.codegen.unit import Unit, generate
-from soter.semantics.chance.random_draws import fnv
+from soter.semantics.random.random_draws import fnv
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -52,8 +52,10 @@ class Covered(Subject):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Covered, Path]:
     plain = subject("covered", PROGRAM, 3, 10)
-    found = Covered(**vars(plain))
-    return found, compile_library([found], tmp_path_factory.mktemp("covered"), "-O1")
+    covered_subject = Covered(**vars(plain))
+    return covered_subject, compile_library(
+        [covered_subject], tmp_path_factory.mktemp("covered"), "-O1"
+    )
 
 
 class Picks(random.Random):

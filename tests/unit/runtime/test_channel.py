@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import processes
-from generators.packages import command, make
-from generators.real_time import FAST as AC
-from generators.real_time import FORGIVING, cart_with_extern
+from generators.c_packages import command, make
+from generators.posix_packages import FAST as AC
+from generators.posix_packages import FORGIVING, cart_with_extern
 from soter.native.build import RUNTIME
 from soter.native.compiler import find
-from soter.workers import channel as channel_of_python
+from soter.workers import shared_memory_channel as channel_of_python
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -151,7 +151,7 @@ def test_python_reads_what_c_wrote_and_c_what_python_answered(
     assert (request.number, request.time_ns, request.data) == (5, 123, bytes(value)[:size])
 
     def read(number: int, layout: int = 99) -> int:
-        found = (ctypes.c_uint64 * WORDS)()
+        answer = (ctypes.c_uint64 * WORDS)()
         told = (ctypes.c_uint64 * 8)()
         state: int = c_side.soter_channel_read(
             ctypes.byref(given),
@@ -159,10 +159,10 @@ def test_python_reads_what_c_wrote_and_c_what_python_answered(
             ctypes.c_size_t(size),
             ctypes.c_uint64(number),
             told,
-            found,
+            answer,
         )
         if state == 0:
-            assert bytes(found)[:size] == request.data[::-1]
+            assert bytes(answer)[:size] == request.data[::-1]
         return state
 
     fresh, other, torn, wrong_layout, empty = 0, 1, 2, 4, 5

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import pytest
 
-from generators.engines import Subject, compile_library, subject
-from generators.from_outside import Outside
+from generators.engine_comparison import Subject, compile_library, subject
+from generators.outside_input_driver import Outside
 from soter.lower.layout import encode_into, size_of, struct_of
-from soter.program.meaning.arith import FaultKind
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.program.model.system import environment_topics
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.record import AC, SC
+from soter.semantics.observer_records import AC, SC
 from soter.semantics.rules import discrete_time_progress_step
 
 if TYPE_CHECKING:

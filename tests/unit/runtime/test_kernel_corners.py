@@ -6,22 +6,22 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.engines import (
+from generators.engine_comparison import (
     compile_library,
     first_difference,
     interpreted_trace,
     native_trace,
     subject,
 )
-from generators.from_outside import Outside
-from soter.program.meaning.arith import FaultKind
+from generators.outside_input_driver import Outside
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.semantics.interpreter import Interpreter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from generators.engines import Subject
+    from generators.engine_comparison import Subject
 
     Build = Callable[[str, str], tuple[Subject, Path]]
 

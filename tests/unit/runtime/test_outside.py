@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import processes
-from generators.outside import Number, library
+from generators.channel_programs import Number, library
 from soter.native.build import RUNTIME
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.program.meaning.arith import FaultKind
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.semantics.configuration import NEVER
-from soter.semantics.record import AC, SC
+from soter.semantics.observer_records import AC, SC
 from soter.semantics.rules import ac_or_sc_step
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from soter.semantics.configuration import Configuration
     from soter.semantics.interpreter import Interpreter
-    from soter.semantics.record import Outcome
+    from soter.semantics.observer_records import StepOutcome
 
     Build = Callable[..., Interpreter]
 
@@ -49,7 +49,7 @@ def before_step(it: Interpreter, x: float = GOOD, mode: int = SC, **changes: Any
     return replace(c, **changes)
 
 
-def step(it: Interpreter, c: Configuration, n: int) -> tuple[Configuration, Outcome]:
+def step(it: Interpreter, c: Configuration, n: int) -> tuple[Configuration, StepOutcome]:
     after, outcome = ac_or_sc_step(it.machine, c, n)
     assert tuple(i for i in c.FN if i != n) == after.FN
     return replace(after, FN=c.FN), outcome

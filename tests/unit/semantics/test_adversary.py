@@ -14,7 +14,7 @@ from soter.codegen.unit import generate
 from soter.lower.layout import state_layout
 from soter.native.build import library
 from soter.native.library import Library
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.program.model.system import Bound
 from soter.program.model.types import BOOL, FLOAT, EnumType, IntType
 from soter.semantics.adversary import (
@@ -30,7 +30,7 @@ from soter.semantics.adversary import (
     adverse_float,
 )
 from soter.semantics.interpreter import Interpreter
-from soter.simulate.image import image
+from soter.simulate.state_bytes import state_bytes
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
@@ -82,7 +82,7 @@ def test_both_engines_choose_the_same(system: System, compiled: Library, pattern
     layout = state_layout(system)
     interpreted: list[bytes] = []
     Interpreter(system, seed, draws=AdverseDraws(seed)).run(
-        observe=lambda c, record: interpreted.append(image(system, layout, c, record, seed))
+        observe=lambda c, record: interpreted.append(state_bytes(system, layout, c, record, seed))
     )
     assert written == len(interpreted) == 201
     for k, row in enumerate(interpreted):

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.build import check_file, system_of
-from soter.program.meaning.fairness import allowed, taken
+from soter.program.evaluate.fair_choice import allowed, taken
+from soter.program.front_end import check_file, system_of
 from soter.program.model.types import IntType
 from soter.semantics.adversary import ChoiceError, RecordedDraws, Recorder
-from soter.semantics.answers import AnsweredDraws
-from soter.semantics.chance.random_draws import SeededDraws, draw_bits
+from soter.semantics.answered_draws import AnsweredDraws
 from soter.semantics.interpreter import Interpreter
+from soter.semantics.random.random_draws import SeededDraws, draw_bits
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.semantics.interpreter import Interpreter
+from soter.semantics.observer_records import StepOutcome
 from soter.semantics.properties import violated
-from soter.semantics.record import Outcome
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,10 +35,10 @@ def interpreter(text: str) -> Interpreter:
     return Interpreter(system_of(check_file("contracts.soter", text), None))
 
 
-def stepped(it: Interpreter, x: int) -> Outcome:
+def stepped(it: Interpreter, x: int) -> StepOutcome:
     c = replace(it.initial(), ct=0, FN=(0,))
     _, event = it.fire(it.publish(c, {0: x}), 0)
-    assert isinstance(event, Outcome)
+    assert isinstance(event, StepOutcome)
     return event
 
 
@@ -61,10 +61,10 @@ def test_guarantees_are_owed_only_with_enabled_outputs_and_nothing_by_a_latched_
     it = interpreter(NODE)
     c = it.publish(replace(it.initial(), ct=0, FN=(0,)), {0: 4})
     _, event = it.fire(replace(c, OE=(False,)), 0)
-    assert isinstance(event, Outcome)
+    assert isinstance(event, StepOutcome)
     assert event.judged == {ASSUMED: False}
     _, event = it.fire(replace(c, latched=(True,)), 0)
-    assert isinstance(event, Outcome)
+    assert isinstance(event, StepOutcome)
     assert event.judged == {}
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.semantics.configuration import NEVER
-from soter.semantics.record import AC, SC, Verdict
+from soter.semantics.observer_records import AC, SC, DecisionVerdict
 from soter.semantics.rules import dm_step
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ def test_a_forced_module_keeps_mode_and_outputs_but_evaluates(
     after, verdict = dm_step(it.machine, c, DM)
     assert (after.L, after.OE) == (c.L, c.OE)
     assert after.gate_fault == (False,)
-    assert verdict == Verdict(
+    assert verdict == DecisionVerdict(
         0, ttf=x == DANGER, safer=True, stale=False, gate_fault=True, before=mode, after=mode
     )
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.program.meaning.arith import FaultKind
+from soter.program.evaluate.arithmetic import FaultKind
 from soter.semantics.externs import ExternResetError, UnboundExternError
-from soter.semantics.record import AC, SC
+from soter.semantics.observer_records import AC, SC
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.meaning.arith import FaultKind
-from soter.semantics.chance.random_draws import draw_float
+from soter.program.evaluate.arithmetic import FaultKind
+from soter.semantics.random.random_draws import draw_float
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from soter.semantics.configuration import Configuration
     from soter.semantics.interpreter import Interpreter
-    from soter.semantics.record import Record
+    from soter.semantics.observer_records import Record
 
     Build = Callable[..., Interpreter]
 

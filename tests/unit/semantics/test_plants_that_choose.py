@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.build import check_file, system_of
-from soter.semantics.answers import AnsweredDraws
-from soter.semantics.chance.random_draws import draw_bits
+from soter.program.front_end import check_file, system_of
+from soter.semantics.answered_draws import AnsweredDraws
 from soter.semantics.interpreter import Interpreter
+from soter.semantics.random.random_draws import draw_bits
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
@@ -42,33 +42,33 @@ def told(picks: list[int], until_ms: int, scheme: str = "rk4") -> tuple[list[obj
     """What the plant drives after its steps, and how many alternatives each question had."""
     s = system(scheme)
     draws = AnsweredDraws(s, {"b.choose": picks})
-    found: list[object] = []
+    outputs: list[object] = []
     it = Interpreter(s, draws=draws)
-    it.run(until_ms * MS, observe=lambda c, _record: found.append(c.Topics[0]))
-    return found, [a.count for a in draws.asked]
+    it.run(until_ms * MS, observe=lambda c, _record: outputs.append(c.Topics[0]))
+    return outputs, [a.count for a in draws.asked]
 
 
 @pytest.mark.parametrize("scheme", ["rk4", "euler"])
 def test_a_let_that_chooses_has_one_value_a_step(scheme: str) -> None:
-    found, asked = told([0, 2, 2, 0, 1], 10, scheme)
-    first, second = found
+    outputs, asked = told([0, 2, 2, 0, 1], 10, scheme)
+    first, second = outputs
     assert first == (0.0, 1, 0, 7)  # k = 1; no motion yet
     assert second == (3.0, 3, 4, 6)  # k = 3 at all stages; seen = after
     assert asked == [3, 3, 3, 2, 3]
 
 
 def test_it_is_taken_on_the_states_that_the_step_begins_with() -> None:
-    found, _ = told([0, 0, 0, 0, 0, 0, 0, 0], 20)
-    assert [t[1] for t in found] == [1, 1, 11]  # type: ignore[index]
+    outputs, _ = told([0, 0, 0, 0, 0, 0, 0, 0], 20)
+    assert [t[1] for t in outputs] == [1, 1, 11]  # type: ignore[index]
 
 
 def test_a_run_draws_by_the_seed() -> None:
     s = system()
-    found: list[int] = []
+    draws: list[int] = []
     it = Interpreter(s, 7)
-    it.run(30 * MS, observe=lambda c, _record: found.append(c.Topics[0][3]))
+    it.run(30 * MS, observe=lambda c, _record: draws.append(c.Topics[0][3]))
     stream = [draw_bits(7, "b.choose", k * 4096 + j) for k, j in ((0, 1), (1, 2), (2, 2), (3, 2))]
-    assert found == [5 + bits % 3 for bits in stream]
+    assert draws == [5 + bits % 3 for bits in stream]
 
 
 def test_a_choice_after_a_fault_is_not_asked() -> None:

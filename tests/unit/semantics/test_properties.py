@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from soter.program.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.interpreter import Interpreter
-    from soter.semantics.record import PropertyRecord
+    from soter.semantics.observer_records import PropertyRecord
 
     Build = Callable[..., Interpreter]
 
@@ -39,18 +39,18 @@ def watch(build: Build, prop: str, inputs: Sequence[float]) -> PropertyRecord:
 
 
 def test_always_counts_onsets_and_keeps_the_time_of_the_first(build: Build) -> None:
-    found = watch(build, "always x < 1.0;", [0, 2, 2, 0, 0, 2, 0])
-    assert (found.count, found.first_ns, found.active) == (2, 10 * MS, False)
+    record = watch(build, "always x < 1.0;", [0, 2, 2, 0, 0, 2, 0])
+    assert (record.count, record.first_ns, record.active) == (2, 10 * MS, False)
 
 
 def test_never_is_violated_while_true(build: Build) -> None:
-    found = watch(build, "never x > 1.0;", [0, 0, 2, 2])
-    assert (found.count, found.first_ns, found.active) == (1, 20 * MS, True)
+    record = watch(build, "never x > 1.0;", [0, 0, 2, 2])
+    assert (record.count, record.first_ns, record.active) == (1, 20 * MS, True)
 
 
 def test_a_violation_may_begin_with_the_first_instant(build: Build) -> None:
-    found = watch(build, "always x < 1.0;", [2, 2])
-    assert (found.count, found.first_ns) == (1, 0)
+    record = watch(build, "always x < 1.0;", [2, 2])
+    assert (record.count, record.first_ns) == (1, 0)
 
 
 def test_properties_see_the_end_of_the_instant(build: Build) -> None:

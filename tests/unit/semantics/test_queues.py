@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.program.build import check_file, system_of
-from soter.program.meaning.arith import FaultKind
+from soter.program.evaluate.arithmetic import FaultKind
+from soter.program.front_end import check_file, system_of
 from soter.semantics.configuration import LOST, NEVER
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.record import Outcome
+from soter.semantics.observer_records import StepOutcome
 
 if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration
@@ -73,10 +73,10 @@ class Driver:
             self.c = replace(self.c, ct=self.c.ct + MS)
             self.c = self.it.publish(self.c, {topic: value})
 
-    def step(self, name: str) -> Outcome:
+    def step(self, name: str) -> StepOutcome:
         n = self.system.component(name).index
         self.c, event = self.it.fire(replace(self.c, FN=(n,)), n)
-        assert isinstance(event, Outcome)
+        assert isinstance(event, StepOutcome)
         return event
 
     def topic(self, name: str) -> Any:
@@ -207,7 +207,7 @@ def test_an_extern_gets_its_queue_as_a_list() -> None:
     for value in (1, 2, 3, 4):
         c = it.publish(c, {0: value})
     c, event = it.fire(replace(c, FN=(0,)), 0)
-    assert isinstance(event, Outcome)
+    assert isinstance(event, StepOutcome)
     assert event.fault is not None
     assert event.fault.kind is FaultKind.CAPACITY
     assert seen[-1] == [1, 2, 3]  # it is asked before anybody looks

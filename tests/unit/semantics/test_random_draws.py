@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from soter.program.model.system import Bound
 from soter.program.model.types import BOOL, FLOAT, INT, ArrayType, EnumType, IntType, RecordType
-from soter.semantics.chance.random_draws import (
+from soter.semantics.random.random_draws import (
     draw_bits,
     draw_float,
     draw_value,

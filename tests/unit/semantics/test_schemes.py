@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 import soter
-from generators.programs import program
+from generators.random_programs import program
 from soter.lower import core
 from soter.lower import plants as lowered
 from soter.lower.footprint import walk
 from soter.lower.steps import lower
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.semantics import plants as interpreted
 from soter.semantics.interpreter import Interpreter
 from soter.syntax.schemes import SCHEMES

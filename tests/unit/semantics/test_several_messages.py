@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.build import check_file, system_of
-from soter.program.meaning.arith import FaultKind
+from soter.program.evaluate.arithmetic import FaultKind
+from soter.program.front_end import check_file, system_of
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.record import Outcome
+from soter.semantics.observer_records import StepOutcome
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -53,11 +53,11 @@ class Driver:
         self.it = Interpreter(self.system)
         self.c: Configuration = replace(self.it.initial(), ct=0)
 
-    def step(self, n: int) -> Outcome:
+    def step(self, n: int) -> StepOutcome:
         self.c = self.it.publish(self.c, {self.system.topic("n").index: n})
         talker = self.system.component("Talker").index
         self.c, event = self.it.fire(replace(self.c, FN=(talker,)), talker)
-        assert isinstance(event, Outcome)
+        assert isinstance(event, StepOutcome)
         return event
 
     def value(self, name: str) -> object:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.program.model.system import modules_above
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.record import Outcome
+from soter.semantics.observer_records import StepOutcome
 
 if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration
@@ -59,7 +59,7 @@ class Driver:
         for name in names:
             n = self.system.component(name).index
             self.c, event = self.it.fire(replace(self.c, FN=(n,)), n)
-            if isinstance(event, Outcome):
+            if isinstance(event, StepOutcome):
                 assert not event.latched
 
     @property

@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.semantics.chance.random_draws import draw_bits
 from soter.semantics.configuration import NEVER
-from soter.semantics.record import AC, SC
+from soter.semantics.observer_records import AC, SC
+from soter.semantics.random.random_draws import draw_bits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.semantics.configuration import Configuration
     from soter.semantics.interpreter import Interpreter
-    from soter.semantics.record import Record
+    from soter.semantics.observer_records import Record
 
     Build = Callable[..., Interpreter]
 
@@ -42,23 +42,23 @@ system S { node Slow; node Look; until 100ms; }
 
 def instants(it: Interpreter) -> list[tuple[int, Configuration, int]]:
     """(time, configuration, violations) of every instant."""
-    found: list[tuple[int, Configuration, int]] = []
+    rows: list[tuple[int, Configuration, int]] = []
 
     def see(c: Configuration, record: Record) -> None:
-        found.append((c.ct, c, record.violations))
+        rows.append((c.ct, c, record.violations))
 
     it.run(observe=see)
-    return found
+    return rows
 
 
 def changes(it: Interpreter, topic: str) -> list[tuple[int, object]]:
     """When a topic was published, and what."""
     index = it.system.topic(topic).index
-    found: list[tuple[int, object]] = []
+    publications: list[tuple[int, object]] = []
     for time, c, _ in instants(it):
         if c.stamps[index] == time:
-            found.append((time, c.Topics[index]))
-    return found
+            publications.append((time, c.Topics[index]))
+    return publications
 
 
 def test_what_a_step_publishes_counts_when_its_time_is_over(build: Build) -> None:
@@ -140,11 +140,11 @@ def drive(it: Interpreter, values: dict[int, float], until: int) -> list[tuple[i
     def given(c: Configuration) -> list[tuple[int, float]]:
         return [(0, values[c.ct])] if c.ct in values else []
 
-    c, record, found = it.initial(), it.record(), []
+    c, record, configurations = it.initial(), it.record(), []
     while c.ct < until:
         c = it.instant(c, choose_input=given, record=record)
-        found.append((c.ct, c))
-    return found
+        configurations.append((c.ct, c))
+    return configurations
 
 
 def test_an_ac_that_lost_control_meanwhile_publishes_nothing(build: Build) -> None:

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soter.program.build import check_file, system_of
-from soter.semantics.chance.random_draws import draw_float
+from soter.program.front_end import check_file, system_of
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.record import AC, SC
+from soter.semantics.observer_records import AC, SC
+from soter.semantics.random.random_draws import draw_float
 from soter.semantics.rules import discrete_time_progress_step, environment_input
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from soter.program.model.types import Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.record import Record
+    from soter.semantics.observer_records import Record
 
     Build = Callable[..., Interpreter]
 
@@ -164,15 +164,15 @@ def test_the_calendar_against_brute_force(calendar: list[tuple[int, int]]) -> No
     members = " ".join(f"node N{i};" for i in range(len(calendar)))
     text = "soter 1;\n" + "\n".join(nodes) + f"\nsystem S {{ {members} until 40ms; }}"
     it = Interpreter(system_of(check_file("test.soter", text), None))
-    c, found = it.initial(), {}
+    c, nodes_by_time = it.initial(), {}
     while c.ct < 40 * MS:
         c = discrete_time_progress_step(it.machine, c)
-        found[c.ct] = c.FN
+        nodes_by_time[c.ct] = c.FN
         while c.FN:
             c, _ = it.fire(c, c.FN[-1])
     for ms in range(41):
         expected = tuple(i for i, (p, q) in enumerate(calendar) if ms >= q and (ms - q) % p == 0)
-        assert found.get(ms * MS, ()) == expected
+        assert nodes_by_time.get(ms * MS, ()) == expected
 
 
 # ---------------------------------------------------------------- order within an instant

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import soter
-from soter.program.build import check_file, system_of
-from soter.program.meaning.limits import limits
+from soter.program.evaluate.signal_limits import limits
+from soter.program.front_end import check_file, system_of
 from soter.simulate.outputs.to_report import report_page
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
@@ -57,9 +57,9 @@ def test_bounds_of_one_signal_are_read_off_safe(
     path.write_text(PROGRAM.format(safe=safe))
     checked = check_file(str(path))
     assert checked.ok, checked.diagnostics.items
-    found = limits(system_of(checked, None))
-    assert {(x.signal, x.value) for x in found} == expected
-    assert {x.by for x in found} <= {"safe of M"}
+    signal_limits = limits(system_of(checked, None))
+    assert {(x.signal, x.value) for x in signal_limits} == expected
+    assert {x.by for x in signal_limits} <= {"safe of M"}
 
 
 def test_a_report_shows_truth_and_estimate_with_unit_and_limits_in_one_panel() -> None:

@@ -56,8 +56,8 @@ def test_one_name_may_mean_several_and_the_full_one_wins(flat: Flat) -> None:
         {"Learned": f, "right.Guard.Learned": g},
         {"right.Guard.Learned": g, "Learned": f},
     ):
-        found = names(flat(TEXT, "Two"), dict(given))
-        assert found == {"left.Guard.Learned": f, "right.Guard.Learned": g}
+        bindings = names(flat(TEXT, "Two"), dict(given))
+        assert bindings == {"left.Guard.Learned": f, "right.Guard.Learned": g}
 
 
 def test_a_class_is_made_once_for_each_instance(flat: Flat) -> None:
@@ -128,13 +128,13 @@ int step(const test_E_in *in, test_E_out *out) {
 
 
 def in_python(inputs: Any) -> dict[str, object]:
-    found: dict[str, object] = {
+    outputs: dict[str, object] = {
         "out": (inputs.vec.a * 2.0 + inputs.few[1], inputs.vec.n + (1 if inputs.flags[0] else 0)),
         "sum": [float(len(inputs.few)), -0.0 if inputs.flags[2] else 1.0],
     }
     if inputs.flags[1]:
-        found["mode"] = inputs.kind
-    return found
+        outputs["mode"] = inputs.kind
+    return outputs
 
 
 def test_every_type_crosses_to_c_and_back(flat: Flat, tmp_path: Path) -> None:

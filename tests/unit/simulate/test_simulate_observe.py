@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from soter.semantics.externs import Stop
-from soter.simulate import observe
-from soter.simulate.decisions import Saw, changes, reason, steps
+from soter.simulate import run_observer
+from soter.simulate.decisions import PredicateValues, changes, reason, steps
+from soter.simulate.explain_decision import Explainer
 from soter.simulate.interrupt import StopRequest, stoppable
 from soter.simulate.outputs.figures import final_values, run_figures, scalars
 from soter.simulate.run import NativeProgram, run_interpreted
-from soter.simulate.why import Explainer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +52,7 @@ def test_the_hash_is_that_of_the_trace(cart: Cart) -> None:
 def test_a_long_trace_lies_in_a_file(cart: Cart, monkeypatch: pytest.MonkeyPatch) -> None:
     program = NativeProgram(cart("Protected"))
     inside = program.run(30 * S, 3, keep_trace=True)
-    monkeypatch.setattr(observe, "IN_MEMORY_BYTES", 1000)
+    monkeypatch.setattr(run_observer, "IN_MEMORY_BYTES", 1000)
     outside = program.run(30 * S, 3, keep_trace=True)
     assert isinstance(outside.trace, np.memmap)
     assert inside.trace is not None
@@ -85,9 +85,9 @@ def test_decisions_have_reasons(cart: Cart) -> None:
 
 
 def test_every_reason_is_said() -> None:
-    calm = Saw(ttf=False, safer=True, stale=False, gate_fault=False)
+    calm = PredicateValues(ttf=False, safer=True, stale=False, gate_fault=False)
     assert reason("AC", "AC", calm) == ""
-    bad = Saw(ttf=True, safer=False, stale=True, gate_fault=True, clean_needed=2)
+    bad = PredicateValues(ttf=True, safer=False, stale=True, gate_fault=True, clean_needed=2)
     assert reason("AC", "SC", bad) == (
         "ttf: φ_safe could be left within 2Δ and stale: an input is older than its max_age "
         "and gate fault: an output of AC was refused"

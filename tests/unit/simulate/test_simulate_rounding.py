@@ -9,10 +9,10 @@ import pytest
 
 import processes
 import soter
-from generators.packages import CART
+from generators.c_packages import CART
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.compiler import find
-from soter.program.meaning.processor import changed, put_back
+from soter.program.evaluate.floating_point_mode import changed, put_back
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

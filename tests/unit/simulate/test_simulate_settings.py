@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.simulate.settings import WrongTextError, did_you_mean, duration_ns, until_ns
+from soter.simulate.run_settings import WrongTextError, did_you_mean, duration_ns, until_ns
 
 
 @pytest.mark.parametrize(

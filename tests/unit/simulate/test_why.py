@@ -14,8 +14,8 @@ import pytest
 import processes
 import soter
 from soter.simulate import decisions
-from soter.simulate.due import decided_at
-from soter.simulate.why import Explainer
+from soter.simulate.decided_instants import decided_at
+from soter.simulate.explain_decision import Explainer
 
 if TYPE_CHECKING:
     from soter.simulate.result import Run
@@ -58,22 +58,22 @@ def run(
     return soter.load(path).simulate(engine=engine)
 
 
-def every(of: Run) -> list[decisions.Decided]:
+def every(of: Run) -> list[decisions.DecisionStepRecord]:
     """All DM steps, each explained."""
     explainer = Explainer(of.system, of.layout)
     assert of.trace is not None
-    found = []
+    steps = []
     rows = np.flatnonzero(decided_at(of.system, of.trace)[:, 0])
     for row, d in zip(rows, decisions.steps(of.system, of.trace), strict=True):
         raw = of.trace[row - 1].tobytes() if row else None
         why = explainer.of(0, raw, of.trace[row].tobytes())
-        found.append(replace(d, why=why))
-    return found
+        steps.append(replace(d, why=why))
+    return steps
 
 
 def test_a_takeover_names_the_part_that_was_true_and_both_its_values(tmp_path: Path) -> None:
-    found = run(tmp_path)
-    to_ac, to_sc = found.decisions
+    simulation = run(tmp_path)
+    to_ac, to_sc = simulation.decisions
     assert to_ac.time_ns == 20_000_000
     assert to_ac.words == ["seen = 0.25 < LIMIT = 2", "seen = 0.25 >= 0.0"]
     assert to_sc.words == ["seen * 2.0 = 4.5 > 4.0"]
@@ -86,17 +86,17 @@ def test_a_takeover_names_the_part_that_was_true_and_both_its_values(tmp_path: P
 def test_values_are_those_that_the_module_read_not_those_at_the_end_of_the_instant(
     tmp_path: Path,
 ) -> None:
-    found = run(tmp_path)
-    change = found.decisions[1]
-    row = int(np.flatnonzero(np.rint(found.time_s() * 1e9) == change.time_ns)[0])
+    simulation = run(tmp_path)
+    change = simulation.decisions[1]
+    row = int(np.flatnonzero(np.rint(simulation.time_s() * 1e9) == change.time_ns)[0])
     assert change.why is not None
     read = change.why.ttf[1].operands[0].value
-    assert read == found.topic("seen")[row - 1] != found.topic("seen")[row]
+    assert read == simulation.topic("seen")[row - 1] != simulation.topic("seen")[row]
 
 
 def test_a_stale_topic_is_named_with_its_age(tmp_path: Path) -> None:
-    found = run(tmp_path, ttf="seen > 50.0", speaks="time < 0.095")
-    change = found.decisions[1]
+    simulation = run(tmp_path, ttf="seen > 50.0", speaks="time < 0.095")
+    change = simulation.decisions[1]
     assert change.after == "SC"
     assert change.words == ["seen is 0.03 s old, max_age 0.025 s"]
 
@@ -109,23 +109,25 @@ def test_what_was_never_published_has_no_age(tmp_path: Path) -> None:
 
 
 def test_a_gate_fault_is_named_with_its_kind_and_what_ac_owes_after_it(tmp_path: Path) -> None:
-    found = run(tmp_path, command="time > 0.055 && time < 0.065 ? 7.0 : 0.5")
-    steps = {d.time_ns // 1_000_000: d for d in every(found)}
+    simulation = run(tmp_path, command="time > 0.055 && time < 0.065 ? 7.0 : 0.5")
+    steps = {d.time_ns // 1_000_000: d for d in every(simulation)}
     assert steps[80].after == "SC"
     assert steps[80].words == ["`range` of M.Ac"]
-    assert [d.words for d in found.decisions if d.time_ns == 80_000_000] == [["`range` of M.Ac"]]
+    assert [d.words for d in simulation.decisions if d.time_ns == 80_000_000] == [
+        ["`range` of M.Ac"]
+    ]
 
 
 def test_staying_in_sc_says_what_is_missing(tmp_path: Path) -> None:
-    found = every(run(tmp_path))
-    last = found[-1]
+    steps = every(run(tmp_path))
+    last = steps[-1]
     assert (last.before, last.after) == ("SC", "SC")
     assert last.words == ["not seen = 4.75 < LIMIT = 2"]
 
 
 def test_a_fault_in_a_predicate_is_told_as_one(tmp_path: Path) -> None:
-    found = run(tmp_path, ttf="1 / (seen > 1.0 ? 0 : 1) > 1")
-    assert found.decisions[1].words == ["1 / (seen > 1.0 ? 0 : 1) > 1: step fault `divide`"]
+    simulation = run(tmp_path, ttf="1 / (seen > 1.0 ? 0 : 1) > 1")
+    assert simulation.decisions[1].words == ["1 / (seen > 1.0 ? 0 : 1) > 1: step fault `divide`"]
 
 
 def test_both_engines_explain_alike(tmp_path: Path) -> None:
@@ -135,18 +137,18 @@ def test_both_engines_explain_alike(tmp_path: Path) -> None:
 
 def test_where_the_order_is_drawn_values_that_do_not_fit_are_not_told(tmp_path: Path) -> None:
     text = "faults { order any; }"
-    found = every(run(tmp_path, ttf="seen != raw - 0.25", extra=text))
-    known = [d.why.known for d in found if d.why is not None]
+    steps = every(run(tmp_path, ttf="seen != raw - 0.25", extra=text))
+    known = [d.why.known for d in steps if d.why is not None]
     assert not all(known)
-    assert all(not d.why.ttf for d in found if d.why is not None and not d.why.known)
+    assert all(not d.why.ttf for d in steps if d.why is not None and not d.why.known)
 
 
 @pytest.mark.parametrize("name", ["wall/cart.soter", "generality/standing.soter"])
 def test_every_step_of_an_example_is_explained(name: str) -> None:
     program = soter.load(Path(__file__).parents[3] / "examples" / name)
-    found = every(program.simulate(until=5))
-    assert found
-    assert all(d.why is not None and d.why.known for d in found)
+    steps = every(program.simulate(until=5))
+    assert steps
+    assert all(d.why is not None and d.why.known for d in steps)
 
 
 def test_the_run_command_lists_why(tmp_path: Path) -> None:
@@ -159,8 +161,8 @@ def test_the_run_command_lists_why(tmp_path: Path) -> None:
         for o in ("--why", "--json")
     )
     assert "seen * 2.0 = 4.5 > 4.0" in told
-    found = json.loads(found_)
-    change = found["mode_changes"][1]
+    document = json.loads(found_)
+    change = document["mode_changes"][1]
     assert change["why"]["words"] == ["seen * 2.0 = 4.5 > 4.0"]
     assert change["why"]["ttf"][0]["operands"][0] == {"text": "seen * 2.0", "value": 4.5}
     assert change["margin_s"] == 0.0
@@ -175,6 +177,6 @@ node Ear period 10ms { publishes told; step { publish told = margin(M); } }
     text = text.replace("node Ac ", f"{ear}node Ac ")
     path = tmp_path / "told.soter"
     path.write_text(text.replace("node Filter;", "node Filter; node Ear;"), encoding="utf-8")
-    found = soter.load(path).simulate()
-    assert found.margin("M").max() == 0.02
-    assert (found.margin("M") == found.topic("told")).all()
+    simulation = soter.load(path).simulate()
+    assert simulation.margin("M").max() == 0.02
+    assert (simulation.margin("M") == simulation.topic("told")).all()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from generators.found import files_below
+from generators.file_listing import files_below
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span

@@ -15,16 +15,16 @@ GRAMMAR = json.loads((ROOT / "editors" / "soter.tmLanguage.json").read_text(enco
 
 def patterns(node: Any) -> list[dict[str, Any]]:
     """Every pattern of the grammar, however deep."""
-    found: list[dict[str, Any]] = []
+    nodes: list[dict[str, Any]] = []
     if isinstance(node, dict):
         if {"match", "begin", "include"} & node.keys():
-            found.append(node)
+            nodes.append(node)
         for value in node.values():
-            found += patterns(value)
+            nodes += patterns(value)
     elif isinstance(node, list):
         for value in node:
-            found += patterns(value)
-    return found
+            nodes += patterns(value)
+    return nodes
 
 
 def test_every_expression_compiles_and_every_include_exists() -> None:

@@ -52,15 +52,15 @@ def rules() -> dict[str, Rule]:
     """The rules of the grammar file by name."""
     text = re.sub(r"\(\*.*?\*\)", " ", GRAMMAR.read_text(encoding="utf-8"), flags=re.DOTALL)
     tokens = re.findall(r"'[^']*'|\w+|[=;|(){}\[\]]", text)
-    found: dict[str, Rule] = {}
+    rule_by_name: dict[str, Rule] = {}
     at = 0
     while at < len(tokens):
         name = tokens[at]
         assert tokens[at + 1] == "=", f"no `=` after {name}"
-        found[name], at = _alternatives(tokens, at + 2)
+        rule_by_name[name], at = _alternatives(tokens, at + 2)
         assert tokens[at] == ";"
         at += 1
-    return found
+    return rule_by_name
 
 
 def _alternatives(tokens: list[str], at: int) -> tuple[Rule, int]:

@@ -32,7 +32,7 @@ def nodes(node: object) -> Iterator[Any]:
             yield from nodes(getattr(node, field.name))
 
 
-def expression(parsed: Parsed, text: str) -> tree.Expr:
+def expression(parsed: Parsed, text: str) -> tree.SyntaxExpr:
     file, problems = parsed(f"soter 1;\nconst X: float = {text};")
     assert problems == ()
     (declaration,) = file.declarations
@@ -41,7 +41,7 @@ def expression(parsed: Parsed, text: str) -> tree.Expr:
     return declaration.value
 
 
-def grouped(expr: tree.Expr) -> str:
+def grouped(expr: tree.SyntaxExpr) -> str:
     """The expression with a pair of parentheses for every operator."""
     if isinstance(expr, tree.BinaryExpr):
         return f"({grouped(expr.left)}{expr.op}{grouped(expr.right)})"
@@ -64,7 +64,14 @@ def test_everything_uses_every_kind_of_node(parsed: Parsed, everything: str) -> 
     file, problems = parsed(everything)
     assert problems == ()
     used = {type(node) for node in nodes(file)}
-    bases = {tree.Expr, tree.TypeExpr, tree.Stmt, tree.Decl, tree.ErrorExpr, tree.ErrorTypeExpr}
+    bases = {
+        tree.SyntaxExpr,
+        tree.TypeExpr,
+        tree.SyntaxStmt,
+        tree.Decl,
+        tree.ErrorExpr,
+        tree.ErrorTypeExpr,
+    }
     classes = {
         kind
         for kind in vars(tree).values()
@@ -84,14 +91,14 @@ def test_every_span_covers_the_text_of_its_node(parsed: Parsed, everything: str)
             checked += 1
         elif isinstance(node, tree.FloatLit | tree.DurationLit):
             assert node.span.text == node.text
-        elif isinstance(node, tree.Ref | tree.Path):
+        elif isinstance(node, tree.Ref | tree.DottedPath):
             written = re.sub(r"\[.*?\]", "", "".join(node.span.text.split()))
             assert written == node.text  # of elements without their indices
-        elif isinstance(node, tree.Interval | tree.ListExpr):
+        elif isinstance(node, tree.IntervalExpr | tree.ListExpr):
             assert (node.span.text[0], node.span.text[-1]) == ("[", "]")
         elif isinstance(node, tree.Block | tree.RecordSet | tree.RecordExpr):
             assert (node.span.text[0], node.span.text[-1]) == ("{", "}")
-        elif isinstance(node, tree.Stmt):
+        elif isinstance(node, tree.SyntaxStmt):
             assert node.span.text[-1] in ";}"
     assert checked > 250
 
@@ -251,7 +258,7 @@ def test_contextual_words_are_names_elsewhere(parsed: Parsed) -> None:
     [
         ("choose bool", False, tree.BuiltinType),
         ("fair choose iris.Mode", True, tree.NamedType),
-        ("choose [1, fair]", False, tree.Interval),
+        ("choose [1, fair]", False, tree.IntervalExpr),
         ("fair choose { fair, choose bool, }", True, tuple),
         ("choose { }", False, tuple),
     ],
@@ -259,11 +266,11 @@ def test_contextual_words_are_names_elsewhere(parsed: Parsed) -> None:
 def test_a_choice_says_what_it_is_from(
     parsed: Parsed, text: str, *, fair: bool, kind: type
 ) -> None:
-    found = expression(parsed, text)
-    assert isinstance(found, tree.ChooseExpr)
-    assert found.fair is fair
-    assert isinstance(found.type or found.interval or found.options, kind)
-    assert found.span.text == text
+    choice = expression(parsed, text)
+    assert isinstance(choice, tree.ChooseExpr)
+    assert choice.fair is fair
+    assert isinstance(choice.type or choice.interval or choice.options, kind)
+    assert choice.span.text == text
 
 
 def test_a_choice_binds_like_a_name(parsed: Parsed) -> None:
@@ -283,7 +290,7 @@ def test_a_test_has_faults_and_inputs(parsed: Parsed) -> None:
     faults = [
         (f.kind, f.component.text, f.by is None, f.at_most is None)
         for f in test.faults
-        if isinstance(f, tree.TimingFault)
+        if isinstance(f, tree.TimingFaultItem)
     ]
     assert faults == [
         ("late", "M.dm", False, True),

@@ -111,10 +111,10 @@ def test_a_phrase_of_another_language_gets_the_edit_that_makes_it_soter(
     around: str, wrong: str, right: str
 ) -> None:
     source = Source("t.soter", f"soter 1;\n{around.format(wrong)}\n")
-    found = Diagnostics()
-    parse(source, found)
-    assert len(found.items) == 1, [d.message for d in found.items]
-    (problem,) = found.items
+    diagnostics = Diagnostics()
+    parse(source, diagnostics)
+    assert len(diagnostics.items) == 1, [d.message for d in diagnostics.items]
+    (problem,) = diagnostics.items
     (fix,) = problem.fixes
     (text,) = applied(fix).values()
     assert text == f"soter 1;\n{around.format(right)}\n"
@@ -129,8 +129,8 @@ def test_a_right_program_is_never_asked_about(monkeypatch: pytest.MonkeyPatch) -
     def find(*_: object) -> None:
         asked.append(1)
 
-    monkeypatch.setattr("soter.syntax.parsing.cursor.find", find)
-    found = Diagnostics()
-    parse(Source("t.soter", "soter 1;\nconst A: float = 3.0;\n"), found)
-    assert not found.items
+    monkeypatch.setattr("soter.syntax.parsing.token_cursor.find", find)
+    diagnostics = Diagnostics()
+    parse(Source("t.soter", "soter 1;\nconst A: float = 3.0;\n"), diagnostics)
+    assert not diagnostics.items
     assert not asked

@@ -13,15 +13,15 @@ from bench.delays_model import AC, LAW, SC, Delay, Flown, Node, Timing, fly
 from bench.lease_engine import Grant, Lease
 
 import soter
-from generators.packages import EXAMPLES, command, package
+from generators.c_packages import EXAMPLES, command, package
 from long_tests import examples
 from soter.native.build import RUNTIME
 from soter.native.compiler import STANDARD, WARNINGS, find
-from soter.program.build import check_file, system_of
+from soter.program.front_end import check_file, system_of
 from soter.reach.problem.extract import extract
-from soter.reach.time.schedule import Output, Releases, Schedule
+from soter.reach.time.schedule import ActuationPath, Releases, Schedule
+from soter.targets.lateness_limits import ages_of
 from soter.targets.leases import lease_times
-from soter.targets.limits import ages_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -107,9 +107,9 @@ def test_actuators_obey_what_is_written(seed: int) -> None:
         elif what < 0.65:
             c.arm()
             written.arm()
-        found = c.read(now)
-        assert found == written.read(now)
-        ended += not found[0]
+        reading = c.read(now)
+        assert reading == written.read(now)
+        ended += not reading[0]
     assert taken > 20
     assert ended > 20
 
@@ -152,14 +152,18 @@ def schedules(count: int, seed: int) -> Iterator[tuple[Schedule, Timing, Random]
         dm = Releases(delta, 0, chance.randint(0, delta // 3), chance.randint(0, delta // 3))
         phase, late = chance.randint(0, own - 1), chance.randint(0, own // 2)
         sc = Releases(own, phase, late, chance.randint(0, own // 3))
-        found = Schedule(dm, sc, (), (), (Output(0, chance.randint(0, 2)),))
-        if not found.ordered:
+        schedule = Schedule(dm, sc, (), (), (ActuationPath(0, chance.randint(0, 2)),))
+        if not schedule.ordered:
             continue
         nodes = tuple(
             Node(n, r.period, r.phase, r.late, r.response) for n, r in (("dm", dm), ("sc", sc))
         )
-        acts = found.outputs[0].most
-        yield found, Timing(nodes, 0, found.h_star, acts, found.lease, found.start), chance
+        acts = schedule.outputs[0].most
+        yield (
+            schedule,
+            Timing(nodes, 0, schedule.h_star, acts, schedule.lease, schedule.start),
+            chance,
+        )
         count -= 1
 
 
@@ -239,14 +243,14 @@ def test_in_time_or_the_law_before_h_runs_out() -> None:
         delay = None if factor is None else Delay(node, factor, chance.randint(0, 8))
         seed = chance.getrandbits(64)
         same, again = Random(seed), Random(seed)  # noqa: S311 - a test
-        found = outcome(timing, delay, same, watchdog=False)
+        flight = outcome(timing, delay, same, watchdog=False)
         if factor is None or factor <= 1.0:
-            assert found.kept, (timing, delay, found)
+            assert flight.kept, (timing, delay, flight)
             kept += 1
             continue
-        assert found.safe, (timing, delay, found)
+        assert flight.safe, (timing, delay, flight)
         lawful += 1
-        tight += bool(found.law) and found.law == found.deadline
+        tight += bool(flight.law) and flight.law == flight.deadline
         fed += not outcome(timing, delay, again, watchdog=True).safe
     assert min(kept, lawful) > cases // 4
     assert tight > lawful // 10, "H is used to its end"
@@ -257,10 +261,10 @@ FLIGHTS = examples("SOTER_STOP_FLIGHTS", quick=1, long=4)
 
 
 def test_flights_of_the_emergency_stop_stay_between_the_walls_with_leases_only() -> None:
-    found = dict(shipped())[STOP_MODULE]
-    assert isinstance(found, Timing)
-    assert stop_flights(found, FLIGHTS, Random(3), watchdog=False) == (12 * FLIGHTS, 0)  # noqa: S311 - a test
-    assert stop_flights(found, FLIGHTS, Random(3), watchdog=True)[1] > 0  # noqa: S311 - a test
+    timing = dict(shipped())[STOP_MODULE]
+    assert isinstance(timing, Timing)
+    assert stop_flights(timing, FLIGHTS, Random(3), watchdog=False) == (12 * FLIGHTS, 0)  # noqa: S311 - a test
+    assert stop_flights(timing, FLIGHTS, Random(3), watchdog=True)[1] > 0  # noqa: S311 - a test
 
 
 def test_times_of_the_package_are_those_of_the_proof() -> None:
@@ -269,9 +273,9 @@ def test_times_of_the_package_are_those_of_the_proof() -> None:
         flat = system_of(checked, None)
         for module in flat.modules:
             times = extract(flat, module).times
-            found = lease_times(flat, module)
-            assert found.longest == times.schedule.lease
-            dm, sc = found.budgets[:2]
+            timing = lease_times(flat, module)
+            assert timing.longest == times.schedule.lease
+            dm, sc = timing.budgets[:2]
             assert (dm.late, dm.response) == (times.late_dm, times.response_dm)
             assert (sc.late, sc.response) == (times.late_sc, times.response_sc)
 
@@ -303,12 +307,12 @@ def test_sc_may_read_what_is_as_old_as_its_proof_says(tmp_path: Path, dropout: i
 def test_nodes_before_sc_may_not_read_what_is_too_old_either(tmp_path: Path) -> None:
     (tmp_path / "p.soter").write_text(FILTERED)
     flat = system_of(check_file(str(tmp_path / "p.soter")), None)
-    found = {
+    age_by_reader = {
         (flat.components[a.component].name, flat.topics[a.topic].name): a.most_ns
         for a in ages_of(flat, flat.modules[0])
     }
     ms = 1_000_000
-    assert found == {("M.S", "clean"): 40 * ms, ("Filter", "raw"): 20 * ms}
+    assert age_by_reader == {("M.S", "clean"): 40 * ms, ("Filter", "raw"): 20 * ms}
 
 
 # ---------------------------------------------------------------- what is emitted

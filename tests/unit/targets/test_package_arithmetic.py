@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import soter
-from generators.packages import CART, command, make, package, trace
+from generators.c_packages import CART, command, make, package, trace
 from soter.native.compiler import find
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import soter
-from generators.packages import CART, EXAMPLES, command, make, package, trace
+from generators.c_packages import CART, EXAMPLES, command, make, package, trace
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.build import FAULTS
 from soter.native.build import RUNTIME as OF_SOTER

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import soter
-from soter.program.build import check_file, system_of
-from soter.targets import limits
-from soter.targets.limits import longest_turn, takeovers
+from soter.program.front_end import check_file, system_of
+from soter.targets import lateness_limits
+from soter.targets.lateness_limits import longest_turn, takeovers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -64,9 +64,9 @@ def test_the_longest_turn_is_that_of_a_clock_that_goes_tick_by_tick() -> None:
     for _ in range(300):
         periods = [chance.randint(1, 9) for _ in range(3)]
         ac, dm, sc = (clock(p, chance.choice((0, 0, chance.randint(0, 12)))) for p in periods)
-        found = longest_turn(ac, dm, sc)
-        assert found == by_the_clock(ac, dm, sc), (ac, dm, sc)
-        later += found > ac.period_ns + dm.period_ns
+        turn = longest_turn(ac, dm, sc)
+        assert turn == by_the_clock(ac, dm, sc), (ac, dm, sc)
+        later += turn > ac.period_ns + dm.period_ns
     assert later > 20, "SC's turn counts"
 
 
@@ -78,18 +78,18 @@ def test_what_is_too_long_to_go_through_has_a_bound_all_the_same(
         three = [clock(chance.randint(1, 9), chance.randint(0, 12)) for _ in range(3)]
         exact = longest_turn(*three)
         with monkeypatch.context() as patch:
-            patch.setattr(limits, "RELEASES_MAX", 0)
+            patch.setattr(lateness_limits, "RELEASES_MAX", 0)
             assert longest_turn(*three) >= exact
 
 
 def test_the_package_says_it_of_every_module_with_a_foreign_ac(tmp_path: Path) -> None:
     path = tmp_path / "watched.soter"
     path.write_text(TEXT)
-    (found,) = takeovers(system_of(check_file(str(path)), None))
+    (takeover,) = takeovers(system_of(check_file(str(path)), None))
     # asked at 0, not answered by 10; decided at 40; asked at 40, not answered by 50: decided at 80
-    assert (found.turn, found.work) == (40_000_000, 8_000_000)
+    assert (takeover.turn, takeover.work) == (40_000_000, 8_000_000)
     package = soter.load(path).build("posix", tmp_path / "out")
-    assert found.text in package.notes
+    assert takeover.text in package.notes
     own = TEXT.replace("extern node Fast", "node Fast").replace(
         "publishes u; }", "publishes u; step { publish u = 1.0; } }", 1
     )

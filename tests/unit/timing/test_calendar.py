@@ -1,6 +1,6 @@
 """Latest starts and ends in a thread that works in order, against executions of it.
 
-The simulator (tests/generators/threads.py) goes tick by tick and knows the model only.
+The simulator (tests/generators/simulated_thread.py) goes tick by tick and knows the model only.
 """
 
 from __future__ import annotations
@@ -8,10 +8,10 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
-from generators.threads import Job, at_worst, drawn, spans, turn
+from generators.simulated_thread import Job, at_worst, drawn, spans, turn
 from long_tests import examples
-from soter.timing import calendar
-from soter.timing.calendar import Analysis, Task, Worst, analyse
+from soter.timing import response_times
+from soter.timing.response_times import Analysis, Task, WorstResponse, analyse
 
 if TYPE_CHECKING:
     import pytest
@@ -26,10 +26,10 @@ def tasks_of(jobs: list[Job]) -> list[Task]:
     ]
 
 
-def worst_of(found: Analysis) -> list[Worst]:
+def worst_of(analysis: Analysis) -> list[WorstResponse]:
     """Of every task; all of them were released."""
-    known = [w for w in found.worst if w is not None]
-    assert len(known) == len(found.worst)
+    known = [w for w in analysis.worst if w is not None]
+    assert len(known) == len(analysis.worst)
     return known
 
 
@@ -43,14 +43,14 @@ def test_nothing_is_later_than_computed_and_the_computed_is_reached() -> None:
     kept = 0
     for _ in range(SETS):
         jobs = drawn(rng, rng.uniform(0.3, 1.0))
-        found = analyse(tasks_of(jobs))
-        assert found.exact
-        if found.miss is not None:
+        analysis = analyse(tasks_of(jobs))
+        assert analysis.exact
+        if analysis.miss is not None:
             continue
         kept += 1
         ticks = max(j.offset for j in jobs) + 3 * turn(jobs)
         reached = latest(jobs, ticks)
-        assert [(w.start, w.end) for w in worst_of(found)] == reached
+        assert [(w.start, w.end) for w in worst_of(analysis)] == reached
         share = rng.random()
 
         def held(k: int, _: int, jobs: list[Job] = jobs, share: float = share) -> int:
@@ -60,8 +60,8 @@ def test_nothing_is_later_than_computed_and_the_computed_is_reached() -> None:
             return jobs[k].cost if rng.random() < share else rng.randint(0, jobs[k].cost)
 
         for k, (start, end) in enumerate(spans(jobs, ticks, held, lasts)):
-            assert start <= worst_of(found)[k].start
-            assert end <= worst_of(found)[k].end
+            assert start <= worst_of(analysis)[k].start
+            assert end <= worst_of(analysis)[k].end
     assert kept >= SETS // 5
 
 
@@ -93,25 +93,25 @@ def overload(excess: int) -> Analysis:
 
 
 def test_a_thread_that_is_asked_for_too_much_misses_however_little_that_is() -> None:
-    found = overload(1)
-    assert found.work == found.hyperperiod + 1
-    assert found.miss is not None
+    analysis = overload(1)
+    assert analysis.work == analysis.hyperperiod + 1
+    assert analysis.miss is not None
     jobs = [Job(10, 0, 5, 0, 10), Job(1000, 0, 501, 0, 100_000)]
-    s = found.miss.step
+    s = analysis.miss.step
     missed = at_worst(jobs, s.end + 1)
     assert (s.task, s.number, s.end) in missed
 
 
 def test_work_that_fills_all_time_is_no_miss_by_itself() -> None:
-    found = analyse(
+    analysis = analyse(
         [
             Task("a", period=10, phase=0, wcet=5, jitter=0, deadline=10),
             Task("b", period=20, phase=5, wcet=10, jitter=0, deadline=20),
         ]
     )
-    assert found.miss is None
-    assert found.work == found.hyperperiod
-    assert [w.end for w in worst_of(found)] == [10, 10]
+    assert analysis.miss is None
+    assert analysis.work == analysis.hyperperiod
+    assert [w.end for w in worst_of(analysis)] == [10, 10]
 
 
 def test_hyperperiods_that_only_add_to_the_backlog_are_left_out_of_the_search() -> None:
@@ -132,7 +132,7 @@ def test_of_a_calendar_that_is_too_long_there_is_a_bound(monkeypatch: pytest.Mon
     for _ in range(SETS):
         jobs = drawn(rng, rng.uniform(0.2, 0.8))
         exact = analyse(tasks_of(jobs))
-        monkeypatch.setattr(calendar, "RELEASES_MAX", 10)
+        monkeypatch.setattr(response_times, "RELEASES_MAX", 10)
         bound = analyse(tasks_of(jobs))
         monkeypatch.undo()
         if bound.exact:
@@ -149,14 +149,14 @@ def test_of_a_calendar_that_is_too_long_there_is_a_bound(monkeypatch: pytest.Mon
 
 
 def test_who_was_not_released_before_a_miss_has_no_figures() -> None:
-    found = analyse(
+    analysis = analyse(
         [
             Task("a", period=10, phase=0, wcet=11, jitter=0, deadline=10),
             Task("b", period=40, phase=30, wcet=1, jitter=0, deadline=40),
         ]
     )
-    assert found.miss is not None
-    assert found.worst == (Worst(0, 11, 0), None)
+    assert analysis.miss is not None
+    assert analysis.worst == (WorstResponse(0, 11, 0), None)
 
 
 def test_no_tasks_are_no_trouble() -> None:

@@ -2,7 +2,7 @@
 
 Purpose: `proof_of`: a certificate of another program, system, module or parameters, or with a
 broken seal, is found before any claim is checked; only one that may support something is rechecked.
-Non-goals: checking claims (`soter.recheck`); goals (`arguing.py`).
+Non-goals: checking claims (`soter.recheck`); goals (`proof_goals.py`).
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.rechecking import no_certificate, recheck
+from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.phase import phase
-from soter.diagnostics.refused import reason
-from soter.program.build import system_to_prove
-from soter.program.load.files import opened
+from soter.diagnostics.os_error_text import reason
+from soter.program.front_end import system_to_prove
+from soter.program.load.bounded_read import opened
 
 if TYPE_CHECKING:
-    from soter.api.given import Progress
+    from soter.api.arguments import Progress
+    from soter.certificate.format.folder import Certificate
+    from soter.certificate.report import RecheckedModule, Report
     from soter.program.model.system import Module, System
-    from soter.recheck.certificate.folder import Certificate
-    from soter.recheck.report import ModuleReport, Report
 
 OTHER_PROGRAM = "the certificate is of another program: the hashes differ"
 OTHER_PARAMETERS = "the certificate is about other values of the parameters"
@@ -31,7 +31,7 @@ OTHER_MODULE = "the certificate is not about this module of this system"
 
 
 @dataclass(frozen=True, eq=False)
-class Proof:
+class CertifiedProof:
     """What a certificate may support.
 
     `rejected`: why it is, or ""; `why`: what else keeps it from supporting anything at all.
@@ -49,7 +49,7 @@ class Proof:
 
     def of(
         self, flat: System, module: Module, params: dict[str, str]
-    ) -> tuple[list[ModuleReport], str]:
+    ) -> tuple[list[RecheckedModule], str]:
         """What was confirmed of exactly this module, in every view; or why nothing is."""
         if module.forced is not None:
             forced = module.forced.upper()
@@ -74,32 +74,32 @@ class Proof:
 
 def proof_of(
     cert: str | Path | None, flat: System, params: dict[str, str], progress: Progress | None
-) -> Proof:
+) -> CertifiedProof:
     """What a certificate says of a system; SoterError D006, D007 and D009 as `recheck`."""
     if cert is None:
-        return Proof(why="no certificate was given (--cert DIR)")
+        return CertifiedProof(why="no certificate was given (--cert DIR)")
     known = _looked_at(Path(cert), flat, params)
     if known.rejected or known.why:
         return known
     phase("checking the certificate again")
     report = recheck(cert, progress)
     if not report.accepted:
-        return Proof(known.path, known.sha256, rejected=report.reason)
+        return CertifiedProof(known.path, known.sha256, rejected=report.reason)
     if file_hash(Path(cert) / "manifest.json") != known.sha256:
-        return Proof(known.path, known.sha256, "it was changed while it was checked")
+        return CertifiedProof(known.path, known.sha256, "it was changed while it was checked")
     if report.program_sha256 != flat.program.sha256:
-        return Proof(known.path, known.sha256, why=OTHER_PROGRAM)
+        return CertifiedProof(known.path, known.sha256, why=OTHER_PROGRAM)
     return replace(known, report=report)
 
 
-def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> Proof:
+def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
     """Seal, hashes and what the manifest says that it is about: all that takes no time."""
-    from soter.recheck.certificate.errors import RejectedError  # noqa: PLC0415 - needs NumPy
-    from soter.recheck.certificate.folder import (  # noqa: PLC0415 - needs NumPy
+    from soter.certificate.format.errors import RejectedError  # noqa: PLC0415 - needs NumPy
+    from soter.certificate.format.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
         read_certificate,
     )
-    from soter.recheck.certificate.source import program_of  # noqa: PLC0415 - needs NumPy
+    from soter.certificate.format.source import program_of  # noqa: PLC0415 - needs NumPy
 
     path = str(folder)
     try:
@@ -109,25 +109,25 @@ def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> Proof:
     except NotACertificateError as error:
         raise no_certificate(error) from None
     except RejectedError as error:
-        return Proof(path, rejected=str(error))
+        return CertifiedProof(path, rejected=str(error))
     except SoterError as error:
-        return Proof(path, rejected=f"the program of the certificate: {error}")
+        return CertifiedProof(path, rejected=f"the program of the certificate: {error}")
     except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        return Proof(path, rejected=f"the manifest is not as it should be: {error}")
+        return CertifiedProof(path, rejected=f"the manifest is not as it should be: {error}")
     assert checked.program is not None
     if checked.program.sha256 != flat.program.sha256:
-        return Proof(path, sha256, why=OTHER_PROGRAM)
+        return CertifiedProof(path, sha256, why=OTHER_PROGRAM)
     entries = _entries(certificate, flat)
     if not entries:
-        return Proof(path, sha256, why=OTHER_MODULE)
+        return CertifiedProof(path, sha256, why=OTHER_MODULE)
     if _parameters(checked, flat.name, overrides) != params:
-        return Proof(path, sha256, why=OTHER_PARAMETERS)
-    return Proof(path, sha256, certificate=certificate, entries=entries)
+        return CertifiedProof(path, sha256, why=OTHER_PARAMETERS)
+    return CertifiedProof(path, sha256, certificate=certificate, entries=entries)
 
 
 def _parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[str, str]:  # noqa: ANN401
     """The values in that system, by the certificate; none where it has errors with them."""
-    from soter.recheck.coverage import parameters_of  # noqa: PLC0415 - needs NumPy
+    from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
 
     try:
         return parameters_of(system_to_prove(checked, system, overrides, exact=False))
@@ -138,14 +138,14 @@ def _parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[st
 def _entries(certificate: Certificate, flat: System) -> dict[str, list[dict[str, Any]]]:
     """What the manifest has of the modules that switch, by their names."""
     given = certificate.manifest.get("modules")
-    found: dict[str, list[dict[str, Any]]] = {}
+    entries_by_module: dict[str, list[dict[str, Any]]] = {}
     switching = {m.name for m in flat.modules if m.forced is None}
     for entry in given if isinstance(given, list) else []:
         if isinstance(entry, dict) and entry.get("system") == flat.name:
             name = entry.get("module")
             if isinstance(name, str) and name in switching:
-                found.setdefault(name, []).append(entry)
-    return found
+                entries_by_module.setdefault(name, []).append(entry)
+    return entries_by_module
 
 
 def file_hash(path: Path) -> str:

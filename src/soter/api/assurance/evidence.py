@@ -2,7 +2,7 @@
 
 Purpose: `Evidence`: what was given is read, and its hashes compared, before anything that takes
 long; then tests are explored and flights flown again. A goal is supported by what was done now.
-Non-goals: the certificate (`arguing.py`), flying (`again.py`).
+Non-goals: the certificate (`proof_goals.py`), flying (`replayed_flights.py`).
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.assurance.again import Flights, again, read_flights
 from soter.api.assurance.certificate import file_hash
+from soter.api.assurance.replayed_flights import FlightFolder, read_flights, replay_flights
+from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.phase import phase
-from soter.diagnostics.refused import reason
-from soter.program.load.files import read_json_text
-from soter.report.assurance.case import Node
+from soter.diagnostics.os_error_text import reason
+from soter.program.load.bounded_read import read_json_text
+from soter.report.assurance.safety_case import CaseNode
 
 if TYPE_CHECKING:
-    from soter.api.assurance.again import AssuredProgram
+    from soter.api.assurance.replayed_flights import AssuredProgram
     from soter.explore.results import ExploreReport, TestResult
     from soter.program.model.system import System
-    from soter.report.assurance.case import Case
+    from soter.report.assurance.safety_case import SafetyCase
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Evidence:
     told: dict[str, dict[str, Any]]
     report: Path | None
     report_sha256: str
-    flights: Flights | None
+    flights: FlightFolder | None
 
     @staticmethod
     def read(
@@ -59,13 +59,13 @@ class Evidence:
             None if campaign is None else read_flights(Path(campaign)),
         )
 
-    def tests(self, case: Case, refuted: list[str], *, explored: bool) -> None:
+    def tests(self, case: SafetyCase, refuted: list[str], *, explored: bool) -> None:
         """A goal a test: supported where it was explored now, and is clean."""
         own = _own_tests(self.flat) if explored else []
         names = list(dict.fromkeys([*self.told, *own]))
         if not names:
             return
-        goal = case.add(Node("G2", "goal", "No execution of the tests violates a property"))
+        goal = case.add(CaseNode("G2", "goal", "No execution of the tests violates a property"))
         report = None
         if explored:
             phase("exploring the tests again")
@@ -78,8 +78,8 @@ class Evidence:
 
     def _test(
         self,
-        case: Case,
-        goal: Node,
+        case: SafetyCase,
+        goal: CaseNode,
         number: int,
         name: str,
         result: TestResult | None,
@@ -88,8 +88,8 @@ class Evidence:
         test = self.flat.program.tests.get(name)
         of = "" if test is None else f" of system {test.system.name}"
         text = f"test {name}{of}: every execution within its bounds is clean"
-        child = case.add(Node(f"G2.{number}", "goal", text), under=goal)
-        leaf = Node(f"Sn.2.{number}", "solution", f"a report on test {name}")
+        child = case.add(CaseNode(f"G2.{number}", "goal", text), under=goal)
+        leaf = CaseNode(f"Sn.2.{number}", "solution", f"a report on test {name}")
         if result is None or report is None:
             leaf.why = _as_told(self.told.get(name), case.program_sha256)
             leaf.path, leaf.sha256 = str(self.report or ""), self.report_sha256
@@ -99,17 +99,17 @@ class Evidence:
             leaf.checked = not leaf.why
             for k, said in enumerate(result.assumptions, 1):
                 said = f"test {name}: {said}"  # noqa: PLW2901 - whose it is
-                case.add(Node(f"A2.{number}.{k}", "assumption", said), beside=child)
+                case.add(CaseNode(f"A2.{number}.{k}", "assumption", said), beside=child)
         case.add(leaf, under=child)
 
-    def campaign(self, case: Case, refuted: list[str], most: int) -> None:
+    def campaign(self, case: SafetyCase, refuted: list[str], most: int) -> None:
         """What was flown again: the seeds of the campaign, and the digests that it wrote down."""
         if self.flights is None:
             return
         phase("flying again")
-        flown = again(self.program, self.flat, self.params, self.flights, most)
-        goal = case.add(Node("G3", "goal", flown.goal))
-        leaf = Node("Sn.3", "solution", flown.text, checked=not flown.why, why=flown.why)
+        flown = replay_flights(self.program, self.flat, self.params, self.flights, most)
+        goal = case.add(CaseNode("G3", "goal", flown.goal))
+        leaf = CaseNode("Sn.3", "solution", flown.text, checked=not flown.why, why=flown.why)
         leaf.path, leaf.sha256 = str(self.flights.file), self.flights.sha256
         case.add(leaf, under=goal)
         if flown.violated:

@@ -9,32 +9,32 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.cli.ci.found import place
+from soter.cli.ci.findings import place
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.cli.ci.found import Found
+    from soter.cli.ci.findings import CiFinding
 
 WORDS = {"fail": "error", "open": "error", "warning": "warning"}
 
 
-def github(found: Sequence[Found]) -> str:
+def github(findings: Sequence[CiFinding]) -> str:
     """The commands, a line each; nothing where all is well."""
-    return "\n".join(_command(f) for f in found if f.kind != "pass")
+    return "\n".join(_command(f) for f in findings if f.kind != "pass")
 
 
-def _command(found: Found) -> str:
-    properties = {"title": f"soter: {found.rule}"}
-    at = place(found.span)
+def _command(finding: CiFinding) -> str:
+    properties = {"title": f"soter: {finding.rule}"}
+    at = place(finding.span)
     if at is not None:
         name, line, column, end_line, end_column = at
         properties |= {"file": name, "line": str(line), "endLine": str(end_line)}
         if line == end_line:  # else GitHub refuses columns
             properties |= {"col": str(column), "endColumn": str(end_column)}
     told = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
-    text = "\n".join((found.text, *found.details))
-    return f"::{WORDS[found.kind]} {told}::{_data(text)}"
+    text = "\n".join((finding.text, *finding.details))
+    return f"::{WORDS[finding.kind]} {told}::{_data(text)}"
 
 
 def _data(text: str) -> str:

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from soter.cli.ci.found import place
+from soter.cli.ci.findings import place
 from soter.diagnostics.explain import explain, title
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.cli.ci.found import Found
+    from soter.cli.ci.findings import CiFinding
 
 SCHEMA = (
     "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
@@ -28,9 +28,9 @@ SCHEMA = (
 LEVELS = {"fail": "error", "open": "error", "warning": "warning"}
 
 
-def sarif(command: str, found: Sequence[Found], exit_code: int) -> str:
+def sarif(command: str, findings: Sequence[CiFinding], exit_code: int) -> str:
     """The document, as text."""
-    shown = [f for f in found if f.kind != "pass"]
+    shown = [f for f in findings if f.kind != "pass"]
     rules = sorted({f.rule for f in shown})
     run = {
         "tool": {
@@ -54,15 +54,15 @@ def _rule(code: str) -> dict[str, Any]:
     return rule
 
 
-def _result(found: Found, rule: int) -> dict[str, Any]:
-    text = "\n".join((found.text, *found.details))
+def _result(finding: CiFinding, rule: int) -> dict[str, Any]:
+    text = "\n".join((finding.text, *finding.details))
     result: dict[str, Any] = {
-        "ruleId": found.rule,
+        "ruleId": finding.rule,
         "ruleIndex": rule,
-        "level": LEVELS[found.kind],
+        "level": LEVELS[finding.kind],
         "message": {"text": text},
     }
-    at = place(found.span)
+    at = place(finding.span)
     if at is not None:
         name, line, column, end_line, end_column = at
         region = {

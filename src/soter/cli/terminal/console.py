@@ -15,14 +15,14 @@ import sys
 from contextlib import ExitStack, suppress
 from typing import IO, TYPE_CHECKING
 
-from soter.cli.terminal.plain import PLAIN_ERRORS, draws_no_boxes, plainly
+from soter.cli.terminal.ascii import PLAIN_ERRORS, draws_no_boxes, plainly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from contextlib import AbstractContextManager
     from types import TracebackType
 
-    from soter.cli.terminal.verdict import Verdict
+    from soter.cli.terminal.child_result import ResultPipe
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.report.summary import Entry
 
@@ -36,7 +36,7 @@ class Console:
         self.json = json
         self.own_process = own_process
         """Whether this process is the command, and not somebody's who calls `main`."""
-        self._verdict: Verdict | None = None
+        self._verdict: ResultPipe | None = None
         self._during = ExitStack()
         self.out: IO[str] | None = sys.stdout
         self.err: IO[str] | None = sys.stderr
@@ -87,7 +87,7 @@ class Console:
 
     # ------------------------------------------------------------ a child that prints nothing
 
-    def leave_to(self, verdict: Verdict) -> None:
+    def leave_to(self, verdict: ResultPipe) -> None:
         """Keep from now on what would be printed: the parent prints it (`apart.py`)."""
         self._verdict = verdict
         self.out = io.StringIO()

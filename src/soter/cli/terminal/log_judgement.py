@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.cli.terminal.console import Console
-    from soter.monitor.logs.result import LogJudgement, ModuleOfLog, Nearest
+    from soter.monitor.logs.result import LogJudgement, ModuleOfLog, NearestMargin
 
 WIDTH = 100
 CHANGES_SHOWN = 12
@@ -107,7 +107,7 @@ def _item(text: str) -> Iterator[str]:
     yield textwrap.fill(text, WIDTH, initial_indent="  - ", subsequent_indent="    ")
 
 
-def _near(n: Nearest | None) -> str:
+def _near(n: NearestMargin | None) -> str:
     if n is None or not isfinite(n.distance):
         return ""
     return f"{n.distance:.3f} at {n.time_s:.3f} s"
@@ -156,7 +156,7 @@ def _module(m: ModuleOfLog) -> dict[str, object]:
     }
 
 
-def _nearest(n: Nearest | None) -> dict[str, object] | None:
+def _nearest(n: NearestMargin | None) -> dict[str, object] | None:
     if n is None:
         return None
     distance = n.distance if isfinite(n.distance) else None

@@ -11,14 +11,14 @@ import re
 from contextlib import suppress
 from typing import NoReturn
 
-from soter.cli.terminal.outcome import UsageError
+from soter.cli.terminal.command_outcome import UsageError
 
 
 class HelpWantedError(Exception):
     """`--help` was given; the message is the text."""
 
 
-class Parser(argparse.ArgumentParser):
+class CommandParser(argparse.ArgumentParser):
     """One command's parser. `examples`: lines for the end of its help."""
 
     def __init__(self, command: str, about: str, examples: str) -> None:
@@ -45,12 +45,12 @@ class _Help(argparse.Action):
         raise HelpWantedError(parser.format_help().rstrip())
 
 
-def add_file(parser: Parser, help_: str = "the program") -> None:
+def add_file(parser: CommandParser, help_: str = "the program") -> None:
     """The positional FILE."""
     parser.add_argument("file", metavar="FILE", help=help_)
 
 
-def add_settings(parser: Parser) -> None:
+def add_settings(parser: CommandParser) -> None:
     """--set and --bind."""
     parser.add_argument(
         "--set",
@@ -98,7 +98,7 @@ def at_least_one(text: str) -> int:
 
 def seconds(text: str) -> float:
     """Seconds: a number in plain digits, or one with its unit; ArgumentTypeError for other text."""
-    from soter.simulate.settings import WrongTextError, duration_ns  # noqa: PLC0415 - only then
+    from soter.simulate.run_settings import WrongTextError, duration_ns  # noqa: PLC0415 - only then
 
     if text.isascii() and "_" not in text:
         with suppress(ValueError):

@@ -13,7 +13,7 @@ from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.console import is_terminal
-from soter.diagnostics.phase import told_to
+from soter.diagnostics.current_phase import listening_to_phases
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,7 +68,7 @@ class LineOfProgress:
             self._console.err.flush()
 
 
-class Progress(LineOfProgress):
+class ProgressBar(LineOfProgress):
     """Called with the share that is done: a bar, what is being done, how long it may still take.
 
     The bar never runs backwards, unless a phase that begins anew has another name.
@@ -84,7 +84,7 @@ class Progress(LineOfProgress):
     def __enter__(self) -> Callable[[float], None] | None:  # type: ignore[override]
         if not is_terminal(self._console.err):
             return None
-        self._during.enter_context(told_to(self._enter_phase))
+        self._during.enter_context(listening_to_phases(self._enter_phase))
         return self._show_share
 
     def __exit__(self, *_: object) -> None:

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.cli.terminal.real_time import timing_lines
+from soter.cli.terminal.real_time_report import timing_lines
 from soter.report.summary import Entry, Styled, display_width, mode_timeline
-from soter.semantics.chance.faults import begins
+from soter.semantics.random.faults import begins
 from soter.simulate.outputs.assumptions import of_run
 from soter.simulate.outputs.figures import component_faults
-from soter.simulate.params import changed
+from soter.simulate.run_parameters import changed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -61,10 +61,10 @@ def _headline(run: Run, path: str, console: Console) -> str:
 
 def _params(run: Run, console: Console) -> Iterator[str]:
     """What is not at its default."""
-    found = changed(run.system)
-    if found:
+    changes = changed(run.system)
+    if changes:
         texts = [
-            f"{name} = {value} (default {default})" for name, (value, default) in found.items()
+            f"{name} = {value} (default {default})" for name, (value, default) in changes.items()
         ]
         yield console.paint("muted", f"params  {', '.join(texts)}")
 
@@ -110,11 +110,11 @@ def _violations(run: Run, console: Console) -> Iterator[str]:
 
 def _faults(run: Run, console: Console) -> Iterator[str]:
     """Step faults, with what an extern had to say."""
-    found = component_faults(run)
-    if not found:
+    faults = component_faults(run)
+    if not faults:
         return
     yield "step faults"
-    for name, facts in found.items():
+    for name, facts in faults.items():
         count, first = facts["count"], facts["first_s"]
         since = f", the first at {first:.3f} s" if isinstance(first, float) else ""
         said = run.extern_failures.get(name)
@@ -159,16 +159,16 @@ def _modules(run: Run, console: Console) -> list[str]:
 
 def _decisions(run: Run, console: Console) -> Iterator[str]:
     """Every change of mode, up to `DECISIONS_MAX`, with what decided."""
-    found = run.decisions
+    decisions = run.decisions
     arrow = "->" if console.ascii_only else "→"
-    if found:
+    if decisions:
         yield "decisions"
-    for d in found[:DECISIONS_MAX]:
+    for d in decisions[:DECISIONS_MAX]:
         yield f"  {d.time_ns / 1e9:9.3f} s  {d.module}  {d.before}{arrow}{d.after}  {d.reason}"
         for text in d.words:
             yield console.paint("muted", f"{'':15}{text}")
-    if len(found) > DECISIONS_MAX:
-        yield console.paint("muted", f"  and {len(found) - DECISIONS_MAX} more: --json, --log")
+    if len(decisions) > DECISIONS_MAX:
+        yield console.paint("muted", f"  and {len(decisions) - DECISIONS_MAX} more: --json, --log")
 
 
 def _timelines(run: Run, console: Console) -> Iterator[str]:

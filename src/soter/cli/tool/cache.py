@@ -1,7 +1,7 @@
 """`soter cache`: what compiled programs and computed sets take on the disk.
 
 Purpose: show it, clear it, say how large it may grow.
-Non-goals: what is kept, and for how long (`native/kept.py`).
+Non-goals: what is kept, and for how long (`native/cache.py`).
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import re
 import time
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.amounts import decimal
-from soter.cli.terminal.outcome import Outcome, UsageError
-from soter.cli.terminal.parser import Parser
-from soter.native.kept import LIMIT, YOUNG_S, cache_dir, clear, entries, limit, set_limit
+from soter.cli.terminal.command_outcome import CommandOutcome, UsageError
+from soter.cli.terminal.parser import CommandParser
+from soter.cli.terminal.units import decimal
+from soter.native.cache import LIMIT, YOUNG_S, cache_dir, clear, entries, limit, set_limit
 
 if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
@@ -34,9 +34,9 @@ SIZE = re.compile(r"([0-9]{1,9})\s*([MG])?B?", re.IGNORECASE)
 ACTIONS = ("show", "clear", "limit")
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("cache", "What compiled programs take on the disk.", EXAMPLES)
+    made = CommandParser("cache", "What compiled programs take on the disk.", EXAMPLES)
     made.add_argument(
         "action",
         metavar="ACTION",
@@ -49,7 +49,7 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Show, clear, or set the limit; UsageError for a size where none is meant."""
     if (args.size is None) != (args.action != "limit"):
         wants = "takes a SIZE, such as 500MB" if args.size is None else "takes no SIZE"
@@ -59,33 +59,36 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         removed = clear()
     if args.size is not None:
         set_limit(args.size)
-    found, (most, said_by) = entries(), limit()
-    held = sum(size for _, size, _ in found)
+    cache_entries, (most, said_by) = entries(), limit()
+    held = sum(size for _, size, _ in cache_entries)
     if removed is not None:
         noun = "entry" if removed[0] == 1 else "entries"
         console.say(f"removed  {removed[0]} {noun}, {decimal(removed[1])}")
     console.say(f"folder   {cache_dir()}")
-    console.say(f"holds    {decimal(held)} in {len(found)} entr{'y' if len(found) == 1 else 'ies'}")
+    console.say(
+        f"holds    {decimal(held)} in {len(cache_entries)} "
+        f"entr{'y' if len(cache_entries) == 1 else 'ies'}"
+    )
     console.say(f"limit    {decimal(most)} ({said_by})")
-    if found:
-        console.say(f"oldest   used {_ago(time.time() - found[0][0])} ago")
+    if cache_entries:
+        console.say(f"oldest   used {_ago(time.time() - cache_entries[0][0])} ago")
     fields: dict[str, object] = {
         "folder": str(cache_dir()),
-        "entries": len(found),
+        "entries": len(cache_entries),
         "bytes": held,
         "limit_bytes": most,
         "limit_from": said_by,
         "removed": None if removed is None else {"entries": removed[0], "bytes": removed[1]},
     }
-    return Outcome(fields=fields)
+    return CommandOutcome(fields=fields)
 
 
 def _megabytes(text: str) -> int:
     """A size in MB; ArgumentTypeError for any other text."""
-    found = SIZE.fullmatch(text.strip())
-    if found is None:
+    match = SIZE.fullmatch(text.strip())
+    if match is None:
         raise argparse.ArgumentTypeError(f"`{text}` is no size: write 500MB or 2GB")
-    return int(found[1]) * (GB if (found[2] or "").upper() == "G" else 1)
+    return int(match[1]) * (GB if (match[2] or "").upper() == "G" else 1)
 
 
 def _ago(seconds: float) -> str:

@@ -10,8 +10,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.outcome import Outcome
-from soter.cli.terminal.parser import Parser
+from soter.cli.terminal.command_outcome import CommandOutcome
+from soter.cli.terminal.parser import CommandParser
 
 if TYPE_CHECKING:
     import argparse
@@ -50,14 +50,16 @@ class Words:
     path: bool
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("completion", "Print what a shell needs to complete command lines.", EXAMPLES)
+    made = CommandParser(
+        "completion", "Print what a shell needs to complete command lines.", EXAMPLES
+    )
     made.add_argument("shell", metavar="SHELL", choices=tuple(SHELLS), help="bash, zsh or fish")
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Print it."""
     from soter.cli.main import COMMANDS, command_of  # noqa: PLC0415 - it imports this file by name
 
@@ -67,7 +69,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     ]
     text = "\n".join(SHELLS[args.shell](words))
     console.say(text)
-    return Outcome(fields={"shell": args.shell, "script": text})
+    return CommandOutcome(fields={"shell": args.shell, "script": text})
 
 
 def words_of(

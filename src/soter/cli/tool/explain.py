@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.outcome import DIAGNOSTICS, Outcome
-from soter.cli.terminal.parser import Parser
+from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome
+from soter.cli.terminal.parser import CommandParser
 from soter.diagnostics.diagnostic import Diagnostic
 from soter.diagnostics.explain import all_codes, explain, named, suggestions, title
 from soter.diagnostics.render import safe
@@ -27,14 +27,14 @@ EXAMPLES = """\
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("explain", "Explain a diagnostic code, or list all of them.", EXAMPLES)
+    made = CommandParser("explain", "Explain a diagnostic code, or list all of them.", EXAMPLES)
     made.add_argument("code", metavar="CODE", nargs="?", help="such as P1a; none lists all")
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Explain."""
     if args.code is None:
         return _list(console)
@@ -43,20 +43,20 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     if page is None or code is None:
         return _unknown(args.code)
     console.say(_shown(page, console))
-    return Outcome(fields={"code": code, "title": title(code), "page": page})
+    return CommandOutcome(fields={"code": code, "title": title(code), "page": page})
 
 
-def _list(console: Console) -> Outcome:
+def _list(console: Console) -> CommandOutcome:
     titles = {code: title(code) or "" for code in all_codes()}
     for code, text in titles.items():
         console.say(f"{console.paint('bold', code)}{' ' * (6 - len(code))}{text}")
-    return Outcome(fields={"codes": [{"code": c, "title": t} for c, t in titles.items()]})
+    return CommandOutcome(fields={"codes": [{"code": c, "title": t} for c, t in titles.items()]})
 
 
-def _unknown(code: str) -> Outcome:
+def _unknown(code: str) -> CommandOutcome:
     near = ", ".join(f"`{c}`" for c in suggestions(code))
     helps = (f"did you mean {near}?",) if near else ("`soter explain` lists all codes",)
-    return Outcome(
+    return CommandOutcome(
         DIAGNOSTICS, (Diagnostic("U007", f"there is no code `{safe(code)[:40]}`", helps=helps),)
     )
 

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import format_text, read_text
-from soter.cli.terminal.outcome import DIAGNOSTICS, Outcome, exit_of
-from soter.cli.terminal.parser import Parser
+from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome, exit_of
+from soter.cli.terminal.parser import CommandParser
 from soter.cli.terminal.standard_input import STDIN, standard_input
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
-from soter.report.whole_file import whole_file
+from soter.diagnostics.os_error_text import reason
+from soter.report.atomic_write import atomic_write
 
 if TYPE_CHECKING:
     import argparse
@@ -34,16 +34,16 @@ EXAMPLES = """\
 """
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("fmt", "Lay out source files, in place.", EXAMPLES)
+    made = CommandParser("fmt", "Lay out source files, in place.", EXAMPLES)
     made.add_argument("files", metavar="FILE", nargs="+", help="a program; - for standard input")
     made.add_argument("--check", action="store_true", help="change nothing, exit 1 if needed")
     made.add_argument("--diff", action="store_true", help="change nothing, show the difference")
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Lay out every file; mistakes in one do not keep the others from it."""
     problems: list[Diagnostic] = []
     changed: list[str] = []
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     fields: dict[str, object] = {"files": args.files, "changed": changed}
     if "-" in texts:
         fields["text"] = texts["-"]
-    return Outcome(code, tuple(problems), fields)
+    return CommandOutcome(code, tuple(problems), fields)
 
 
 def _deliver(
@@ -102,7 +102,7 @@ def _replace(path: Path, text: str) -> None:
     try:
         mode = stat.S_IMODE(path.stat().st_mode)
         _require_leave(path, mode)
-        with whole_file(path) as stream:
+        with atomic_write(path) as stream:
             os.chmod(stream.fileno(), mode)  # noqa: PTH101 - a descriptor has no path
             stream.write(text.encode("utf-8", "surrogatepass"))
     except OSError as error:

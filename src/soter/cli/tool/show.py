@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.terminal.outcome import FINE, Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings
+from soter.cli.terminal.command_outcome import FINE, CommandOutcome, exit_of
+from soter.cli.terminal.parser import CommandParser, add_file, add_settings
 from soter.cli.terminal.progress import LineOfProgress
 from soter.diagnostics.diagnostic import SoterError
 
@@ -31,9 +31,9 @@ EXAMPLES = """\
 STANDARD_OUTPUT = "-"
 
 
-def parser() -> Parser:
+def parser() -> CommandParser:
     """The command line."""
-    made = Parser("show", "Draw a system: nodes, topics, modules and plants.", EXAMPLES)
+    made = CommandParser("show", "Draw a system: nodes, topics, modules and plants.", EXAMPLES)
     add_file(made)
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     add_settings(made)
@@ -49,7 +49,7 @@ def parser() -> Parser:
     return made
 
 
-def run(args: argparse.Namespace, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Show."""
     with LineOfProgress(console) as line:
         program = load(args.file, line)
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
             shown.write(path)
             console.say(f"diagram  {path}")
     except SoterError as error:
-        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
     fields = {
         "file": args.file,
         "program_sha256": program.sha256,
@@ -77,4 +77,4 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         "svg": shown.svg if path == STANDARD_OUTPUT else None,
         "page": None if args.log is None else path,
     }
-    return Outcome(FINE, program.diagnostics, fields)
+    return CommandOutcome(FINE, program.diagnostics, fields)

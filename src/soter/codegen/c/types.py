@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, field_name
 from soter.lower.layout import image_of_table, scalar, size_of, struct_of
-from soter.program.model.table import Table
+from soter.program.model.data_table import Table
 from soter.program.model.types import (
     ArrayType,
     BoolType,
@@ -93,15 +93,15 @@ class TypeTable:
         if isinstance(t, ArrayType):
             return (c.StructMember(self.stored(t.element), "at", t.size),)
         layout = struct_of(t)
-        found = []
+        members = []
         for m in layout.members:
             if isinstance(t, ListType) and m.name == "items":
-                found.append(c.StructMember(self.stored(t.element), "items", t.capacity))
+                members.append(c.StructMember(self.stored(t.element), "items", t.capacity))
             else:
-                found.append(c.StructMember(self.stored(m.type), field_name(m.name)))
+                members.append(c.StructMember(self.stored(m.type), field_name(m.name)))
         if layout.padding:
-            found.append(c.StructMember("uint8_t", "pad_", layout.padding))
-        return tuple(found)
+            members.append(c.StructMember("uint8_t", "pad_", layout.padding))
+        return tuple(members)
 
     def is_large(self, t: Type) -> bool:
         """Whether values of a type are passed by address (decision 109)."""
@@ -304,11 +304,11 @@ class TypeTable:
             element = c.IndexExpr(array, c.Name("k"))
             inner = self.check(t.element, groups[0], element)
             return [c.For("k", c.Number("0"), c.Number(str(t.size)), tuple(inner))]
-        found: list[c.CStmt] = []
+        checks: list[c.CStmt] = []
         for i, g in enumerate(groups):
             element = c.IndexExpr(array, c.Number(str(i)))
-            found += self.check(t.element, g, element)
-        return found
+            checks += self.check(t.element, g, element)
+        return checks
 
 
 def scalar_constant(t: Type, value: Value) -> c.CExpr:

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
-from soter.explore.checkpoint.files import HEAD, Saved, seal, take_place
+from soter.diagnostics.os_error_text import reason
+from soter.explore.checkpoint.checkpoint_file import HEAD, SavedCheckpoint, seal, take_place
 from soter.explore.methods import STATUSES
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ NOTHING_TO_WRITE = {STATUSES.index(s) for s in ("exhausted", "violated", "damage
 UNWRITTEN = "the last one could not be written"
 
 
-class Ended(Protocol):
+class EndedPart(Protocol):
     """What the search of a part found (`SearchResult`): COUNTS and these."""
 
     @property
@@ -64,7 +64,7 @@ class Checkpoint:
     path: Path
     every_s: float
     about: Mapping[str, object]
-    saved: Saved | None = None
+    saved: SavedCheckpoint | None = None
     states: int = 0
     problem: str = ""
     resumed: int = field(init=False, default=0)
@@ -99,7 +99,7 @@ class Checkpoint:
         os.close(self.open(".ending"))
         beside(self.path, ".ending").unlink()
 
-    def saver(self, part: int, parts: int, ended: Sequence[Ended]) -> Saver:
+    def saver(self, part: int, parts: int, ended: Sequence[EndedPart]) -> Saver:
         """For the search of one part of so many; `ended` are those before it."""
         resumes = self.saved is not None and part == self.part
         return Saver(self, part, parts, ended, self.saved if resumes else None)
@@ -129,9 +129,12 @@ def beside(path: Path, ending: str) -> Path:
     return path.with_name(path.name + ending)
 
 
-def counts_of(found: Ended) -> dict[str, float]:
+def counts_of(search_result: EndedPart) -> dict[str, float]:
     """What a head keeps of the search of a part."""
-    return {"seconds": found.seconds, **{name: getattr(found, name) for name in COUNTS}}
+    return {
+        "seconds": search_result.seconds,
+        **{name: getattr(search_result, name) for name in COUNTS},
+    }
 
 
 class Saver:
@@ -142,8 +145,8 @@ class Saver:
         to: Checkpoint,
         part: int,
         parts: int,
-        ended: Sequence[Ended],
-        saved: Saved | None,
+        ended: Sequence[EndedPart],
+        saved: SavedCheckpoint | None,
     ) -> None:
         self._to = to
         self._head = {

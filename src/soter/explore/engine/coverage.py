@@ -27,7 +27,7 @@ EACH = 8
 
 
 @dataclass(frozen=True)
-class Part:
+class CoverageKind:
     """One kind of thing: how many there are, and the names of those that were not reached."""
 
     total: int = 0
@@ -38,10 +38,10 @@ class Part:
         """How many were."""
         return self.total - len(self.unreached)
 
-    def merged(self, other: Part) -> Part:
+    def merged(self, other: CoverageKind) -> CoverageKind:
         """Of two searches of the same program."""
         both = set(other.unreached)
-        return Part(self.total, tuple([n for n in self.unreached if n in both]))
+        return CoverageKind(self.total, tuple([n for n in self.unreached if n in both]))
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,14 @@ class Coverage:
     where time may pass, a `leadsto` where its premise held and its deadline came before the end.
     """
 
-    properties: Part = field(default_factory=Part)
-    actors: Part = field(default_factory=Part)
-    modes: Part = field(default_factory=Part)
-    switches: Part = field(default_factory=Part)
-    branches: Part = field(default_factory=Part)
-    values: Part = field(default_factory=Part)
+    properties: CoverageKind = field(default_factory=CoverageKind)
+    actors: CoverageKind = field(default_factory=CoverageKind)
+    modes: CoverageKind = field(default_factory=CoverageKind)
+    switches: CoverageKind = field(default_factory=CoverageKind)
+    branches: CoverageKind = field(default_factory=CoverageKind)
+    values: CoverageKind = field(default_factory=CoverageKind)
 
-    def parts(self) -> Iterator[tuple[str, Part]]:
+    def parts(self) -> Iterator[tuple[str, CoverageKind]]:
         """Name and part."""
         yield "properties", self.properties
         yield "actors", self.actors
@@ -74,14 +74,14 @@ class Coverage:
         return tuple([name for _, part in self.parts() for name in part.unreached])
 
 
-def part_of(named: Iterable[tuple[str, bool]]) -> Part:
+def part_of(named: Iterable[tuple[str, bool]]) -> CoverageKind:
     """Names, and whether each was reached."""
-    found = list(named)
-    return Part(len(found), tuple([name for name, reached in found if not reached]))
+    entries = list(named)
+    return CoverageKind(len(entries), tuple([name for name, reached in entries if not reached]))
 
 
 @dataclass(frozen=True)
-class Leaf:
+class CoveredLeaf:
     """A scalar of a topic: full name with its path, type, bounds (infinite: none)."""
 
     name: str
@@ -90,7 +90,7 @@ class Leaf:
     high: float
 
 
-def classes_of(leaf: Leaf) -> list[tuple[int, str]]:
+def classes_of(leaf: CoveredLeaf) -> list[tuple[int, str]]:
     """The classes that the values of a leaf fall into: the engine's number, and a name.
 
     A value belongs to one class: an end of its set first, otherwise what lies between the ends,
@@ -107,7 +107,7 @@ def classes_of(leaf: Leaf) -> list[tuple[int, str]]:
     return [(i, _class_name(leaf, i)) for i in _possible(leaf)]
 
 
-def class_of(leaf: Leaf, value: float) -> int:
+def class_of(leaf: CoveredLeaf, value: float) -> int:
     """The engine's number of the class of a value (`class_of` in soter_explore_step.c).
 
     -1: none; it has room for the first members of an enum only.
@@ -135,20 +135,20 @@ def leaf_value(t: Type, value: object, path: Sequence[str]) -> object:
     return value
 
 
-def _possible(leaf: Leaf) -> list[int]:
+def _possible(leaf: CoveredLeaf) -> list[int]:
     """Classes that a value may be in."""
     low, high = leaf.low, leaf.high
     bounded_below, bounded_above = low > -float("inf"), high < float("inf")
-    found = [0] if bounded_below else []
-    found += [1] if bounded_above and low < high else []
+    classes = [0] if bounded_below else []
+    classes += [1] if bounded_above and low < high else []
     gap = 1 if isinstance(leaf.type, IntType) else 0  # from an end to the next value
-    found += [2] if low < 0.0 and low + gap <= min(high - gap, -gap) else []
-    found += [3] if low < 0.0 < high else []
-    found += [4] if high > 0.0 and max(low + gap, gap) <= high - gap else []
-    return found if low < high else found[:1]
+    classes += [2] if low < 0.0 and low + gap <= min(high - gap, -gap) else []
+    classes += [3] if low < 0.0 < high else []
+    classes += [4] if high > 0.0 and max(low + gap, gap) <= high - gap else []
+    return classes if low < high else classes[:1]
 
 
-def _class_name(leaf: Leaf, number: int) -> str:
+def _class_name(leaf: CoveredLeaf, number: int) -> str:
     if number in (0, 1, 3):
         return f"{leaf.name} = {_shown(leaf, (leaf.low, leaf.high, 0, 0.0)[number])}"
     low, high = (leaf.low, min(leaf.high, 0.0)) if number == 2 else (max(leaf.low, 0.0), leaf.high)
@@ -161,11 +161,11 @@ def _class_name(leaf: Leaf, number: int) -> str:
     return f"{leaf.name} in ({_shown(leaf, low)}, {_shown(leaf, high)})"
 
 
-def _shown(leaf: Leaf, value: float) -> str:
+def _shown(leaf: CoveredLeaf, value: float) -> str:
     return str(int(value)) if isinstance(leaf.type, IntType) else f"{value:.9g}"
 
 
-def values_part(leaves: Sequence[Leaf], seen: Sequence[Sequence[int]]) -> Part:
+def values_part(leaves: Sequence[CoveredLeaf], seen: Sequence[Sequence[int]]) -> CoverageKind:
     """`seen`: per leaf, per class number, whether a value of that class was published."""
     return part_of(
         (name, bool(row[number]))
@@ -178,7 +178,7 @@ def modules_parts(
     modules: Sequence[tuple[str, str | None]],
     modes: Sequence[Sequence[int]],
     switches: Sequence[Sequence[int]],
-) -> tuple[Part, Part]:
+) -> tuple[CoverageKind, CoverageKind]:
     """Modes and switches. `modules`: name and the mode it is forced to, if any: it keeps that."""
     named_modes: list[tuple[str, bool]] = []
     named_switches: list[tuple[str, bool]] = []
@@ -191,6 +191,6 @@ def modules_parts(
     return part_of(named_modes), part_of(named_switches)
 
 
-def branches_part(names: Sequence[str], bits: Sequence[int]) -> Part:
+def branches_part(names: Sequence[str], bits: Sequence[int]) -> CoverageKind:
     """`names`: one a branch; `bits`: words of 64, branch b is bit b % 64 of word b // 64."""
     return part_of((name, bool(bits[b // 64] >> (b % 64) & 1)) for b, name in enumerate(names))

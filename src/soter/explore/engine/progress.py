@@ -1,7 +1,7 @@
 """How far a search is, as its thread tells it.
 
 Purpose: the volatile numbers of `soter_explore_progress` as plain data, for whoever waits.
-Non-goals: waiting (`engine.py`), words (`results.Looked`).
+Non-goals: waiting (`explorer_library.py`), words (`results.Looked`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Progress:
+class EngineProgress:
     """How far a search is. `tracing`: something is violated, a way to it is looked for.
 
     `bytes` of tables, frontiers and remembered steps; `answers` of the one step that is tried,
@@ -28,9 +28,9 @@ class Progress:
     covered_ns: int = 0
 
 
-def progress_of(p: Any, seconds: float) -> Progress:  # noqa: ANN401 - cdata
+def progress_of(p: Any, seconds: float) -> EngineProgress:  # noqa: ANN401 - cdata
     """From what the explorer writes while it searches (`soter_explore_progress`)."""
-    return Progress(
+    return EngineProgress(
         states=int(p.states),
         transitions=int(p.transitions),
         depth=int(p.depth),

@@ -2,7 +2,7 @@
 
 Purpose: searches of one test whose traces name actors and streams, and whose coverage names
 modes, branches and values.
-Non-goals: the engine (`engine.py`), verdicts (`command.py`).
+Non-goals: the engine (`explorer_library.py`), verdicts (`command.py`).
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.explore.checkpoint.files import no_checkpoint
+from soter.explore.checkpoint.checkpoint_file import no_checkpoint
 from soter.explore.checkpoint.saver import COUNTS
+from soter.explore.engine.composed import ComposedSearch
 from soter.explore.engine.coverage import (
     Coverage,
-    Leaf,
+    CoveredLeaf,
     branches_part,
     class_of,
     leaf_value,
@@ -25,35 +26,34 @@ from soter.explore.engine.coverage import (
     part_of,
     values_part,
 )
-from soter.explore.engine.engine import (
+from soter.explore.engine.explorer_library import (
     Engine,
+    EngineSettings,
     RawChoice,
     RawStep,
     SearchResult,
-    Settings,
 )
-from soter.explore.engine.guided import Guided, array_of, steps_of
-from soter.explore.engine.joined import Joined
-from soter.explore.engine.progress import Progress
+from soter.explore.engine.guided_execution import Guided, array_of, steps_of
+from soter.explore.engine.progress import EngineProgress
 from soter.explore.engine.shrink import Shrinker
-from soter.explore.engine.slice import Slicer
+from soter.explore.engine.trace_slice import Slicer
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, PARTS
-from soter.explore.results import Looked, Robustness
-from soter.explore.trace.choices import ENDING
+from soter.explore.results import Robustness, SearchProgress
+from soter.explore.trace.choice_names import ENDING
 from soter.explore.trace.schedule import INPUT, plan_of
 from soter.explore.trace.trace import STEP_KINDS, Choice, Step
 from soter.program.model.types import IntType, leaves
-from soter.semantics.chance.random_draws import fnv, leaf_name
-from soter.semantics.record import AC, SC
+from soter.semantics.observer_records import AC, SC
+from soter.semantics.random.random_draws import fnv, leaf_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from soter.codegen.body import Branch
+    from soter.codegen.body import StepBranch
     from soter.explore.checkpoint.saver import Checkpoint, Saver
-    from soter.explore.engine.engine import Searched
+    from soter.explore.engine.explorer_library import Searched
     from soter.explore.judge.replay import Replayed
-    from soter.explore.model.parts import Part
+    from soter.explore.model.independent_parts import IndependentPart
     from soter.explore.results import Options
     from soter.program.model.system import System
 
@@ -74,7 +74,7 @@ class Search:
         self,
         system: System,
         options: Options,
-        progress: Callable[[Looked], None] | None = None,
+        progress: Callable[[SearchProgress], None] | None = None,
         wanted: Callable[[], bool] | None = None,
         checkpoint: Checkpoint | None = None,
     ) -> None:
@@ -84,7 +84,7 @@ class Search:
         """
         self._system = system
         self.options = options
-        self._settings = Settings(**vars(options), closes=True)
+        self._settings = EngineSettings(**vars(options), closes=True)
         self._progress = progress
         self._time_s = options.time
         self._checkpoint = checkpoint
@@ -117,132 +117,138 @@ class Search:
         until = time.perf_counter() + self._time_s
         if self._checkpoint is not None and not known:
             return self._named(_sum(self._kept(settings, until, self._checkpoint)))
-        parts: tuple[Part | None, ...] = (None,)
+        parts: tuple[IndependentPart | None, ...] = (None,)
         if settings.reduction in PARTS and settings.strategy in EXHAUSTIVE and not known:
             apart = self._may_be_apart(settings)
-            found = self._joined(settings, until) if apart else None
-            if found is not None:
-                return self._named(_sum(found))
+            searches = self._joined(settings, until) if apart else None
+            if searches is not None:
+                return self._named(_sum(searches))
             parts = self._engine.parts if apart else (None,)
         return self._named(_sum(self._in_parts(settings, parts, until)))
 
-    def _kept(self, settings: Settings, until: float, kept: Checkpoint) -> list[Searched]:
+    def _kept(self, settings: EngineSettings, until: float, kept: Checkpoint) -> list[Searched]:
         """A search that is written down; parts that only properties join are one part then."""
-        parts: tuple[Part | None, ...] = self._engine.parts
+        parts: tuple[IndependentPart | None, ...] = self._engine.parts
         apart = settings.reduction in PARTS and len(parts) > 1
         if kept.parts is not None:
             apart = kept.parts > 1  # as it began
         elif apart:
-            apart = not self._engine.starts_broken(self._time_s)
+            apart = not self._engine.violated_at_start(self._time_s)
         return self._in_parts(settings, parts if apart else (None,), until, kept)
 
-    def _may_be_apart(self, settings: Settings) -> bool:
+    def _may_be_apart(self, settings: EngineSettings) -> bool:
         """Whether there are parts, and the start violates nothing that others may let be seen."""
         engine = self._engine
-        some = len(engine.parts) > 1 or Joined.fits(engine, settings)
-        return some and not engine.starts_broken(self._time_s)
+        some = len(engine.parts) > 1 or ComposedSearch.fits(engine, settings)
+        return some and not engine.violated_at_start(self._time_s)
 
-    def _joined(self, settings: Settings, until: float) -> list[Searched] | None:
+    def _joined(self, settings: EngineSettings, until: float) -> list[Searched] | None:
         """The searches of parts that only properties join.
 
         None where there are none, or too much would have to be joined.
         """
         engine = self._engine
-        if not Joined.fits(engine, settings):
+        if not ComposedSearch.fits(engine, settings):
             return None
         assert engine.loose is not None
         self.parts = len(engine.loose.parts)
         look = self._look(minimising=False)
-        found = Joined(engine, settings, look).run(max(until - time.perf_counter(), 0.0))
-        if found and found[-1].status != "exhausted":  # what joins the parts was not judged
-            found[-1] = replace(found[-1], covered_ns=0)
-        return found
+        searches = ComposedSearch(engine, settings, look).run(max(until - time.perf_counter(), 0.0))
+        if searches and searches[-1].status != "exhausted":  # what joins the parts was not judged
+            searches[-1] = replace(searches[-1], covered_ns=0)
+        return searches
 
     def _in_parts(
         self,
-        settings: Settings,
-        parts: tuple[Part | None, ...],
+        settings: EngineSettings,
+        parts: tuple[IndependentPart | None, ...],
         until: float,
         kept: Checkpoint | None = None,
     ) -> list[Searched]:
         """The searches of parts that share nothing, or of all of the system."""
         self.parts = len(parts)
-        found: list[Searched] = []
+        searches: list[Searched] = []
         for number, part in enumerate(parts):
-            left = settings.max_states - sum(f.states for f in found)
+            left = settings.max_states - sum(f.states for f in searches)
             once = replace(settings, part=part, max_states=left if settings.max_states else 0)
             self.equal += tuple([f.names for f in self._engine.families(once)])
             left_s = max(until - time.perf_counter(), 0.0)
             if kept is not None and number < len(kept.ended):
-                found.append(_ended(kept.ended[number]))
+                searches.append(_ended(kept.ended[number]))
             else:
-                saver = None if kept is None else kept.saver(number, len(parts), found)
-                found.append(self._explored(once, left_s, saver))
-            if found[-1].status == "violated" and part is not None:
-                whole = self._engine.complete(once, found[-1].steps)
+                saver = None if kept is None else kept.saver(number, len(parts), searches)
+                searches.append(self._explored(once, left_s, saver))
+            if searches[-1].status == "violated" and part is not None:
+                whole = self._engine.complete(once, searches[-1].steps)
                 if whole is None:  # its steps alone are no execution of the system
-                    found[-1] = replace(found[-1], steps=(), apart=bool(found[-1].steps))
+                    searches[-1] = replace(searches[-1], steps=(), apart=bool(searches[-1].steps))
                 else:
-                    found[-1] = replace(found[-1], steps=whole.steps, broken=whole.broken)
-            if found[-1].status != "exhausted" or (
-                settings.max_states and found[-1].states >= left
+                    searches[-1] = replace(searches[-1], steps=whole.steps, broken=whole.broken)
+            if searches[-1].status != "exhausted" or (
+                settings.max_states and searches[-1].states >= left
             ):
                 break
-        if len(found) < len(parts):  # the other parts were not looked at
-            ended = found[-1].status == "exhausted"
-            status = "states" if ended else found[-1].status
-            found[-1] = replace(found[-1], status=status, covered_ns=0)
-        return found
+        if len(searches) < len(parts):  # the other parts were not looked at
+            ended = searches[-1].status == "exhausted"
+            status = "states" if ended else searches[-1].status
+            searches[-1] = replace(searches[-1], status=status, covered_ns=0)
+        return searches
 
-    def _explored(self, once: Settings, left_s: float, saver: Saver | None) -> Searched:
+    def _explored(self, once: EngineSettings, left_s: float, saver: Saver | None) -> Searched:
         """The search of one part, or of all; `SoterError` D012 where it goes on from nonsense."""
         before_s = 0.0 if saver is None else saver.seconds
         look = self._look(minimising=False, saver=saver)
-        found = self._engine.explore(once, look, left_s, saver)
-        if found.status == "damaged":
+        search_result = self._engine.explore(once, look, left_s, saver)
+        if search_result.status == "damaged":
             assert self._checkpoint is not None
             raise no_checkpoint(self._checkpoint.path, "it is of another search than it says")
-        return replace(found, seconds=found.seconds + before_s)
+        return replace(search_result, seconds=search_result.seconds + before_s)
 
-    def least(self, found: Found, patience_s: float) -> Found:
+    def least(self, search_result: Found, patience_s: float) -> Found:
         """The least execution to the same violation; `status` is "violated" where it is one.
 
         It takes at most `patience_s` seconds.
         """
-        assert found.broken is not None
+        assert search_result.broken is not None
         look = self._look(minimising=True)
-        return self._named(self._engine.least(self._settings, found.broken, look, patience_s))
+        return self._named(
+            self._engine.least(self._settings, search_result.broken, look, patience_s)
+        )
 
-    def shrunk(self, found: Found, patience_s: float) -> Found | None:
+    def shrunk(self, search_result: Found, patience_s: float) -> Found | None:
         """Something that is not larger and violates the same, sought for so long.
 
         None where what was found violates nothing. `transitions` are the executions tried.
         """
-        assert found.broken is not None
+        assert search_result.broken is not None
         look = self._look(minimising=True)
-        guided = Guided(self._engine, self._settings.seed, found.broken)
+        guided = Guided(self._engine, self._settings.seed, search_result.broken)
         began = time.perf_counter()
 
         def told(tried: int, length: int) -> None:
             if look is not None and tried % TOLD == 0:
-                look(Progress(0, tried, length, time.perf_counter() - began))
+                look(EngineProgress(0, tried, length, time.perf_counter() - began))
 
         shrinker = Shrinker(guided, self._engine.actors, deadline_s=began + patience_s, look=told)
-        made = shrinker.run(array_of([self._raw(s) for s in found.steps]))
+        made = shrinker.run(array_of([self._raw(s) for s in search_result.steps]))
         if made is None:
             return None
         steps = tuple([self._step(raw) for raw in steps_of(made.steps)])
         seconds = time.perf_counter() - began
         return replace(
-            found, steps=steps, transitions=made.tried, seconds=seconds, stopped=made.stopped
+            search_result,
+            steps=steps,
+            transitions=made.tried,
+            seconds=seconds,
+            stopped=made.stopped,
         )
 
-    def matters(self, replayed: Replayed, found: Found) -> tuple[bool, ...]:
+    def matters(self, replayed: Replayed, search_result: Found) -> tuple[bool, ...]:
         """For each step of a trace whether what was found to be violated depends on it."""
-        assert found.broken is not None
+        assert search_result.broken is not None
         raw = [self._raw(s) for s in replayed.trace.steps]
         slicer = Slicer(self._engine)
-        return slicer.matters(raw, replayed.steps, found.broken, self._settings.seed)
+        return slicer.matters(raw, replayed.steps, search_result.broken, self._settings.seed)
 
     def _raw(self, s: Step) -> RawStep:
         numbers = {self._actor(i): i for i in range(len(self._engine.actors))}
@@ -252,17 +258,17 @@ class Search:
 
     def _look(
         self, *, minimising: bool, saver: Saver | None = None
-    ) -> Callable[[Progress], None] | None:
+    ) -> Callable[[EngineProgress], None] | None:
         progress = self._progress
         if progress is None:
             return None
         name, began = plan_of(self._system).name, time.perf_counter()
         began -= 0.0 if saver is None else saver.seconds
 
-        def look(p: Progress) -> None:
+        def look(p: EngineProgress) -> None:
             spent = time.perf_counter() - began
             progress(
-                Looked(
+                SearchProgress(
                     name,
                     p.states,
                     p.transitions,
@@ -310,9 +316,13 @@ class Search:
         name = self._actor(raw.actor) if raw.actor >= 0 else ""
         return Step(name, STEP_KINDS[raw.kind], raw.release_ns, raw.time_ns, choices)
 
-    def chooser(self, found: Found) -> str:
+    def chooser(self, search_result: Found) -> str:
         """Who asks for too many choices in a step."""
-        return f"a step of {self._actor(found.chooser)}" if found.chooser >= 0 else "the start"
+        return (
+            f"a step of {self._actor(search_result.chooser)}"
+            if search_result.chooser >= 0
+            else "the start"
+        )
 
     def _actor(self, number: int) -> str:
         actor = self._engine.actors[number]
@@ -394,24 +404,24 @@ class Search:
 
     def _classes(self) -> list[list[int]]:
         """Per leaf and class: whether a value of it was published, or is the topic's default."""
-        found = [list(row) for row in self._engine.seen.classes.tolist()]
+        rows = [list(row) for row in self._engine.seen.classes.tolist()]
         given = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
-        for row, leaf, (topic, path) in zip(found, self._leaves(), given, strict=True):
+        for row, leaf, (topic, path) in zip(rows, self._leaves(), given, strict=True):
             value = leaf_value(topic.type, topic.default, path)
             if isinstance(value, (bool, int, float)) and (number := class_of(leaf, value)) >= 0:
                 row[number] = 1
-        return found
+        return rows
 
-    def _leaves(self) -> Iterator[Leaf]:
+    def _leaves(self) -> Iterator[CoveredLeaf]:
         for index, path in self._engine.generated.leaves:
             topic = self._system.topics[index]
-            found = list(leaves(topic.type))
-            at = next(i for i, (own, _) in enumerate(found) if own == tuple(path))
-            t, bound = found[at][1], topic.bounds[at]
+            leaf_types = list(leaves(topic.type))
+            at = next(i for i, (own, _) in enumerate(leaf_types) if own == tuple(path))
+            t, bound = leaf_types[at][1], topic.bounds[at]
             low, high = (-math.inf, math.inf) if bound is None else (bound.low, bound.high)
             if isinstance(t, IntType):
                 low, high = max(low, t.low), min(high, t.high)
-            yield Leaf(leaf_name(topic.name, path), t, low, high)
+            yield CoveredLeaf(leaf_name(topic.name, path), t, low, high)
 
 
 def _ended(counts: Mapping[str, Any]) -> Searched:
@@ -421,24 +431,24 @@ def _ended(counts: Mapping[str, Any]) -> Searched:
     return SearchResult(status="exhausted", broken=None, steps=(), seconds=seconds, **numbers)
 
 
-def _sum(found: list[Searched]) -> Searched:
+def _sum(searches: list[Searched]) -> Searched:
     """Of the searches of parts, in order; status, violation and trace of the last one."""
     return replace(
-        found[-1],
-        states=sum(f.states for f in found),
-        transitions=sum(f.transitions for f in found),
-        table_bytes=sum(f.table_bytes for f in found),
-        frontier_bytes=max(f.frontier_bytes for f in found),
-        total_bytes=max(f.total_bytes for f in found),
-        depth=max(f.depth for f in found),
-        seconds=sum(f.seconds for f in found),
-        covered_ns=min(f.covered_ns for f in found),
-        closed_ns=max(f.closed_ns for f in found) if all(f.closed_ns for f in found) else 0,
-        closable=all(f.closable for f in found),
+        searches[-1],
+        states=sum(f.states for f in searches),
+        transitions=sum(f.transitions for f in searches),
+        table_bytes=sum(f.table_bytes for f in searches),
+        frontier_bytes=max(f.frontier_bytes for f in searches),
+        total_bytes=max(f.total_bytes for f in searches),
+        depth=max(f.depth for f in searches),
+        seconds=sum(f.seconds for f in searches),
+        covered_ns=min(f.covered_ns for f in searches),
+        closed_ns=max(f.closed_ns for f in searches) if all(f.closed_ns for f in searches) else 0,
+        closable=all(f.closable for f in searches),
     )
 
 
-def branch_name(b: Branch) -> str:
+def branch_name(b: StepBranch) -> str:
     """`SafeMotion.Careful, cart.soter:41:8, where the condition holds`."""
     side = "where the condition holds" if b.taken else "where the condition does not hold"
     return f"{b.component}, {Path(b.span.source.name).name}:{b.span.line}:{b.span.column}, {side}"

@@ -2,8 +2,8 @@
 
 Purpose: where the search for the least execution does not end, one that is smaller than what was
 found: fewer steps, then fewer changes of actor, then fewer choices that are not the default one.
-A part of the trace is changed, the engine makes an execution of that (`guided.py`), and if this
-violates the same property and is less, it takes the trace's place.
+A part of the trace is changed, the engine makes an execution of that (`guided_execution.py`), and
+if this violates the same property and is less, it takes the trace's place.
 Non-goals: the least one; that no smaller one exists is never claimed.
 """
 
@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.explore.engine.guided import EFFECT, NOBODY, SKIPPED, STEPS
+from soter.explore.engine.guided_execution import EFFECT, NOBODY, SKIPPED, STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     import numpy.typing as npt
 
-    from soter.explore.engine.guided import Guided, Made, Steps
-    from soter.explore.model.plan import Actor
+    from soter.explore.engine.guided_execution import Guided, GuidedRun, Steps
+    from soter.explore.model.exploration_plan import PlannedActor
 
     Change = Callable[[Steps], Steps]
     Cost = tuple[int, int, int, int, int]
@@ -35,12 +35,12 @@ PICKS = 16
 """Alternatives of a question that are tried at most."""
 
 
-class OverError(Exception):
+class ShrinkTimeoutError(Exception):
     """The time is over."""
 
 
 @dataclass(frozen=True)
-class Shrunk:
+class ShrinkResult:
     """What shrinking came to; `tried`: executions. `stopped`: "patience", "interrupted" or ""."""
 
     steps: Steps
@@ -48,7 +48,7 @@ class Shrunk:
     stopped: str
 
 
-def cost_of(made: Made) -> Cost:
+def cost_of(made: GuidedRun) -> Cost:
     """Steps, changes of actor, choices that are not the default one; then what settles ties.
 
     That is how often the deployed order is left, and how late all steps are together, ns.
@@ -67,7 +67,7 @@ class Shrinker:
     def __init__(
         self,
         guided: Guided,
-        actors: Sequence[Actor],
+        actors: Sequence[PlannedActor],
         *,
         deadline_s: float,
         look: Callable[[int, int], None] | None = None,
@@ -85,12 +85,12 @@ class Shrinker:
         self._parts = PARTS[0]
         self.tried = 0
 
-    def run(self, found: Steps) -> Shrunk | None:
+    def run(self, steps: Steps) -> ShrinkResult | None:
         """Something that is not larger; None where `found` is no such execution.
 
         (n,) -> at most n steps.
         """
-        self.best = self._guided.run(found, len(found))
+        self.best = self._guided.run(steps, len(steps))
         self.cost = cost_of(self.best)
         if not self.best.violates:
             return None
@@ -98,11 +98,11 @@ class Shrinker:
         try:
             for self._parts in PARTS:
                 self._until_nothing_helps()
-        except OverError:
+        except ShrinkTimeoutError:
             stopped = "patience"
         except KeyboardInterrupt:
             stopped = "interrupted"
-        return Shrunk(self.best.steps, self.tried, stopped)
+        return ShrinkResult(self.best.steps, self.tried, stopped)
 
     def _until_nothing_helps(self) -> None:
         passes = (self._leave_out, self._larger, self._order, self._defaults, self._in_time)
@@ -118,7 +118,7 @@ class Shrinker:
         It is the best one then.
         """
         if time.perf_counter() > self._deadline_s:
-            raise OverError
+            raise ShrinkTimeoutError
         best = self.best
         begin = min(begin, len(best.steps) - 1)  # what violates is no world to go on from
         made = self._guided.run(wish, len(best.steps), best, begin)
@@ -269,8 +269,8 @@ class Shrinker:
 def _asked(steps: Steps) -> npt.NDArray[np.bool_]:
     """Which choices there are. (n,) -> (n, CHOICES_MAX)."""
     room = steps["choice"].shape[1]
-    found: npt.NDArray[np.bool_] = np.arange(room)[None, :] < steps["choices"][:, None]
-    return found
+    mask: npt.NDArray[np.bool_] = np.arange(room)[None, :] < steps["choices"][:, None]
+    return mask
 
 
 # ---------------------------------------------------------------- changes of a part

@@ -12,23 +12,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.schedule import plan_of
-from soter.explore.trace.trace import PROPERTY, TIMED, Broken
-from soter.program.meaning.arith import StepFault
-from soter.program.meaning.statements import Evaluator
+from soter.explore.trace.trace import PROPERTY, TIMED, ViolationId
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.evaluate.statements import Evaluator
 from soter.program.model.durations import show_ns
+from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
 from soter.semantics.properties import fault_of, violated
-from soter.semantics.record import AC, SC, Outcome, Verdict
 
 if TYPE_CHECKING:
-    from soter.program.meaning.expressions import Compiled
+    from soter.program.evaluate.expressions import Compiled
     from soter.program.model.system import Module, System, TimedProperty
-    from soter.program.model.typed import Expr
+    from soter.program.model.typed import TypedExpr
     from soter.semantics.configuration import Configuration
-    from soter.semantics.machine import Machine
+    from soter.semantics.executable_system import ExecutableSystem
 
 
 @dataclass
-class _Clock:
+class _ControlHistory:
     """Of one module: when the DM last said AC (0: the start), and whether SC has acted since."""
 
     verdict_ns: int = 0
@@ -40,7 +40,7 @@ class _Clock:
 class Judge:
     """Follows one execution; `at` says what is violated where it has come to."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: ExecutableSystem) -> None:
         self._machine = machine
         self._system: System = machine.system
         plan = plan_of(self._system)
@@ -53,7 +53,7 @@ class Judge:
             for p in plan.timed
             if p.module is not None
         }
-        self._clocks = [_Clock() for _ in self._system.modules]
+        self._clocks = [_ControlHistory() for _ in self._system.modules]
         self._due: dict[int, int] = {
             p.index: p.within_ns for p in plan.timed if p.kind == "eventually"
         }
@@ -63,7 +63,7 @@ class Judge:
         """What went wrong, and when, as the condition of a deadline was judged."""
         self._drop_beyond_horizon()
 
-    def _code(self, prop: TimedProperty, expr: Expr | None) -> Compiled | None:
+    def _code(self, prop: TimedProperty, expr: TypedExpr | None) -> Compiled | None:
         return None if expr is None else Evaluator.of(prop.scope, {}).expression(expr)
 
     def _of_module(self, module: Module) -> Compiled:
@@ -71,30 +71,30 @@ class Judge:
 
     # ------------------------------------------------------------ what happened
 
-    def note(self, event: Verdict | Outcome, c: Configuration) -> None:
+    def note(self, event: DecisionVerdict | StepOutcome, c: Configuration) -> None:
         """A step at `c.ct` that led to `c`."""
-        if isinstance(event, Verdict):
+        if isinstance(event, DecisionVerdict):
             if event.after == AC:
-                self._clocks[event.module] = _Clock(c.ct, said=True)
+                self._clocks[event.module] = _ControlHistory(c.ct, said=True)
         elif event.published:
             self.note_published(event.component, c)
 
     def note_published(self, component: int, c: Configuration) -> None:
         """What a component published has reached the topics."""
-        found = self._system.components[component]
-        if found.role == "sc" and found.module is not None:
-            module = self._system.modules[found.module]
+        publisher = self._system.components[component]
+        if publisher.role == "sc" and publisher.module is not None:
+            module = self._system.modules[publisher.module]
             if c.L[module.dm] == SC:
-                self._clocks[found.module].acted = True
+                self._clocks[publisher.module].acted = True
 
     # ------------------------------------------------------------ what is violated
 
-    def at(self, c: Configuration, *, observable: bool, over: bool) -> list[Broken]:
+    def at(self, c: Configuration, *, observable: bool, over: bool) -> list[ViolationId]:
         """Everything that is violated in `c`; `over`: no step is left."""
-        found: list[Broken] = []
+        violations: list[ViolationId] = []
         if observable:
             self._meet_deadlines(c)
-            found += self._properties(c)
+            violations += self._properties(c)
         for p in self._timed:
             if p.kind == "invariant":
                 fails = observable and not self._invariant(p, c)
@@ -102,13 +102,15 @@ class Judge:
                 due = self._due.get(p.index)
                 fails = due is not None and (due < c.ct or over)
             if fails:
-                found.append(Broken(TIMED, p.index, p.text))
-        return found
+                violations.append(ViolationId(TIMED, p.index, p.text))
+        return violations
 
-    def _properties(self, c: Configuration) -> list[Broken]:
+    def _properties(self, c: Configuration) -> list[ViolationId]:
         own = [p for p in self._system.properties if p.component is None]
         values = violated(self._machine, c)
-        return [Broken(PROPERTY, p.index, f"{p.kind} {p.text}") for p in own if values[p.index]]
+        return [
+            ViolationId(PROPERTY, p.index, f"{p.kind} {p.text}") for p in own if values[p.index]
+        ]
 
     def _meet_deadlines(self, c: Configuration) -> None:
         """Every deadline that is met by what holds now goes; premises that hold make new ones."""
@@ -162,7 +164,7 @@ class Judge:
 
     # ------------------------------------------------------------ why
 
-    def reason(self, broken: Broken, c: Configuration, before: Configuration) -> str:
+    def reason(self, broken: ViolationId, c: Configuration, before: Configuration) -> str:
         """What failed where `at` found a violation in `c`, a clause; empty where it says itself.
 
         `before`: where the step was made that led to `c`.
@@ -215,7 +217,7 @@ def fault_text(fault: StepFault) -> str:
     return f"{fault}, {Path(fault.span.source.name).name}:{fault.span.line}"
 
 
-def _source(e: Expr) -> str:
+def _source(e: TypedExpr) -> str:
     return " ".join(e.span.text.split())
 
 

@@ -2,7 +2,7 @@
 
 Purpose: a violation counts only if the interpreter, given the steps and choices of a trace and
 nothing else, finds every step allowed by docs/testing.md and the property violated in the end.
-What every step did is kept as plain records (`Stepped`).
+What every step did is kept as plain records (`ReplayedStep`).
 Non-goals: speed; finding traces; files (`trace.py`), showing them (`to_report.py`).
 """
 
@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from soter.explore.judge.answers import TraceDraws, WrongPickError
 from soter.explore.judge.judge import Judge, fault_text
-from soter.explore.trace.choices import ChoiceWords
-from soter.explore.trace.schedule import NotAllowedError, Schedule, actors_of, plan_of
+from soter.explore.judge.trace_choices import TraceDraws, WrongChoiceError
+from soter.explore.trace.choice_names import ChoiceWords
+from soter.explore.trace.schedule import ExecutionCalendar, NotAllowedError, actors_of, plan_of
 from soter.explore.trace.trace import (
     BEGIN,
     CONTRACT,
@@ -24,20 +24,20 @@ from soter.explore.trace.trace import (
     PROPERTY,
     START,
     TIMED,
-    Broken,
     Step,
+    ViolationId,
 )
+from soter.program.model.python_values import to_json
 from soter.program.model.types import ListType
-from soter.program.model.values import to_json
 from soter.semantics.interpreter import Interpreter
+from soter.semantics.observer_records import DecisionVerdict, StepOutcome
 from soter.semantics.properties import fault_of
-from soter.semantics.record import Outcome, Verdict
 from soter.semantics.rules import environment_input
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from soter.explore.trace.schedule import Actor
+    from soter.explore.trace.schedule import ScheduledActor
     from soter.explore.trace.trace import Choice, Trace
     from soter.program.model.system import System
     from soter.program.model.types import Value
@@ -47,7 +47,7 @@ MODES = ("SC", "AC")
 
 
 @dataclass(frozen=True)
-class Dropped:
+class DroppedMessage:
     """A full queue lost a value: the oldest or the new one, as its policy says."""
 
     queue: str
@@ -55,7 +55,7 @@ class Dropped:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stepped:
+class ReplayedStep:
     """One step and the configuration that it led to. Values are JSON; times are ns.
 
     `published`: what reached the topics, by name; where a step may publish several messages, the
@@ -78,14 +78,14 @@ class Stepped:
     """Module, mode before, mode after: where it changed."""
     fault: str | None
     observable: bool
-    violated: tuple[Broken, ...]
+    violated: tuple[ViolationId, ...]
     topics: Mapping[str, object]
     modes: Mapping[str, str]
     truth: Mapping[str, object]
     """The states of the plants, by full name."""
     reasons: tuple[str, ...] = ()
     """For each of `violated`, what failed, a clause; empty where it says itself."""
-    dropped: tuple[Dropped, ...] = ()
+    dropped: tuple[DroppedMessage, ...] = ()
     """What full queues lost as this step published."""
     matters: bool | None = None
     """Whether the violation depends on it, as the trace says; None: it does not."""
@@ -100,10 +100,10 @@ class Replayed:
 
     trace: Trace
     system: System
-    actors: tuple[Actor, ...]
+    actors: tuple[ScheduledActor, ...]
     start: Mapping[str, object]
     """Topics before the first step."""
-    steps: tuple[Stepped, ...]
+    steps: tuple[ReplayedStep, ...]
     problem: str | None
 
     @property
@@ -116,10 +116,10 @@ class Replayed:
         """Whether the trace is an execution that ends in the violation it names."""
         return self.problem is None and bool(self.steps) and self.names(self.steps[-1].violated)
 
-    def names(self, found: Iterable[Broken]) -> bool:
+    def names(self, violations: Iterable[ViolationId]) -> bool:
         """Whether the trace's own property is among them."""
         wanted = (self.trace.broken.what, self.trace.broken.index)
-        return wanted in [(b.what, b.index) for b in found]
+        return wanted in [(b.what, b.index) for b in violations]
 
     @property
     def outcome(self) -> str:
@@ -137,23 +137,23 @@ class Replayed:
 def replay(trace: Trace, system: System) -> Replayed:
     """Run a trace; `system` is that of its test, flattened with its parameters, skew, horizon."""
     actors = actors_of(system)
-    if broken_of(system, trace.broken.what, trace.broken.index) != trace.broken:
+    if violation_id_of(system, trace.broken.what, trace.broken.index) != trace.broken:
         problem = f"the test has no such property: {trace.broken.text}"
         return Replayed(trace, system, actors, {}, (), problem)
     try:
-        run = _Run(trace, system)
-    except WrongPickError as error:
+        run = _TraceRun(trace, system)
+    except WrongChoiceError as error:
         return Replayed(trace, system, actors, {}, (), f"the start: {error}")
     return Replayed(trace, system, actors, run.start, *_followed(run, trace))
 
 
-def _followed(run: _Run, trace: Trace) -> tuple[tuple[Stepped, ...], str | None]:
+def _followed(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...], str | None]:
     """The steps as far as they are allowed, and why the next one is not."""
     problem: str | None = None
     for number, step in enumerate(trace.steps, run.first_number):
         try:
             run.step(number, step)
-        except (NotAllowedError, WrongPickError) as error:
+        except (NotAllowedError, WrongChoiceError) as error:
             problem = f"step {number} ({step.kind} of `{step.actor}`): {error}"
             break
         if run.ended and number < run.first_number + len(trace.steps) - 1:
@@ -171,17 +171,17 @@ class _Event:
     decided: dict[str, object] | None = None
     switch: tuple[str, str, str] | None = None
     fault: str | None = None
-    broken: list[Broken] = field(default_factory=list)
-    reasons: dict[Broken, str] = field(default_factory=dict)
-    dropped: list[Dropped] = field(default_factory=list)
+    broken: list[ViolationId] = field(default_factory=list)
+    reasons: dict[ViolationId, str] = field(default_factory=dict)
+    dropped: list[DroppedMessage] = field(default_factory=list)
 
 
-class _Run:
+class _TraceRun:
     """One execution, step by step."""
 
     def __init__(self, trace: Trace, system: System) -> None:
         self.system = system
-        self.schedule = Schedule(system)
+        self.schedule = ExecutionCalendar(system)
         self.draws = TraceDraws(system, trace.seed)
         self.interpreter = Interpreter(system, trace.seed, draws=self.draws)
         self.machine = self.interpreter.machine
@@ -197,13 +197,13 @@ class _Run:
         """Where the last step was made."""
         self.ended = False
         """Something is violated: no execution goes on from there."""
-        self.steps: list[Stepped] = []
+        self.steps: list[ReplayedStep] = []
         self.start = self._topics()
         self._waiting: dict[int, dict[int, Value]] = {}
         """What overrunning steps will publish, by component."""
 
     def step(self, number: int, step: Step) -> None:
-        """One step; `NotAllowedError` or `WrongPickError` where it is none of this execution."""
+        """One step; `NotAllowedError` or `WrongChoiceError` where it is none of this execution."""
         i = self.schedule.take(step)
         if i is None:
             self._tell(number, step, "", self.draws.end(), _Event())
@@ -217,7 +217,7 @@ class _Run:
 
     # ------------------------------------------------------------ what a step does
 
-    def _act(self, actor: Actor, step: Step) -> _Event:
+    def _act(self, actor: ScheduledActor, step: Step) -> _Event:
         if step.kind == LOST:
             return _Event()
         if actor.component is None:
@@ -226,7 +226,7 @@ class _Run:
             return self._effect(actor.component)
         return self._fire(actor.component, held_back=step.kind == BEGIN)
 
-    def _input(self, actor: Actor) -> _Event:
+    def _input(self, actor: ScheduledActor) -> _Event:
         assert actor.drive is not None
         drive = self.system.inputs[actor.drive]
         value = self.interpreter.drawn_input(drive, self.c.ct)
@@ -240,7 +240,7 @@ class _Run:
         before = self.c
         after, event = self.interpreter.fire(replace(before, FN=(n,)), n)
         self.c = after
-        if isinstance(event, Verdict):
+        if isinstance(event, DecisionVerdict):
             self.judge.note(event, after)
             return self._decided(event)
         told = _Event(broken=self._broken(n, event))
@@ -263,24 +263,26 @@ class _Run:
         c: Configuration,
         published: Mapping[int, Value],
         bursts: Mapping[int, tuple[Value, ...]] | None = None,
-    ) -> list[Dropped]:
+    ) -> list[DroppedMessage]:
         """What queues lose as values reach the topics of `c`; no node reads what it publishes."""
-        topics, found = self.system.topics, []
+        topics, losses = self.system.topics, []
         for t in published:
             come = len((bursts or {}).get(t, (None,)))
             for q in [topics[i] for i in topics[t].queues]:
                 assert isinstance(q.type, ListType), q.name
                 lost = len(c.Topics[q.index]) + come - q.type.capacity
-                found += [Dropped(q.name.removesuffix(".queue"), q.policy)] * min(
+                losses += [DroppedMessage(q.name.removesuffix(".queue"), q.policy)] * min(
                     max(lost, 0), come
                 )
-        return found
+        return losses
 
-    def _fault_reasons(self, n: int, told: _Event) -> dict[Broken, str]:
+    def _fault_reasons(self, n: int, told: _Event) -> dict[ViolationId, str]:
         name = self.system.components[n].name
         return {b: f"`{name}` faults ({told.fault})" for b in told.broken if b.what == FAULT}
 
-    def _contract_reasons(self, n: int, told: _Event, before: Configuration) -> dict[Broken, str]:
+    def _contract_reasons(
+        self, n: int, told: _Event, before: Configuration
+    ) -> dict[ViolationId, str]:
         """Of contracts that could not be judged: what went wrong."""
         component, reasons = self.system.components[n], {}
         for b in told.broken:
@@ -292,7 +294,7 @@ class _Run:
                     reasons[b] = f"judging it faults ({fault_text(fault)})"
         return reasons
 
-    def _decided(self, verdict: Verdict) -> _Event:
+    def _decided(self, verdict: DecisionVerdict) -> _Event:
         name = self.system.modules[verdict.module].name
         facts = {
             "module": name,
@@ -306,14 +308,14 @@ class _Run:
         switch = (name, MODES[verdict.before], MODES[verdict.after]) if changed else None
         return _Event(decided=facts, switch=switch)
 
-    def _broken(self, n: int, event: Outcome) -> list[Broken]:
+    def _broken(self, n: int, event: StepOutcome) -> list[ViolationId]:
         """The contracts that the step broke, and that a trusted component faulted."""
-        named = [broken_of(self.system, CONTRACT, i) for i in event.broken]
+        named = [violation_id_of(self.system, CONTRACT, i) for i in event.broken]
         if event.latched:
-            named.append(broken_of(self.system, FAULT, n))
+            named.append(violation_id_of(self.system, FAULT, n))
         return [b for b in named if b is not None]
 
-    def _hold_back(self, before: Configuration, n: int, event: Outcome) -> None:
+    def _hold_back(self, before: Configuration, n: int, event: StepOutcome) -> None:
         """Take back what an overrunning step published: it takes effect later."""
         self._waiting[n] = dict(event.published)
         own = [t.index for t in self.system.topics if self._is_own_queue(t.index, n)]
@@ -323,9 +325,9 @@ class _Run:
         self.c = replace(self.c, Topics=tuple(topics), stamps=tuple(stamps))
 
     def _is_own_queue(self, topic: int, n: int) -> bool:
-        found = self.system.topics[topic]
+        candidate = self.system.topics[topic]
         name = self.system.components[n].name
-        return found.queue_of is not None and found.name.startswith(f"{name}.")
+        return candidate.queue_of is not None and candidate.name.startswith(f"{name}.")
 
     def _effect(self, n: int) -> _Event:
         waiting = self._waiting.pop(n)
@@ -347,12 +349,12 @@ class _Run:
         broken = event.broken
         if not self.ended and step.kind != START:
             over = self.schedule.is_over
-            found = self.judge.at(self.c, observable=observable, over=over)
-            event.reasons |= {b: self.judge.reason(b, self.c, self._before) for b in found}
-            broken = [*broken, *found]
+            violations = self.judge.at(self.c, observable=observable, over=over)
+            event.reasons |= {b: self.judge.reason(b, self.c, self._before) for b in violations}
+            broken = [*broken, *violations]
             self.ended = bool(broken)
         self.steps.append(
-            Stepped(
+            ReplayedStep(
                 number=number,
                 actor=step.actor,
                 role=role,
@@ -403,20 +405,20 @@ class _Run:
         }
 
 
-def broken_of(system: System, what: str, index: int) -> Broken | None:
+def violation_id_of(system: System, what: str, index: int) -> ViolationId | None:
     """What can be violated under this kind and number; None where nothing can."""
     plan = plan_of(system)
     if what == FAULT and index < len(system.components):
         c = system.components[index]
         if c.stands_for is not None:
             told = f"what the contract of {c.stands_for.of} permits can be judged"
-            return Broken(FAULT, index, told)
-        return Broken(FAULT, index, f"no step of {c.name} faults")
+            return ViolationId(FAULT, index, told)
+        return ViolationId(FAULT, index, f"no step of {c.name} faults")
     if what == TIMED and index < len(plan.timed):
-        return Broken(TIMED, index, plan.timed[index].text)
+        return ViolationId(TIMED, index, plan.timed[index].text)
     if what not in (PROPERTY, CONTRACT) or index >= len(system.properties):
         return None
     p = system.properties[index]
     if (p.component is None) != (what == PROPERTY):
         return None
-    return Broken(what, index, f"{p.kind} {p.text}")
+    return ViolationId(what, index, f"{p.kind} {p.text}")

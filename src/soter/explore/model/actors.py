@@ -2,7 +2,8 @@
 
 Purpose: from a system that was flattened for a test, and its Core, the plan of an exploration:
 calendars, windows, faults; dependence, visibility; what of a configuration can matter.
-Non-goals: C text (`explore/model/model.py`), searching (`explore/engine/c/soter_explore*.c`).
+Non-goals: C text (`explore/model/explorer_model.py`), searching
+(`explore/engine/c/soter_explore*.c`).
 
 Dependence is a question of footprints. A step reads and writes *resources*: topics, stamps, queues
 (publishing pushes: a write; their subscriber reads and empties them), node locals, plant states,
@@ -20,18 +21,18 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.explore.model.plan import Actor, Plan, Times
+from soter.explore.model.exploration_plan import ExplorationPlan, PlannedActor, TimeChoices
 from soter.lower import core
 from soter.lower.footprint import walk
-from soter.program.flatten.grid import quantum_of, times_read
+from soter.program.elaborate.time_grid import quantum_of, times_read
 from soter.program.model.system import modules_above
 from soter.program.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.explore.model.plan import Label
-    from soter.program.flatten.grid import TimesRead
+    from soter.explore.model.exploration_plan import Label
+    from soter.program.elaborate.time_grid import TimesRead
     from soter.program.model.system import Component, InputDrive, Property, System, TestPlan
 
 
@@ -71,15 +72,15 @@ class _Calendar:
     skips: int = 0
 
 
-def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
+def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
     """The plan of exploring a system; inputs come first, then components in deployed order."""
     assert system.test is not None
     footprints = Footprints(system, lowered)
     calendars = list(_calendars(system, system.test))
     effects = [footprints.of_actor(x.component, x.input) for x in calendars]
-    seen = footprints.seen_by_properties()
+    seen = footprints.read_by_properties()
     actors = tuple(
-        Actor(
+        PlannedActor(
             name=x.name,
             component=x.component,
             input=x.input,
@@ -106,7 +107,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
     timely = overrun or (spread and footprints.time_matters())
     read = {r[1] for e in effects for r in e.reads if r[0] == "topic"}
     read |= {r[1] for r in seen if r[0] == "topic"}
-    return Plan(
+    return ExplorationPlan(
         actors=actors,
         timely=timely,
         sampled=is_sampled(system, lowered),
@@ -126,9 +127,13 @@ def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
     )
 
 
-def _times(test: TestPlan, quantum: int, read: TimesRead) -> Times:
+def _times(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
     """The grid, and what it does no justice to; who declares one takes it for granted."""
-    return Times(quantum, (), ()) if test.quantum_ns else Times(quantum, read.open, read.crowded)
+    return (
+        TimeChoices(quantum, (), ())
+        if test.quantum_ns
+        else TimeChoices(quantum, read.open, read.crowded)
+    )
 
 
 def _clock(actor: int, own: Effects) -> set[Label]:
@@ -144,7 +149,7 @@ def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
         name = f"input.{system.topics[drive.topic].name}"
         yield _Calendar(None, i, name, drive.every_ns, 0)
     for x in system.components:
-        found = _Calendar(x.index, None, x.name, x.period_ns, x.phase_ns)
+        calendar = _Calendar(x.index, None, x.name, x.period_ns, x.phase_ns)
         late = 0
         for fault in test.faults:
             if fault.component != x.index:
@@ -152,13 +157,13 @@ def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
             if fault.kind == "late":
                 late = max(late, fault.by_ns)
             elif fault.kind == "overrun":
-                found.overrun_ns = max(found.overrun_ns, fault.by_ns)
-                found.least_ns = max(found.least_ns, fault.least_ns)
+                calendar.overrun_ns = max(calendar.overrun_ns, fault.by_ns)
+                calendar.least_ns = max(calendar.least_ns, fault.least_ns)
             else:
-                found.skips = max(found.skips, fault.at_most)
+                calendar.skips = max(calendar.skips, fault.at_most)
         if x.plant is None:
-            found.window_ns = test.skew_ns + late
-        yield found
+            calendar.window_ns = test.skew_ns + late
+        yield calendar
 
 
 def _grid(
@@ -195,72 +200,72 @@ class Footprints:
 
     def of_actor(self, component: int | None, drive: int | None) -> Effects:
         """What its steps may read and write."""
-        found = Effects()
+        effects = Effects()
         outputs = set(self.outputs(component, drive))
         if component is not None:
             x = self.system.components[component]
             outputs |= set(x.failsafe)
-            self._step(x, found)
+            self._step(x, effects)
         for t in outputs:
-            found.writes |= {("topic", t), ("stamp", t)}
+            effects.writes |= {("topic", t), ("stamp", t)}
             for q in self.system.topics[t].queues:
-                found.reads |= {("topic", q), ("stamp", q)}
-                found.writes |= {("topic", q), ("stamp", q)}
-        return found
+                effects.reads |= {("topic", q), ("stamp", q)}
+                effects.writes |= {("topic", q), ("stamp", q)}
+        return effects
 
-    def _step(self, x: Component, found: Effects) -> None:
+    def _step(self, x: Component, effects: Effects) -> None:
         if x.role == "dm":
             assert x.module is not None
-            self._decision(x.module, found)
+            self._decision(x.module, effects)
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
         if step is not None:
-            self._read(step.footprint, found)
-            found.writes |= {_resource(c) for c in step.footprint.writes}
-            found.timed |= _reads_time(_body(step))
-            found.reads |= {("latched", x.index), ("control", x.index)}
-            found.writes |= {("latched", x.index), ("control", x.index)}
-        found.keeps |= x.node is not None
+            self._read(step.footprint, effects)
+            effects.writes |= {_resource(c) for c in step.footprint.writes}
+            effects.timed |= _reads_time(_body(step))
+            effects.reads |= {("latched", x.index), ("control", x.index)}
+            effects.writes |= {("latched", x.index), ("control", x.index)}
+        effects.keeps |= x.node is not None
         if isinstance(step, core.PlantStep):
             draws = [d for _, _, some in step.disturbances for d in some]
-            found.timed |= any(d.hold_ns > 0 for d in draws)
+            effects.timed |= any(d.hold_ns > 0 for d in draws)
         if x.plant is not None:
-            found.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
+            effects.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
         if x.role in {"ac", "sc"} and x.module is not None:
             above = [m.index for m in modules_above(self.system, x.module)]
-            found.reads |= {("mode", m) for m in (x.module, *above)}
+            effects.reads |= {("mode", m) for m in (x.module, *above)}
         if x.role == "ac" and x.module is not None:
-            found.reads.add(("gate", x.module))
-            found.writes.add(("gate", x.module))
+            effects.reads.add(("gate", x.module))
+            effects.writes.add(("gate", x.module))
         for t in self.system.topics:
             if t.queue_of is not None and _takes(x, t.name):
-                found.reads |= {("topic", t.index), ("stamp", t.index)}
-                found.writes |= {("topic", t.index), ("stamp", t.index)}
+                effects.reads |= {("topic", t.index), ("stamp", t.index)}
+                effects.writes |= {("topic", t.index), ("stamp", t.index)}
         for p, predicate in zip(self.system.properties, self.core.properties, strict=True):
             if p.component == x.index:
-                self._predicate(predicate, found)
+                self._predicate(predicate, effects)
 
-    def _predicate(self, predicate: core.Predicate, found: Effects) -> None:
-        self._read(predicate.footprint, found)
-        found.timed |= _reads_time((*predicate.body, predicate.value))
+    def _predicate(self, predicate: core.Predicate, effects: Effects) -> None:
+        self._read(predicate.footprint, effects)
+        effects.timed |= _reads_time((*predicate.body, predicate.value))
 
-    def _read(self, footprint: core.Footprint, found: Effects) -> None:
-        found.reads |= {_resource(c) for c in footprint.reads}
-        found.reads |= {("mode", m) for m in footprint.modes}
-        found.reads |= {("stamp", t) for t in footprint.stamps}
+    def _read(self, footprint: core.Footprint, effects: Effects) -> None:
+        effects.reads |= {_resource(c) for c in footprint.reads}
+        effects.reads |= {("mode", m) for m in footprint.modes}
+        effects.reads |= {("stamp", t) for t in footprint.stamps}
 
-    def _decision(self, module: int, found: Effects) -> None:
+    def _decision(self, module: int, effects: Effects) -> None:
         """A DM reads its topics and may change mode, OE of both controllers, and the gate."""
         decision, m = self.core.decisions[module], self.system.modules[module]
-        found.keeps = True
-        self._predicate(decision.ttf, found)
-        self._predicate(decision.safer, found)
-        found.reads |= {("topic", t) for t in m.inputs}
-        found.reads |= {("stamp", t) for t in m.inputs if self._max_age(t) is not None}
+        effects.keeps = True
+        self._predicate(decision.ttf, effects)
+        self._predicate(decision.safer, effects)
+        effects.reads |= {("topic", t) for t in m.inputs}
+        effects.reads |= {("stamp", t) for t in m.inputs if self._max_age(t) is not None}
         for kind in ("mode", "gate"):
-            found.reads.add((kind, module))
-            found.writes.add((kind, module))
+            effects.reads.add((kind, module))
+            effects.writes.add((kind, module))
         if m.looked is not None:
-            found.writes |= {("topic", m.looked), ("stamp", m.looked)}
+            effects.writes |= {("topic", m.looked), ("stamp", m.looked)}
 
     def _max_age(self, topic: int) -> int | None:
         return self.system.topics[topic].max_age_ns
@@ -271,36 +276,36 @@ class Footprints:
         """What a system property reads; of a contract nothing: it is part of its node's step."""
         if is_contract(self.system.properties[index]):
             return set()
-        found = Effects()
-        self._predicate(self.core.properties[index], found)
-        return found.reads | ({TIME} if found.timed else set())
+        effects = Effects()
+        self._predicate(self.core.properties[index], effects)
+        return effects.reads | ({TIME} if effects.timed else set())
 
     def read_by_timed(self, index: int) -> set[Label]:
         """What a timed property reads; of an invariant also what moves it on."""
         assert self.system.test is not None
-        found = Effects()
+        effects = Effects()
         timed = self.core.timed[index]
         for predicate in (timed.premise, timed.condition):
             if predicate is not None:
-                self._predicate(predicate, found)
-        if found.timed:
-            found.reads.add(TIME)
+                self._predicate(predicate, effects)
+        if effects.timed:
+            effects.reads.add(TIME)
         module = self.system.test.timed[index].module
         if module is not None:
-            found.reads |= {("mode", module), ("gate", module)}
+            effects.reads |= {("mode", module), ("gate", module)}
             for topic in self.outputs(self.system.modules[module].sc, None):
-                found.reads.add(("stamp", topic))
-        return found.reads
+                effects.reads.add(("stamp", topic))
+        return effects.reads
 
-    def seen_by_properties(self) -> set[Label]:
+    def read_by_properties(self) -> set[Label]:
         """What any property of configurations reads."""
         assert self.system.test is not None
-        found: set[Label] = set()
+        labels: set[Label] = set()
         for p in range(len(self.system.properties)):
-            found |= self.read_by(p)
+            labels |= self.read_by(p)
         for t in range(len(self.system.test.timed)):
-            found |= self.read_by_timed(t)
-        return found
+            labels |= self.read_by_timed(t)
+        return labels
 
     # ------------------------------------------------------------ time
 

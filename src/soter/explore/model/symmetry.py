@@ -5,7 +5,7 @@ search of the test looks at is the same after it as before: calendars, first val
 what every step and decision computes (`terms.py`), what is judged, and the fields of a packed
 configuration. Names decide nothing. docs/testing.md says why configurations that differ by such a
 renaming alone behave alike ("Equal instances").
-Non-goals: finding renamings that may be accepted (`instances.py`).
+Non-goals: finding renamings that may be accepted (`symmetric_blocks.py`).
 """
 
 from __future__ import annotations
@@ -15,15 +15,21 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from soter.explore.model.terms import Terms, TooLongError, exact, of_predicate, of_step
+from soter.explore.model.symbolic_terms import (
+    InternedTerms,
+    TermTooLongError,
+    exact,
+    of_predicate,
+    of_step,
+)
 from soter.lower import core
 from soter.lower.footprint import walk
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
 
-    from soter.explore.model.plan import Actor, Label, Plan
-    from soter.explore.model.terms import Computed
+    from soter.explore.model.exploration_plan import ExplorationPlan, Label, PlannedActor
+    from soter.explore.model.symbolic_terms import Computed
     from soter.program.model.system import Component, Module, System, Topic
 
     Field = tuple[Label, int, int]
@@ -92,20 +98,20 @@ class Renaming:
 IDENTITY = Renaming()
 
 
-class Judge:
+class RenamingCheck:
     """Accepts renamings of one test."""
 
     def __init__(
         self,
         system: System,
         lowered: core.CoreSystem,
-        plan: Plan,
+        plan: ExplorationPlan,
         fields: tuple[Field, ...],
     ) -> None:
         self.system = system
         self.core = lowered
         self.plan = plan
-        self.terms = Terms(lowered.functions)
+        self.terms = InternedTerms(lowered.functions)
         self.widths: dict[Label, list[int]] = {}
         for label, _, width in fields:
             self.widths.setdefault(label, []).append(width)
@@ -126,7 +132,7 @@ class Judge:
                 and self._judged(r)
                 and all(self.widths[x] == self.widths.get(r.label(x)) for x in self.widths)
             )  # fmt: skip
-        except TooLongError:
+        except TermTooLongError:
             return False
 
     def _stands_for(self, m: Module, r: Renaming) -> Module:
@@ -192,15 +198,15 @@ class Judge:
     def _computed(self, x: Component, r: Renaming) -> Computed:
         """What a step computes, a decision included."""
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
-        found: Computed = ()
+        computation: Computed = ()
         if step is not None:
-            found = of_step(self.terms, step, r.read, r.topics)
+            computation = of_step(self.terms, step, r.read, r.topics)
         if x.role == "dm":
             assert x.module is not None
             d = self.core.decisions[x.module]
             for p in (d.ttf, d.safer):
-                found = (*found, of_predicate(self.terms, p, r.read))
-        return found
+                computation = (*computation, of_predicate(self.terms, p, r.read))
+        return computation
 
     def _module(self, m: Module, r: Renaming = IDENTITY) -> tuple[Hashable, ...]:
         return (
@@ -290,7 +296,7 @@ class Judge:
     def _read_by(self, x: Component) -> tuple[tuple[str, int], ...]:
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
         texts: list[object] = []
-        found: list[tuple[str, int]] = []
+        resources: list[tuple[str, int]] = []
         if isinstance(step, core.NodeStep):
             texts += [step.takeover, step.body]
         elif step is not None:
@@ -299,19 +305,19 @@ class Judge:
             assert x.module is not None
             d, m = self.core.decisions[x.module], self.system.modules[x.module]
             texts += [d.ttf.body, d.ttf.value, d.safer.body, d.safer.value]
-            found += [("topic", t) for t in (*m.inputs, *m.outputs)]
-        found += [("topic", o.topic) for o in (step.outputs if step else ())]
-        found += [("topic", t) for t in x.failsafe]
+            resources += [("topic", t) for t in (*m.inputs, *m.outputs)]
+        resources += [("topic", o.topic) for o in (step.outputs if step else ())]
+        resources += [("topic", t) for t in x.failsafe]
         if x.plant is not None:
-            found += [("topic", x.scope.topics[t]) for t in x.plant.reads]
+            resources += [("topic", x.scope.topics[t]) for t in x.plant.reads]
         elif x.node is not None:
-            found += [("topic", x.scope.topics[s.topic]) for s in x.node.subscribes]
+            resources += [("topic", x.scope.topics[s.topic]) for s in x.node.subscribes]
         for n in walk(tuple(texts)):
             if isinstance(n, core.Get) and n.cell.kind == "topic":
-                found.append(("topic", n.cell.owner))
+                resources.append(("topic", n.cell.owner))
             elif isinstance(n, core.Fact) and n.fact in ("mode", "age"):
-                found.append(("module" if n.fact == "mode" else "topic", n.index))
-        return tuple(found)
+                resources.append(("module" if n.fact == "mode" else "topic", n.index))
+        return tuple(resources)
 
     def _untouched(self, x: Component, r: Renaming) -> bool:
         """Whether its code names nothing that is renamed."""
@@ -333,8 +339,8 @@ def _swaps(x: Component) -> Iterator[dict[str, str]]:
     for i, v in enumerate(variables):
         span = x.initial_range[i] if x.initial_range else None
         kinds.setdefault((v.type, exact(x.initial[i]), span), []).append(v.name)
-    found = _pairings([some for some in kinds.values() if len(some) > 1])
-    return islice((pairs for pairs in found if pairs), LOCALS_TRIED)
+    pairings = _pairings([some for some in kinds.values() if len(some) > 1])
+    return islice((pairs for pairs in pairings if pairs), LOCALS_TRIED)
 
 
 def _pairings(kinds: list[list[str]]) -> Iterator[dict[str, str]]:
@@ -351,5 +357,5 @@ def _pairings(kinds: list[list[str]]) -> Iterator[dict[str, str]]:
             yield {first: other, other: first, **more}
 
 
-def _times_of(a: Actor) -> tuple[int, ...]:
+def _times_of(a: PlannedActor) -> tuple[int, ...]:
     return a.period_ns, a.phase_ns, a.window_ns, a.overrun_ns, a.least_ns, a.skips

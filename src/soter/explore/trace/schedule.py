@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.trace import BEGIN, EFFECT, LOST, START
-from soter.program.flatten.grid import quantum_of
+from soter.program.elaborate.time_grid import quantum_of
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class NotAllowedError(Exception):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Actor:
+class ScheduledActor:
     """A component, or an `input t every d;`: releases at phase + k * period up to the horizon.
 
     A step happens in [r, r + window]; `skips` releases in a row may be lost (0: none);
@@ -46,15 +46,15 @@ class Actor:
     least_ns: int = 0
 
 
-def actors_of(system: System) -> tuple[Actor, ...]:
+def actors_of(system: System) -> tuple[ScheduledActor, ...]:
     """The actors of a test: its components in their order, then its inputs."""
     plan = plan_of(system)
-    found = []
+    actors = []
     for c in system.components:
         faults = [f for f in plan.faults if f.component == c.index]
         late = sum(f.by_ns for f in faults if f.kind == "late")
-        found.append(
-            Actor(
+        actors.append(
+            ScheduledActor(
                 name=c.name,
                 role=c.role,
                 component=c.index,
@@ -69,8 +69,8 @@ def actors_of(system: System) -> tuple[Actor, ...]:
         )
     for i, drive in enumerate(system.inputs):
         name = INPUT + system.topics[drive.topic].name
-        found.append(
-            Actor(
+        actors.append(
+            ScheduledActor(
                 name=name,
                 role="input",
                 component=None,
@@ -79,7 +79,7 @@ def actors_of(system: System) -> tuple[Actor, ...]:
                 phase_ns=0,
             )
         )
-    return tuple(found)
+    return tuple(actors)
 
 
 def plan_of(system: System) -> TestPlan:
@@ -88,7 +88,7 @@ def plan_of(system: System) -> TestPlan:
     return system.test
 
 
-class Schedule:
+class ExecutionCalendar:
     """The place of one execution in its calendar; `take` moves on by a step that is allowed."""
 
     def __init__(self, system: System) -> None:

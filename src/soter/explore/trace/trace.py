@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.refused import reason
-from soter.program.load.data import parse_json
-from soter.program.load.files import read_bytes
+from soter.diagnostics.os_error_text import reason
+from soter.program.load.bounded_read import read_bytes
+from soter.program.load.data_files import parse_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -30,7 +30,7 @@ STEP_KINDS = (STEP, LOST, BEGIN, EFFECT, START)
 that begins; its publications take effect; the start of the world."""
 
 PROPERTY, CONTRACT, FAULT, TIMED = "property", "contract", "fault", "timed"
-BROKEN_KINDS = (PROPERTY, CONTRACT, FAULT, TIMED)
+VIOLATION_KINDS = (PROPERTY, CONTRACT, FAULT, TIMED)
 """In the order of the numbers in `soter_explore.h`: what `index` of a violation counts."""
 
 TIME_MAX = 2**62
@@ -63,8 +63,8 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Broken:
-    """What is violated: `what` is one of BROKEN_KINDS, `index` counts in the flat system."""
+class ViolationId:
+    """What is violated: `what` is one of VIOLATION_KINDS, `index` counts in the flat system."""
 
     what: str
     index: int
@@ -87,7 +87,7 @@ class Trace:
     seed: int
     skew_ns: int
     horizon_ns: int
-    broken: Broken
+    broken: ViolationId
     steps: tuple[Step, ...]
     minimal: bool
     not_shortest: str = ""
@@ -100,7 +100,7 @@ class Trace:
     """The file that it was read from."""
 
 
-class DamagedError(Exception):
+class DamagedTraceError(Exception):
     """A document that is no trace; the message says what is wrong with it."""
 
 
@@ -199,8 +199,8 @@ def read_trace(path: Path) -> Trace:
 def trace_of(document: Mapping[str, Any], path: Path) -> Trace:
     """The trace that a document read from `path` stands for; `SoterError` D010."""
     try:
-        return _trace(_Reader(document, ""), path)
-    except DamagedError as error:
+        return _trace(_JsonFields(document, ""), path)
+    except DamagedTraceError as error:
         raise no_trace(path, str(error)) from error
 
 
@@ -215,29 +215,29 @@ def _first_line(error: Exception) -> str:
     return str(error).split("\n", 1)[0][:100]
 
 
-class _Reader:
+class _JsonFields:
     """Fields of a JSON object, each with the type it has to have."""
 
     def __init__(self, given: object, where: str) -> None:
         if not isinstance(given, dict):
-            raise DamagedError(f"{where or 'the document'} is no object")
+            raise DamagedTraceError(f"{where or 'the document'} is no object")
         self._given = given
         self._where = where
 
     def _field(self, name: str, wanted: type, noun: str) -> Any:  # noqa: ANN401 - any JSON
         if name not in self._given:
-            raise DamagedError(f"{self._name(name)} is missing")
+            raise DamagedTraceError(f"{self._name(name)} is missing")
         value = self._given[name]
         if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
-            raise DamagedError(f"{self._name(name)} is no {noun}")
+            raise DamagedTraceError(f"{self._name(name)} is no {noun}")
         return value
 
     def _name(self, name: str) -> str:
         return f"`{self._where}.{name}`" if self._where else f"`{name}`"
 
     def text(self, name: str) -> str:
-        found: str = self._field(name, str, "text")
-        return found
+        value: str = self._field(name, str, "text")
+        return value
 
     def text_or_none(self, name: str) -> str:
         """A text that may be missing."""
@@ -245,45 +245,45 @@ class _Reader:
 
     def texts(self, name: str) -> tuple[str, ...]:
         """A list of texts that may be missing."""
-        found = self._field(name, list, "list") if name in self._given else []
-        if not all(isinstance(text, str) for text in found):
-            raise DamagedError(f"{self._name(name)} is no list of texts")
-        return tuple(found)
+        values = self._field(name, list, "list") if name in self._given else []
+        if not all(isinstance(text, str) for text in values):
+            raise DamagedTraceError(f"{self._name(name)} is no list of texts")
+        return tuple(values)
 
     def one_of(self, name: str, allowed: Iterable[str]) -> str:
-        found = self.text(name)
-        if found not in allowed:
-            raise DamagedError(f"{self._name(name)} is none of {', '.join(allowed)}")
-        return found
+        value = self.text(name)
+        if value not in allowed:
+            raise DamagedTraceError(f"{self._name(name)} is none of {', '.join(allowed)}")
+        return value
 
     def number(self, name: str, low: int, high: int) -> int:
-        found: int = self._field(name, int, "whole number")
-        if not low <= found <= high:
-            raise DamagedError(f"{self._name(name)} is out of range")
-        return found
+        value: int = self._field(name, int, "whole number")
+        if not low <= value <= high:
+            raise DamagedTraceError(f"{self._name(name)} is out of range")
+        return value
 
     def number_or_none(self, name: str, low: int, high: int) -> int | None:
         """A number that may be missing."""
         return self.number(name, low, high) if name in self._given else None
 
     def truth(self, name: str) -> bool:
-        found: bool = self._field(name, bool, "bool")
-        return found
+        value: bool = self._field(name, bool, "bool")
+        return value
 
     def truth_or_none(self, name: str) -> bool | None:
         """A truth value that may be missing."""
         return self.truth(name) if name in self._given else None
 
-    def part(self, name: str) -> _Reader:
-        return _Reader(self._field(name, dict, "object"), self._path(name))
+    def part(self, name: str) -> _JsonFields:
+        return _JsonFields(self._field(name, dict, "object"), self._path(name))
 
     def mapping(self, name: str) -> dict[str, object]:
-        found: dict[str, object] = self._field(name, dict, "object")
-        return found
+        value: dict[str, object] = self._field(name, dict, "object")
+        return value
 
-    def objects(self, name: str) -> list[_Reader]:
-        found = self._field(name, list, "list")
-        return [_Reader(item, f"{self._path(name)}[{i}]") for i, item in enumerate(found)]
+    def objects(self, name: str) -> list[_JsonFields]:
+        items = self._field(name, list, "list")
+        return [_JsonFields(item, f"{self._path(name)}[{i}]") for i, item in enumerate(items)]
 
     def anything(self, name: str) -> object:
         return self._given.get(name)
@@ -292,11 +292,11 @@ class _Reader:
         return f"{self._where}.{name}" if self._where else name
 
 
-def _trace(d: _Reader, path: Path) -> Trace:
+def _trace(d: _JsonFields, path: Path) -> Trace:
     if d.anything("kind") != KIND:
-        raise DamagedError(f'`kind` is not "{KIND}"')
+        raise DamagedTraceError(f'`kind` is not "{KIND}"')
     if d.anything("schema") != SCHEMA:
-        raise DamagedError(f"`schema` is not {SCHEMA}: another version of soter made it")
+        raise DamagedTraceError(f"`schema` is not {SCHEMA}: another version of soter made it")
     broken = d.part("property")
     return Trace(
         program=d.text("program"),
@@ -307,8 +307,8 @@ def _trace(d: _Reader, path: Path) -> Trace:
         seed=d.number("seed", 0, 2**64 - 1),
         skew_ns=d.number("skew_ns", 0, TIME_MAX),
         horizon_ns=d.number("horizon_ns", 1, TIME_MAX),
-        broken=Broken(
-            broken.one_of("what", BROKEN_KINDS),
+        broken=ViolationId(
+            broken.one_of("what", VIOLATION_KINDS),
             broken.number("index", 0, COUNT_MAX),
             broken.text("text"),
         ),
@@ -321,7 +321,7 @@ def _trace(d: _Reader, path: Path) -> Trace:
     )
 
 
-def _step(d: _Reader) -> Step:
+def _step(d: _JsonFields) -> Step:
     return Step(
         actor=d.text("actor"),
         kind=d.one_of("kind", STEP_KINDS),
@@ -332,11 +332,11 @@ def _step(d: _Reader) -> Step:
     )
 
 
-def _choice(d: _Reader) -> Choice:
+def _choice(d: _JsonFields) -> Choice:
     of = d.number("of", 1, COUNT_MAX)
     pick = d.number("pick", 0, COUNT_MAX)
     if pick >= of:
-        raise DamagedError(f"a pick is {pick} of {of} alternatives: they count from 0")
+        raise DamagedTraceError(f"a pick is {pick} of {of} alternatives: they count from 0")
     return Choice(d.text("stream"), pick, of, d.anything("value"))
 
 

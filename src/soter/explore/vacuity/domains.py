@@ -12,14 +12,14 @@ import sys
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.schedule import plan_of
-from soter.explore.vacuity.evaluate import anything, constant
+from soter.explore.vacuity.range_evaluation import anything, constant
 from soter.explore.vacuity.ranges import ANY_FLOAT, INF, Range
 from soter.program.model.types import BoolType, FloatType, IntType, RecordType, leaf_count
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.explore.vacuity.evaluate import Known, Place
+    from soter.explore.vacuity.range_evaluation import Known, ReadPlace
     from soter.program.model.system import Bound, Component, System, Topic
     from soter.program.model.types import Type
 
@@ -38,7 +38,7 @@ class Domains:
         long = max((f.by_ns for f in plan.faults if f.kind == "overrun"), default=0)
         self._end_s = (plan.horizon_ns + plan.skew_ns + late + long) / 1e9
 
-    def of(self, place: Place) -> Range:
+    def of(self, place: ReadPlace) -> Range:
         """The range of a scalar."""
         if place.kind == "topic":
             return self._topic(place)
@@ -54,7 +54,7 @@ class Domains:
             return ANY_FLOAT
         return Range(0.0, self._end_s if place.kind == "time" else INF)
 
-    def _topic(self, place: Place) -> Range:
+    def _topic(self, place: ReadPlace) -> Range:
         topic = self._system.topics[place.index]
         if topic.queue_of is not None:
             return _range(anything(place.type), place.type)
@@ -63,7 +63,7 @@ class Domains:
         bound = topic.bounds[_leaf(topic, place.path)]
         return _inside(place.type, bound)
 
-    def _truth(self, place: Place) -> Range:
+    def _truth(self, place: ReadPlace) -> Range:
         component = self._system.components[place.index]
         plant = component.plant
         assert plant is not None
@@ -86,11 +86,11 @@ class Domains:
 def _writable(system: System) -> set[int]:
     """Topics that somebody may write up to the horizon."""
     horizon = plan_of(system).horizon_ns
-    found = {drive.topic for drive in system.inputs}
+    topics = {drive.topic for drive in system.inputs}
     for c in system.components:
         if c.phase_ns <= horizon:
-            found |= set(written_by(c))
-    return found
+            topics |= set(written_by(c))
+    return topics
 
 
 def written_by(c: Component) -> Sequence[int]:
@@ -128,11 +128,11 @@ def _inside(of: Type, bound: Bound | None) -> Range:
     if isinstance(of, FloatType):
         low, high = (-MOST, MOST) if bound is None else (bound.low, bound.high)
         return Range(float(low), float(high))
-    found = _range(anything(of), of)
+    interval = _range(anything(of), of)
     if bound is None or isinstance(of, BoolType) or not isinstance(of, IntType):
-        return found
+        return interval
     low, high = math.ceil(bound.low), math.floor(bound.high)
-    return Range(max(int(found.low), low), min(int(found.high), high))
+    return Range(max(int(interval.low), low), min(int(interval.high), high))
 
 
 def _at(whole: Known, path: tuple[int, ...], of: Type) -> Range:

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.meaning import arith
+from soter.program.evaluate import arithmetic
 from soter.program.model.types import INT_MAX, INT_MIN
 
 if TYPE_CHECKING:
@@ -119,8 +119,12 @@ def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
     endless = any(math.isinf(x) for x in (a.low, a.high, b.low, b.high))
     if endless and (a.has(0.0) or b.has(0.0)):
         return ANY_FLOAT if not (same and not a.nan) else Range(0.0, INF)
-    found = _of_ends(lambda x, y: x * y, a, b)
-    return Range(max(found.low, 0.0), found.high, found.nan) if same and not found.nan else found
+    product = _of_ends(lambda x, y: x * y, a, b)
+    return (
+        Range(max(product.low, 0.0), product.high, product.nan)
+        if same and not product.nan
+        else product
+    )
 
 
 def float_divide(a: Range, b: Range, faults: Faults) -> Range:
@@ -140,14 +144,14 @@ def square_root(a: Range) -> Range:
 
 def minimum(a: Range, b: Range) -> Range:
     """`min(a, b)`, which is `b < a ? b : a`."""
-    found = Range(min(a.low, b.low), min(a.high, b.high), a.nan)
-    return found.joined(a) if b.nan else found.joined(Range(b.low, b.high)) if a.nan else found
+    bounds = Range(min(a.low, b.low), min(a.high, b.high), a.nan)
+    return bounds.joined(a) if b.nan else bounds.joined(Range(b.low, b.high)) if a.nan else bounds
 
 
 def maximum(a: Range, b: Range) -> Range:
     """`max(a, b)`, which is `b > a ? b : a`."""
-    found = Range(max(a.low, b.low), max(a.high, b.high), a.nan)
-    return found.joined(a) if b.nan else found.joined(Range(b.low, b.high)) if a.nan else found
+    bounds = Range(max(a.low, b.low), max(a.high, b.high), a.nan)
+    return bounds.joined(a) if b.nan else bounds.joined(Range(b.low, b.high)) if a.nan else bounds
 
 
 def absolute(a: Range) -> Range:
@@ -181,7 +185,7 @@ def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
         ends = [_quotient(x, d) for x in (*xs, *([0] if a.has(0) else [])) for d in divisors]
         return whole(min(ends), max(ends), faults)
     if a.single and b.single:
-        only = arith.mod_int(xs[0], ys[0])
+        only = arithmetic.mod_int(xs[0], ys[0])
         return Range(only, only)
     most = max(abs(d) for d in divisors) - 1
     return Range(-min(most, max(-xs[0], 0)), min(most, max(xs[1], 0)))
@@ -189,8 +193,8 @@ def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
 
 def _quotient(a: int, b: int) -> int:
     """Truncated towards zero; of any size."""
-    found = abs(a) // abs(b)
-    return found if (a < 0) == (b < 0) else -found
+    quotient = abs(a) // abs(b)
+    return quotient if (a < 0) == (b < 0) else -quotient
 
 
 def int_of_float(a: Range, faults: Faults) -> Range:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from soter.explore.vacuity.evaluate import COMPARISONS, Place, TooHardError
-from soter.program.meaning.conjuncts import returned
+from soter.explore.vacuity.range_evaluation import COMPARISONS, ReadPlace, TooHardError
+from soter.program.evaluate.conjuncts import returned
 from soter.program.model import typed
 from soter.program.model.types import INT_MAX, INT_MIN, FloatType, IntType
 
@@ -34,10 +34,10 @@ def _solver() -> Any:  # noqa: ANN401 - z3 has no types
 
 
 def solved(
-    condition: typed.Expr,
+    condition: typed.TypedExpr,
     wanted: bool,
     scope: Scope,
-    asked: Mapping[Place, Range],
+    asked: Mapping[ReadPlace, Range],
     period_ns: int,
 ) -> bool:
     """Whether no values of these ranges make it anything else than `wanted`, or a fault."""
@@ -63,7 +63,7 @@ class _Terms:
         self,
         z3: Any,  # noqa: ANN401 - it has no types
         scope: Scope,
-        asked: Mapping[Place, Range],
+        asked: Mapping[ReadPlace, Range],
         period_ns: int,
     ) -> None:
         self.z3 = z3
@@ -74,9 +74,9 @@ class _Terms:
         self.round = z3.RNE()
         self.ranges: list[Any] = []
         self.faults: list[Any] = []
-        self._known: dict[Place, Any] = {}
+        self._known: dict[ReadPlace, Any] = {}
 
-    def of(self, e: typed.Expr) -> Any:  # noqa: ANN401 - a term
+    def of(self, e: typed.TypedExpr) -> Any:  # noqa: ANN401 - a term
         """The term of an expression; `TooHardError`."""
         if isinstance(e, typed.Literal):
             return self._constant(e.type, e.value)
@@ -87,38 +87,38 @@ class _Terms:
         place = self._place(e)
         if place is not None:
             return self._read(place)
-        if isinstance(e, typed.Unary):
+        if isinstance(e, typed.TypedUnary):
             return self._unary(e)
-        if isinstance(e, typed.Binary):
+        if isinstance(e, typed.TypedBinary):
             return self._binary(e)
         if isinstance(e, typed.Conditional):
             return self.z3.If(self.of(e.condition), self.of(e.then), self.of(e.otherwise))
         if isinstance(e, typed.Builtin) and e.name in {"min", "max", "abs"}:
             return self._builtin(e)
-        if isinstance(e, typed.Call):
+        if isinstance(e, typed.TypedCall):
             inner = returned(e)
             if inner is not None:
                 return self.of(inner)
         raise TooHardError
 
-    def _place(self, e: typed.Expr) -> Place | None:
+    def _place(self, e: typed.TypedExpr) -> ReadPlace | None:
         if isinstance(e, typed.TopicRead):
-            return Place("topic", self.scope.topics[e.topic], e.type)
+            return ReadPlace("topic", self.scope.topics[e.topic], e.type)
         if isinstance(e, typed.TruthRead):
-            return Place("truth", self.scope.plants[e.instance], e.type)
+            return ReadPlace("truth", self.scope.plants[e.instance], e.type)
         if isinstance(e, typed.ModeRead):
-            return Place("mode", self.scope.modules[e.module], e.type)
+            return ReadPlace("mode", self.scope.modules[e.module], e.type)
         if isinstance(e, typed.TimeRead):
-            return Place("time", 0, e.type)
+            return ReadPlace("time", 0, e.type)
         if isinstance(e, typed.AgeRead):
-            return Place("age", self.scope.topics[e.topic], e.type)
-        if isinstance(e, typed.Field):
+            return ReadPlace("age", self.scope.topics[e.topic], e.type)
+        if isinstance(e, typed.TypedField):
             whole = self._place(e.target)
             if whole is not None:
-                return Place(whole.kind, whole.index, e.type, (*whole.path, e.index))
+                return ReadPlace(whole.kind, whole.index, e.type, (*whole.path, e.index))
         return None
 
-    def _read(self, place: Place) -> Any:  # noqa: ANN401 - a term
+    def _read(self, place: ReadPlace) -> Any:  # noqa: ANN401 - a term
         if place not in self._known:
             bounds = self.asked.get(place)
             if bounds is None or bounds.low > bounds.high:
@@ -141,7 +141,7 @@ class _Terms:
             self._known[place] = term
         return self._known[place]
 
-    def _is_truth(self, place: Place) -> bool:
+    def _is_truth(self, place: ReadPlace) -> bool:
         return type(place.type).__name__ == "BoolType"
 
     def _constant(self, of: object, value: Any) -> Any:  # noqa: ANN401 - a term
@@ -157,7 +157,7 @@ class _Terms:
         self.faults.append(self.z3.Or(term < INT_MIN, term > INT_MAX))
         return term
 
-    def _unary(self, e: typed.Unary) -> Any:  # noqa: ANN401 - a term
+    def _unary(self, e: typed.TypedUnary) -> Any:  # noqa: ANN401 - a term
         a = self.of(e.operand)
         if e.op == "!":
             return self.z3.Not(a)
@@ -167,7 +167,7 @@ class _Terms:
             return self._whole(-a)
         raise TooHardError
 
-    def _binary(self, e: typed.Binary) -> Any:  # noqa: ANN401 - a term
+    def _binary(self, e: typed.TypedBinary) -> Any:  # noqa: ANN401 - a term
         z3 = self.z3
         a, b = self.of(e.left), self.of(e.right)
         if e.op in {"&&", "||"}:
@@ -181,7 +181,7 @@ class _Terms:
             return self._whole(a + b if e.op == "+" else a - b if e.op == "-" else a * b)
         raise TooHardError
 
-    def _compared(self, e: typed.Binary, a: Any, b: Any) -> Any:  # noqa: ANN401 - terms
+    def _compared(self, e: typed.TypedBinary, a: Any, b: Any) -> Any:  # noqa: ANN401 - terms
         z3 = self.z3
         if isinstance(e.left.type, FloatType):
             of = {

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Truth:
+class PlantTruth:
     """`plant.truth`: the states of a plant as fields."""
 
     plant: tree.PlantDecl
@@ -34,10 +34,10 @@ class Shape:
     """What may stand behind a dot of it.
 
     `of` is a type expression; the name of a builtin type; a declaration, for a name that means one
-    or an instance of one; `Truth`; or a file, for the name of an import.
+    or an instance of one; `PlantTruth`; or a file, for the name of an import.
     """
 
-    of: tree.TypeExpr | tree.Decl | Truth | LoadedFile | str
+    of: tree.TypeExpr | tree.Decl | PlantTruth | LoadedFile | str
     file: LoadedFile
     """Where the names in `of` are looked up."""
 
@@ -76,7 +76,7 @@ class Use:
 
 
 @dataclass(eq=False)
-class Index:
+class NameIndex:
     """All names of a program. `top`: by file what it declares; `reach`: where locals are seen."""
 
     files: tuple[LoadedFile, ...]
@@ -98,18 +98,18 @@ class Index:
 
     def uses_in(self, source: Source) -> list[Use]:
         """All names of a file, in order."""
-        found = self._uses.get(id(source), {})
-        return [found[place] for place in sorted(found)]
+        use_by_place = self._uses.get(id(source), {})
+        return [use_by_place[place] for place in sorted(use_by_place)]
 
     def at(self, source: Source, offset: int) -> Use | None:
         """The name at an offset, or that ends there."""
-        found = self._uses.get(id(source), {})
+        use_by_place = self._uses.get(id(source), {})
         places = self._starts.get(id(source))
         if places is None:
-            places = self._starts[id(source)] = sorted(found)
+            places = self._starts[id(source)] = sorted(use_by_place)
         i = bisect_right(places, (offset, len(source.text) + 1)) - 1
         if i >= 0 and places[i][0] <= offset <= places[i][1]:
-            return found[places[i]]
+            return use_by_place[places[i]]
         return None
 
     def uses_of(self, key: tuple[Path, int]) -> list[Use]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.span import Span
-from soter.lsp.names.definitions import Definition, Index, Shape, Truth
+from soter.lsp.names.definitions import Definition, NameIndex, PlantTruth, Shape
 from soter.program.check.expressions.field import flat_names
 from soter.program.load.loader import LoadedFile
 from soter.syntax import tree
@@ -20,7 +20,7 @@ from soter.syntax import tree
 if TYPE_CHECKING:
     Instances = dict[str, tuple[Definition, Definition | None]]
 
-_Method = Callable[["Expressions", Any, "Place", "Shape | None"], "Shape | None"]
+_Method = Callable[["Expressions", Any, "NameContext", "Shape | None"], "Shape | None"]
 
 FIRST = {"abs", "min", "max", "saturate"}
 """Builtin functions that give what their first argument is; the others give a number."""
@@ -29,7 +29,7 @@ BOOLEAN = {"<", "<=", ">", ">=", "==", "!=", "&&", "||"}
 
 
 @dataclass(frozen=True)
-class Place:
+class NameContext:
     """Where an expression stands: its file, the locals in reach, the instances of a system."""
 
     file: LoadedFile
@@ -38,11 +38,11 @@ class Place:
     result: Shape | None = field(default=None)
     """What `return` gives."""
 
-    def inner(self, frame: dict[str, Definition], result: Shape | None = None) -> Place:
+    def inner(self, frame: dict[str, Definition], result: Shape | None = None) -> NameContext:
         """The same place with one more frame of locals."""
         return replace(self, frames=(*self.frames, frame), result=result or self.result)
 
-    def inside(self, instances: Instances) -> Place:
+    def inside(self, instances: Instances) -> NameContext:
         """The same place inside a system."""
         return replace(self, instances=instances)
 
@@ -54,7 +54,7 @@ class Place:
 class Expressions:
     """The part of the resolver below declarations."""
 
-    def __init__(self, index: Index) -> None:
+    def __init__(self, index: NameIndex) -> None:
         self.index = index
         self.prelude: dict[str, Definition] = {}
         self.owner: Definition | None = None
@@ -89,7 +89,7 @@ class Expressions:
 
     # ------------------------------------------------------------ names
 
-    def find(self, ref: tree.Ref, place: Place) -> Definition | None:
+    def find(self, ref: tree.Ref, place: NameContext) -> Definition | None:
         """What a reference means."""
         names = self.index.declared_in(place.file)
         if ref.qualifier is None:
@@ -102,41 +102,43 @@ class Expressions:
             return None
         return self.index.declared_in(child).get(ref.name.text)
 
-    def ref(self, ref: tree.Ref, place: Place) -> Shape | None:
+    def ref(self, ref: tree.Ref, place: NameContext) -> Shape | None:
         """Note a reference; the shape of what it means."""
         if ref.qualifier is not None:
             imported = self.index.declared_in(place.file).get(ref.qualifier.text)
             if imported is not None:
                 self.index.note(ref.qualifier.span, imported)
-        found = self.find(ref, place)
-        if found is None:
+        definition = self.find(ref, place)
+        if definition is None:
             return None
-        self.index.note(ref.name.span, found)
-        return found.shape
+        self.index.note(ref.name.span, definition)
+        return definition.shape
 
-    def name(self, name: tree.Name, place: Place) -> Shape | None:
+    def name(self, name: tree.Name, place: NameContext) -> Shape | None:
         """Note the first name of a path or an expression: a local, an instance, a declaration."""
         self.element(name, place)
-        found = place.local(name.text)
-        if found is None and name.text in (place.instances or {}):
+        definition = place.local(name.text)
+        if definition is None and name.text in (place.instances or {}):
             assert place.instances is not None
-            found, what = place.instances[name.text]
-            self.index.note(self.name_span(name), found)
+            definition, what = place.instances[name.text]
+            self.index.note(self.name_span(name), definition)
             return None if what is None else Shape(what.node, what.file)  # type: ignore[arg-type]
-        if found is None:
-            found = self.index.declared_in(place.file).get(name.text)
-            found = found or self.prelude.get(name.text) or self.component(name.text, place)
-        if found is None:
+        if definition is None:
+            definition = self.index.declared_in(place.file).get(name.text)
+            definition = (
+                definition or self.prelude.get(name.text) or self.component(name.text, place)
+            )
+        if definition is None:
             return Shape("Mode", place.file) if name.text == "Mode" else None
-        self.index.note(self.name_span(name), found)
-        return found.shape
+        self.index.note(self.name_span(name), definition)
+        return definition.shape
 
-    def element(self, name: tree.Name, place: Place) -> None:
+    def element(self, name: tree.Name, place: NameContext) -> None:
         """The indices of `r[i]` in a path."""
         if isinstance(name, tree.ElementName):
             self.walk(name.indices, place)
 
-    def path(self, path: tree.Path, place: Place) -> Shape | None:
+    def path(self, path: tree.DottedPath, place: NameContext) -> Shape | None:
         """Note a dotted path; the shape of its end."""
         shape = self.name(path.parts[0], place)
         for part in path.parts[1:]:
@@ -151,29 +153,29 @@ class Expressions:
         if shape is None:
             return None
         of, file = self.plain(shape).of, self.plain(shape).file
-        found: Definition | None = None
+        definition: Definition | None = None
         if isinstance(of, LoadedFile):
-            found = self.index.declared_in(of).get(name.text)
-            if found is not None and found.kind == "import":
-                found = None
+            definition = self.index.declared_in(of).get(name.text)
+            if definition is not None and definition.kind == "import":
+                definition = None
         elif isinstance(of, tree.RecordTypeExpr):
-            found = self._field(of, name.text, file)
+            definition = self._field(of, name.text, file)
         elif isinstance(of, tree.TypeDecl):
-            found = self._enum_member(of, name.text, file)
-        elif isinstance(of, Truth):
-            found = self._state(of.plant, name.text, file)
+            definition = self._enum_member(of, name.text, file)
+        elif isinstance(of, PlantTruth):
+            definition = self._state(of.plant, name.text, file)
         elif isinstance(of, tree.PlantDecl):
-            return Shape(Truth(of), file) if name.text == "truth" else None
+            return Shape(PlantTruth(of), file) if name.text == "truth" else None
         elif isinstance(of, tree.RtaDecl):
-            found = self.controller(of, name.text, file)
+            definition = self.controller(of, name.text, file)
         elif isinstance(of, tree.SystemDecl):
-            found = self._inside_system(of, name.text, file)
+            definition = self._inside_system(of, name.text, file)
         elif name.text == "len":
             return Shape("int", file)
-        if found is None:
+        if definition is None:
             return None
-        self.index.note(self.name_span(name), found)
-        return found.shape
+        self.index.note(self.name_span(name), definition)
+        return definition.shape
 
     def plain(self, shape: Shape) -> Shape:
         """The shape behind the names of types."""
@@ -183,12 +185,12 @@ class Expressions:
                 continue
             if not isinstance(shape.of, tree.NamedType):
                 break
-            found = self.find(shape.of.ref, Place(shape.file))
-            if found is None or not isinstance(found.node, tree.TypeDecl):
+            definition = self.find(shape.of.ref, NameContext(shape.file))
+            if definition is None or not isinstance(definition.node, tree.TypeDecl):
                 return Shape("Mode" if shape.of.ref.text == "Mode" else "", shape.file)
-            if isinstance(found.node.type, tree.EnumTypeExpr):
-                return Shape("enum", found.file)
-            shape = Shape(found.node.type, found.file)
+            if isinstance(definition.node.type, tree.EnumTypeExpr):
+                return Shape("enum", definition.file)
+            shape = Shape(definition.node.type, definition.file)
         return shape
 
     def _field(self, of: tree.RecordTypeExpr, name: str, file: LoadedFile) -> Definition | None:
@@ -216,16 +218,20 @@ class Expressions:
             ref = part.module if isinstance(part, tree.ModuleAsAc) else part
             if not isinstance(ref, tree.Ref):
                 continue
-            found = self.find(ref, Place(file))
+            definition = self.find(ref, NameContext(file))
             if ref.name.text == name:
-                return found
-            if found is not None and isinstance(found.node, tree.RtaDecl) and found.node is not of:
-                below = self.controller(found.node, name, found.file)
+                return definition
+            if (
+                definition is not None
+                and isinstance(definition.node, tree.RtaDecl)
+                and definition.node is not of
+            ):
+                below = self.controller(definition.node, name, definition.file)
                 if below is not None:
                     return below
         return None
 
-    def component(self, name: str, place: Place) -> Definition | None:
+    def component(self, name: str, place: NameContext) -> Definition | None:
         """A node of a module of a system, which the system may call by the node's name alone."""
         raise NotImplementedError
 
@@ -244,16 +250,16 @@ class Expressions:
 
     # ------------------------------------------------------------ any piece of syntax
 
-    def walk(self, piece: object, place: Place) -> None:
+    def walk(self, piece: object, place: NameContext) -> None:
         """Note all names below a piece of syntax."""
         if isinstance(piece, (tuple, list)):
             for part in piece:
                 self.walk(part, place)
-        elif isinstance(piece, tree.Expr):
+        elif isinstance(piece, tree.SyntaxExpr):
             self.expression(piece, place)
         elif isinstance(piece, tree.Ref):
             self.ref(piece, place)
-        elif isinstance(piece, tree.Path):
+        elif isinstance(piece, tree.DottedPath):
             self.path(piece, place)
         elif isinstance(piece, tree.Block):
             self._block(piece, place)
@@ -270,22 +276,22 @@ class Expressions:
                 if not part.endswith("span"):
                     self.walk(getattr(piece, part), place)
 
-    def _block(self, block: tree.Block, place: Place) -> None:
+    def _block(self, block: tree.Block, place: NameContext) -> None:
         frame: dict[str, Definition] = {}
         inner = place.inner(frame)
         for s in block.statements:
             if isinstance(s, (tree.LetStmt, tree.VarStmt)):
                 self.walk(s.type, inner)
                 wanted = None if s.type is None else Shape(s.type, place.file)
-                found = self.expression(s.value, inner, wanted)
+                shape = self.expression(s.value, inner, wanted)
                 kind = "let" if isinstance(s, tree.LetStmt) else "variable"
-                own = self.definition(s.name, kind, s, place.file, wanted or found)
+                own = self.definition(s.name, kind, s, place.file, wanted or shape)
                 frame[s.name.text] = own
                 self.seen(own, s.span.end, block.span.end)
             else:
                 self._statement(s, inner)
 
-    def _statement(self, s: tree.Stmt, place: Place) -> None:
+    def _statement(self, s: tree.SyntaxStmt, place: NameContext) -> None:
         if isinstance(s, tree.AssignStmt):
             self.expression(s.value, place, self.expression(s.place, place))
         elif isinstance(s, tree.PushStmt):
@@ -302,14 +308,14 @@ class Expressions:
         else:
             self.walk_fields(s, place)
 
-    def walk_fields(self, s: tree.Stmt, place: Place) -> None:
+    def walk_fields(self, s: tree.SyntaxStmt, place: NameContext) -> None:
         """The parts of a statement without a rule of its own."""
         for part in s.__dataclass_fields__:
             if not part.endswith("span"):
                 self.walk(getattr(s, part), place)
 
     def _loop(
-        self, s: tree.ForRangeStmt | tree.ForEachStmt, shape: Shape | None, place: Place
+        self, s: tree.ForRangeStmt | tree.ForEachStmt, shape: Shape | None, place: NameContext
     ) -> None:
         own = self.definition(s.name, "loop variable", s, place.file, shape)
         self.seen(own, s.body.span.start, s.body.span.end)
@@ -327,7 +333,7 @@ class Expressions:
     # ------------------------------------------------------------ expressions
 
     def expression(
-        self, expr: tree.Expr | None, place: Place, wanted: Shape | None = None
+        self, expr: tree.SyntaxExpr | None, place: NameContext, wanted: Shape | None = None
     ) -> Shape | None:
         """Note the names of an expression; its shape. `wanted`: what is expected there."""
         if expr is None:
@@ -335,46 +341,52 @@ class Expressions:
         method = self._EXPRESSIONS.get(type(expr))
         return None if method is None else method(self, expr, place, wanted)
 
-    def _literal(self, expr: tree.Expr, place: Place, _: Shape | None) -> Shape | None:
+    def _literal(self, expr: tree.SyntaxExpr, place: NameContext, _: Shape | None) -> Shape | None:
         return Shape(_LITERALS[type(expr)], place.file)
 
-    def _name(self, expr: tree.NameExpr, place: Place, _: Shape | None) -> Shape | None:
+    def _name(self, expr: tree.NameExpr, place: NameContext, _: Shape | None) -> Shape | None:
         return self.name(expr.name, place)
 
-    def _dot(self, expr: tree.FieldExpr, place: Place, _: Shape | None) -> Shape | None:
+    def _dot(self, expr: tree.FieldExpr, place: NameContext, _: Shape | None) -> Shape | None:
         names = flat_names(expr)
         if names is not None:
-            return self.path(tree.Path(tuple(names), expr.span), place)
+            return self.path(tree.DottedPath(tuple(names), expr.span), place)
         return self.member(self.expression(expr.target, place), expr.field)
 
-    def _index(self, expr: tree.IndexExpr, place: Place, _: Shape | None) -> Shape | None:
+    def _index(self, expr: tree.IndexExpr, place: NameContext, _: Shape | None) -> Shape | None:
         self.expression(expr.index, place)
         return self._inside_of(self.expression(expr.target, place))
 
-    def _call(self, expr: tree.CallExpr, place: Place, wanted: Shape | None) -> Shape | None:
+    def _call(self, expr: tree.CallExpr, place: NameContext, wanted: Shape | None) -> Shape | None:
         names = flat_names(expr.callee)
-        found: Definition | None = None
+        definition: Definition | None = None
         if names is not None and len(names) <= 2:
             first = names[0] if len(names) == 2 else None
             ref = tree.Ref(first, names[-1], expr.callee.span)
             self.ref(ref, place)
-            found = self.find(ref, place)
-        if found is not None and isinstance(found.node, tree.FunDecl):
-            types: list[Shape | None] = [Shape(t, found.file) for _, t in found.node.parameters]
+            definition = self.find(ref, place)
+        if definition is not None and isinstance(definition.node, tree.FunDecl):
+            types: list[Shape | None] = [
+                Shape(t, definition.file) for _, t in definition.node.parameters
+            ]
             types += [None] * len(expr.arguments)
             for argument, shape in zip(expr.arguments, types, strict=False):
                 self.expression(argument, place, shape)
-            return found.shape
+            return definition.shape
         shapes = [self.expression(a, place, wanted) for a in expr.arguments]
         builtin = names[0].text if names else ""
         if builtin in FIRST and shapes:
             return shapes[0]
         return Shape(RESULTS.get(builtin, "float"), place.file)
 
-    def _unary(self, expr: tree.UnaryExpr, place: Place, wanted: Shape | None) -> Shape | None:
+    def _unary(
+        self, expr: tree.UnaryExpr, place: NameContext, wanted: Shape | None
+    ) -> Shape | None:
         return self.expression(expr.operand, place, wanted)
 
-    def _binary(self, expr: tree.BinaryExpr, place: Place, wanted: Shape | None) -> Shape | None:
+    def _binary(
+        self, expr: tree.BinaryExpr, place: NameContext, wanted: Shape | None
+    ) -> Shape | None:
         is_test = expr.op in BOOLEAN
         left = self.expression(expr.left, place, None if is_test else wanted)
         right = self.expression(expr.right, place, left if is_test else wanted)
@@ -387,31 +399,35 @@ class Expressions:
         return isinstance(of, (str, tree.BuiltinType, tree.RangedIntType))
 
     def _conditional(
-        self, expr: tree.ConditionalExpr, place: Place, wanted: Shape | None
+        self, expr: tree.ConditionalExpr, place: NameContext, wanted: Shape | None
     ) -> Shape | None:
         self.expression(expr.condition, place)
         then = self.expression(expr.then, place, wanted)
         otherwise = self.expression(expr.otherwise, place, wanted or then)
         return then or otherwise
 
-    def _record(self, expr: tree.RecordExpr, place: Place, wanted: Shape | None) -> Shape | None:
+    def _record(
+        self, expr: tree.RecordExpr, place: NameContext, wanted: Shape | None
+    ) -> Shape | None:
         for name, value in expr.fields:
             shape = self.member(wanted, name)
             self.expression(value, place, shape)
         return wanted
 
-    def _list(self, expr: tree.ListExpr, place: Place, wanted: Shape | None) -> Shape | None:
+    def _list(self, expr: tree.ListExpr, place: NameContext, wanted: Shape | None) -> Shape | None:
         inside = self._inside_of(wanted)
         for element in expr.elements:
             self.expression(element, place, inside)
         return wanted
 
-    def _choose(self, expr: tree.ChooseExpr, place: Place, wanted: Shape | None) -> Shape | None:
+    def _choose(
+        self, expr: tree.ChooseExpr, place: NameContext, wanted: Shape | None
+    ) -> Shape | None:
         self.walk((expr.type, expr.interval), place)
-        found = [self.expression(option, place, wanted) for option in expr.options]
+        shapes = [self.expression(option, place, wanted) for option in expr.options]
         if expr.type is not None:
             return Shape(expr.type, place.file)
-        return wanted or next(iter(found), None)
+        return wanted or next(iter(shapes), None)
 
     _EXPRESSIONS: ClassVar[dict[type, _Method]] = {
         tree.IntLit: _literal,

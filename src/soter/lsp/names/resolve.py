@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.span import Span
-from soter.lsp.names.definitions import Definition, Index, Shape, Truth
-from soter.lsp.names.expressions import Expressions, Place
+from soter.lsp.names.definitions import Definition, NameIndex, PlantTruth, Shape
+from soter.lsp.names.expressions import Expressions, NameContext
 from soter.program.check.scope import KINDS
 from soter.program.load.loader import LoadedFile
 from soter.syntax import tree
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 Instances = dict[str, "tuple[Definition, Definition | None]"]
 
 
-def index_of(loaded: LoadedProgram) -> Index:
+def index_of(loaded: LoadedProgram) -> NameIndex:
     """The names of a program: of all its files, and what the prelude declares."""
-    return _Resolver(Index((*loaded.files, *loaded.prelude))).run()
+    return _Resolver(NameIndex((*loaded.files, *loaded.prelude))).run()
 
 
 class Members:
     """What stands behind a dot, asked of an index that is made already."""
 
-    def __init__(self, index: Index) -> None:
+    def __init__(self, index: NameIndex) -> None:
         self._walker = _Resolver.over(index)
 
     def after(self, shape: Shape | None, name: str) -> Shape | None:
@@ -59,7 +59,7 @@ class Members:
         elif isinstance(of, tree.TypeDecl) and isinstance(of.type, tree.EnumTypeExpr):
             for own in of.type.members:
                 yield own.text, of.name.text, "member"
-        elif isinstance(of, Truth):
+        elif isinstance(of, PlantTruth):
             for state in of.plant.states:
                 yield state.name.text, " ".join(state.type.span.text.split()), "state"
         elif isinstance(of, tree.PlantDecl):
@@ -79,20 +79,20 @@ class Members:
 class _Resolver(Expressions):
     """One pass over all trees; declarations first, so that order does not matter."""
 
-    def __init__(self, index: Index) -> None:
+    def __init__(self, index: NameIndex) -> None:
         super().__init__(index)
         self.files = [f for f in index.files if not f.prelude]
 
     @classmethod
-    def over(cls, index: Index) -> _Resolver:
+    def over(cls, index: NameIndex) -> _Resolver:
         """One that looks things up in an index, and notes nothing that is seen of it."""
-        made = cls(Index(index.files, index.top, dict(index.instances)))
+        made = cls(NameIndex(index.files, index.top, dict(index.instances)))
         for file in index.files:
             if file.prelude:
                 made.prelude.update(index.declared_in(file))
         return made
 
-    def run(self) -> Index:
+    def run(self) -> NameIndex:
         for file in reversed(self.index.files):
             self._enter(file)
         for file in self.files:
@@ -106,7 +106,7 @@ class _Resolver(Expressions):
                 self.owner = own
                 if own.span != decl.name.span:  # declared twice: the second one is looked at, too
                     self.definition(decl.name, KINDS[type(decl).__name__], decl, file)
-                self._declaration(decl, Place(file))
+                self._declaration(decl, NameContext(file))
         return self.index
 
     def _enter(self, file: LoadedFile) -> None:
@@ -133,14 +133,16 @@ class _Resolver(Expressions):
 
     # ------------------------------------------------------------ declarations
 
-    def _declaration(self, decl: tree.Decl, place: Place) -> None:
+    def _declaration(self, decl: tree.Decl, place: NameContext) -> None:
         method = self._DECLARATIONS.get(type(decl))
         if method is None:
             self.walk(decl, place)
         else:
             method(self, decl, place)
 
-    def _typed(self, decl: tree.ConstDecl | tree.ParamDecl | tree.TopicDecl, place: Place) -> None:
+    def _typed(
+        self, decl: tree.ConstDecl | tree.ParamDecl | tree.TopicDecl, place: NameContext
+    ) -> None:
         """A constant, parameter or topic: its values have its type."""
         self.walk(decl.type, place)
         wanted = Shape(decl.type, place.file)
@@ -151,14 +153,14 @@ class _Resolver(Expressions):
         if isinstance(decl, tree.TopicDecl) and decl.values is not None:
             self._values(decl.values, place, wanted)
 
-    def _values(self, values: tree.ValueSet, place: Place, shape: Shape | None) -> None:
-        if isinstance(values, tree.Interval):
+    def _values(self, values: tree.ValueSet, place: NameContext, shape: Shape | None) -> None:
+        if isinstance(values, tree.IntervalExpr):
             self.walk(values, place)
             return
         for name, inner in values.fields:
             self._values(inner, place, self.member(shape, name))
 
-    def _fun(self, decl: tree.FunDecl, place: Place) -> None:
+    def _fun(self, decl: tree.FunDecl, place: NameContext) -> None:
         frame: dict[str, Definition] = {}
         for name, type_ in decl.parameters:
             self.walk(type_, place)
@@ -167,7 +169,7 @@ class _Resolver(Expressions):
         self.walk(decl.result, place)
         self.walk(decl.body, place.inner(frame, result=Shape(decl.result, place.file)))
 
-    def _node(self, decl: tree.NodeDecl, place: Place) -> None:
+    def _node(self, decl: tree.NodeDecl, place: NameContext) -> None:
         self.walk((decl.period, decl.phase, decl.takes, decl.wcet, decl.jitter), place)
         self.walk((decl.subscribes, decl.publishes), place)
         self._law(decl.failsafe, place)
@@ -180,11 +182,11 @@ class _Resolver(Expressions):
         self.walk((decl.assumes, decl.guarantees), place)
         self.walk((decl.takeover, decl.step), place.inner(frame))
 
-    def _law(self, law: tuple[tuple[tree.Ref, tree.Expr], ...], place: Place) -> None:
+    def _law(self, law: tuple[tuple[tree.Ref, tree.SyntaxExpr], ...], place: NameContext) -> None:
         for ref, value in law:
             self.expression(value, place, self.ref(ref, place))
 
-    def _plant(self, decl: tree.PlantDecl, place: Place) -> None:
+    def _plant(self, decl: tree.PlantDecl, place: NameContext) -> None:
         self.walk((decl.period, decl.reads), place)
         frame: dict[str, Definition] = {}
         inner = place.inner(frame)
@@ -200,8 +202,8 @@ class _Resolver(Expressions):
         for let in decl.lets:
             self.walk(let.type, place)
             wanted = None if let.type is None else Shape(let.type, place.file)
-            found = self.expression(let.value, inner, wanted)
-            self._local(frame, let.name, "let", let, place, wanted or found, decl.span)
+            value_shape = self.expression(let.value, inner, wanted)
+            self._local(frame, let.name, "let", let, place, wanted or value_shape, decl.span)
         for rules in (decl.der, decl.next):
             for name, value in rules:
                 own = frame.get(name.text)
@@ -215,7 +217,7 @@ class _Resolver(Expressions):
 
     # ------------------------------------------------------------ modules
 
-    def _rta(self, decl: tree.RtaDecl, place: Place) -> None:
+    def _rta(self, decl: tree.RtaDecl, place: NameContext) -> None:
         parts = (decl.ac, decl.sc, decl.period, decl.safe, decl.safer, decl.ttf, decl.clean)
         self.walk((*parts, decl.wcet, decl.jitter), place)
         for clause in decl.contract:
@@ -227,16 +229,16 @@ class _Resolver(Expressions):
 
     def _beside(self, module: tree.RtaDecl) -> Instances:
         """The instances of all systems that have the module."""
-        found: Instances = {}
+        all_instances: Instances = {}
         for file in self.files:
             for decl in file.file.declarations:
                 if isinstance(decl, tree.SystemDecl):
                     instances = self.instances_of(decl, file)
                     if any(w is not None and w.node is module for _, w in instances.values()):
-                        found = {**instances, **found}
-        return found
+                        all_instances = {**instances, **all_instances}
+        return all_instances
 
-    def _verify(self, block: tree.VerifyBlock | tree.View, place: Place) -> None:
+    def _verify(self, block: tree.VerifyBlock | tree.View, place: NameContext) -> None:
         axes: dict[str, Definition] = {}
         for instance, parts in block.abstracts:
             known = (place.instances or {}).get(instance.text)
@@ -257,14 +259,14 @@ class _Resolver(Expressions):
         done = ("groups", "abstracts", "views", "stays", "induction", "span")
         self.walk([getattr(block, n) for n in block.__dataclass_fields__ if n not in done], place)
 
-    def _axis(self, axis: tree.GridAxis, axes: dict[str, Definition], place: Place) -> None:
+    def _axis(self, axis: tree.GridAxis, axes: dict[str, Definition], place: NameContext) -> None:
         first, *rest = axis.path.parts
         known = axes.get(first.text)
         is_declared = first.text in self.index.declared_in(place.file)
         if known is None and not is_declared:
             known = (place.instances or {}).get(first.text, (None, None))[0]
         if known is None:
-            self.path(axis.path, Place(place.file) if is_declared else place)
+            self.path(axis.path, NameContext(place.file) if is_declared else place)
         else:
             self.index.note(first.span, known)
             shape = _truth(known.shape)
@@ -274,7 +276,7 @@ class _Resolver(Expressions):
 
     # ------------------------------------------------------------ systems and tests
 
-    def _system(self, decl: tree.SystemDecl, place: Place) -> None:
+    def _system(self, decl: tree.SystemDecl, place: NameContext) -> None:
         self.walk(decl.deploys, place)
         inside = place.inside(self.instances_of(decl, place.file))
         self._items(decl.instances, inside, decl)
@@ -287,7 +289,7 @@ class _Resolver(Expressions):
             self.definition(measure.name, "measure", measure, place.file)
             self.walk((measure.value, measure.interval, measure.bins, measure.every), inside)
 
-    def _instance(self, item: tree.Instance, place: Place) -> None:
+    def _instance(self, item: tree.Instance, place: NameContext) -> None:
         self.element(item.name, place)
         self.ref(item.what, place)
         for inner, outer in item.renames:
@@ -296,10 +298,12 @@ class _Resolver(Expressions):
         for setting in item.sets:
             self._setting(setting, place, self._what(item, place))
 
-    def _what(self, item: tree.Instance, place: Place) -> Definition | None:
+    def _what(self, item: tree.Instance, place: NameContext) -> Definition | None:
         return self.find(item.what, place)
 
-    def _setting(self, item: tree.SetParam, place: Place, home: Definition | None = None) -> None:
+    def _setting(
+        self, item: tree.SetParam, place: NameContext, home: Definition | None = None
+    ) -> None:
         """`set r[0].K = 3;`: an instance, and a parameter of this file or of an import."""
         parts = list(item.param.parts)
         inside = place.instances or {}
@@ -319,7 +323,7 @@ class _Resolver(Expressions):
             shape = self.ref(tree.Ref(first, parts[-1], item.param.span), place)
         self.expression(item.value, place, shape)
 
-    def _test(self, decl: tree.TestDecl, place: Place) -> None:
+    def _test(self, decl: tree.TestDecl, place: NameContext) -> None:
         inside = place
         if decl.system is not None:
             self.ref(decl.system, place)
@@ -331,7 +335,7 @@ class _Resolver(Expressions):
         for group in groups:
             self._items(group, inside, decl)
 
-    def _items(self, items: tuple[object, ...], place: Place, decl: tree.Decl) -> None:
+    def _items(self, items: tuple[object, ...], place: NameContext, decl: tree.Decl) -> None:
         """Items of a system or a test, loops included; instances were seen before."""
         for item in items:
             if isinstance(item, tree.Repeated):
@@ -347,20 +351,20 @@ class _Resolver(Expressions):
             else:
                 self.walk(item, place)
 
-    def component(self, name: str, place: Place) -> Definition | None:
+    def component(self, name: str, place: NameContext) -> Definition | None:
         """A node of a module of a system, which the system may call by the node's name alone."""
         for _, what in (place.instances or {}).values():
             if what is None:
                 continue
             if isinstance(what.node, tree.RtaDecl):
-                found = self.controller(what.node, name, what.file)
+                definition = self.controller(what.node, name, what.file)
             elif isinstance(what.node, tree.SystemDecl):
                 below = place.inside(self.instances_of(what.node, what.file))
-                found = self.component(name, below)
+                definition = self.component(name, below)
             else:
-                found = None
-            if found is not None:
-                return found
+                definition = None
+            if definition is not None:
+                return definition
         return None
 
     def instances_of(self, decl: tree.SystemDecl, file: LoadedFile) -> Instances:
@@ -368,26 +372,26 @@ class _Resolver(Expressions):
         known = self.index.instances.get(id(decl))
         if known is not None:
             return known
-        found: Instances = {}
-        self.index.instances[id(decl)] = found
-        place = Place(file)
+        instances: Instances = {}
+        self.index.instances[id(decl)] = instances
+        place = NameContext(file)
         outer, self.owner = self.owner, self.index.declared_in(file).get(decl.name.text)
         for item in _unrolled(decl.instances):
             what = self._what(item, place)
             if item.kind is not None and what is not None:
-                found[item.name.text] = what, what
+                instances[item.name.text] = what, what
             elif item.kind is None:
                 shape = None if what is None else Shape(what.node, what.file)  # type: ignore[arg-type]
-                first = found.get(item.name.text)
+                first = instances.get(item.name.text)
                 if first is not None:  # another element of the same array
                     self.index.note(self.name_span(item.name), first[0])
                     continue
                 own = self.definition(item.name, "instance", item, file, shape)
-                found[item.name.text] = own, what
+                instances[item.name.text] = own, what
         self.owner = outer
-        return found
+        return instances
 
-    _DECLARATIONS: ClassVar[dict[type, Callable[[_Resolver, Any, Place], None]]] = {
+    _DECLARATIONS: ClassVar[dict[type, Callable[[_Resolver, Any, NameContext], None]]] = {
         tree.ConstDecl: _typed,
         tree.ParamDecl: _typed,
         tree.TopicDecl: _typed,
@@ -405,28 +409,28 @@ class _Resolver(Expressions):
         name: tree.Name,
         kind: str,
         node: object,
-        place: Place,
+        place: NameContext,
         shape: Shape | None,
         seen_in: Span,
     ) -> None:
-        found = self.definition(name, kind, node, place.file, shape)
-        frame[name.text] = found
-        self.seen(found, seen_in.start, seen_in.end)
+        definition = self.definition(name, kind, node, place.file, shape)
+        frame[name.text] = definition
+        self.seen(definition, seen_in.start, seen_in.end)
 
 
 def _truth(shape: Shape | None) -> Shape | None:
     """The states of the plant that a shape is of."""
     if shape is None or not isinstance(shape.of, tree.PlantDecl):
         return None
-    return Shape(Truth(shape.of), shape.file)
+    return Shape(PlantTruth(shape.of), shape.file)
 
 
 def _unrolled(items: tuple[object, ...]) -> list[tree.Instance]:
     """The instances of a system, those in loops included."""
-    found: list[tree.Instance] = []
+    instances: list[tree.Instance] = []
     for item in items:
         if isinstance(item, tree.Instance):
-            found.append(item)
+            instances.append(item)
         elif isinstance(item, tree.Repeated):
-            found += _unrolled(item.items)
-    return found
+            instances += _unrolled(item.items)
+    return instances

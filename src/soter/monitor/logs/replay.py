@@ -17,37 +17,37 @@ from math import copysign, isinf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.monitor.logs.margins import At, Margins
-from soter.monitor.logs.result import Change, LogJudgement, ModuleOfLog, Nearest
-from soter.monitor.logs.sources import unusable
-from soter.program.meaning.arith import StepFault
-from soter.program.meaning.statements import Evaluator
+from soter.monitor.logs.log_columns import unusable
+from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
+from soter.monitor.logs.result import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.evaluate.statements import Evaluator
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.record import AC, Outcome, Verdict
+from soter.semantics.observer_records import AC, DecisionVerdict, StepOutcome
 from soter.semantics.rules import ac_or_sc_step, dm_step, environment_input
-from soter.simulate.decisions import Saw, reason
+from soter.simulate.decisions import PredicateValues, reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.monitor.logs.decidable import Decidable
-    from soter.monitor.logs.margins import Distance
-    from soter.monitor.logs.samples import Samples
-    from soter.program.meaning.environment import Environment
+    from soter.monitor.logs.decidable_modules import Decidable
+    from soter.monitor.logs.predicate_margins import Distance
+    from soter.monitor.logs.samples import TopicSamples
+    from soter.program.evaluate.environment import Environment
     from soter.program.model.system import Component, Module, System
     from soter.semantics.configuration import Configuration
-    from soter.semantics.machine import Machine
+    from soter.semantics.executable_system import ExecutableSystem
 
 STEPS_MAX = 20_000_000
 """Decisions that are replayed of one log; a thousand take half a second."""
-AGAINST = At(sense=-1.0)
+AGAINST = PredicatePosition(sense=-1.0)
 """Distances count away from `ttf`."""
 
 
 def replay(
     system: System,
-    samples: list[Samples],
+    samples: list[TopicSamples],
     plan: Decidable,
     log: str,
     progress: Callable[[float], None] | None = None,
@@ -81,19 +81,19 @@ def replay(
     watches = {}
     for m in system.modules:
         lost, blind = plan.missing.get(m.index, ()), plan.blind.get(m.index, ())
-        found = ModuleOfLog(m.name, m.period_ns, tuple(map(str, lost)), tuple(map(str, blind)))
-        judged.modules.append(found)
-        if found.decided:
-            watches[m.index] = _Watch(m, found)
-    world = _World(system, interpreter, samples, plan, judged, from_ns)
+        module_log = ModuleOfLog(m.name, m.period_ns, tuple(map(str, lost)), tuple(map(str, blind)))
+        judged.modules.append(module_log)
+        if module_log.decided:
+            watches[m.index] = _Watch(m, module_log)
+    world = _LogState(system, interpreter, samples, plan, judged, from_ns)
     for ct in _instants(system, plan, to_ns - from_ns):
         world.instant(ct, watches)
         if progress is not None:
             progress(ct / max(1, to_ns - from_ns))
     world.rest(to_ns - from_ns)
-    for found in judged.modules:
-        if found.decided and not found.steps:
-            found.missing = tuple(_never_taken(judged))
+    for module_log in judged.modules:
+        if module_log.decided and not module_log.steps:
+            module_log.missing = tuple(_never_taken(judged))
     return judged
 
 
@@ -141,20 +141,20 @@ def _bounded(system: System, plan: Decidable, length_ns: int, log: str) -> None:
         )
 
 
-class _World:
+class _LogState:
     """Topics, locals and modes while the log goes by; `ct` counts from where judging begins."""
 
     def __init__(
         self,
         system: System,
         interpreter: Interpreter,
-        samples: list[Samples],
+        samples: list[TopicSamples],
         plan: Decidable,
         judged: LogJudgement,
         from_ns: int,
     ) -> None:
         self.system, self.plan, self.judged = system, plan, judged
-        self.machine: Machine = interpreter.machine
+        self.machine: ExecutableSystem = interpreter.machine
         self.c: Configuration = interpreter.initial()
         self.from_ns = from_ns
         self.at: dict[int, list[_Feed]] = {}
@@ -211,7 +211,7 @@ class _World:
             watch.note(verdict, env, (self.c.ct + self.from_ns) / 1e9)
             return
         self.c, outcome = ac_or_sc_step(self.machine, self.c, n.index)
-        if isinstance(outcome, Outcome) and outcome.fault is not None:
+        if isinstance(outcome, StepOutcome) and outcome.fault is not None:
             told = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
             self.judged.faulted.setdefault(n.name, told)
 
@@ -245,7 +245,7 @@ def _is_due(n: Component, ct: int) -> bool:
 class _Feed:
     """What of a topic's samples is still to come; times count from where judging begins."""
 
-    def __init__(self, samples: Samples, from_ns: int) -> None:
+    def __init__(self, samples: TopicSamples, from_ns: int) -> None:
         self.samples, self.from_ns = samples, from_ns
         self.next = max(0, bisect_right(samples.times_ns, from_ns) - 1)
 
@@ -274,50 +274,52 @@ class _Feed:
 class _Watch:
     """The steps of one DM, counted and measured."""
 
-    def __init__(self, module: Module, found: ModuleOfLog) -> None:
-        self.module, self.found = module, found
+    def __init__(self, module: Module, module_log: ModuleOfLog) -> None:
+        self.module, self.found = module, module_log
         evaluator = Evaluator.of(module.scope)
         symbol = module.symbol
-        self.margins = Margins(evaluator)
+        self.margins = PredicateMargins(evaluator)
         self.ttf = None if symbol.ttf is None else self.margins.of(symbol.ttf, AGAINST)
-        self.of_safe = Margins(evaluator)
-        self.safe = None if found.blind else self.of_safe.of(symbol.safe)
+        self.of_safe = PredicateMargins(evaluator)
+        self.safe = None if module_log.blind else self.of_safe.of(symbol.safe)
 
-    def note(self, verdict: Verdict, env: Environment, time_s: float) -> None:
+    def note(self, verdict: DecisionVerdict, env: Environment, time_s: float) -> None:
         """A step of the DM; `env` is what it saw."""
-        found = self.found
-        found.steps += 1
-        found.ac += verdict.after == AC
+        module_log = self.found
+        module_log.steps += 1
+        module_log.ac += verdict.after == AC
         if verdict.before != verdict.after:
             before, after = ("AC", "SC") if verdict.before == AC else ("SC", "AC")
-            saw = Saw(verdict.ttf, verdict.safer, verdict.stale, verdict.gate_fault)
+            saw = PredicateValues(verdict.ttf, verdict.safer, verdict.stale, verdict.gate_fault)
             why = reason(before, after, saw)  # type: ignore[arg-type]
-            found.changes.append(Change(time_s, after, why))
+            module_log.changes.append(LoggedModeChange(time_s, after, why))
         if verdict.stale:
-            found.stale += 1
+            module_log.stale += 1
             return
-        found.ttf += verdict.ttf
-        found.safer += verdict.safer
+        module_log.ttf += verdict.ttf
+        module_log.safer += verdict.safer
         self._distances(env, time_s)
 
     def _distances(self, env: Environment, time_s: float) -> None:
-        found = self.found
+        module_log = self.found
         far = self._asked(self.ttf, env)
         if far is not None:
-            found.margin = _least(found.margin, -far.far, far, self.margins, time_s)
+            module_log.margin = _least(module_log.margin, -far.far, far, self.margins, time_s)
             for bound, distance in self.margins.seen.items():
                 text = self.margins.label(bound)
-                last = found.bounds.get(text)
+                last = module_log.bounds.get(text)
                 if last is None or distance < last.distance:
-                    found.bounds[text] = Nearest(distance, time_s, text)
+                    module_log.bounds[text] = NearestMargin(distance, time_s, text)
             self.margins.seen.clear()
         clear = self._asked(self.safe, env)
         if clear is not None:
-            found.clearance = _least(found.clearance, clear.far, clear, self.of_safe, time_s)
+            module_log.clearance = _least(
+                module_log.clearance, clear.far, clear, self.of_safe, time_s
+            )
             if copysign(1.0, clear.far) < 0:
-                found.outside += 1
-                if found.first_outside_s is None:
-                    found.first_outside_s = time_s
+                module_log.outside += 1
+                if module_log.first_outside_s is None:
+                    module_log.first_outside_s = time_s
 
     def _asked(
         self, measure: Callable[[Environment], Distance] | None, env: Environment
@@ -332,9 +334,9 @@ class _Watch:
 
 
 def _least(
-    before: Nearest | None, far: float, d: Distance, margins: Margins, time_s: float
-) -> Nearest:
+    before: NearestMargin | None, far: float, d: Distance, margins: PredicateMargins, time_s: float
+) -> NearestMargin:
     if before is not None and before.distance <= far:
         return before
     bound = margins.label(d.bound) if d.bound >= 0 and not isinf(far) else ""
-    return Nearest(far, time_s, bound)
+    return NearestMargin(far, time_s, bound)

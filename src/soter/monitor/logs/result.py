@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from soter.monitor.logs.samples import Derived
+    from soter.monitor.logs.samples import DerivedValue
 
 ASSUMED = (
     "only reads are judged: where the vehicle was is known to within its estimator's errors",
@@ -30,7 +30,7 @@ ASSUMED = (
 
 
 @dataclass(frozen=True)
-class Change:
+class LoggedModeChange:
     """A change of mode, at `time_s` of the log, and why."""
 
     time_s: float
@@ -39,7 +39,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Nearest:
+class NearestMargin:
     """The least distance of a condition from failing; below zero: how far it failed at most.
 
     `bound`: the comparison that it was, "" where nothing has a distance; its sides have one unit.
@@ -73,10 +73,10 @@ class ModuleOfLog:
     outside: int = 0
     faults: int = 0
     first_outside_s: float | None = None
-    changes: list[Change] = field(default_factory=list)
-    margin: Nearest | None = None
-    clearance: Nearest | None = None
-    bounds: dict[str, Nearest] = field(default_factory=dict)
+    changes: list[LoggedModeChange] = field(default_factory=list)
+    margin: NearestMargin | None = None
+    clearance: NearestMargin | None = None
+    bounds: dict[str, NearestMargin] = field(default_factory=dict)
 
     @property
     def decided(self) -> bool:
@@ -89,7 +89,7 @@ class ModuleOfLog:
         return self.steps - self.stale
 
     @property
-    def switches(self) -> list[Change]:
+    def switches(self) -> list[LoggedModeChange]:
         """Takeovers: from AC to SC."""
         return [c for c in self.changes if c.to == "SC"]
 
@@ -120,7 +120,7 @@ class LogJudgement:
     samples: dict[str, int]
     nodes: tuple[str, ...]
     modules: list[ModuleOfLog]
-    derived: list[Derived] = field(default_factory=list)
+    derived: list[DerivedValue] = field(default_factory=list)
     constants: tuple[str, ...] = ()
     forced: tuple[str, ...] = ()
     left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
@@ -130,18 +130,20 @@ class LogJudgement:
     @property
     def assumptions(self) -> list[str]:
         """What the judgement takes for granted."""
-        found = list(ASSUMED)
+        assumptions = list(ASSUMED)
         if self.nodes:
             names = ", ".join(f"`{n}`" for n in self.nodes)
-            found.append(f"{names} of the program ran on what the log has")
+            assumptions.append(f"{names} of the program ran on what the log has")
         if self.forced:
             names = ", ".join(f"`{n}`" for n in self.forced)
-            found.append(f"the system forces the mode of {names}; judged as if it did not")
+            assumptions.append(f"the system forces the mode of {names}; judged as if it did not")
         if self.derived:
-            found.append(
+            assumptions.append(
                 "what is derived is not what the estimator said at that time (see its error)"
             )
         if self.constants:
             names = ", ".join(f"`{n}`" for n in self.constants)
-            found.append(f"the log does not hold {names}: the mapping says that they stood still")
-        return found
+            assumptions.append(
+                f"the log does not hold {names}: the mapping says that they stood still"
+            )
+        return assumptions

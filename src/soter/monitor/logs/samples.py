@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.monitor.logs.derive import ahead_errors, quantiles, slope_errors, slopes
-from soter.monitor.logs.mapping import Constant, From, Slope
-from soter.monitor.logs.sources import unusable
+from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
+from soter.monitor.logs.log_columns import unusable
+from soter.monitor.logs.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.program.model.durations import show_ns
 from soter.program.model.types import (
     ArrayType,
@@ -28,13 +28,13 @@ from soter.program.model.types import (
     RecordType,
     leaves,
 )
-from soter.report.recorded import Recorded
+from soter.report.recorded_run import RecordedRun
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.monitor.logs.mapping import LeafPath, LogMap, TopicMap
-    from soter.monitor.logs.sources import Columns
+    from soter.monitor.logs.log_columns import Columns
+    from soter.monitor.logs.topic_mapping import LeafPath, LogMap, TopicMap
     from soter.program.model.system import System, Topic
     from soter.program.model.types import Type, Value
 
@@ -42,7 +42,7 @@ TRUTHS = {"true": True, "false": False, "1": True, "0": False}
 
 
 @dataclass(frozen=True)
-class Derived:
+class DerivedValue:
     """A leaf, or a topic between its samples: how it was made, and 50, 95, 100 % of its error."""
 
     name: str
@@ -51,7 +51,7 @@ class Derived:
 
 
 @dataclass
-class Samples:
+class TopicSamples:
     """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
 
     `left_out`: rows without a usable value, and `first_left_out` why.
@@ -64,7 +64,7 @@ class Samples:
     gap_ns: int = 0
     left_out: int = 0
     first_left_out: str = ""
-    derived: list[Derived] = field(default_factory=list)
+    derived: list[DerivedValue] = field(default_factory=list)
     constants: list[str] = field(default_factory=list)
 
     @property
@@ -107,31 +107,35 @@ def _continued(t: Type, a: Value, b: Value, share: float) -> Value:
     return b
 
 
-def samples_of(path: Path, mapping: LogMap, columns: dict[str | None, Columns]) -> list[Samples]:
+def samples_of(
+    path: Path, mapping: LogMap, columns: dict[str | None, Columns]
+) -> list[TopicSamples]:
     """All mapped topics, times counted from the first row of the log; SoterError D016."""
     first = min(c.times_ns[0] for c in columns.values())
-    found = []
+    samples = []
     for t in mapping.topics:
         of = columns.get(t.channel, columns.get(None))
-        found.append(_always(t) if not t.names else _of_rows(path, t, of, first))  # type: ignore[arg-type]
-    return found
+        samples.append(_always(t) if not t.names else _of_rows(path, t, of, first))  # type: ignore[arg-type]
+    return samples
 
 
-def _always(t: TopicMap) -> Samples:
-    leaves_ = {p: x.value for p, x in t.leaves.items() if isinstance(x, Constant)}
-    made = Samples(t.topic, [], [_built(t.topic.type, (), leaves_)])
+def _always(t: TopicMap) -> TopicSamples:
+    leaves_ = {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
+    made = TopicSamples(t.topic, [], [_built(t.topic.type, (), leaves_)])
     made.constants = [t.name_of(p) for p in t.leaves]
     return made
 
 
-def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> Samples:
-    made = Samples(t.topic, [], [], t.linear, t.gap_ns)
+def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicSamples:
+    made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns)
     types = dict(leaves(t.topic.type))
-    read: dict[LeafPath, list[Any]] = {p: [] for p, x in t.leaves.items() if isinstance(x, From)}
+    read: dict[LeafPath, list[Any]] = {
+        p: [] for p, x in t.leaves.items() if isinstance(x, SignalSource)
+    }
     for i, now in enumerate(columns.times_ns):
         row = {}
         for p, leaf in t.leaves.items():
-            if isinstance(leaf, From):
+            if isinstance(leaf, SignalSource):
                 cell = columns.cells[leaf.name][i]
                 row[p] = _leaf(path, types[p], leaf, cell, columns.where[i])
         lost = [p for p, value in row.items() if value is None]
@@ -150,28 +154,28 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> Sample
     return made
 
 
-def _fill(path: Path, t: TopicMap, made: Samples, read: dict[LeafPath, list[Any]]) -> None:
+def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list[Any]]) -> None:
     """Slopes, constants, whole values."""
     n = len(made.times_ns)
     times_s = np.array(made.times_ns, dtype=np.float64) / 1e9
     whole: dict[LeafPath, list[Any]] = dict(read)
     for p, leaf in t.leaves.items():
-        if isinstance(leaf, Constant):
+        if isinstance(leaf, ConstantSource):
             whole[p] = [leaf.value] * n
             made.constants.append(t.name_of(p))
-        elif isinstance(leaf, Slope):
+        elif isinstance(leaf, SlopeSource):
             if n < 2:
                 raise unusable(path, f"one sample of `{t.topic.name}` has no slope")
             values, window = np.array(read[leaf.of], dtype=np.float64), leaf.window_ns / 1e9
-            found = slopes(times_s, values, window)
-            error = quantiles(slope_errors(times_s, values, window, found))
+            derivatives = slopes(times_s, values, window)
+            error = quantiles(slope_errors(times_s, values, window, derivatives))
             how = (
                 f"slope over the last {show_ns(leaf.window_ns)}, from the second sample on; error: "
                 "against the slope over half the window"
             )
-            made.derived.append(Derived(t.name_of(p), how, error))
-            whole[p] = found.tolist()
-    if any(isinstance(leaf, Slope) for leaf in t.leaves.values()):
+            made.derived.append(DerivedValue(t.name_of(p), how, error))
+            whole[p] = derivatives.tolist()
+    if any(isinstance(leaf, SlopeSource) for leaf in t.leaves.values()):
         del made.times_ns[0]  # where there is no slope yet
         times_s, whole, n = times_s[1:], {p: v[1:] for p, v in whole.items()}, n - 1
     if t.linear:
@@ -181,11 +185,11 @@ def _fill(path: Path, t: TopicMap, made: Samples, read: dict[LeafPath, list[Any]
 
 
 def _ahead(
-    t: TopicMap, made: Samples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
+    t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
 ) -> None:
     """Note what straight lines miss; times_s (n,)."""
     for p, kind in leaves(t.topic.type):
-        if isinstance(kind, FloatType) and not isinstance(t.leaves[p], Constant):
+        if isinstance(kind, FloatType) and not isinstance(t.leaves[p], ConstantSource):
             values = np.array(whole[p], dtype=np.float64)
             error = quantiles(ahead_errors(times_s, values, t.gap_ns / 1e9))
             how = (
@@ -193,21 +197,21 @@ def _ahead(
                 f"{show_ns(t.gap_ns)}; error: how far the next sample is off it"
             )
             if error[-1] > 0.0:
-                made.derived.append(Derived(t.name_of(p), how, error))
+                made.derived.append(DerivedValue(t.name_of(p), how, error))
 
 
-def _built(t: Type, path: LeafPath, found: dict[LeafPath, Value]) -> Value:
+def _built(t: Type, path: LeafPath, value_by_path: dict[LeafPath, Value]) -> Value:
     if isinstance(t, RecordType):
-        return tuple([_built(f, (*path, n), found) for n, f in t.fields])
+        return tuple([_built(f, (*path, n), value_by_path) for n, f in t.fields])
     if isinstance(t, ArrayType):
-        return tuple([_built(t.element, (*path, f"[{i}]"), found) for i in range(t.size)])
-    return found[path]
+        return tuple([_built(t.element, (*path, f"[{i}]"), value_by_path) for i in range(t.size)])
+    return value_by_path[path]
 
 
 # ---------------------------------------------------------------- cells
 
 
-def _leaf(path: Path, t: Type, leaf: From, cell: object, where: str) -> Value | None:
+def _leaf(path: Path, t: Type, leaf: SignalSource, cell: object, where: str) -> Value | None:
     """A value; None for an empty cell, NaN and infinities. SoterError D016 for anything else."""
     if isinstance(cell, str):
         cell = cell.strip()
@@ -223,7 +227,7 @@ def _leaf(path: Path, t: Type, leaf: From, cell: object, where: str) -> Value | 
         raise unusable(path, text) from error
 
 
-def _number(leaf: From, cell: Any) -> float | None:  # noqa: ANN401 - a text, or what JSON has
+def _number(leaf: SignalSource, cell: Any) -> float | None:  # noqa: ANN401 - a text, or what JSON has
     if isinstance(cell, bool):
         raise TypeError
     value = float(cell)
@@ -261,7 +265,7 @@ def _whole(x: float) -> int:
     return int(x)
 
 
-def recorded(system: System, samples: list[Samples]) -> Recorded:
+def recorded(system: System, samples: list[TopicSamples]) -> RecordedRun:
     """The topics at every time at which one of them was sampled, from when all are known.
 
     Nothing is interpolated; times count from the first row of the log; there are no true states.
@@ -270,12 +274,12 @@ def recorded(system: System, samples: list[Samples]) -> Recorded:
     topics = {t.name: t.default for t in system.topics}
     topics.update({s.topic.name: s.values[0] for s in samples if s.always})
     events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.times_ns))
-    found = Recorded([], [], [])
+    record = RecordedRun([], [], [])
     for at, (time_ns, k, i) in enumerate(events):
         topics[samples[k].topic.name] = samples[k].values[i]
         last = at + 1 == len(events) or events[at + 1][0] != time_ns
         if last and time_ns >= start:
-            found.times_ns.append(time_ns)
-            found.topics.append(dict(topics))
-            found.truths.append({})
-    return found
+            record.times_ns.append(time_ns)
+            record.topics.append(dict(topics))
+            record.truths.append({})
+    return record

@@ -1,23 +1,23 @@
 """The checker: from loaded files to a checked `Program`.
 
 Purpose: resolve every declaration once and on demand, then every body; all errors in one pass.
-Non-goals: numbers of a particular system (`elaborate.py`), the paper's P1 (`wellformed.py`).
+Non-goals: numbers of a particular system (`elaborator.py`), the paper's P1 (`wellformed.py`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.check.calls import CallGraph
-from soter.program.check.const import ConstantChecker
-from soter.program.check.cost import count_costs
-from soter.program.check.decl import DeclChecker
+from soter.program.check.call_graph import CallGraph
+from soter.program.check.constants import ConstantChecker
+from soter.program.check.declarations import DeclChecker
 from soter.program.check.expressions.expr import ExprChecker
-from soter.program.check.order import in_order_of_need
+from soter.program.check.resolution_order import in_order_of_need
 from soter.program.check.scope import Entry, FileScope, Names
-from soter.program.check.stmt import StmtChecker
+from soter.program.check.statements import StmtChecker
+from soter.program.check.step_cost import count_costs
 from soter.program.check.types import TypeChecker
-from soter.program.check.unused import Unused
+from soter.program.check.unused import UnusedDeclarations
 from soter.program.model import typed
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Checker:
         self.loaded = loaded
         self.diagnostics = diagnostics
         self.names = Names(diagnostics)
-        self.unused = Unused(diagnostics)
+        self.unused = UnusedDeclarations(diagnostics)
         self.calls = CallGraph(diagnostics, self._fun_body)
         expressions = ExprChecker(self)
         constants = ConstantChecker(self, loaded.digest, loaded.reading)
@@ -62,7 +62,7 @@ class Checker:
 
     # ------------------------------------------------------------ the whole
 
-    def run(self) -> typed.Program:
+    def run(self) -> typed.TypedProgram:
         """Check everything; the program is only meaningful without errors."""
         for prelude in self.loaded.prelude:
             self.names.add_prelude(prelude)
@@ -77,7 +77,7 @@ class Checker:
             self.resolve(entry, entry.decl.name.span, use=False)
         self._check_bodies()
         self.calls.report_recursion()
-        program = typed.Program(str(self.loaded.main.path), "")
+        program = typed.TypedProgram(str(self.loaded.main.path), "")
         for entry in entries:
             _register(program, entry)
         if not self.diagnostics.has_errors:
@@ -147,7 +147,7 @@ class Checker:
         ):
             self.damaged.add(symbol)
             if isinstance(symbol, typed.FunSymbol):
-                self.calls.mark_broken(symbol)
+                self.calls.mark_invalid(symbol)
         self.absorb(mark)
         self.calls.current = outer
         self._resolving.pop()
@@ -180,7 +180,11 @@ class Checker:
     # ------------------------------------------------------------ topics of sub-systems
 
     def stand_in(
-        self, system: typed.SystemSymbol, prefix: list[str], topic: typed.TopicSymbol, span: Span
+        self,
+        system: typed.SystemSymbol,
+        prefix: list[str],
+        topic: typed.TopicSymbol,
+        span: Span,
     ) -> typed.TopicSymbol:
         """The symbol that means a topic of a sub-system instance, one for each path."""
         key = (id(system), tuple(prefix), id(topic))
@@ -193,7 +197,7 @@ class Checker:
         return known
 
 
-def _register(program: typed.Program, entry: Entry) -> None:
+def _register(program: typed.TypedProgram, entry: Entry) -> None:
     symbol, name = entry.symbol, entry.full_name
     if isinstance(symbol, typed.ConstSymbol):
         program.consts[name] = symbol
@@ -215,7 +219,7 @@ def _register(program: typed.Program, entry: Entry) -> None:
         program.tests[name] = symbol
 
 
-def check(loaded: LoadedProgram, diagnostics: Diagnostics) -> typed.Program:
+def check(loaded: LoadedProgram, diagnostics: Diagnostics) -> typed.TypedProgram:
     """Check a loaded program; errors go into `diagnostics`."""
     return Checker(loaded, diagnostics).run()
 

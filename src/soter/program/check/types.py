@@ -1,7 +1,7 @@
 """Check type expressions.
 
 Purpose: what a type expression means, with sizes that a machine can hold.
-Non-goals: declarations of types (`decl.py`), storage.
+Non-goals: declarations of types (`declarations.py`), storage.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace, the_other_way
-from soter.program.model.table import TABLE_MAX, VALUE_MAX
+from soter.program.model.data_table import TABLE_MAX, VALUE_MAX
 from soter.program.model.types import (
     BOOL,
     DURATION,
@@ -33,9 +33,9 @@ from soter.syntax import tree
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
-    from soter.program.check.context import Context
+    from soter.program.check.checker_interface import Shared
+    from soter.program.check.expression_context import Context
     from soter.program.check.scope import FileScope
-    from soter.program.check.shared import Shared
 
 UNIT_MAX = 16
 """Characters of a unit."""
@@ -135,7 +135,7 @@ class TypeChecker:
         )
         return ERROR
 
-    def _constant(self, expr: tree.Expr, scope: FileScope, what: str) -> int | None:
+    def _constant(self, expr: tree.SyntaxExpr, scope: FileScope, what: str) -> int | None:
         value = self.shared.constant(expr, scope, INT, what, self._around)
         return value if isinstance(value, int) else None
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 ROOTS = {"system", "test"}
 
 
-class Unused:
+class UnusedDeclarations:
     """Warnings waiting for the end of the check."""
 
     def __init__(self, diagnostics: Diagnostics) -> None:
@@ -59,7 +59,7 @@ class Unused:
                 self.add("W001", f"import `{name.text}` is never used", name.span, "", whole)
 
     def report(self) -> None:
-        """Say them; `explore/engine/engine.py` leaves them out where there are errors."""
+        """Say them; `explore/engine/explorer_library.py` leaves them out where there are errors."""
         for code, message, span, label, help_ in self._waiting:
             self.diagnostics.warning(code, message, span, label, helps=(help_,) if help_ else ())
 

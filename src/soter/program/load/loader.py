@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
-from soter.program.load.data import read_data
-from soter.program.load.files import ReadError, near_names, read_bytes
+from soter.program.load.bounded_read import ReadError, near_names, read_bytes
+from soter.program.load.data_files import read_data
 from soter.syntax.parser import parse
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ MAX_NAMES_IN_CYCLE = 8
 PRELUDE_DIR = Path(__file__).resolve().parents[2] / "prelude"
 
 
-class Reading:
+class SourceAccess:
     """How the files of a program are read: from the disk, each time anew.
 
     An editor's (`lsp/overlay.py`) knows texts that are not saved, and remembers what it parsed.
@@ -53,7 +53,7 @@ class Reading:
         return read_data(path, t, tell)
 
 
-FROM_DISK = Reading()
+FROM_DISK = SourceAccess()
 
 
 @dataclass(eq=False)
@@ -79,7 +79,7 @@ class LoadedProgram:
     files: list[LoadedFile]
     prelude: list[LoadedFile]
     digest: hashlib._Hash
-    reading: Reading = FROM_DISK
+    reading: SourceAccess = FROM_DISK
     """How it was read, and data files are."""
 
 
@@ -109,7 +109,7 @@ def read_text(
 
 
 def load(
-    path: str, diagnostics: Diagnostics, text: str | None = None, reading: Reading = FROM_DISK
+    path: str, diagnostics: Diagnostics, text: str | None = None, reading: SourceAccess = FROM_DISK
 ) -> LoadedProgram | None:
     """Load `path` (or `text` in its place) and all it imports; None when nothing was read."""
     main_path = Path(path)
@@ -126,9 +126,9 @@ def load(
 
 @cache
 def _prelude_paths() -> tuple[Path, ...]:
-    found = tuple(sorted(PRELUDE_DIR.rglob("*.soter")))
-    assert found, "soter is not whole: it has no prelude"
-    return found
+    paths = tuple(sorted(PRELUDE_DIR.rglob("*.soter")))
+    assert paths, "soter is not whole: it has no prelude"
+    return paths
 
 
 @cache
@@ -144,7 +144,7 @@ def _prelude_file(path: Path) -> LoadedFile:
 class _Loader:
     """Loads each file once, however often it is imported."""
 
-    def __init__(self, diagnostics: Diagnostics, reading: Reading) -> None:
+    def __init__(self, diagnostics: Diagnostics, reading: SourceAccess) -> None:
         self.diagnostics = diagnostics
         self.reading = reading
         self.digest = hashlib.sha256(b"soter 1\0")
@@ -193,11 +193,11 @@ class _Loader:
                     helps=("give one of them another name",),
                 )
                 continue
-            found, fresh = self._import(importer, imported, chain)
-            importer.imports[name] = found
-            if fresh and found is not None:
-                chain[_resolved(found.path)] = found
-                waiting.append(iter(found.file.imports))
+            loaded_file, fresh = self._import(importer, imported, chain)
+            importer.imports[name] = loaded_file
+            if fresh and loaded_file is not None:
+                chain[_resolved(loaded_file.path)] = loaded_file
+                waiting.append(iter(loaded_file.file.imports))
 
     def _import(
         self, importer: LoadedFile, imported: tree.ImportDecl, chain: dict[Path, LoadedFile]

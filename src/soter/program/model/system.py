@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.program.model.typed import (
-        Expr,
         ModuleSymbol,
         NodeSymbol,
         ParamSymbol,
         PlantSymbol,
-        Program,
         TopicSymbol,
+        TypedExpr,
+        TypedProgram,
         Variable,
     )
     from soter.program.model.types import Type, Value
@@ -151,7 +151,7 @@ class Component:
     takes_ns: tuple[int, int] | None = None
     """How long a step lasts, at least and at most; None: what it publishes counts at once."""
     held: int | None = None
-    """Where steps may last: the topic that holds what one published (`flatten/taking.py`)."""
+    """Where steps last: the topic that holds its publications (`elaborate/execution_times.py`)."""
     wcet_ns: int | None = None
     """What a step, or a decision, needs of its processor at most; None: not declared."""
     jitter_ns: int = 0
@@ -193,7 +193,7 @@ class Module:
     over: int | None = None
     """The module that stands in the place of AC; `ac` is then that one's."""
     view: str = ""
-    """Of a module as one of its views sees it (`flatten/views.py`): `symbol` has a part of its
+    """Of a module as one of its views sees it (`elaborate/views.py`): `symbol` has a part of its
     predicates; `whole` is the one that flies."""
     whole: ModuleSymbol | None = None
     law: dict[int, Value] = field(default_factory=dict)
@@ -229,7 +229,7 @@ class Property:
 
     index: int
     kind: str
-    condition: Expr
+    condition: TypedExpr
     scope: Scope
     text: str
     span: Span
@@ -265,14 +265,14 @@ class External:
 
 
 @dataclass(eq=False)
-class Measure:
+class Metric:
     """What a campaign tells of runs: a number, looked at after instants, `every_ns` apart.
 
     Its histogram has `bins` equal parts of [low, high], and two for what lies below and above.
     """
 
     name: str
-    value: Expr
+    value: TypedExpr
     scope: Scope
     every_ns: int
     low: float
@@ -290,8 +290,8 @@ class TimedProperty:
 
     index: int
     kind: str
-    premise: Expr | None
-    condition: Expr | None
+    premise: TypedExpr | None
+    condition: TypedExpr | None
     within_ns: int
     module: int | None
     scope: Scope
@@ -327,9 +327,10 @@ class Fault:
     with `probability`, drawn from `stream`. `amount`: of "late" times in ns, between which each
     release is late (the quantiles of the lateness); with a slot the longest time for which the
     component is held up. "wait": a release that falls together with one of the component `on`
-    happens no earlier than that (`flatten/trials/waiting.py`). "overrun": a step that begins while
-    it is there lasts `amount` longer, ns (`Component.held`). `apart`: never in two slots in a row.
-    `inside`: None, or the assumption that it does not break; `text`: as it was written.
+    happens no earlier than that (`elaborate/tests_and_faults/sc_waits_for_dm.py`). "overrun": a
+    step that begins while it is there lasts `amount` longer, ns (`Component.held`). `apart`: never
+    in two slots in a row. `inside`: None, or the assumption that it does not break; `text`: as it
+    was written.
     """
 
     kind: str
@@ -376,7 +377,7 @@ class System:
     """A flattened system."""
 
     name: str
-    program: Program
+    program: TypedProgram
     topics: tuple[Topic, ...]
     components: tuple[Component, ...]
     """In deployed order: `components[i].index == i`."""
@@ -392,7 +393,7 @@ class System:
     """Set when the system was flattened for a `test` block, with its properties."""
     faults: tuple[Fault, ...] = ()
     """What goes wrong in its runs; no proof and no test is about them."""
-    measures: tuple[Measure, ...] = ()
+    measures: tuple[Metric, ...] = ()
     """What campaigns tell of its runs."""
     externals: tuple[External, ...] = ()
     """Topics that somebody outside publishes or reads: it stands in the world, without plants."""

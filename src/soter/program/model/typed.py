@@ -2,11 +2,11 @@
 
 Purpose: what the checker hands to everyone above: the reference interpreter and the lowering
 read exactly this and nothing of the syntax tree.
-Non-goals: numbers that depend on parameters (periods, ranges): `elaborate.py` computes them.
+Non-goals: numbers that depend on parameters (periods, ranges): `elaborator.py` computes them.
 
 Rules that hold of every tree built by the checker:
 - integer literals in float positions are already `Literal` of type FLOAT;
-- `Binary` on floats, ints or durations has both operands of the same kind; `Vector` does the
+- `TypedBinary` on floats, ints or durations has both operands of the same kind; `Vector` does the
   componentwise cases; comparisons of bools and enums are only == and !=;
 - a value that goes into an `int in [a, b]` place passes through `Narrow`;
 - loops have literal bounds; functions are not recursive; every path of a function returns.
@@ -50,7 +50,7 @@ class Variable:
 
 
 @dataclass(eq=False)
-class Expr:
+class TypedExpr:
     """Any checked expression."""
 
     type: Type
@@ -58,7 +58,7 @@ class Expr:
 
 
 @dataclass(eq=False)
-class Literal(Expr):
+class Literal(TypedExpr):
     """A constant of any type (also the value of a named `const`)."""
 
     value: Value
@@ -66,79 +66,79 @@ class Literal(Expr):
 
 
 @dataclass(eq=False)
-class ParamRead(Expr):
+class ParamRead(TypedExpr):
     """A `param`; its value is fixed when a system is elaborated."""
 
     param: ParamSymbol
 
 
 @dataclass(eq=False)
-class VarRead(Expr):
+class VarRead(TypedExpr):
     """A local, parameter, plant state, disturbance or plant let."""
 
     variable: Variable
 
 
 @dataclass(eq=False)
-class TopicRead(Expr):
+class TopicRead(TypedExpr):
     """The value of a topic at the start of the step (for nodes: a subscribed one)."""
 
     topic: TopicSymbol
 
 
 @dataclass(eq=False)
-class TruthRead(Expr):
+class TruthRead(TypedExpr):
     """`instance.truth`: the state of a plant instance as a record of its states."""
 
     instance: str
 
 
 @dataclass(eq=False)
-class ModeRead(Expr):
+class ModeRead(TypedExpr):
     """`mode(M)`: type MODE. In a system the instance path, elsewhere the module."""
 
     module: ModuleSymbol | str
 
 
 @dataclass(eq=False)
-class MarginRead(Expr):
+class MarginRead(TypedExpr):
     """`margin(M)`: seconds in which the module surely keeps AC in control, whatever AC does."""
 
     module: ModuleSymbol | str
 
 
 @dataclass(eq=False)
-class InControl(Expr):
+class InControl(TypedExpr):
     """`in_control`: whether this node's outputs count (true outside every module)."""
 
 
 @dataclass(eq=False)
-class TimeRead(Expr):
+class TimeRead(TypedExpr):
     """`time`: virtual time in seconds: float(ct) / 1e9."""
 
 
 @dataclass(eq=False)
-class PeriodRead(Expr):
+class PeriodRead(TypedExpr):
     """`dt`: the period of this node or plant in seconds: float(period_ns) / 1e9."""
 
 
 @dataclass(eq=False)
-class AgeRead(Expr):
+class AgeRead(TypedExpr):
     """`age(topic)`: seconds since its last publication: float(ct - stamp) / 1e9."""
 
     topic: TopicSymbol
 
 
 @dataclass(eq=False)
-class Unary(Expr):
+class TypedUnary(TypedExpr):
     """`-e` on int (faults on overflow), float, vector; `!e` on bool."""
 
     op: str
-    operand: Expr
+    operand: TypedExpr
 
 
 @dataclass(eq=False)
-class Binary(Expr):
+class TypedBinary(TypedExpr):
     """A scalar operation: + - * / % < <= > >= == != && || (the last two short-circuit).
 
     int: 64-bit, overflow faults; `/` truncates towards zero, `%` has the sign of the dividend,
@@ -146,12 +146,12 @@ class Binary(Expr):
     """
 
     op: str
-    left: Expr
-    right: Expr
+    left: TypedExpr
+    right: TypedExpr
 
 
 @dataclass(eq=False)
-class Vector(Expr):
+class Vector(TypedExpr):
     """Componentwise, on one or two vectors.
 
     vector + vector, vector - vector, scalar * vector, vector * scalar, vector / scalar (faults on
@@ -160,29 +160,29 @@ class Vector(Expr):
     """
 
     op: str
-    left: Expr
-    right: Expr
+    left: TypedExpr
+    right: TypedExpr
 
 
 @dataclass(eq=False)
-class Conditional(Expr):
+class Conditional(TypedExpr):
     """`c ? a : b`: only the chosen side is evaluated."""
 
-    condition: Expr
-    then: Expr
-    otherwise: Expr
+    condition: TypedExpr
+    then: TypedExpr
+    otherwise: TypedExpr
 
 
 @dataclass(eq=False)
-class Call(Expr):
+class TypedCall(TypedExpr):
     """A call of a declared function; arguments left to right."""
 
     fun: FunSymbol
-    arguments: tuple[Expr, ...]
+    arguments: tuple[TypedExpr, ...]
 
 
 @dataclass(eq=False)
-class Builtin(Expr):
+class Builtin(TypedExpr):
     """A machine operation; arguments left to right.
 
     sqrt floor abs min max (float, abs/min/max also int; abs(INT_MIN) faults);
@@ -194,45 +194,45 @@ class Builtin(Expr):
     """
 
     name: str
-    arguments: tuple[Expr, ...]
+    arguments: tuple[TypedExpr, ...]
 
 
 @dataclass(eq=False)
-class Field(Expr):
+class TypedField(TypedExpr):
     """Field `index` of a record."""
 
-    target: Expr
+    target: TypedExpr
     index: int
 
 
 @dataclass(eq=False)
-class Index(Expr):
+class Index(TypedExpr):
     """Element of an array or list; faults when out of range (of `len` for lists)."""
 
-    target: Expr
-    index: Expr
+    target: TypedExpr
+    index: TypedExpr
 
 
 @dataclass(eq=False)
-class Length(Expr):
+class TypedLength(TypedExpr):
     """`list.len`, or the constant length of an array; type INT."""
 
-    target: Expr
+    target: TypedExpr
 
 
 @dataclass(eq=False)
-class Aggregate(Expr):
+class Aggregate(TypedExpr):
     """A record (values in field order, evaluated in written order), array or list literal.
 
     `order` gives for each written position the field index; None means written = declared.
     """
 
-    elements: tuple[Expr, ...]
+    elements: tuple[TypedExpr, ...]
     order: tuple[int, ...] | None = None
 
 
 @dataclass(eq=False)
-class Choose(Expr):
+class TypedChoose(TypedExpr):
     """`choose ...` in a step: one of finitely many values; who runs the step picks.
 
     With `options` they are evaluated left to right and one of them is the value; without, the
@@ -242,33 +242,33 @@ class Choose(Expr):
 
     count: int
     low: int
-    options: tuple[Expr, ...]
+    options: tuple[TypedExpr, ...]
     ages: Variable | None
 
 
 @dataclass(eq=False)
-class Narrow(Expr):
+class Narrow(TypedExpr):
     """An int put into an `int in [a, b]` (the type of this node): faults when outside."""
 
-    operand: Expr
+    operand: TypedExpr
 
 
 # ---------------------------------------------------------------- statements
 
 
 @dataclass(eq=False)
-class Stmt:
+class TypedStmt:
     """Any checked statement."""
 
     span: Span
 
 
 @dataclass(eq=False)
-class Declare(Stmt):
+class TypedDeclare(TypedStmt):
     """`let` or `var`: the variable starts with this value."""
 
     variable: Variable
-    value: Expr
+    value: TypedExpr
 
 
 @dataclass(eq=False)
@@ -276,79 +276,79 @@ class Place:
     """What may be assigned: a variable and a path of field indices (int) and index expressions."""
 
     variable: Variable
-    path: tuple[int | Expr, ...]
+    path: tuple[int | TypedExpr, ...]
     type: Type
     span: Span
 
 
 @dataclass(eq=False)
-class Assign(Stmt):
+class TypedAssign(TypedStmt):
     """`place = value;`: index expressions first, left to right, then the value."""
 
     place: Place
-    value: Expr
+    value: TypedExpr
 
 
 @dataclass(eq=False)
-class Push(Stmt):
+class TypedPush(TypedStmt):
     """`push list, value;`: faults when the list is full. Place indices, then the value."""
 
     place: Place
-    value: Expr
+    value: TypedExpr
 
 
 @dataclass(eq=False)
-class Publish(Stmt):
+class TypedPublish(TypedStmt):
     """`publish topic = value;`: takes effect when the step ends without a fault; the last wins.
 
     With a `limit` that many messages of a step are kept, in order, and one more is a fault.
     """
 
     topic: TopicSymbol
-    value: Expr
+    value: TypedExpr
     limit: int | None = None
 
 
 @dataclass(eq=False)
-class Return(Stmt):
+class TypedReturn(TypedStmt):
     """`return value;`."""
 
-    value: Expr
+    value: TypedExpr
 
 
 @dataclass(eq=False)
-class Assert(Stmt):
+class Assert(TypedStmt):
     """`assert condition;`: a step fault when false."""
 
-    condition: Expr
+    condition: TypedExpr
     message: str | None
 
 
 @dataclass(eq=False)
-class If(Stmt):
+class TypedIf(TypedStmt):
     """Arms in order; `otherwise` may be empty."""
 
-    arms: tuple[tuple[Expr, tuple[Stmt, ...]], ...]
-    otherwise: tuple[Stmt, ...]
+    arms: tuple[tuple[TypedExpr, tuple[TypedStmt, ...]], ...]
+    otherwise: tuple[TypedStmt, ...]
 
 
 @dataclass(eq=False)
-class ForRange(Stmt):
+class ForRange(TypedStmt):
     """`for i in low..high`: i = low, ..., high - 1."""
 
     variable: Variable
     low: int
     high: int
-    body: tuple[Stmt, ...]
+    body: tuple[TypedStmt, ...]
 
 
 @dataclass(eq=False)
-class ForEach(Stmt):
+class ForEach(TypedStmt):
     """`for x in sequence`: the sequence is evaluated once, before the loop."""
 
     variable: Variable
-    sequence: Expr
-    body: tuple[Stmt, ...]
+    sequence: TypedExpr
+    body: tuple[TypedStmt, ...]
 
 
 # ---------------------------------------------------------------- symbols
@@ -375,9 +375,9 @@ class ParamSymbol(Symbol):
     """A parameter; `default`, `low`, `high` are constant expressions."""
 
     type: Type
-    default: Expr
-    low: Expr | None
-    high: Expr | None
+    default: TypedExpr
+    low: TypedExpr | None
+    high: TypedExpr | None
 
 
 @dataclass(eq=False)
@@ -386,7 +386,7 @@ class FunSymbol(Symbol):
 
     parameters: tuple[Variable, ...]
     result: Type
-    body: tuple[Stmt, ...] | None
+    body: tuple[TypedStmt, ...] | None
     extern: bool
     source: str | None
     prelude: bool = False
@@ -396,8 +396,8 @@ class FunSymbol(Symbol):
 class RangeSet:
     """Bounds of one or many leaves: expressions over constants and parameters."""
 
-    low: Expr
-    high: Expr
+    low: TypedExpr
+    high: TypedExpr
     span: Span
 
 
@@ -408,8 +408,8 @@ class TopicSymbol(Symbol):
     type: Type
     input: bool
     values: dict[tuple[str, ...], RangeSet]
-    default: Expr | None
-    max_age: Expr | None
+    default: TypedExpr | None
+    max_age: TypedExpr | None
 
 
 @dataclass(eq=False)
@@ -426,25 +426,25 @@ class Subscribed:
 class NodeSymbol(Symbol):
     """A node. `initial` gives, per local, its first value as an expression or None (default)."""
 
-    period: Expr
-    phase: Expr | None
+    period: TypedExpr
+    phase: TypedExpr | None
     extern: bool
     source: str | None
     subscribes: tuple[Subscribed, ...]
     publishes: tuple[TopicSymbol, ...]
-    failsafe: dict[TopicSymbol, Expr]
+    failsafe: dict[TopicSymbol, TypedExpr]
     locals: tuple[Variable, ...]
-    initial: tuple[Expr | None, ...]
-    assumes: tuple[Expr, ...]
-    guarantees: tuple[Expr, ...]
-    takeover: tuple[Stmt, ...] | None
-    step: tuple[Stmt, ...]
+    initial: tuple[TypedExpr | None, ...]
+    assumes: tuple[TypedExpr, ...]
+    guarantees: tuple[TypedExpr, ...]
+    takeover: tuple[TypedStmt, ...] | None
+    step: tuple[TypedStmt, ...]
     bursts: dict[TopicSymbol, int] = field(default_factory=dict)
     """Topics of which a step may publish several messages, and how many."""
-    takes: tuple[Expr, Expr] | None = None
+    takes: tuple[TypedExpr, TypedExpr] | None = None
     """How long a step lasts, at least and at most; None: its publications count at once."""
-    wcet: Expr | None = None
-    jitter: Expr | None = None
+    wcet: TypedExpr | None = None
+    jitter: TypedExpr | None = None
     """What a step needs of its processor at most, and how late its release may be."""
 
     @property
@@ -457,7 +457,9 @@ class NodeSymbol(Symbol):
         limit = self.bursts.get(topic)
         return topic.type if limit is None else ListType(topic.type, limit)
 
-    def doing(self, step: tuple[Stmt, ...], subscribes: tuple[Subscribed, ...] = ()) -> NodeSymbol:
+    def doing(
+        self, step: tuple[TypedStmt, ...], subscribes: tuple[Subscribed, ...] = ()
+    ) -> NodeSymbol:
         """A node that does this and keeps nothing, in the place of this one."""
         return replace(
             self,
@@ -476,7 +478,7 @@ class NodeSymbol(Symbol):
 
 
 @dataclass(eq=False, kw_only=True)
-class GridAxis:
+class TypedGridAxis:
     """One axis of a verification grid: a leaf of a topic, or of the state of a plant instance.
 
     Exactly one of `topic` and `instance` is set; with `instance`, `path` begins with the name of
@@ -487,65 +489,65 @@ class GridAxis:
 
     topic: TopicSymbol | None
     path: tuple[str, ...]
-    low: Expr | None
-    high: Expr | None
-    cells: Expr | None
+    low: TypedExpr | None
+    high: TypedExpr | None
+    cells: TypedExpr | None
     span: Span
     instance: str = ""
     plant: PlantSymbol | None = None
-    open: Expr | None = None
+    open: TypedExpr | None = None
 
 
 @dataclass(eq=False)
-class AxisGroup:
+class TypedAxisGroup:
     """States that are analysed together; `kind` is "grid" or "polytope"."""
 
     kind: str
-    axes: tuple[GridAxis, ...]
+    axes: tuple[TypedGridAxis, ...]
     span: Span
 
 
 @dataclass(eq=False)
-class CommandSet:
+class TypedCommandSet:
     """The values that a synthesized controller may publish on one leaf of an output."""
 
     topic: TopicSymbol
     path: tuple[str, ...]
-    values: tuple[Expr, ...]
+    values: tuple[TypedExpr, ...]
     span: Span
 
 
 @dataclass(eq=False)
-class VerifyBlock:
+class TypedVerifyBlock:
     """What a `verify` block says; absent parts are None or empty. Times are durations."""
 
-    groups: tuple[AxisGroup, ...] = ()
+    groups: tuple[TypedAxisGroup, ...] = ()
     abstracts: tuple[AbstractionLink, ...] = ()
-    commands: tuple[CommandSet, ...] = ()
-    core: Expr | None = None
-    horizon: Expr | None = None
-    levels: Expr | None = None
-    late_dm: Expr | None = None
-    late_sc: Expr | None = None
-    response_dm: Expr | None = None
-    response_sc: Expr | None = None
-    acts: Expr | None = None
-    recover: Expr | None = None
+    commands: tuple[TypedCommandSet, ...] = ()
+    core: TypedExpr | None = None
+    horizon: TypedExpr | None = None
+    levels: TypedExpr | None = None
+    late_dm: TypedExpr | None = None
+    late_sc: TypedExpr | None = None
+    response_dm: TypedExpr | None = None
+    response_sc: TypedExpr | None = None
+    acts: TypedExpr | None = None
+    recover: TypedExpr | None = None
     stays: Span | None = None
     """`recover never`: SC may keep control for ever."""
-    late_of: dict[str, Expr] = field(default_factory=dict)
+    late_of: dict[str, TypedExpr] = field(default_factory=dict)
     """Nodes between plant and module, by name in the flying system: how late they start."""
-    response_of: dict[str, Expr] = field(default_factory=dict)
-    dropout: Expr | None = None
+    response_of: dict[str, TypedExpr] = field(default_factory=dict)
+    dropout: TypedExpr | None = None
     """For how long a sensor may be silent beyond its period."""
     views: tuple[ViewSymbol, ...] = ()
     """Each with groups and abstractions of its own; then there are none here."""
     induction: Span | None = None
     """Where it asks for a proof by induction (`reach/induction/`)."""
-    lemmas: tuple[Expr, ...] = ()
-    progress: tuple[Expr, ...] = ()
+    lemmas: tuple[TypedExpr, ...] = ()
+    progress: tuple[TypedExpr, ...] = ()
     """What P2b takes for granted: nobody proves it."""
-    enters: Expr | None = None
+    enters: TypedExpr | None = None
     """What holds of a node's step in which topics change that the maps of views read."""
     span: Span | None = None
 
@@ -555,7 +557,7 @@ class ViewSymbol:
     """`view name { ... }`; `block` has the view's groups and abstractions, and the times of all."""
 
     name: str
-    block: VerifyBlock
+    block: TypedVerifyBlock
     span: Span
 
 
@@ -566,7 +568,7 @@ class AbstractionLink:
     instance: str
     name: str
     plant: PlantSymbol
-    value: Expr | None
+    value: TypedExpr | None
     span: Span
 
 
@@ -575,7 +577,7 @@ class ClauseSymbol(Symbol):
     """`assumes name: e;` or `guarantees name: e;` of a module; `text` is `e` as it is written."""
 
     kind: str
-    condition: Expr
+    condition: TypedExpr
     text: str
 
 
@@ -583,21 +585,21 @@ class ClauseSymbol(Symbol):
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
 
-    `ttf` and `safer` may be None: then they are computed (`reach/deploy/complete.py`) before a run
-    or a build; where that fails AC never gets control. `clean` is the number of clean outputs AC
-    needs after a fault.
+    `ttf` and `safer` may be None: then they are computed (`reach/deploy/computed_predicates.py`)
+    before a run or a build; where that fails AC never gets control. `clean` is the number of clean
+    outputs AC needs after a fault.
 
     With `over` a module stands in the place of AC: `ac` is then what that one has as its AC.
     """
 
     ac: NodeSymbol
     sc: NodeSymbol
-    period: Expr
-    safe: Expr
-    safer: Expr | None
-    ttf: Expr | None
-    clean: Expr | None
-    verify: VerifyBlock
+    period: TypedExpr
+    safe: TypedExpr
+    safer: TypedExpr | None
+    ttf: TypedExpr | None
+    clean: TypedExpr | None
+    verify: TypedVerifyBlock
     topics_read: tuple[TopicSymbol, ...] = ()
     """Topics that `ttf` and `safer` read, in order of first use: the DM's inputs."""
     ac_span: Span | None = None
@@ -606,10 +608,10 @@ class ModuleSymbol(Symbol):
     over: ModuleSymbol | None = None
     contract: tuple[ClauseSymbol, ...] = ()
     """What it relies on and promises, judged as its controllers step."""
-    failsafe: dict[TopicSymbol, Expr] = field(default_factory=dict)
+    failsafe: dict[TopicSymbol, TypedExpr] = field(default_factory=dict)
     """The fail-safe law: a value for each output, which actuators hold once the lease has ended."""
-    wcet: Expr | None = None
-    jitter: Expr | None = None
+    wcet: TypedExpr | None = None
+    jitter: TypedExpr | None = None
     """Of its decision module, as of a node."""
 
     @property
@@ -628,20 +630,20 @@ class ModuleSymbol(Symbol):
         return self.sc.name == SYNTHESIZED
 
     @property
-    def predicates(self) -> tuple[Expr, ...]:
+    def predicates(self) -> tuple[TypedExpr, ...]:
         """What it says about its topics: `safe`, `ttf`, `safer` and the hint `core`."""
-        found = (self.safe, self.ttf, self.safer, self.verify.core)
-        return tuple(e for e in found if e is not None)
+        predicates = (self.safe, self.ttf, self.safer, self.verify.core)
+        return tuple(e for e in predicates if e is not None)
 
     @property
-    def spoken(self) -> tuple[Expr, ...]:
+    def spoken(self) -> tuple[TypedExpr, ...]:
         """The same, lemmas and what progress rests on: everything that names topics."""
         verify = self.verify
         enters = () if verify.enters is None else (verify.enters,)
         return (*self.predicates, *verify.lemmas, *verify.progress, *enters)
 
     @property
-    def expressions(self) -> tuple[Expr, ...]:
+    def expressions(self) -> tuple[TypedExpr, ...]:
         """The same and the contract: everything that names topics."""
         return (*self.spoken, *(c.condition for c in self.contract))
 
@@ -652,7 +654,7 @@ class MeasuredSymbol:
 
     topic: TopicSymbol
     path: tuple[str, ...]
-    within: Expr
+    within: TypedExpr
     span: Span
 
 
@@ -661,9 +663,9 @@ class DisturbanceSymbol:
     """A bounded disturbance, every leaf in [low, high], redrawn every `hold` (None: each step)."""
 
     variable: Variable
-    low: Expr
-    high: Expr
-    hold: Expr | None
+    low: TypedExpr
+    high: TypedExpr
+    hold: TypedExpr | None
 
 
 @dataclass(eq=False, kw_only=True)
@@ -675,20 +677,20 @@ class PlantSymbol(Symbol):
     evaluates lets anew and publishes every driven topic, measurement errors added.
     """
 
-    period: Expr
+    period: TypedExpr
     extern: bool
     source: str | None
     reads: tuple[TopicSymbol, ...]
-    drives: tuple[tuple[TopicSymbol, Expr], ...]
+    drives: tuple[tuple[TopicSymbol, TypedExpr], ...]
     states: tuple[Variable, ...]
-    initial: tuple[Expr | None, ...]
-    initial_range: tuple[tuple[Expr, Expr] | None, ...]
+    initial: tuple[TypedExpr | None, ...]
+    initial_range: tuple[tuple[TypedExpr, TypedExpr] | None, ...]
     disturbances: tuple[DisturbanceSymbol, ...]
-    lets: tuple[tuple[Variable, Expr], ...]
-    der: dict[Variable, Expr]
-    next: dict[Variable, Expr]
+    lets: tuple[tuple[Variable, TypedExpr], ...]
+    der: dict[Variable, TypedExpr]
+    next: dict[Variable, TypedExpr]
     method: str
-    substeps: Expr | None
+    substeps: TypedExpr | None
     measured: tuple[MeasuredSymbol, ...]
     truth: RecordType
     read_spans: tuple[Span, ...] = ()
@@ -718,9 +720,9 @@ class PropertySymbol:
     """
 
     kind: str
-    premise: Expr | None
-    condition: Expr | None
-    within: Expr | None
+    premise: TypedExpr | None
+    condition: TypedExpr | None
+    within: TypedExpr | None
     text: str
     span: Span
     module: str | None = None
@@ -737,8 +739,8 @@ class FaultSymbol:
 
     kind: str
     path: str
-    by: Expr | None
-    at_most: Expr | None
+    by: TypedExpr | None
+    at_most: TypedExpr | None
     span: Span
 
 
@@ -748,10 +750,10 @@ class SystemFaultSymbol:
 
     kind: str
     path: str
-    by: tuple[Expr, ...]
-    rate: Expr | None
-    per: Expr | None
-    lasts: Expr | None
+    by: tuple[TypedExpr, ...]
+    rate: TypedExpr | None
+    per: TypedExpr | None
+    lasts: TypedExpr | None
     text: str
     span: Span
 
@@ -761,11 +763,11 @@ class MeasureSymbol:
     """`measure name = value in [low, high] / bins every d;`."""
 
     name: str
-    value: Expr
-    low: Expr
-    high: Expr
-    bins: Expr
-    every: Expr
+    value: TypedExpr
+    low: TypedExpr
+    high: TypedExpr
+    bins: TypedExpr
+    every: TypedExpr
     span: Span
 
 
@@ -775,9 +777,9 @@ class InputSymbol:
 
     path: str
     topic: TopicSymbol
-    every: Expr
+    every: TypedExpr
     span: Span
-    values: tuple[Expr, ...] = ()
+    values: tuple[TypedExpr, ...] = ()
 
 
 @dataclass(eq=False)
@@ -785,8 +787,8 @@ class ExternalSymbol:
     """`external topic t ...;`: `every` and `delayed` are durations; None where not said."""
 
     topic: TopicSymbol
-    every: Expr | None
-    delayed: Expr | None
+    every: TypedExpr | None
+    delayed: TypedExpr | None
     measured: tuple[MeasuredSymbol, ...]
     span: Span
 
@@ -812,7 +814,7 @@ class SystemSymbol(Symbol):
 
     default: bool
     instances: tuple[InstanceSymbol, ...]
-    until: Expr | None
+    until: TypedExpr | None
     properties: tuple[PropertySymbol, ...]
     forces: tuple[tuple[str, str, Span], ...]
     replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
@@ -838,10 +840,10 @@ class TestSymbol(Symbol):
 
     system: SystemSymbol
     replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
-    skew: Expr | None
-    horizon: Expr | None
+    skew: TypedExpr | None
+    horizon: TypedExpr | None
     properties: tuple[PropertySymbol, ...]
-    quantum: Expr | None = None
+    quantum: TypedExpr | None = None
     faults: tuple[FaultSymbol, ...] = ()
     inputs: tuple[InputSymbol, ...] = ()
     sets: tuple[SetSymbol, ...] = ()
@@ -849,7 +851,7 @@ class TestSymbol(Symbol):
 
 
 class Cost(NamedTuple):
-    """What one execution takes at most, as `program/check/cost.py` counts."""
+    """What one execution takes at most, as `program/check/step_cost.py` counts."""
 
     operations: int
     bytes: int
@@ -858,7 +860,7 @@ class Cost(NamedTuple):
 
 
 @dataclass(eq=False)
-class Program:
+class TypedProgram:
     """A whole checked program: the main file and everything it imports."""
 
     path: str

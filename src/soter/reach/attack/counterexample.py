@@ -14,15 +14,15 @@ from collections import deque
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from soter.program.load.data import parse_json
-from soter.program.load.files import read_json_text
-from soter.program.meaning.arith import StepFault
-from soter.program.model.values import to_json
-from soter.reach.attack.attacked import DRAWN, OWN, attacked, reads_time, truths_known_ns
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.load.bounded_read import read_json_text
+from soter.program.load.data_files import parse_json
+from soter.program.model.python_values import to_json
+from soter.reach.attack.attacked_system import DRAWN, OWN, attacked, reads_time, truths_known_ns
 from soter.semantics.adversary import ChoiceError, RecordedDraws
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.record import SC, Verdict
+from soter.semantics.observer_records import SC, DecisionVerdict
 from soter.semantics.rules import next_instant
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from soter.program.model.system import System
     from soter.semantics.adversary import Choices
-    from soter.semantics.chance.random_draws import Draws
     from soter.semantics.configuration import Configuration
+    from soter.semantics.random.random_draws import Draws
 
 SCHEMA = 1
 LEAVES, CYCLE = "leaves_safe", "never_safer"
@@ -90,15 +90,15 @@ def _s(ns: int) -> str:
 
 def _chosen(choices: Choices) -> list[str]:
     """One line a stream: its value, or how often it changes."""
-    found = []
+    lines = []
     for stream, values in choices.items():
         first = values[0][1]
         if len(values) == 1:
-            found.append(f"{stream} = {first}")
+            lines.append(f"{stream} = {first}")
         else:
             more = len(values) - 1
-            found.append(f"{stream} = {first} first, {more} change{'s' if more > 1 else ''}")
-    return found
+            lines.append(f"{stream} = {first} first, {more} change{'s' if more > 1 else ''}")
+    return lines
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def leaving(variant: System, draws: Draws, until_ns: int) -> Replay | None:
 
     A `safe` that faults is not false: such an instant does not count.
     """
-    run = _Run(variant, draws)
+    run = _AttackedRun(variant, draws)
     known_ns = truths_known_ns(variant)
     while run.next_ns <= until_ns:
         c = run.instant()
@@ -156,7 +156,7 @@ def cycling(
     """
     if cycle_ns % variant.hyperperiod_ns or reads_time(variant, module):
         return None
-    run = _Run(variant, draws)
+    run = _AttackedRun(variant, draws)
     began: object = None
     known_ns = truths_known_ns(variant)
     while run.next_ns <= until_ns:
@@ -171,7 +171,7 @@ def cycling(
     return Replay(until_ns, run.steps())
 
 
-class _Run:
+class _AttackedRun:
     """One run of an attacked system, instant by instant."""
 
     def __init__(self, variant: System, draws: Draws) -> None:
@@ -180,7 +180,9 @@ class _Run:
         self.c: Configuration = self.interpreter.initial()
         self.returned = False
         """Whether a DM step since then was in AC, or could have been, or was stale."""
-        self._last: deque[tuple[Configuration, tuple[Verdict, ...]]] = deque(maxlen=STEPS_KEPT)
+        self._last: deque[tuple[Configuration, tuple[DecisionVerdict, ...]]] = deque(
+            maxlen=STEPS_KEPT
+        )
 
     @property
     def next_ns(self) -> int:
@@ -219,7 +221,7 @@ class _Run:
             told.append(self._told(self.c, ()))
         return tuple(told)
 
-    def _told(self, c: Configuration, verdicts: tuple[Verdict, ...]) -> dict[str, Any]:
+    def _told(self, c: Configuration, verdicts: tuple[DecisionVerdict, ...]) -> dict[str, Any]:
         s = self.system
         plants = [x for x in s.components if x.plant is not None]
         return {
@@ -244,10 +246,10 @@ class _Events:
     """A record that keeps only what DMs said."""
 
     def __init__(self) -> None:
-        self.verdicts: list[Verdict] = []
+        self.verdicts: list[DecisionVerdict] = []
 
     def note(self, event: object, _ct: int) -> None:
-        if isinstance(event, Verdict):
+        if isinstance(event, DecisionVerdict):
             self.verdicts.append(event)
 
     def note_properties(self, _violated: object, _ct: int) -> None:
@@ -322,12 +324,12 @@ def _time(given: object) -> int:
 
 def _chosen_values(given: object) -> list[tuple[int, Any]]:
     """Choices of one stream, by index; what they mean is checked where they are drawn."""
-    found = []
+    choices = []
     for entry in _checked(given, list):
         index, value = _checked(entry, list)
         if isinstance(value, (list, dict, str)) or value is None:
             raise TypeError("a choice is no value")
-        found.append((_checked(index, int), value))
-    if not found:
+        choices.append((_checked(index, int), value))
+    if not choices:
         raise TypeError("a stream without choices")
-    return found
+    return choices

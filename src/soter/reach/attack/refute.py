@@ -1,9 +1,9 @@
 """Look for a run that leaves C: what stands behind the verdict `refuted`.
 
-Purpose: many short native runs of the closed system under attack (`attacked.py`), the environment
-and the AC at their bounds in seeded patterns (`semantics/adversary.py`). What is found natively is
-run again by the interpreter, recorded, written as choices, and replayed from these choices alone;
-only that replay refutes.
+Purpose: many short native runs of the closed system under attack (`attacked_system.py`), the
+environment and the AC at their bounds in seeded patterns (`semantics/adversary.py`). What is found
+natively is run again by the interpreter, recorded, written as choices, and replayed from these
+choices alone; only that replay refutes.
 Non-goals: proving: that nothing was found means nothing. Delays and jitter: virtual time has none.
 """
 
@@ -17,7 +17,7 @@ from soter.codegen.unit import generate
 from soter.lower.layout import NEVER, state_dtype
 from soter.native.build import library
 from soter.native.library import Library, RunStatus
-from soter.reach.attack.attacked import (
+from soter.reach.attack.attacked_system import (
     DRAWN,
     OWN,
     NotAttackableError,
@@ -56,7 +56,7 @@ CONFIRMATIONS_MAX = 8
 
 
 @dataclass(frozen=True)
-class Search:
+class RefutationSearch:
     """What a search did, and what it found."""
 
     found: Counterexample | None
@@ -69,7 +69,7 @@ class Search:
 
 def refute(
     system: System, module: str, budget_s: float = 10.0, progress: Progress | None = None
-) -> Search:
+) -> RefutationSearch:
     """Look for a run from the declared initial states that leaves C, for `budget_s` CPU seconds.
 
     `system`: the verification system (`Problem.system`; `module` is the name it has there), or a
@@ -80,7 +80,7 @@ def refute(
 
 def refute_return(
     system: System, module: str, budget_s: float = 5.0, progress: Progress | None = None
-) -> Search:
+) -> RefutationSearch:
     """Look for a run on which SC gets control and the DM never gives it back (P2b)."""
     return _search(system, module, budget_s, progress, _cycling_runs)
 
@@ -90,41 +90,45 @@ def _search(
     module: str,
     budget_s: float,
     progress: Progress | None,
-    runs: Callable[[_Attack, _Clock], Iterator[Counterexample]],
-) -> Search:
+    runs: Callable[[_Attack, _SearchBudget], Iterator[Counterexample]],
+) -> RefutationSearch:
     began = time.perf_counter()
     index = next(m.index for m in system.modules if m.name == module)
     attacks, hindrance = _attacks(system, index)
-    clock = _Clock(budget_s, progress)
-    found = None
+    clock = _SearchBudget(budget_s, progress)
+    counterexample = None
     streams = [runs(a, clock) for a in attacks]
     confirmations = 0
-    while streams and found is None and confirmations < CONFIRMATIONS_MAX and clock.goes_on():
+    while (
+        streams and counterexample is None and confirmations < CONFIRMATIONS_MAX and clock.goes_on()
+    ):
         for stream in list(streams):
             candidate = next(stream, None)
             if candidate is None:
                 streams.remove(stream)
             elif candidate is not _NOTHING:
                 confirmations += 1
-                found = _confirmed(candidate, system)
-                if found is not None:
+                counterexample = _confirmed(candidate, system)
+                if counterexample is not None:
                     break
-    return Search(found, clock.runs, clock.virtual_ns / 1e9, time.perf_counter() - began, hindrance)
+    return RefutationSearch(
+        counterexample, clock.runs, clock.virtual_ns / 1e9, time.perf_counter() - began, hindrance
+    )
 
 
 def _attacks(system: System, index: int) -> tuple[list[_Attack], str]:
     hindrance = ""
-    found = []
+    attacks = []
     externs = {c.index for c in system.components if c.extern}
     for controller in (DRAWN, OWN):
         if externs - ({system.modules[index].ac} if controller == DRAWN else set()):
             hindrance = "extern code runs in the closed system"
             continue
         try:
-            found.append(_Attack(system, index, controller))
+            attacks.append(_Attack(system, index, controller))
         except NotAttackableError as error:
             hindrance = str(error)
-    return found, "" if found else hindrance
+    return attacks, "" if attacks else hindrance
 
 
 def _confirmed(candidate: Counterexample, system: System) -> Counterexample | None:
@@ -152,7 +156,7 @@ def _confirmed(candidate: Counterexample, system: System) -> Counterexample | No
 # ---------------------------------------------------------------- native runs
 
 
-class _Clock:
+class _SearchBudget:
     """The budget, in seconds of this process on a CPU (so that a busy machine changes little)."""
 
     def __init__(self, budget_s: float, progress: Progress | None) -> None:
@@ -212,7 +216,7 @@ _NOTHING = Counterexample(
 """A stream's word for: nothing yet, look at the clock."""
 
 
-def _leaving_runs(attack: _Attack, clock: _Clock) -> Iterator[Counterexample]:
+def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
     """Seeds pattern by pattern, runs growing longer; ends only with the budget."""
     known_ns = truths_known_ns(attack.variant)
     first = 1
@@ -236,7 +240,7 @@ def _leaving_runs(attack: _Attack, clock: _Clock) -> Iterator[Counterexample]:
         number += 1
 
 
-def _cycling_runs(attack: _Attack, clock: _Clock) -> Iterator[Counterexample]:
+def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
     """Constant choices only: then a state that comes back comes back for ever."""
     if reads_time(attack.variant, attack.index):
         return

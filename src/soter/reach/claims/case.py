@@ -2,7 +2,7 @@
 
 Purpose: `Case` and `Failure`, which every claim reads and enters into; `GroupProof`, what is asked
 of the proof of one group; `Method`, what is asked of a way to prove groups.
-Non-goals: the claims (`claims.py`); which methods there are (`reach/methods.py`).
+Non-goals: the claims (`claims.py`); which methods there are (`reach/proof_methods.py`).
 
 The callers ask the groups in turn, claim by claim, in the order of docs/verification.md, section 3:
 C, K, R(H), then the inclusions of `ttf` and `safer` or their levels, the start, the way back. What
@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.phase import phase
+from soter.diagnostics.current_phase import phase
 from soter.reach.claims.results import CaseSets, GroupResult
 
 if TYPE_CHECKING:
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from soter.reach.claims.lawful import Lawful
-    from soter.reach.claims.products import Part
+    from soter.reach.claims.failsafe_claim import FailsafeClaim
+    from soter.reach.claims.product_sets import SetFactor
     from soter.reach.claims.results import Region
-    from soter.reach.enclose.forms import Forms
+    from soter.reach.enclose.compiled_enclosures import CompiledEnclosures
     from soter.reach.problem.problem import Group, Problem
     from soter.reach.tables.level_table import LevelTable
 
@@ -52,7 +52,7 @@ class GroupProof(GroupResult):
     # ------------------------------------------------------------ claims
 
     @abstractmethod
-    def take(self, case: Case, part: Part) -> None:
+    def take(self, case: Case, part: SetFactor) -> None:
         """C_g. A group that is not fresh and finds another one than before is fresh again."""
 
     @abstractmethod
@@ -90,11 +90,11 @@ class GroupProof(GroupResult):
         """The initial states lie in R(`until_ns`). Asked of groups that are not fresh, too."""
 
     @abstractmethod
-    def held(self, case: Case) -> Part | None:
+    def held(self, case: Case) -> SetFactor | None:
         """States whose every estimate the DM gives back by its table; None: it has none."""
 
     @abstractmethod
-    def recover(self, case: Case, target: Part) -> None:
+    def recover(self, case: Case, target: SetFactor) -> None:
         """Q, inside a target, and the way there. Asked of groups that are not fresh, too."""
 
     # ------------------------------------------------------------ after a failure
@@ -192,15 +192,15 @@ class Method(ABC):
     @abstractmethod
     def parts(
         self, case: Case, proofs: Sequence[GroupProof], predicate: str
-    ) -> Sequence[Part] | None:
+    ) -> Sequence[SetFactor] | None:
         """A part for each of its groups on which `safe` or `safer` holds; None where it finds none.
 
         The others are where it holds at all: the product is looked at later.
         """
 
     def hinted(
-        self, case: Case, proofs: Sequence[GroupProof], parts: Sequence[Part]
-    ) -> Sequence[Part] | None:
+        self, case: Case, proofs: Sequence[GroupProof], parts: Sequence[SetFactor]
+    ) -> Sequence[SetFactor] | None:
         """The parts inside what `core e;` says; None where that holds nowhere."""
         del case, proofs
         return parts
@@ -249,14 +249,14 @@ class Case:
 
     problem: Problem
     parameter: tuple[int, ...]
-    forms: Forms
+    forms: CompiledEnclosures
     proofs: list[GroupProof] = field(default_factory=list)
-    """In the order of `reach/methods.py`."""
+    """In the order of `reach/proof_methods.py`."""
     failures: list[Failure] = field(default_factory=list)
     spent: dict[str, float] = field(default_factory=dict)
     """Seconds per claim."""
     counts: dict[str, int] = field(default_factory=dict)
-    lawful: Lawful | None = None
+    lawful: FailsafeClaim | None = None
     """What its fail-safe law keeps; None: not looked at."""
     first: Case | None = None
     """The attempt on the declared grid, where this one is on a finer one."""
@@ -293,7 +293,7 @@ class Case:
         self.counts[name] = max(self.counts.get(name, 0), value)
 
 
-class Clock:
+class ClaimTimer:
     """Adds the seconds of a `with` block to a claim."""
 
     def __init__(self, case: Case, claim: str) -> None:

@@ -11,25 +11,25 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.reach.claims.case import Case
-from soter.reach.claims.lawful import (
+from soter.reach.claims.failsafe_claim import (
     NOTHING_INSIDE,
     NOTHING_KEPT,
-    Lawful,
+    FailsafeClaim,
     inside,
     without_law,
 )
-from soter.reach.claims.products import law_stays_inside, product_holds
-from soter.reach.enclose.forms import Forms, library_of
+from soter.reach.claims.product_sets import law_stays_inside, product_holds
+from soter.reach.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.reach.grid.sets import UnboundedError
-from soter.reach.methods import by_method, in_order, method_of
-from soter.reach.time.first_reads import fault_on_defaults
+from soter.reach.proof_methods import by_method, in_order, method_of
+from soter.reach.time.unpublished_reads import fault_on_defaults
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.reach.claims.case import Tell
-    from soter.reach.claims.products import Part
-    from soter.reach.enclose.library import ReachLibrary
+    from soter.reach.claims.product_sets import SetFactor
+    from soter.reach.enclose.engine_library import ReachLibrary
     from soter.reach.problem.problem import Group, Problem
 
 
@@ -46,7 +46,7 @@ def open_case(
     Of an earlier attempt `before`, groups that are the same keep their sets and their failures: the
     analysis of a group looks at the ranges of the others only.
     """
-    case = Case(problem, parameter, Forms(library, problem, parameter))
+    case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     for i, group in enumerate(in_order(groups)):
         old = None if before is None else before.proofs[i]
         if old is None or before is None or old.group != group:
@@ -61,71 +61,71 @@ def open_case(
     return case
 
 
-def parts_of(case: Case, predicate: str) -> list[Part] | None:
+def parts_of(case: Case, predicate: str) -> list[SetFactor] | None:
     """A part for every group on which a predicate holds; None where none was found."""
-    found: list[Part] = []
+    all_parts: list[SetFactor] = []
     for method, proofs in by_method(case):
         parts = method.parts(case, proofs, predicate)
         if parts is None:
             return None
-        found += parts
-    return found
+        all_parts += parts
+    return all_parts
 
 
 def constraint(case: Case) -> bool:
     """C_g for every group, the product check, and that SC stays inside its sets; False: no C."""
-    found = parts_of(case, "constraint")
-    if found is None:
+    parts = parts_of(case, "constraint")
+    if parts is None:
         case.fail("P2a", "no state was found on which `safe` holds")
         return False
-    if not product_holds(case.forms, found, "constraint"):
+    if not product_holds(case.forms, parts, "constraint"):
         hint = "put states that `safe` compares with each other into one line"
         hint += "".join(method.hint for method, _ in by_method(case))
         case.fail("P2a", "`safe` is no product over the groups", hint=hint)
         return False
     if case.problem.has_core_hint:
-        hinted = _hinted(case, found)
+        hinted = _hinted(case, parts)
         if hinted is None:
             case.fail("P2a", "no state was found on which `core` holds")
             return False
-        found = hinted
-    case.lawful = without_law(case.problem, found) or _kept_by_law(case, found)
+        parts = hinted
+    case.lawful = without_law(case.problem, parts) or _kept_by_law(case, parts)
     for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
         proof.take(case, part)
-    why = law_stays_inside(case.problem, case.forms, found)
+    why = law_stays_inside(case.problem, case.forms, parts)
     if why:
         case.fail("P2a", why, hint="clamp what SC publishes to the topic's set")
     return True
 
 
-def _kept_by_law(case: Case, parts: Sequence[Part]) -> Lawful:
+def _kept_by_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
     """K_fs on the same groups, and C inside it."""
     problem = case.problem.law
     assert problem is not None
     names = [s.name for s in case.problem.quantities.states]
     if [s.name for s in problem.quantities.states] != names:
-        return Lawful(parts, parts, "the law is not about the same states as SC")
+        return FailsafeClaim(parts, parts, "the law is not about the same states as SC")
     groups = [p.group for p in case.proofs]
     library, _ = library_of(problem)
     try:
         law = open_case(problem, library, groups, case.parameter, None)
         if not (constraint(law) and core(law)):
-            return Lawful(parts, parts, NOTHING_KEPT)
+            return FailsafeClaim(parts, parts, NOTHING_KEPT)
     except UnboundedError as error:
-        return Lawful(parts, parts, str(error))
+        return FailsafeClaim(parts, parts, str(error))
     return inside(law.sets, parts)
 
 
-def _hinted(case: Case, parts: Sequence[Part]) -> list[Part] | None:
+def _hinted(case: Case, parts: Sequence[SetFactor]) -> list[SetFactor] | None:
     """The parts inside `core e;`."""
     left = dict(zip(map(id, case.proofs), parts, strict=True))
-    found: list[Part] = []
+    core_parts: list[SetFactor] = []
     for method, proofs in by_method(case):
         inside = method.hinted(case, proofs, [left[id(p)] for p in proofs])
         if inside is None:
             return None
-        found += inside
-    return found
+        core_parts += inside
+    return core_parts
 
 
 def core(case: Case) -> bool:

@@ -3,14 +3,14 @@
 Purpose: for a module without `ttf` and `safer`: ttf := estimate not in S_0, safer := S_(m-2), of
 every case; and what of that the DM holds for all of them, to which P2b returns.
 Non-goals: the sets of a group (`reach/grid/levels.py`, `reach/polytope/`), reading them from tables
-(`reach/tables/`), putting them into a program (`complete.py`).
+(`reach/tables/`), putting them into a program (`computed_predicates.py`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.reach.methods import pairs_of, tables
+from soter.reach.proof_methods import pairs_of, tables
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,9 +34,9 @@ def deploy(cases: Sequence[Case]) -> None:
     pairs = [pairs_of(case.sets) for case in cases]
     if any(len(p) != len(problem.groups) for p in pairs) or any(withheld(c) for c in cases):
         return
-    found = tables(problem, pairs)
+    level_tables = tables(problem, pairs)
     for case in cases:
-        for proof, table in zip(case.proofs, found, strict=True):
+        for proof, table in zip(case.proofs, level_tables, strict=True):
             proof.admit(case, table)
 
 

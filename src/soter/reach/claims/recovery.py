@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 from soter.program.model.durations import show_ns
 from soter.reach.claims.claims import parts_of
-from soter.reach.claims.products import product_holds
+from soter.reach.claims.product_sets import product_holds
 
 if TYPE_CHECKING:
     from soter.reach.claims.case import Case
-    from soter.reach.claims.products import Part
+    from soter.reach.claims.product_sets import SetFactor
 
 
 MS = 1_000_000
@@ -37,15 +37,15 @@ def recover(case: Case) -> None:
     in_time(case)
 
 
-def _targets(case: Case) -> list[Part] | None:
+def _targets(case: Case) -> list[SetFactor] | None:
     """Per group the states all of whose estimates satisfy `safer`."""
     if case.problem.computed:
         held = [p.held(case) for p in case.proofs]
-        found = [part for part in held if part is not None]
-        if len(found) < len(held):
+        target_parts = [part for part in held if part is not None]
+        if len(target_parts) < len(held):
             case.fail("P2b", "not every case has sets: the DM never gives control back")
             return None
-        return found
+        return target_parts
     predicate = case.problem.returning
     parts = parts_of(case, predicate)
     if parts is None:

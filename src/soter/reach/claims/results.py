@@ -11,8 +11,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.reach.coverage import Coverage
 from soter.reach.problem.problem import SCHEME
+from soter.reach.scope_data import VerificationScope
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from soter.reach.polytope.extract import Model
+    from soter.reach.polytope.extract_group import ExtractedGroup
+    from soter.reach.polytope.half_spaces import Polytope
     from soter.reach.polytope.proofs import PolytopeSets
-    from soter.reach.polytope.sets import Polytope
     from soter.reach.problem.problem import Group, Problem
     from soter.report.proof.record import RegionFigure
 
@@ -31,7 +31,7 @@ NO_CORE = "there is no K"
 """What every claim that rests on K says where there is none: P2a says why."""
 PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe", "DM")
 """In this order everywhere; `start` is that the declared initial states are among those proved,
-`failsafe` that the fail-safe law keeps C once the lease has ended (`lawful.py`),
+`failsafe` that the fail-safe law keeps C once the lease has ended (`failsafe_claim.py`),
 `DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
 STAYS = "not asked: `recover never`, SC may keep control for ever"
 UNCLAIMED = ("DM",)
@@ -68,7 +68,7 @@ class Vacuity:
 
 @dataclass(frozen=True)
 class Cause:
-    """Why a claim could not be shown, as measured (`diagnose.py`, `margins.py`).
+    """Why a claim could not be shown, as measured (`empty_invariant.py`, `margins.py`).
 
     `kind`: for machines (docs/json.md); `text`: what was measured, one sentence; `hint`: what
     would help; `numbers`: the measurement.
@@ -189,7 +189,7 @@ class PolytopePart:
 
     group: Group
     limits: list[tuple[float, float]] = field(default_factory=list)
-    model: Model | None = None
+    model: ExtractedGroup | None = None
     sets: PolytopeSets | None = None
     multipliers: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
     shares: dict[str, float] = field(default_factory=dict)
@@ -282,17 +282,17 @@ class ModuleResult:
     @property
     def verdict(self) -> str:
         """Of the module: refuted before undecided before proved."""
-        found = {f.verdict for f in self.findings.values()}
+        verdicts = {f.verdict for f in self.findings.values()}
         for verdict in (REFUTED, UNDECIDED):
-            if verdict in found:
+            if verdict in verdicts:
                 return verdict
-        return PROVED if PROVED in found else ASSUMED
+        return PROVED if PROVED in verdicts else ASSUMED
 
     @property
     def assumed(self) -> list[str]:
         """What a headline names as assumed: properties, and the scheme of the plants."""
-        found = [n for n, f in self.findings.items() if f.verdict == ASSUMED]
-        return [*found, *(["scheme"] if SCHEME in self.problem.assumptions else [])]
+        names = [n for n, f in self.findings.items() if f.verdict == ASSUMED]
+        return [*names, *(["scheme"] if SCHEME in self.problem.assumptions else [])]
 
     @property
     def headline(self) -> str:
@@ -323,7 +323,7 @@ class VerifyReport:
     seconds: float
     command: str = ""
     """The command line that verifies the same again."""
-    coverage: Coverage = field(default_factory=Coverage)
+    coverage: VerificationScope = field(default_factory=VerificationScope)
     """What it is about beside these modules, and what it is not."""
     page: Callable[[VerifyReport], str] | None = field(default=None, repr=False, compare=False)
     """Gives the page of `--report` as one HTML text; for notebooks."""
@@ -331,9 +331,9 @@ class VerifyReport:
     @property
     def verdict(self) -> str:
         """The worst of the modules' verdicts; `proved` where there is none to be doubted."""
-        found = {m.verdict for m in self.modules}
+        verdicts = {m.verdict for m in self.modules}
         for verdict in (REFUTED, UNDECIDED, ASSUMED):
-            if verdict in found:
+            if verdict in verdicts:
                 return verdict
         return PROVED
 
@@ -364,13 +364,13 @@ class VerifyReport:
     @property
     def said(self) -> dict[str, str]:
         """What each module keeps: its `safe`, as it is written, by the module's name."""
-        found = {}
+        safe_by_module = {}
         for m in self.modules:
             name = m.name.removesuffix(f" as {m.problem.view}")
             views = m.problem.whole  # the module as it flies, beside the plants of a view
             module = m.problem.module if views is None else views.modules[0]
-            found[name] = " ".join(module.symbol.safe.span.text.split())
-        return found
+            safe_by_module[name] = " ".join(module.symbol.safe.span.text.split())
+        return safe_by_module
 
     @property
     def composed(self) -> bool:
@@ -386,5 +386,5 @@ class VerifyReport:
         raise KeyError(module)
 
     def __repr__(self) -> str:
-        found = ", ".join(f"{m.name} {m.headline}" for m in self.modules)
-        return f"<soter.VerifyReport {self.path}: {found}>"
+        headlines = ", ".join(f"{m.name} {m.headline}" for m in self.modules)
+        return f"<soter.VerifyReport {self.path}: {headlines}>"

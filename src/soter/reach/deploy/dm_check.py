@@ -24,16 +24,16 @@ from soter.codegen.unit import generate
 from soter.lower.layout import encode_into, size_of, state_dtype, struct_of
 from soter.lower.steps import lower
 from soter.native.build import library
-from soter.native.interface import interface, opened
-from soter.program.flatten import derived
-from soter.program.meaning.arith import StepFault
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator
+from soter.native.cffi_interface import interface, opened
+from soter.program.elaborate import derived_systems
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
+from soter.program.model.tree_walk import topic_reads
 from soter.program.model.types import ArrayType, RecordType, leaves
-from soter.program.model.walk import topic_reads
-from soter.reach.deploy.complete import put
+from soter.reach.deploy.computed_predicates import put
 from soter.reach.deploy.dm_inputs import AC, SC, gates, values
-from soter.reach.methods import pairs_of, tables
+from soter.reach.proof_methods import pairs_of, tables
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -134,7 +134,7 @@ def decided(
 def check_decisions(
     system: System,
     core: CoreSystem | None = None,
-    found: Sequence[LevelTable] = (),
+    level_tables: Sequence[LevelTable] = (),
     leaves_of: Mapping[int, tuple[int, int]] | None = None,
     change: Callable[[str], str] | None = None,
 ) -> list[DMCheck]:
@@ -144,7 +144,7 @@ def check_decisions(
     `leaves_of`: state -> the (topic, leaf) that shows it; `change` edits the C first (for tests).
     """
     at = leaves_of or {}
-    points = {at[s]: e for t in found for s, e in zip(t.states, t.ends, strict=True)}
+    points = {at[s]: e for t in level_tables for s, e in zip(t.states, t.ends, strict=True)}
     unit = generate(system, core)
     source = unit.source if change is None else change(unit.source)
     text = source + WRAPPER.format(prefix=unit.prefix)
@@ -155,8 +155,8 @@ def check_decisions(
         _all_facts(c, check)
         inputs = _Inputs(c, system, module, check)
         inputs.run(points)
-        for table in found:
-            others = [t for t in found if t is not table]
+        for table in level_tables:
+            others = [t for t in level_tables if t is not table]
             inputs.levels(table, others, at)
         checks.append(check)
     return checks
@@ -171,16 +171,16 @@ def check_module(result: ModuleResult) -> DMCheck:
     return check_problem(problem, [])
 
 
-def check_problem(problem: Problem, found: Sequence[LevelTable]) -> DMCheck:
+def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMCheck:
     """The DM of a module, with these tables for its computed predicates, where there are some."""
-    system = derived.unbound(problem.whole or problem.system)
+    system = derived_systems.unbound(problem.whole or problem.system)
     module = system.modules[problem.module.index]
-    if found:
-        put(system, module, problem, list(found))
+    if level_tables:
+        put(system, module, problem, list(level_tables))
     core = lower(system)
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)
-    return check_decisions(system, core, found, problem.topic_leaf_of_state)[0]
+    return check_decisions(system, core, level_tables, problem.topic_leaf_of_state)[0]
 
 
 class _Compiled:
@@ -211,7 +211,7 @@ class _Compiled:
         points: NDArray[np.float64],
     ) -> NDArray[np.uint8]:
         """Levels (0: ttf, 2: safer, 1: neither) of points (n, axes), put at the offsets `at`."""
-        found = np.zeros(len(points), dtype=np.uint8)
+        levels = np.zeros(len(points), dtype=np.uint8)
         self.lib.soter_check_cells(
             module,
             self.ffi.from_buffer(state),
@@ -220,9 +220,9 @@ class _Compiled:
             self.ffi.cast("size_t *", at.ctypes.data),
             self.ffi.cast("double *", points.ctypes.data),
             len(points),
-            self.ffi.cast("unsigned char *", found.ctypes.data),
+            self.ffi.cast("unsigned char *", levels.ctypes.data),
         )
-        return found
+        return levels
 
     def decide(self, module: int, state: bytearray) -> int:
         """The DM's answer; it notes the facts in `state`."""
@@ -409,13 +409,13 @@ class _Expected:
             mode=lambda _: SC,
             truth=lambda _: (),
         )
-        found = []
+        truths = []
         for predicate, unknown in ((self._ttf, True), (self._safer, False)):
             try:
-                found.append(unknown if predicate is None else bool(predicate(env)))
+                truths.append(unknown if predicate is None else bool(predicate(env)))
             except StepFault:
-                found.append(unknown)
-        return found[0], found[1]
+                truths.append(unknown)
+        return truths[0], truths[1]
 
     def state(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
         """A state that holds these values."""

@@ -59,7 +59,7 @@ def values(
         topic = system.topics[index]
         kinds = [kind for _, kind in leaves(topic.type)]
         for k, (kind, bound) in enumerate(zip(kinds, topic.bounds, strict=True)):
-            flat.append(_Leaf(kind, bound, points.get((index, k), ())))
+            flat.append(_TriedLeaf(kind, bound, points.get((index, k), ())))
 
     def built(chosen: list[Value]) -> tuple[Value, ...]:
         it = iter(chosen)
@@ -75,7 +75,7 @@ def values(
 
 
 @dataclass(frozen=True)
-class _Leaf:
+class _TriedLeaf:
     """One scalar of a topic: which values are tried."""
 
     type: Type

@@ -23,15 +23,23 @@ from soter.program.model.types import (
     default_value,
     leaves,
 )
-from soter.reach.enclose.emit import address, whole_literal
-from soter.reach.enclose.ops import UNKNOWN
-from soter.reach.enclose.values import Constant, Form, Ints, Item, Parts, Sequence, Truth
+from soter.reach.enclose.c_emitter import address, whole_literal
+from soter.reach.enclose.enclosed_values import (
+    AggregateParts,
+    Constant,
+    EmittedInts,
+    EmittedTruth,
+    Form,
+    Item,
+    Sequence,
+)
+from soter.reach.enclose.operations import UNKNOWN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.program.model.system import Bound, Disturbance, Topic
-    from soter.reach.enclose.ops import Operations
+    from soter.reach.enclose.operations import EnclosureOperations
     from soter.reach.problem.quantities import Leaf, Quantities
 
 Path = tuple[str, ...]
@@ -52,7 +60,7 @@ def paths(t: Type, path: Path = ()) -> Iterator[tuple[Path, Type]]:
 
 def parts(t: Type, v: Item) -> Iterator[tuple[Path, Type, Item]]:
     """Leaves of a value of a type without lists."""
-    if isinstance(v, Parts):
+    if isinstance(v, AggregateParts):
         for name, f, item in zip(names(t), types_of(t), v.items, strict=True):
             for path, leaf, x in parts(f, item):
                 yield (name, *path), leaf, x
@@ -76,10 +84,10 @@ def types_of(t: Type) -> tuple[Type, ...]:
     return (t.element,) * t.size
 
 
-class Inputs:
+class EnclosureInputs:
     """Reads leaves of `in[]` and `param[]` in one emitted function."""
 
-    def __init__(self, ops: Operations, quantities: Quantities) -> None:
+    def __init__(self, ops: EnclosureOperations, quantities: Quantities) -> None:
         self.ops = ops
         groups: list[dict[Key, int]] = []
         first = 0
@@ -99,10 +107,10 @@ class Inputs:
         place = c.IndexExpr(c.Name("in"), c.Number(str(number)))
         emit = self.ops.emitter.emit
         if isinstance(t, BoolType):
-            return Truth(emit("truth", "soter_truth_input", address(place)))
+            return EmittedTruth(emit("truth", "soter_truth_input", address(place)))
         low, high = (t.low, t.high) if isinstance(t, IntType) else (0, members(t) - 1)
         ends = (whole_literal(low), whole_literal(high))
-        return Ints(emit("ints", "soter_ints_input", address(place), *ends))
+        return EmittedInts(emit("ints", "soter_ints_input", address(place), *ends))
 
     def parameter_leaf(self, number: int, t: Type) -> Item:
         """Parameter number `number`: exactly known when the function runs."""
@@ -110,8 +118,8 @@ class Inputs:
         emit = self.ops.emitter.emit
         if isinstance(t, BoolType):
             tests = (c.Binary(op, place, c.Number("0")) for op in ("!=", "=="))
-            return Truth(emit("truth", "soter_truth_of", *tests))
-        return Ints(emit("ints", "soter_ints_of", place, place))
+            return EmittedTruth(emit("truth", "soter_truth_of", *tests))
+        return EmittedInts(emit("ints", "soter_ints_of", place, place))
 
     def build(self, t: Type, known: dict[Path, Item]) -> Item:
         """A value of a type from leaves; what is missing may be anything of its type."""
@@ -121,7 +129,7 @@ class Inputs:
                 return known[path]
             if isinstance(t, (RecordType, ArrayType)):
                 below = zip(names(t), types_of(t), strict=True)
-                return Parts(tuple(at(f, (*path, n)) for n, f in below))
+                return AggregateParts(tuple(at(f, (*path, n)) for n, f in below))
             return self.ops.top(t)
 
         return at(t, ())
@@ -194,9 +202,9 @@ class Inputs:
                     else self.ops.float_range(-limit, limit)
                 )
                 return self.ops.binary("+", v, error)
-            if isinstance(v, Parts) and isinstance(t, (RecordType, ArrayType)):
+            if isinstance(v, AggregateParts) and isinstance(t, (RecordType, ArrayType)):
                 below = zip(names(t), types_of(t), v.items, strict=True)
-                return Parts(tuple(seen(f, (*path, n), x) for n, f, x in below))
+                return AggregateParts(tuple(seen(f, (*path, n), x) for n, f, x in below))
             return v
 
         return seen(t, (), true)

@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.prelude.bounds import BOUNDS
-from soter.reach.enclose.emit import float_literal
-from soter.reach.enclose.values import Form
+from soter.reach.enclose.c_emitter import float_literal
+from soter.reach.enclose.enclosed_values import Form
 
 if TYPE_CHECKING:
     from soter.lower import core
-    from soter.reach.enclose.ops import Operations
-    from soter.reach.enclose.values import Item
+    from soter.reach.enclose.enclosed_values import Item
+    from soter.reach.enclose.operations import EnclosureOperations
 
 ENCLOSED = frozenset(
     "sin cos tan exp log tanh atan asin acos atan2 hypot pow".split()  # noqa: SIM905 - a list of words
@@ -30,7 +30,7 @@ def is_prelude(function: core.Function) -> bool:
 
 
 def enclosed_call(
-    ops: Operations, function: core.Function, arguments: tuple[Item, ...]
+    ops: EnclosureOperations, function: core.Function, arguments: tuple[Item, ...]
 ) -> Item | None:
     """An enclosure of the function it stands for; None: enclose its body."""
     name = function.source_name

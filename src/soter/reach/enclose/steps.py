@@ -13,23 +13,32 @@ from functools import reduce
 from typing import TYPE_CHECKING
 
 from soter.lower import core
-from soter.lower.builder import FunctionTable
+from soter.lower.statements import FunctionTable
 from soter.lower.steps import lower_predicate
 from soter.program.model.types import FloatType, IntType, RecordType, leaves
-from soter.reach.enclose.body import EnclosureBody
-from soter.reach.enclose.emit import FAULT, EnclosureError, float_literal
-from soter.reach.enclose.inputs import Inputs, key, parts
-from soter.reach.enclose.ops import UNKNOWN, Operations, kind_of
-from soter.reach.enclose.values import Form, Item, Known, Parts, Sequence, Span, Whole, at_most
+from soter.reach.enclose.c_emitter import FAULT, EnclosureError, float_literal
+from soter.reach.enclose.core_enclosure import EnclosureBody
+from soter.reach.enclose.enclosed_values import (
+    AggregateParts,
+    FloatRange,
+    Form,
+    Item,
+    KnownInt,
+    KnownTruth,
+    Sequence,
+    at_most,
+)
+from soter.reach.enclose.inputs import EnclosureInputs, key, parts
+from soter.reach.enclose.operations import UNKNOWN, EnclosureOperations, kind_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from soter.codegen.c import tree as c
     from soter.program.model.system import Bound, Component, Module, System
-    from soter.program.model.typed import Expr
+    from soter.program.model.typed import TypedExpr
     from soter.program.model.types import Type
-    from soter.reach.enclose.emit import Emitter
+    from soter.reach.enclose.c_emitter import Emitter
     from soter.reach.problem.quantities import Leaf, Quantities
 
 FLOAT_MAX = sys.float_info.max
@@ -52,8 +61,8 @@ class Enclosed:
         self.module = module
         self.quantities = quantities
         self.emitter = emitter
-        self.ops = Operations(emitter)
-        self.inputs = Inputs(self.ops, quantities)
+        self.ops = EnclosureOperations(emitter)
+        self.inputs = EnclosureInputs(self.ops, quantities)
         self.functions = {f.name: f for f in core_system.functions}
         self.prelude = prelude
         self.estimated = False
@@ -110,12 +119,12 @@ class Enclosed:
 
     def plants(self) -> list[tuple[Component, core.PlantStep]]:
         """The verification plants; EnclosureError where one is extern."""
-        found = [(self.system.components[i], p) for i, p in sorted(self.core.plants.items())]
-        for component, step in found:
+        plants = [(self.system.components[i], p) for i, p in sorted(self.core.plants.items())]
+        for component, step in plants:
             if step.extern:
                 msg = f"plant `{component.name}` is extern: its motion cannot be enclosed"
                 raise EnclosureError(msg)
-        return found
+        return plants
 
     def _started(self, component: Component, step: core.PlantStep) -> EnclosureBody:
         """A body whose temporaries are a plant's states and disturbances."""
@@ -171,7 +180,7 @@ class Enclosed:
         """What a topic holds behind the gate: checked, or still its last value."""
         topic = self.system.topics[output.topic]
         held = self.inputs.topic(topic, {})
-        has, value = body.frame.outputs.get(number, (Known(False), held))
+        has, value = body.frame.outputs.get(number, (KnownTruth(False), held))
         checked: dict[tuple[str, ...], Item] = {}
         bounds = dict(zip((p for p, _ in leaves(topic.type)), output.bounds, strict=True))
 
@@ -179,7 +188,7 @@ class Enclosed:
             for path, t, v in parts(topic.type, value):
                 checked[path] = self._checked(t, v, bounds.get(path))
 
-        if has == Known(True):
+        if has == KnownTruth(True):
             check()
         else:
             body.branch(has, check, lambda: None)
@@ -207,7 +216,7 @@ class Enclosed:
     def operand(self, v: Item) -> c.CExpr:
         """A leaf as a form, as the caller gets it; of a list nothing is said: any number."""
         if isinstance(v, Sequence):
-            v = Span(-math.inf, math.inf)
+            v = FloatRange(-math.inf, math.inf)
         return self.ops.form(v if kind_of(v) == "form" else self.ops.to_float(v))
 
     def drives(self) -> list[c.CExpr]:
@@ -227,8 +236,8 @@ class Enclosed:
         arrays too long to be numbered, nothing is said.
         """
         assert self._driven is not None
-        found: list[Item] = []
-        rest: Item = Known(True)
+        conditions: list[Item] = []
+        rest: Item = KnownTruth(True)
         for index, value in sorted(self._driven.items()):
             topic = self.system.topics[index]
             bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
@@ -237,17 +246,17 @@ class Enclosed:
                 bound = bounds.get(path)
                 if isinstance(t, FloatType):
                     low, high = room_of(bound, errors.get(path, 0.0))
-                    ends: tuple[Item, Item] = Span(low, low), Span(high, high)
+                    ends: tuple[Item, Item] = FloatRange(low, low), FloatRange(high, high)
                 elif isinstance(t, IntType) and bound is not None:
-                    ends = Whole(math.ceil(bound.low)), Whole(math.floor(bound.high))
+                    ends = KnownInt(math.ceil(bound.low)), KnownInt(math.floor(bound.high))
                 else:
                     continue
                 inside = (self.ops.compare("<=", ends[0], v), self.ops.compare("<=", v, ends[1]))
                 if bound is None:
                     rest = self.ops.both(rest, self.ops.both(*inside))
                 else:
-                    found.append(self.ops.both(*inside))
-        return [*found, rest]
+                    conditions.append(self.ops.both(*inside))
+        return [*conditions, rest]
 
     @staticmethod
     def is_flow(core_system: core.CoreSystem) -> bool:
@@ -259,7 +268,7 @@ class Enclosed:
     def derivative(self) -> list[c.CExpr]:
         """The derivative of every state."""
         self.moving = True
-        found: dict[tuple[int, str, tuple[str, ...]], Item] = {}
+        derivatives: dict[tuple[int, str, tuple[str, ...]], Item] = {}
         for component, step in self.plants():
             call = _right_hand_side(step, self.functions)
             if call is None:
@@ -270,27 +279,28 @@ class Enclosed:
             assert isinstance(record, RecordType)
             fields = record.fields
             cells = {x.cell.name: x for x in step.states}
-            x = Parts(tuple(self.cell(cells[n].cell, t) for n, t in fields))
+            x = AggregateParts(tuple(self.cell(cells[n].cell, t) for n, t in fields))
             others = tuple(body.expr(a) for a in call.arguments[1:])
             result = body.call(function, (x, *others))
             for path, _, v in parts(record, result):
-                found[component.index, path[0], path[1:]] = v
-        zero = self.ops.form(Span(0.0, 0.0))
+                derivatives[component.index, path[0], path[1:]] = v
+        zero = self.ops.form(FloatRange(0.0, 0.0))
         return [
-            self.operand(found[key(s)]) if key(s) in found else zero for s in self.quantities.states
+            self.operand(derivatives[key(s)]) if key(s) in derivatives else zero
+            for s in self.quantities.states
         ]
 
     def next(self) -> list[c.CExpr]:
         """Every state after one step of its plant."""
         self.moving = True
-        found: dict[tuple[int, str, tuple[str, ...]], Item] = {}
+        next_values: dict[tuple[int, str, tuple[str, ...]], Item] = {}
         for component, step in self.plants():
             body = self._started(component, step)
             body.run(step.integrate)
             for x in step.states:
                 for path, _, v in parts(x.type, body.frame.variables[x.name]):
-                    found[component.index, x.cell.name, path] = v
-        return [self.operand(found[key(s)]) for s in self.quantities.states]
+                    next_values[component.index, x.cell.name, path] = v
+        return [self.operand(next_values[key(s)]) for s in self.quantities.states]
 
     def predicate(
         self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
@@ -308,24 +318,24 @@ class Enclosed:
         body.run(p.body)
         return body.expr(p.value)
 
-    def _said(self, e: Expr, *, estimated: bool) -> Item:
+    def _said(self, e: TypedExpr, *, estimated: bool) -> Item:
         table = FunctionTable(self.system)
         p = lower_predicate(table, self.system, self.module.scope, e, e.span)
         return self._holds(p, table.by_name, estimated=estimated)
 
-    def expression(self, e: Expr, *, estimated: bool) -> c.CExpr:
+    def expression(self, e: TypedExpr, *, estimated: bool) -> c.CExpr:
         """The same from the checked tree."""
         return self.ops.truth(self._said(e, estimated=estimated))
 
     def publishing(self, number: int | None = None) -> c.CExpr:
         """That plants can publish what they drive: all of `published`, or one of it by number."""
         self.drive()
-        found = self.published()
+        conditions = self.published()
         return self.ops.truth(
-            reduce(self.ops.both, found if number is None else found[number : number + 1])
+            reduce(self.ops.both, conditions if number is None else conditions[number : number + 1])
         )
 
-    def constraint(self, safe: Expr) -> c.CExpr:
+    def constraint(self, safe: TypedExpr) -> c.CExpr:
         """C: `safe` on true states, and that plants can publish what they then drive."""
         said = self._said(safe, estimated=False)
         return self.ops.truth(reduce(self.ops.both, self.published(), said))
@@ -360,7 +370,7 @@ def _right_hand_side(
 
 def _flat(statements: tuple[core.Stmt, ...]) -> list[core.Stmt]:
     """Statements and those inside loops."""
-    found: list[core.Stmt] = []
+    result: list[core.Stmt] = []
     for s in statements:
-        found += _flat(s.body) if isinstance(s, core.Loop) else [s]
-    return found
+        result += _flat(s.body) if isinstance(s, core.Loop) else [s]
+    return result

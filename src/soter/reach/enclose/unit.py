@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.printer import print_file
-from soter.program.meaning.conjuncts import PARTS_MAX, conjuncts
-from soter.reach.enclose.emit import (
+from soter.program.evaluate.conjuncts import PARTS_MAX, conjuncts
+from soter.reach.enclose.c_emitter import (
     Emitter,
     EnclosureError,
     framed,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from soter.lower import core as core_ir
     from soter.program.model.system import Module, System
-    from soter.program.model.typed import Expr
+    from soter.program.model.typed import TypedExpr
     from soter.reach.problem.quantities import Quantities
 
 __all__ = ["EnclosureError", "EnclosureUnit", "generate_enclosures"]
@@ -63,7 +63,7 @@ def generate_enclosures(
     quantities: Quantities,
     core_hint: core_ir.Predicate | None = None,
     hint_functions: Mapping[str, core_ir.Function] | None = None,
-    back: Expr | None = None,
+    back: TypedExpr | None = None,
 ) -> EnclosureUnit:
     """The enclosures of a module in its verification system.
 
@@ -93,7 +93,7 @@ class _Unit:
         self,
         hint: core_ir.Predicate | None,
         more: Mapping[str, core_ir.Function],
-        back: Expr | None,
+        back: TypedExpr | None,
     ) -> None:
         """Emit every function that there is something for."""
         symbol = self.module.symbol
@@ -118,7 +118,7 @@ class _Unit:
         if symbol.verify.enters is not None:
             self._if_possible("enters", symbol.verify.enters)
 
-    def _constraint(self, safe: Expr, parts: list[Expr]) -> None:
+    def _constraint(self, safe: TypedExpr, parts: list[TypedExpr]) -> None:
         """C, and its parts: those of `safe`, then what plants have to be able to publish."""
         self._truth("constraint", lambda e: e.constraint(safe))
         probe = self._enclosed()
@@ -147,18 +147,18 @@ class _Unit:
                 doc = f"{self.quantities.controls[k].name} alone; faults elsewhere are not seen"
                 self._define(f"law_{k}", doc, PARAMETERS, emitter, [result], faults=False)
 
-    def _estimated(self, name: str, said: Expr) -> None:
+    def _estimated(self, name: str, said: TypedExpr) -> None:
         self._truth(name, lambda e: e.expression(said, estimated=True))
         parts = conjuncts(said)
         for k, part in enumerate(parts if len(parts) > 1 else []):
             self._conjunct(f"{name}_{k}", part, estimated=True)
 
-    def _if_possible(self, name: str, said: Expr) -> None:
+    def _if_possible(self, name: str, said: TypedExpr) -> None:
         """Nothing where it cannot be enclosed: what rests on it is not shown then."""
         with suppress(EnclosureError):
             self._truth(name, lambda e: e.expression(said, estimated=True))
 
-    def _conjunct(self, name: str, part: Expr, *, estimated: bool) -> None:
+    def _conjunct(self, name: str, part: TypedExpr, *, estimated: bool) -> None:
         self._truth(name, lambda e: e.expression(part, estimated=estimated))
 
     # ------------------------------------------------------------ one function

@@ -3,7 +3,7 @@
 Purpose: `GridProof`: for one group of a case C, K, R(H), the inclusions, levels, the start and the
 return, on cells; `Grids`: the method.
 Non-goals: sets (`sets.py`), P2b (`recovery.py`), levels of estimates (`levels.py`), how much it all
-says (`measures.py`), files and figures (`entry.py`, `figures.py`).
+says (`set_volumes.py`), files and figures (`entry.py`, `figures.py`).
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from soter.program.model.durations import show_ns
-from soter.reach.claims.boxes import holding, regions_of
 from soter.reach.claims.case import GroupProof, Method
-from soter.reach.claims.products import CellsPart, candidates, states_elsewhere
+from soter.reach.claims.cell_boxes import holding, regions_of
+from soter.reach.claims.product_sets import CellsPart, candidates, states_elsewhere
 from soter.reach.claims.results import GroupSets
-from soter.reach.enclose.scheme import STIFF_HINT
-from soter.reach.grid import levels, measures, recovery
-from soter.reach.grid.entry import entry
+from soter.reach.enclose.scheme_error import STIFF_HINT
+from soter.reach.grid import levels, recovery, set_volumes
+from soter.reach.grid.certificate_entry import entry
 from soter.reach.grid.figures import figure
 from soter.reach.grid.sets import GridGroup
-from soter.reach.tables.tables import Table, table
+from soter.reach.tables.grid_tables import GroupTable, table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.reach.claims.case import Case, Tell
-    from soter.reach.claims.products import Part
+    from soter.reach.claims.product_sets import SetFactor
     from soter.reach.claims.results import Region
     from soter.reach.problem.problem import Group, Problem
     from soter.reach.tables.level_table import LevelTable
@@ -69,7 +69,7 @@ class GridProof(GroupProof):
 
     # ------------------------------------------------------------ claims
 
-    def take(self, case: Case, part: Part) -> None:
+    def take(self, case: Case, part: SetFactor) -> None:
         """C_g; where it holds at another point than before the product is another."""
         assert isinstance(part, CellsPart)
         if not self.fresh and not np.array_equal(self.found.allowed, part.cells):
@@ -132,7 +132,7 @@ class GridProof(GroupProof):
 
     def admit(self, case: Case, table: LevelTable) -> None:
         """A table of the DM, and the states from which AC may have control by it."""
-        assert isinstance(table, Table)
+        assert isinstance(table, GroupTable)
         levels.admit(case, self, self.engine, self.found, table)
 
     def start(self, case: Case, until_ns: int) -> None:
@@ -159,10 +159,10 @@ class GridProof(GroupProof):
 
     def held(self, case: Case) -> CellsPart | None:
         """By the table of the DM."""
-        found = levels.held(case, self.engine, self.found)
-        return None if found is None else CellsPart(self.engine, found)
+        cells = levels.held(case, self.engine, self.found)
+        return None if cells is None else CellsPart(self.engine, cells)
 
-    def recover(self, case: Case, target: Part) -> None:
+    def recover(self, case: Case, target: SetFactor) -> None:
         """Q and W."""
         assert isinstance(target, CellsPart)
         recovery.recover(case, self, self.engine, self.found, target.cells)
@@ -208,16 +208,16 @@ class GridProof(GroupProof):
     def shares(self, case: Case) -> dict[str, float]:
         """Of the grid's volume."""
         del case
-        return measures.shares(self.found)
+        return set_volumes.shares(self.found)
 
     def drawn(self, chance: np.random.Generator, count: int) -> Floats:
         """Uniform on the cells of K, (count, axes)."""
-        return measures.drawn(self.found, chance, count)
+        return set_volumes.drawn(self.found, chance, count)
 
     @property
     def core_share(self) -> float | None:
         """Of volumes."""
-        return measures.core_share(self.found)
+        return set_volumes.core_share(self.found)
 
     @property
     def free_share(self) -> float | None:
@@ -227,7 +227,7 @@ class GridProof(GroupProof):
     @property
     def both(self) -> tuple[float, bool] | None:
         """By cells on which `safer` may be true and `ttf` may be false."""
-        return measures.both(self.found)
+        return set_volumes.both(self.found)
 
     def excludes(self, predicate: str) -> bool:
         """Whether no cell of K lets AC have control."""
@@ -238,7 +238,7 @@ class GridProof(GroupProof):
     def lets_share(self, case: Case, predicate: str) -> float | None:
         """Of the volume of K."""
         del case
-        return measures.lets_share(self.found, predicate)
+        return set_volumes.lets_share(self.found, predicate)
 
     def waits_at_start(self, case: Case) -> bool:
         """By the cells of the initial states."""
@@ -248,7 +248,7 @@ class GridProof(GroupProof):
     @property
     def deepest(self) -> Mapping[int, float]:
         """The middle of a cell of C that is furthest from its border."""
-        return measures.deepest(self.found)
+        return set_volumes.deepest(self.found)
 
     # ------------------------------------------------------------ results
 
@@ -300,16 +300,16 @@ class Grids(Method):
         if len(engines) == len(case.problem.groups) == 1:
             return [CellsPart(engines[0], engines[0].definitely(predicate))]
         for point in candidates(case.problem):
-            found = []
+            parts = []
             for engine in engines:
                 elsewhere = states_elsewhere(case.problem, engine, point)
-                found.append(CellsPart(engine, engine.definitely(predicate, ranges=elsewhere)))
-            if all(part.cells.any() for part in found):
-                return found
+                parts.append(CellsPart(engine, engine.definitely(predicate, ranges=elsewhere)))
+            if all(part.cells.any() for part in parts):
+                return parts
         return None
 
     def hinted(
-        self, case: Case, proofs: Sequence[GroupProof], parts: Sequence[Part]
+        self, case: Case, proofs: Sequence[GroupProof], parts: Sequence[SetFactor]
     ) -> list[CellsPart] | None:
         """Cells that are in both."""
         hints = self.parts(case, proofs, "core")
@@ -332,7 +332,7 @@ class Grids(Method):
         cells = sum(int(p.sum()) for p in parts if p is not None)
         return f"on {cells:,} cells", {"cells": cells}
 
-    def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> Table:
+    def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> GroupTable:
         """Levels of cells."""
         return table(problem, group, cast("Sequence[tuple[Bools, Bools]]", pairs))
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.reach.enclose.scheme import NS, ORDER
+from soter.reach.enclose.scheme_error import NS, ORDER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -2,7 +2,7 @@
 
 Purpose: S_0, S_1, ... by eroding R(H) (docs/verification.md, section 3); the states from which AC
 may have control by the table of all cases.
-Non-goals: the table itself (`reach/tables/tables.py`).
+Non-goals: the table itself (`reach/tables/grid_tables.py`).
 
 An axis that no topic of the DM shows counts as anywhere: then S_j does not depend on it.
 """
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.reach.problem.estimates import errors_of, seen
-from soter.reach.tables.tables import FULL
+from soter.reach.tables.grid_tables import FULL
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from soter.reach.claims.case import Case, GroupProof
     from soter.reach.claims.results import GroupSets
     from soter.reach.grid.sets import GridGroup
-    from soter.reach.tables.tables import Table
+    from soter.reach.tables.grid_tables import GroupTable
 
     Bools = NDArray[np.bool_]
 
@@ -58,7 +58,9 @@ def _anywhere(cells: Bools, axes: tuple[int, ...]) -> Bools:
     return np.array(np.broadcast_to(every, cells.shape), dtype=np.bool_)
 
 
-def admit(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets, table: Table) -> None:
+def admit(
+    case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets, table: GroupTable
+) -> None:
     """States from which AC may have control; failures where that is none in all cases together."""
     errors = errors_of(case.problem)
     outer, inner = part.deployed = _of_table(part, table)
@@ -73,7 +75,7 @@ def admit(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets, tab
             case.fail(claim, text, proof, hint).cells = part.free
 
 
-def _of_table(part: GroupSets, table: Table) -> tuple[Bools, Bools]:
+def _of_table(part: GroupSets, table: GroupTable) -> tuple[Bools, Bools]:
     """The two sets of a table over all axes of its group."""
     shape = [len(a.edges) - 1 if a.state in table.states else 1 for a in part.group.axes]
     entries = np.broadcast_to(table.entries.reshape(shape), part.allowed.shape)

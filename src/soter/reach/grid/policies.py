@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.reach.grid.model import Bools, Bytes, Floats
+    from soter.reach.grid.group_model import Bools, Bytes, Floats
     from soter.reach.grid.sets import GridGroup
 
     Masks = npt.NDArray[np.uint64]
@@ -33,7 +33,7 @@ HOLDS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
 
 
 @dataclass(frozen=True)
-class Table:
+class CommandTable:
     """A synthesised SC: `cells` is K; `choice` the row of `commands` per estimate cell, 255: none.
 
     Every state of K stays in C for one period under the command of every estimate of it, and is in
@@ -48,7 +48,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Way:
+class RecoveryRanks:
     """W: rank per cell (0 = not in W, 1 = Q), holds N of each rank, longest time in ns to Q."""
 
     rank: npt.NDArray[np.uint16]
@@ -72,10 +72,10 @@ def _spread(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: A
     """AND over first[i]..last[i] along an axis (within the grid)."""
     n = masks.shape[axis]
     low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
-    found: Masks = np.take(masks, low, axis=axis)
+    conjunction: Masks = np.take(masks, low, axis=axis)
     for k in range(1, int((high - low).max(initial=0)) + 1):
-        found &= np.take(masks, np.minimum(low + k, high), axis=axis)
-    return found
+        conjunction &= np.take(masks, np.minimum(low + k, high), axis=axis)
+    return conjunction
 
 
 class _Synthesis:
@@ -153,7 +153,7 @@ class _Synthesis:
             lost[box] |= here & ((fine >> best) & np.uint64(1) == 0)
         return lost
 
-    def run(self) -> Table:
+    def run(self) -> CommandTable:
         group, lib = self.group, self.group.library.lib
         lib.soter_reach_choice_begin(group.c, self.work)
         while True:
@@ -161,7 +161,7 @@ class _Synthesis:
             masks = self.of_estimates(kept)
             if masks.all():
                 admits = np.where(kept, self.fine, np.uint64(0))
-                return Table(kept, self.chosen(kept, masks), self.commands, admits)
+                return CommandTable(kept, self.chosen(kept, masks), self.commands, admits)
             lost = np.ascontiguousarray(self.conflicts(kept, masks)).view(np.uint8)
             lib.soter_reach_choice_remove(group.c, self.work, group.pointer(lost, "uint8_t *"))
             group.tell("synthesis", float(kept.mean()))
@@ -194,7 +194,7 @@ def core_synthesis(
     *,
     errors: Mapping[int, float] | None = None,
     prefer: Floats | None = None,
-) -> Table:
+) -> CommandTable:
     """K and a table of commands, each held for one period (N = 1).
 
     `allowed`: a set of the grid's shape; `commands`: up to 64 rows with a value of every control;
@@ -217,8 +217,8 @@ def way(
     goal: Bools,
     *,
     holds: Sequence[int] = HOLDS,
-    before: Way | None = None,
-) -> Way:
+    before: RecoveryRanks | None = None,
+) -> RecoveryRanks:
     """W: from which cells of `core` the law reaches `goal` (Q) on every run, and how soon.
 
     W_0 = Q, W_(k+1) = W_k and {c in `core`: for some N of `holds` the tube lies in `constraint`,
@@ -228,8 +228,12 @@ def way(
     """
     ffi, lib = group.library.ffi, group.library.lib
     steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
-    found = before or _at_once(goal & core)
-    rank, taken, time_ns = found.rank.copy(), found.holds.copy(), found.time_ns.copy()
+    initial_way = before or _at_once(goal & core)
+    rank, taken, time_ns = (
+        initial_way.rank.copy(),
+        initial_way.holds.copy(),
+        initial_way.time_ns.copy(),
+    )
     asked = core & (rank == 0)
     slot = np.where(asked, np.cumsum(asked, dtype=np.int32).reshape(core.shape) - 1, -1)
     slot = np.ascontiguousarray(slot, dtype=np.int32)
@@ -250,10 +254,10 @@ def way(
     while not lib.soter_reach_way_continue(group.c, w, grids.SLICE_S, group.threads):
         group.tell("way", w.r.cursor / max(1, w.r.dirty_n))
     del memory, inside, allowed, image, slot
-    return Way(rank, taken, time_ns, int(w.r.steps))
+    return RecoveryRanks(rank, taken, time_ns, int(w.r.steps))
 
 
-def _at_once(goal: Bools) -> Way:
+def _at_once(goal: Bools) -> RecoveryRanks:
     """W = Q."""
     none = np.zeros(goal.shape, np.int64)
-    return Way(goal.astype(np.uint16), none.astype(np.uint8), none, 0)
+    return RecoveryRanks(goal.astype(np.uint16), none.astype(np.uint8), none, 0)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.reach.grid.policies import HOLDS, Way, way
+from soter.reach.grid.policies import HOLDS, RecoveryRanks, way
 from soter.reach.grid.sets import LONGEST
 
 if TYPE_CHECKING:
@@ -50,10 +50,10 @@ def recover(
         return
     # what SC keeps inside `safer` it keeps: as good as K, and mostly part of it
     part.core = np.where(part.core > 0, part.core, part.home)
-    found = _way(engine, part, part.home > 0)
-    part.rank, part.rank_holds = found.rank, found.holds
-    part.return_ns = found.longest_ns
-    stuck = (part.core > 0) & (found.rank == 0)
+    return_way = _way(engine, part, part.home > 0)
+    part.rank, part.rank_holds = return_way.rank, return_way.holds
+    part.return_ns = return_way.longest_ns
+    stuck = (part.core > 0) & (return_way.rank == 0)
     if stuck.any():
         text = f"from {int(stuck.sum()):,} cells of K no way back to `safer` was found"
         hint = "an SC that returns to where `safer` holds; a finer grid"
@@ -61,20 +61,20 @@ def recover(
         failure.cells, failure.stuck = stuck, True
 
 
-def _way(engine: GridGroup, part: GroupSets, home: Bools) -> Way:
+def _way(engine: GridGroup, part: GroupSets, home: Bools) -> RecoveryRanks:
     """W: a few lengths of chain for all cells, then every length for those that are left."""
     core = part.core > 0
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
     every_length = SHORT if engine.c.is_local else LENGTHS
     first = len(every_length) - 2 if part.core.max() > LONG else 0
-    found: Way | None = None
+    return_way: RecoveryRanks | None = None
     for lengths in every_length[first:]:
-        found = way(engine, core, part.allowed, home, holds=lengths, before=found)
-        if int((core & ~found.cells).sum()) <= few:
+        return_way = way(engine, core, part.allowed, home, holds=lengths, before=return_way)
+        if int((core & ~return_way.cells).sum()) <= few:
             break
-    assert found is not None
-    if 0 < int((core & ~found.cells).sum()) <= STRAGGLERS_MAX:
+    assert return_way is not None
+    if 0 < int((core & ~return_way.cells).sum()) <= STRAGGLERS_MAX:
         # at the border of K chains fit W at few lengths only
         every = range(1, LONGEST + 1)
-        found = way(engine, core, part.allowed, home, holds=every, before=found)
-    return found
+        return_way = way(engine, core, part.allowed, home, holds=every, before=return_way)
+    return return_way

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.reach.enclose.scheme import NS
+from soter.reach.enclose.scheme_error import NS
+from soter.reach.grid.group_model import AXIS_MAX, CancelledError, GridModel, UnboundedError
 from soter.reach.grid.inputs import GridInputs, of_problem
-from soter.reach.grid.model import AXIS_MAX, CancelledError, GridModel, UnboundedError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
-    from soter.reach.enclose.library import ReachLibrary
-    from soter.reach.grid.model import Bools, Bytes, Floats, Ints
+    from soter.reach.enclose.engine_library import ReachLibrary
+    from soter.reach.grid.group_model import Bools, Bytes, Floats, Ints
     from soter.reach.problem.problem import Group, Problem
 
 __all__ = [
@@ -248,15 +248,15 @@ class GridGroup(GridModel):
             return self._safe_in(t_ns, target, np.zeros_like(target), t_ns // period)
         pieces = segments or (SEGMENTS if self.is_linear else max(1, -(-t_ns // period)))
         most = SEGMENTS_MAX if self.is_linear else STEPS_MAX
-        found = self._safe_in(t_ns, target, np.zeros_like(target), pieces)
-        while segments is None and 2 * pieces <= most and not found.all():
+        cells = self._safe_in(t_ns, target, np.zeros_like(target), pieces)
+        while segments is None and 2 * pieces <= most and not cells.all():
             pieces *= 2
-            more = self._safe_in(t_ns, target, found, pieces)
-            gained = int(more.sum()) - int(found.sum())
-            found = more
+            more = self._safe_in(t_ns, target, cells, pieces)
+            gained = int(more.sum()) - int(cells.sum())
+            cells = more
             if gained < (WORTH_IT if self.is_linear else WORTH_A_STEP) * int(target.sum()):
                 break
-        return found
+        return cells
 
     def _safe_in(self, t_ns: int, target: Bools, known: Bools, pieces: int) -> Bools:
         """The same with one number of pieces (of a map: of periods); `known` cells are taken."""

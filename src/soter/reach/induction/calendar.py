@@ -4,7 +4,7 @@ Purpose: releases of the components of a relation as steps with windows. A step 
 at most `late` after its release, and what it does is out at most `response` after that; in one
 instant every order is possible. A hyperperiod is the same wherever it begins, once all phases are
 past.
-Non-goals: what a step does (`relation.py`).
+Non-goals: what a step does (`transition_relation.py`).
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.reach.induction.terms import Term, Terms
+    from soter.reach.induction.solver_terms import SolverTerms, Term
 
 
 @dataclass(frozen=True)
-class Clock:
+class ComponentCalendar:
     """Of one component, in ns."""
 
     component: int
@@ -45,7 +45,7 @@ class Point:
 
 
 @dataclass(eq=False)
-class Step:
+class CalendarStep:
     """One release: it reads at `start`, and what it does is seen from `effect` on.
 
     `begun`: it was released before the stretch of time; what it read is not known.
@@ -58,61 +58,63 @@ class Step:
     begun: bool = False
 
 
-def hyperperiod(clocks: Sequence[Clock]) -> int:
+def hyperperiod(clocks: Sequence[ComponentCalendar]) -> int:
     """After so long all releases come again."""
     return lcm(*(c.period for c in clocks))
 
 
-def settled(clocks: Sequence[Clock]) -> int:
+def settled(clocks: Sequence[ComponentCalendar]) -> int:
     """The first multiple of the hyperperiod from which on releases are periodic."""
     whole = hyperperiod(clocks)
     return -(-max(c.phase for c in clocks) // whole) * whole
 
 
-def releases(clock: Clock, end: int, *, first: bool) -> list[int]:
+def releases(clock: ComponentCalendar, end: int, *, first: bool) -> list[int]:
     """Releases in [0, end): from the start of a run, or from any later hyperperiod on.
 
     In the latter case also one before, where its step may not be over.
     """
     begin = clock.phase if first else clock.phase % clock.period
-    found = list(range(begin, end, clock.period))
+    instants = list(range(begin, end, clock.period))
     before = begin - clock.period
     if not first and before + clock.late + clock.response >= 0:
-        found.insert(0, before)
-    return found
+        instants.insert(0, before)
+    return instants
 
 
-def steps_of(terms: Terms, clocks: Sequence[Clock], end: int, *, first: bool) -> list[Step]:
+def steps_of(
+    terms: SolverTerms, clocks: Sequence[ComponentCalendar], end: int, *, first: bool
+) -> list[CalendarStep]:
     """All steps of a stretch of time, and what the clock says of them (facts of `terms`)."""
-    found: list[Step] = []
+    steps: list[CalendarStep] = []
     for clock in clocks:
         own = [_step(terms, clock, r) for r in releases(clock, end, first=first)]
         for a, b in pairwise(own):
             terms.state(before(terms, a.effect, b.start))
-        found += own
-    for group in clusters(found):
+        steps += own
+    for group in clusters(steps):
         points = [p for s in group for p in {s.start: 0, s.effect: 0}]
         if len(points) > 1:
             terms.state(terms.z3.Distinct(*[p.place for p in points]))
-    return found
+    return steps
 
 
-def _step(terms: Terms, clock: Clock, release: int) -> Step:
+def _step(terms: SolverTerms, clock: ComponentCalendar, release: int) -> CalendarStep:
     begun = release < 0
     start = _point(terms, max(release, 0), max(release + clock.late, 0))
     last = release + clock.late + clock.response
     if begun:
         effect = _point(terms, 0, last)
-        return Step(clock.component, release, effect, effect, begun=True)
+        return CalendarStep(clock.component, release, effect, effect, begun=True)
     if not clock.response:
-        return Step(clock.component, release, start, start)
+        return CalendarStep(clock.component, release, start, start)
     effect = _point(terms, release, last)
     terms.state(effect.at <= start.at + clock.response)
     terms.state(before(terms, start, effect))
-    return Step(clock.component, release, start, effect)
+    return CalendarStep(clock.component, release, start, effect)
 
 
-def _point(terms: Terms, earliest: int, latest: int) -> Point:
+def _point(terms: SolverTerms, earliest: int, latest: int) -> Point:
     place = terms.whole("place")
     if earliest == latest:
         return Point(earliest, latest, earliest, place)
@@ -121,7 +123,7 @@ def _point(terms: Terms, earliest: int, latest: int) -> Point:
     return Point(earliest, latest, at, place)
 
 
-def before(terms: Terms, a: Point, b: Point) -> Term:
+def before(terms: SolverTerms, a: Point, b: Point) -> Term:
     """Whether `a` comes before `b`."""
     if a is b or a.earliest > b.latest:
         return False
@@ -133,13 +135,13 @@ def before(terms: Terms, a: Point, b: Point) -> Term:
     return terms.either(a.at < b.at, terms.both(a.at == b.at, first))
 
 
-def clusters(steps: Sequence[Step]) -> list[list[Step]]:
+def clusters(steps: Sequence[CalendarStep]) -> list[list[CalendarStep]]:
     """Steps in groups: whatever is in a group is over before anything of the next one begins."""
-    found: list[list[Step]] = []
+    groups: list[list[CalendarStep]] = []
     latest = -1
     for step in sorted(steps, key=lambda s: (s.start.earliest, s.release)):
-        if step.start.earliest > latest or not found:
-            found.append([])
-        found[-1].append(step)
+        if step.start.earliest > latest or not groups:
+            groups.append([])
+        groups[-1].append(step)
         latest = max(latest, step.effect.latest)
-    return found
+    return groups

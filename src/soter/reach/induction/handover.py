@@ -14,13 +14,13 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from soter.lower.steps import lower
-from soter.program.flatten import derived
+from soter.program.elaborate import derived_systems
 from soter.program.model import typed
 from soter.program.model.system import Property
+from soter.program.model.tree_walk import nodes, topic_reads
 from soter.program.model.types import FLOAT, MODE, RecordType
-from soter.program.model.walk import nodes, topic_reads
-from soter.reach.induction.evaluate import Evaluation, TooLongError
-from soter.reach.induction.terms import Age, Terms
+from soter.reach.induction.core_to_terms import Evaluation, StepTooLongError
+from soter.reach.induction.solver_terms import Age, SolverTerms
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from soter.lower import core
     from soter.program.model.system import Component, Module, System
     from soter.program.model.types import Type
-    from soter.reach.induction.terms import Term
+    from soter.reach.induction.solver_terms import Term
 
 Path = tuple[int, ...]
 
@@ -54,12 +54,12 @@ def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iter
         why = why or _ages(link.value, topic)
         name = writers[0].name if writers else ""
         if not why:
-            changed = Changed(index, _paths(link.value, topic), _driven(flat, module, link))
+            changed = ChangedTopic(index, _paths(link.value, topic), _driven(flat, module, link))
             why = _shown(flat, module, enters, writers[0], changed)
         yield Handover(topic, name, why)
 
 
-def _ages(value: typed.Expr | None, topic: typed.TopicSymbol) -> str:
+def _ages(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> str:
     """Every publication makes a topic young again, whatever it says."""
     aged = any(isinstance(n, typed.AgeRead) and n.topic is topic for n in nodes([value]))
     return f"its map reads the age of {topic.name}" if aged else ""
@@ -67,12 +67,12 @@ def _ages(value: typed.Expr | None, topic: typed.TopicSymbol) -> str:
 
 def _index(flat: System, topic: typed.TopicSymbol) -> int:
     """Of a topic that some node or plant names; -1 where that is not one topic of the system."""
-    found = {c.scope.topics[topic] for c in flat.components if topic in c.scope.topics}
-    return found.pop() if len(found) == 1 else -1
+    indices = {c.scope.topics[topic] for c in flat.components if topic in c.scope.topics}
+    return indices.pop() if len(indices) == 1 else -1
 
 
 @dataclass(frozen=True)
-class Changed:
+class ChangedTopic:
     """A topic, what the map reads of it, and the topics that show it to DM and SC."""
 
     index: int
@@ -89,8 +89,8 @@ def _remembers(flat: System, module: Module) -> str:
 def _driven(flat: System, module: Module, link: typed.AbstractionLink) -> list[int]:
     """What the plant of a view drives, as far as the module reads it."""
     scopes = (module.scope.topics, flat.components[module.sc].scope.topics)
-    found = [next((s[t] for s in scopes if t in s), -1) for t, _ in link.plant.drives]
-    return [i for i in found if i >= 0]
+    indices = [next((s[t] for s in scopes if t in s), -1) for t, _ in link.plant.drives]
+    return [i for i in indices if i >= 0]
 
 
 def _written(c: Component) -> list[int]:
@@ -114,11 +114,11 @@ def _not_for_this(flat: System, index: int, writers: list[Component]) -> str:
     return ""
 
 
-def _paths(value: typed.Expr | None, topic: typed.TopicSymbol) -> list[Path]:
+def _paths(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list[Path]:
     """The parts of a topic that an expression reads; () is all of it."""
-    every = [n for n in nodes([value]) if isinstance(n, typed.Expr)]
-    around = {id(n.target): n for n in every if isinstance(n, typed.Field)}
-    found: dict[Path, None] = {}
+    every = [n for n in nodes([value]) if isinstance(n, typed.TypedExpr)]
+    around = {id(n.target): n for n in every if isinstance(n, typed.TypedField)}
+    paths: dict[Path, None] = {}
     for read in every:
         if not isinstance(read, typed.TopicRead) or read.topic is not topic:
             continue
@@ -126,8 +126,8 @@ def _paths(value: typed.Expr | None, topic: typed.TopicSymbol) -> list[Path]:
         while at in around:
             path.append(around[at].index)
             at = id(around[at])
-        found[tuple(path)] = None
-    return list(found)
+        paths[tuple(path)] = None
+    return list(paths)
 
 
 # ---------------------------------------------------------------- the steps
@@ -137,7 +137,7 @@ def _paths(value: typed.Expr | None, topic: typed.TopicSymbol) -> list[Path]:
 class StepReads:
     """What one step reads: a value a topic, any of its set; later what it published, too."""
 
-    terms: Terms
+    terms: SolverTerms
     flat: System
     values: dict[int, Term] = field(default_factory=dict)
 
@@ -155,14 +155,14 @@ class StepReads:
         if fact.fact == "mode":
             return self.terms.fresh(MODE, "mode")
         if fact.fact == "age":
-            found = self.terms.whole("age")
-            self.terms.state(found >= 0)
-            return Age(found)
+            age = self.terms.whole("age")
+            self.terms.state(age >= 0)
+            return Age(age)
         return self.terms.fresh(FLOAT, "time")
 
 
 @dataclass
-class Stepped:
+class StepTransition:
     """One step: its locals, what it publishes (whether, what), whether it faults, `enters` then."""
 
     locals: dict[str, Term]
@@ -174,15 +174,15 @@ class Stepped:
 def _shown(
     flat: System,
     module: Module,
-    enters: typed.Expr,
+    enters: typed.TypedExpr,
     c: Component,
-    changed: Changed,
+    changed: ChangedTopic,
 ) -> str:
     """Why it is not shown; "" where it is."""
     told = Property(0, "always", enters, module.scope, "enters", enters.span)
-    program = lower(derived.with_properties(flat, (told,)))
+    program = lower(derived_systems.with_properties(flat, (told,)))
     topic = flat.topics[changed.index]
-    terms = Terms()
+    terms = SolverTerms()
     assert c.node is not None
     anything = {v.name: terms.fresh(v.type, v.name) for v in c.node.locals}
     start = {
@@ -190,7 +190,7 @@ def _shown(
         for v, value in zip(c.node.locals, c.initial, strict=True)
     }
     default = terms.constant(topic.type, topic.default)
-    first = Stepped({}, {changed.index: (True, default)}, False, False)
+    first = StepTransition({}, {changed.index: (True, default)}, False, False)
     try:
         before = _step(terms, flat, program, c, anything)
         cases = [
@@ -203,12 +203,14 @@ def _shown(
                     f"{what} of {c.name} may change it where `enters` does not hold, or without "
                     "showing it to DM and SC"
                 )
-    except TooLongError:
+    except StepTooLongError:
         return f"a step of {c.name} takes more statements than are followed"
     return ""
 
 
-def _jumps(terms: Terms, step: Stepped, last: Stepped, t: Type, changed: Changed) -> bool:
+def _jumps(
+    terms: SolverTerms, step: StepTransition, last: StepTransition, t: Type, changed: ChangedTopic
+) -> bool:
     """Whether a step may publish something else than the last one did, where it must not."""
     nothing = (False, terms.fresh(t, "whatever"))
     says, value = step.published.get(changed.index, nothing)
@@ -224,7 +226,7 @@ def _jumps(terms: Terms, step: Stepped, last: Stepped, t: Type, changed: Changed
     return bool(terms.solver().check(bad) != terms.z3.unsat)
 
 
-def _same(terms: Terms, a: Term, b: Term, t: Type, path: Path) -> Term:
+def _same(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> Term:
     for k in path:
         assert isinstance(t, RecordType)
         a, b, t = a[k], b[k], t.fields[k][1]
@@ -233,18 +235,20 @@ def _same(terms: Terms, a: Term, b: Term, t: Type, path: Path) -> Term:
 
 
 def _step(
-    terms: Terms, flat: System, program: core.CoreSystem, c: Component, state: dict[str, Term]
-) -> Stepped:
+    terms: SolverTerms, flat: System, program: core.CoreSystem, c: Component, state: dict[str, Term]
+) -> StepTransition:
     code = program.nodes[c.index]
     functions = {f.name: f for f in program.functions}
     reads = StepReads(terms, flat)
-    found = Evaluation(terms, functions, reads)
+    evaluation = Evaluation(terms, functions, reads)
     for copy in code.locals:
-        found.bind(copy.name, copy.type, state[copy.cell.name])
-    found.run(code.body)
-    after = {copy.cell.name: found.env[copy.name] for copy in code.locals}
+        evaluation.bind(copy.name, copy.type, state[copy.cell.name])
+    evaluation.run(code.body)
+    after = {copy.cell.name: evaluation.env[copy.name] for copy in code.locals}
     published = {
-        o.topic: found.published[k][:2] for k, o in enumerate(code.outputs) if k in found.published
+        o.topic: evaluation.published[k][:2]
+        for k, o in enumerate(code.outputs)
+        if k in evaluation.published
     }
     (asked,) = program.properties
     shown = StepReads(terms, flat, dict(reads.values))
@@ -255,4 +259,4 @@ def _step(
     later.run(asked.body)
     holds = later.expr(asked.value)
     holds = terms.both(holds, terms.no(terms.either(later.fault, later.doubt)))
-    return Stepped(after, published, terms.either(found.fault, found.doubt), holds)
+    return StepTransition(after, published, terms.either(evaluation.fault, evaluation.doubt), holds)

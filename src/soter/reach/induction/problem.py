@@ -2,7 +2,7 @@
 
 Purpose: which nodes beside the module matter, how late they may be, what is proved of them; a
 diagnostic (R030, R031, R032) where induction is not for the module.
-Non-goals: the relation itself (`relation.py`).
+Non-goals: the relation itself (`transition_relation.py`).
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.lower.steps import lower
-from soter.program.check.const import Calculator
-from soter.program.flatten import derived
+from soter.program.check.constants import Calculator
+from soter.program.elaborate import derived_systems
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
 from soter.program.model.system import Property
-from soter.program.model.walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
-from soter.reach.induction.calendar import Clock
-from soter.reach.problem.modes import NO_MODES
+from soter.program.model.tree_walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
+from soter.reach.induction.calendar import ComponentCalendar
+from soter.reach.problem.other_modes import NO_MODES
 from soter.reach.problem.problem import NODES, Problem, Times
 from soter.reach.problem.quantities import Quantities
-from soter.reach.time.deployed import Assumed, check_deployed
+from soter.reach.time.deployed_times import AssumedTimes, check_deployed
 from soter.reach.time.schedule import Releases, Schedule
-from soter.timing.deployment import in_thread
+from soter.timing.trusted_thread import in_thread
 
 if TYPE_CHECKING:
     from soter.lower.core import Predicate
     from soter.program.model.system import Component, Module, System
-    from soter.reach.problem.modes import Modes
+    from soter.reach.problem.other_modes import Modes
 
 OF_MODES = (
     "modes of others may stand in SC, `ttf` and `safer`; another mode may change at any instant, "
@@ -58,9 +58,9 @@ class InductionProblem(Problem):
     `system` holds these components and no others.
     """
 
-    clocks: tuple[Clock, ...]
+    clocks: tuple[ComponentCalendar, ...]
     """As they are followed: SC waits for the DM's verdict."""
-    declared: tuple[Clock, ...]
+    declared: tuple[ComponentCalendar, ...]
     """As they are declared."""
     undeclared: tuple[str, ...]
     """Times that are not, and are taken for zero."""
@@ -82,11 +82,11 @@ class InductionProblem(Problem):
     @cached_property
     def outputs(self) -> dict[int, list[int]]:
         """The topics that each component publishes."""
-        found = {}
+        topics_by_component = {}
         for c in self.system.components:
             if c.node is not None:
-                found[c.index] = [c.scope.topics[t] for t in c.node.publishes]
-        return found
+                topics_by_component[c.index] = [c.scope.topics[t] for t in c.node.publishes]
+        return topics_by_component
 
     flying: str = ""
     """The system that the module stands in."""
@@ -102,7 +102,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     _stop(diagnostics)
     nodes, any_value, heard = _neighbours(flat, module, modes)
     kept = [module.dm, module.sc, module.ac, *nodes]
-    system = derived.undriven(flat, kept)
+    system = derived_systems.undriven(flat, kept)
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
     at = system.modules[index]
     assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
@@ -116,7 +116,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
         Property(k, "always", e, at.scope, text, e.span)
         for k, (e, text) in enumerate(zip(asked, texts, strict=True))
     ]
-    core = lower(derived.with_properties(system, properties))
+    core = lower(derived_systems.with_properties(system, properties))
     safe, *others = core.properties
     recover = at.symbol.verify.recover
     calculator = Calculator(diagnostics, at.scope.params)
@@ -324,9 +324,9 @@ def _reads_modes(c: Component) -> set[int]:
     return {c.scope.modules.get(m, -1) for m in mode_reads(*c.node.step)} | margins
 
 
-def _externs(*roots: object) -> list[typed.Call]:
+def _externs(*roots: object) -> list[typed.TypedCall]:
     """Calls that end in an extern function."""
-    found = []
+    extern_calls = []
     for call in calls_in(*roots):
         seen: set[typed.FunSymbol] = set()
         todo = [call.fun]
@@ -336,8 +336,8 @@ def _externs(*roots: object) -> list[typed.Call]:
                 seen.add(fun)
                 todo += [inner.fun for inner in calls_in(*(fun.body or ()))]
         if any(fun.extern for fun in seen):
-            found.append(call)
-    return found
+            extern_calls.append(call)
+    return extern_calls
 
 
 def _written_by(c: Component) -> list[int]:
@@ -356,31 +356,31 @@ def _read_by(c: Component) -> list[int]:
 
 def _times(
     system: System, module: Module, diagnostics: Diagnostics
-) -> tuple[Times, tuple[Clock, ...], tuple[Clock, ...], list[str]]:
+) -> tuple[Times, tuple[ComponentCalendar, ...], tuple[ComponentCalendar, ...], list[str]]:
     """Times of everybody, as followed and as declared; which are not declared."""
     verify = module.symbol.verify
     calculator = Calculator(diagnostics, module.scope.params)
 
-    def ns(expr: typed.Expr | None) -> int:
+    def ns(expr: typed.TypedExpr | None) -> int:
         return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
 
     absent: list[str] = []
 
     def of(c: Component) -> tuple[int, int]:
         role = c.role if c.role in ("dm", "sc") else None
-        found = []
+        delays = []
         for word in ("late", "response"):
             by_name = getattr(verify, f"{word}_of")
             expr = getattr(verify, f"{word}_{role}") if role else None
             names = (c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name)
             expr = expr or next((by_name[n] for n in names if n in by_name), None)
             if word == "response" and c.takes_ns is not None:
-                found.append(c.takes_ns[1])
+                delays.append(c.takes_ns[1])
                 continue
             if expr is None:
                 absent.append(f"{word} of {c.name}")
-            found.append(ns(expr))
-        return found[0], found[1]
+            delays.append(ns(expr))
+        return delays[0], delays[1]
 
     known = {n for c in system.components for n in (c.name, c.name.rpartition(".")[2])}
     known |= {c.node.name for c in system.components if c.node is not None}
@@ -399,10 +399,10 @@ def _times(
     clocks, declared = [], []
     for c in system.components:
         late, response = each[c.index]
-        declared.append(Clock(c.index, c.period_ns, c.phase_ns, late, response))
+        declared.append(ComponentCalendar(c.index, c.period_ns, c.phase_ns, late, response))
         if c.index == sc.index:
             late = max(late, waiting)  # it waits for the DM's verdict
-        clocks.append(Clock(c.index, c.period_ns, c.phase_ns, late, response))
+        clocks.append(ComponentCalendar(c.index, c.period_ns, c.phase_ns, late, response))
         if late + response > c.period_ns:
             diagnostics.error(
                 "R015",
@@ -423,7 +423,7 @@ def _rests(
     flat: System,
     module: Module,
     system: System,
-    declared: tuple[Clock, ...],
+    declared: tuple[ComponentCalendar, ...],
     diagnostics: Diagnostics,
 ) -> list[str]:
     """R033 where the thread of `flat` does not keep the times of the proof; what they rest on."""
@@ -434,34 +434,34 @@ def _rests(
         for c in flat.components
         if c.name in by_name and c.role in ("node", "ac") and in_thread(c)
     }
-    return check_deployed(flat, module, Assumed(by_name[dm], by_name[sc], nodes), diagnostics)
+    return check_deployed(flat, module, AssumedTimes(by_name[dm], by_name[sc], nodes), diagnostics)
 
 
 def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:
     system, module = problem.system, problem.module
     ac = system.components[module.ac].name
-    found = [f"{ac} publishes at its releases, any value of the declared sets or none"]
+    assumptions = [f"{ac} publishes at its releases, any value of the declared sets or none"]
     for c in problem.clocks:
         if c.late or c.response:
             name = system.components[c.component].name
-            found.append(
+            assumptions.append(
                 f"{name} starts at most {show_ns(c.late)} after its release, and takes at most "
                 f"{show_ns(c.response)}"
             )
     if absent:
         names = ", ".join(absent)
-        found.append(f"undeclared times are zero: {names}")
-    found.append("no release is skipped, and what a step reads it reads at one instant")
+        assumptions.append(f"undeclared times are zero: {names}")
+    assumptions.append("no release is skipped, and what a step reads it reads at one instant")
     modes = set() if problem.modes is None else {t.name for t in problem.modes.topics}
-    found += [
+    assumptions += [
         f"{n}: any value of its set at any time ({w})"
         for n, w in problem.any_value.items()
         if n not in modes
     ]
-    found.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+    assumptions.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
     if problem.heard:
         still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))
-        found.append(f"for P2b alone: {still} stays as it is until SC gives control back")
-    found.append("z3 is right where it says that no counterexample exists")
-    found.append("the compiler and the hardware do what the C of the steps says")
-    return found
+        assumptions.append(f"for P2b alone: {still} stays as it is until SC gives control back")
+    assumptions.append("z3 is right where it says that no counterexample exists")
+    assumptions.append("the compiler and the hardware do what the C of the steps says")
+    return assumptions

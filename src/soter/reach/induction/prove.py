@@ -3,7 +3,7 @@
 Purpose: that `safe`, every lemma and every step hold at all times: in the first hyperperiods of
 every run, and after any k hyperperiods in which they held, in the next one, too. And P2b: that no
 state is followed by so many hyperperiods in which DM never says "AC".
-Non-goals: the relation (`relation.py`), runs of the program (`refute.py`).
+Non-goals: the relation (`transition_relation.py`), runs of the program (`refute.py`).
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.reach.induction.calendar import hyperperiod, settled
-from soter.reach.induction.evaluate import TooLongError
-from soter.reach.induction.relation import Stretch
-from soter.reach.induction.terms import Terms
+from soter.reach.induction.core_to_terms import StepTooLongError
+from soter.reach.induction.solver_terms import SolverTerms
+from soter.reach.induction.transition_relation import Stretch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.reach.induction.problem import InductionProblem
-    from soter.reach.induction.terms import Term
+    from soter.reach.induction.solver_terms import Term
 
 DEPTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 STEPS_MAX = 600
@@ -72,85 +72,91 @@ def induct(problem: InductionProblem, progress: Callable[[float], None] | None =
     """Prove a module, or say how far it came."""
     began = time.perf_counter()
     whole = hyperperiod(problem.clocks)
-    found = Induction(whole, sum(whole // c.period for c in problem.clocks))
-    if found.steps > STEPS_MAX // 2:
-        found.why = f"a hyperperiod has {found.steps} steps, too many to be followed"
-        return found
+    induction = Induction(whole, sum(whole // c.period for c in problem.clocks))
+    if induction.steps > STEPS_MAX // 2:
+        induction.why = f"a hyperperiod has {induction.steps} steps, too many to be followed"
+        return induction
     try:
-        _deepen(problem, found, progress)
-        if not found.proved and found.about != "safe":
-            _latching(problem, found, progress)
-        if found.proved:
-            _returns(problem, found)
-    except TooLongError:
-        found.why = "a step takes more statements than are followed"
-    found.seconds = time.perf_counter() - began
-    return found
+        _deepen(problem, induction, progress)
+        if not induction.proved and induction.about != "safe":
+            _latching(problem, induction, progress)
+        if induction.proved:
+            _returns(problem, induction)
+    except StepTooLongError:
+        induction.why = "a step takes more statements than are followed"
+    induction.seconds = time.perf_counter() - began
+    return induction
 
 
 def _latching(
-    problem: InductionProblem, found: Induction, progress: Callable[[float], None] | None
+    problem: InductionProblem, induction: Induction, progress: Callable[[float], None] | None
 ) -> None:
     """The same where a step may fault, and latches its node: what holds then holds anyway."""
     names = _may_fault(problem)
     if not names:
         return
-    other = Induction(found.hyperperiod_ns, found.steps, latching=names)
+    other = Induction(induction.hyperperiod_ns, induction.steps, latching=names)
     _deepen(problem, other, progress)
     if other.proved or other.about == "safe":
-        found.latching, found.k, found.proved = names, other.k, other.proved
-        found.uninterpreted |= other.uninterpreted
+        induction.latching, induction.k, induction.proved = names, other.k, other.proved
+        induction.uninterpreted |= other.uninterpreted
     if other.about == "safe":
-        found.about, found.what, found.fails_ns = other.about, other.what, other.fails_ns
+        induction.about, induction.what, induction.fails_ns = (
+            other.about,
+            other.what,
+            other.fails_ns,
+        )
     elif not other.proved:
-        found.undecided = other.why or f"{other.what} then"
+        induction.undecided = other.why or f"{other.what} then"
 
 
 def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
     """SC, and nodes beside the module, with a step that may fault for all that is known of it."""
-    terms = Terms()
+    terms = SolverTerms()
     stretch = Stretch(problem, terms, hyperperiod(problem.clocks))
-    found = {d.step.component for d in stretch.done if d.doubt is not False}
-    return tuple(problem.system.components[i].name for i in sorted(found))
+    indices = {d.step.component for d in stretch.done if d.doubt is not False}
+    return tuple(problem.system.components[i].name for i in sorted(indices))
 
 
 def _deepen(
-    problem: InductionProblem, found: Induction, progress: Callable[[float], None] | None
+    problem: InductionProblem, induction: Induction, progress: Callable[[float], None] | None
 ) -> None:
     began = time.process_time()
     for n, k in enumerate(DEPTHS):
         if progress is not None:
             progress(n / len(DEPTHS))
-        if (k + 1) * found.steps > STEPS_MAX and n:
-            found.why = f"no induction over up to {DEPTHS[n - 1]} hyperperiods{found.gave_up}"
+        if (k + 1) * induction.steps > STEPS_MAX and n:
+            induction.why = (
+                f"no induction over up to {DEPTHS[n - 1]} hyperperiods{induction.gave_up}"
+            )
             return
         if time.process_time() - began > BUDGET_S:
-            found.why = f"no induction within {BUDGET_S:g} s of CPU time: it was given up"
+            induction.why = f"no induction within {BUDGET_S:g} s of CPU time: it was given up"
             return
-        if _base(problem, found, k) != HOLDS:
+        if _base(problem, induction, k) != HOLDS:
             return
-        if _step(problem, found, k):
-            found.k, found.proved = k, True
+        if _step(problem, induction, k):
+            induction.k, induction.proved = k, True
             return
-    found.why = f"no induction over up to {DEPTHS[-1]} hyperperiods{found.gave_up}"
+    induction.why = f"no induction over up to {DEPTHS[-1]} hyperperiods{induction.gave_up}"
 
 
 # ---------------------------------------------------------------- the two halves
 
 
-def _base(problem: InductionProblem, found: Induction, k: int) -> str:
+def _base(problem: InductionProblem, induction: Induction, k: int) -> str:
     """Whether all holds in the first k hyperperiods of every run, and before them."""
-    terms = Terms()
-    end = settled(problem.clocks) + k * found.hyperperiod_ns
-    stretch = Stretch(problem, terms, end, first=True, latching=bool(found.latching))
-    found.uninterpreted |= stretch.uninterpreted
+    terms = SolverTerms()
+    end = settled(problem.clocks) + k * induction.hyperperiod_ns
+    stretch = Stretch(problem, terms, end, first=True, latching=bool(induction.latching))
+    induction.uninterpreted |= stretch.uninterpreted
     bad = _bad(stretch, 0, end)
     solver = terms.solver()
     answer = solver.check(terms.either(*[b for b, _, _ in bad]))
     if answer == terms.z3.unsat:
         return HOLDS
     if answer != terms.z3.sat:
-        found.why = f"the solver gave up on the first {k} hyperperiods"
+        induction.why = f"the solver gave up on the first {k} hyperperiods"
         return UNKNOWN
     model = solver.model()
     times = [
@@ -158,9 +164,9 @@ def _base(problem: InductionProblem, found: Induction, k: int) -> str:
         for b, at, number in bad
         if terms.z3.is_true(model.eval(_term(terms, b), model_completion=True))
     ]
-    found.fails_ns, number = min(times)
-    found.about = ("fault", "safe")[number] if number < 2 else "lemma"
-    found.what = _named(problem, number)
+    induction.fails_ns, number = min(times)
+    induction.about = ("fault", "safe")[number] if number < 2 else "lemma"
+    induction.what = _named(problem, number)
     return FAILS
 
 
@@ -170,17 +176,17 @@ def _named(problem: InductionProblem, number: int) -> str:
     return "`safe`" if number == 1 else f"the lemma `{problem.lemma_texts[number - 2]}`"
 
 
-def _step(problem: InductionProblem, found: Induction, k: int) -> bool:
+def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
     """Whether all that held for k hyperperiods holds in the next one."""
-    terms = Terms()
-    whole = found.hyperperiod_ns
-    stretch = Stretch(problem, terms, (k + 1) * whole, latching=bool(found.latching))
+    terms = SolverTerms()
+    whole = induction.hyperperiod_ns
+    stretch = Stretch(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
     solver = terms.solver()
     _assume(solver, stretch, k * whole)
     bad = _bad(stretch, k * whole, (k + 1) * whole)
     answer = solver.check(terms.either(*[b for b, _, _ in bad]))
     if answer == terms.z3.unknown:
-        found.gave_up = "; the solver gave up on some of them"
+        induction.gave_up = "; the solver gave up on some of them"
     return bool(answer == terms.z3.unsat)
 
 
@@ -196,7 +202,7 @@ def _assume(solver: Term, stretch: Stretch, until: int) -> None:
 def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]:
     """Each way in which something fails in [begin, end): whether, when, what."""
     terms = stretch.terms
-    found = []
+    failures = []
     for seen in stretch.seen:
         if seen.latest < begin or seen.earliest >= end:
             continue
@@ -206,35 +212,39 @@ def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]
         counts = terms.both(seen.counts, inside)
         for number, holds in enumerate(seen.holds):
             holds_ = terms.both(holds, seen.later) if number == 1 else holds
-            found.append((terms.both(counts, terms.no(holds_)), seen.at, number))
-    return found
+            failures.append((terms.both(counts, terms.no(holds_)), seen.at, number))
+    return failures
 
 
 # ---------------------------------------------------------------- P2b
 
 
-def _returns(problem: InductionProblem, found: Induction) -> None:
+def _returns(problem: InductionProblem, induction: Induction) -> None:
     """After how many hyperperiods in SC there are none: from any state in which all holds."""
     began, since = time.perf_counter(), time.process_time()
-    whole = found.hyperperiod_ns
+    whole = induction.hyperperiod_ns
     for n in DEPTHS:
-        if (n + found.k) * found.steps > STEPS_MAX or time.process_time() - since > BUDGET_S / 2:
+        if (
+            n + induction.k
+        ) * induction.steps > STEPS_MAX or time.process_time() - since > BUDGET_S / 2:
             break
         if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
             break
-        if _nothing(problem, found, n, stays=True):
-            found.contradicted = bool(problem.progress) and _nothing(problem, found, 1, stays=False)
-            found.returns = 0 if found.contradicted else n
+        if _nothing(problem, induction, n, stays=True):
+            induction.contradicted = bool(problem.progress) and _nothing(
+                problem, induction, 1, stays=False
+            )
+            induction.returns = 0 if induction.contradicted else n
             break
-    found.returns_s = time.perf_counter() - began
+    induction.returns_s = time.perf_counter() - began
 
 
-def _nothing(problem: InductionProblem, found: Induction, n: int, *, stays: bool) -> bool:
+def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: bool) -> bool:
     """Whether no state is followed by n hyperperiods in which all holds; `stays`: and SC all along.
 
     No step faults there, and what progress rests on holds.
     """
-    terms, end = Terms(), n * found.hyperperiod_ns
+    terms, end = SolverTerms(), n * induction.hyperperiod_ns
     stretch = Stretch(problem, terms, end, returning=True, stays=stays)
     solver = terms.solver()
     _assume(solver, stretch, end)
@@ -243,5 +253,5 @@ def _nothing(problem: InductionProblem, found: Induction, n: int, *, stays: bool
     return bool(solver.check() == terms.z3.unsat)
 
 
-def _term(terms: Terms, truth: Term) -> Term:
+def _term(terms: SolverTerms, truth: Term) -> Term:
     return terms.z3.BoolVal(truth) if isinstance(truth, bool) else truth

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
-from soter.program.flatten import derived
+from soter.program.elaborate import derived_systems
 from soter.program.model import typed
 from soter.program.model.system import Property, TestPlan, TimingFault
 from soter.program.model.types import (
@@ -83,13 +83,13 @@ def refuting_run(
     for system in (any_ac(problem), problem.system):
         if any(c.extern for c in system.components):
             continue
-        found = search(asked_of(problem, system, until_ns))
-        if found is not None and found.what == ("fault" if fault else "property"):
-            return ReplayedRun(found.time_ns, found.lines)
+        violation = search(system_as_test(problem, system, until_ns))
+        if violation is not None and violation.what == ("fault" if fault else "property"):
+            return ReplayedRun(violation.time_ns, violation.lines)
     return None
 
 
-def asked_of(problem: InductionProblem, system: System, until_ns: int) -> System:
+def system_as_test(problem: InductionProblem, system: System, until_ns: int) -> System:
     """The system as a test: `safe` always, steps as late as they are declared to be."""
     m = problem.module
     span = m.symbol.span
@@ -103,7 +103,7 @@ def asked_of(problem: InductionProblem, system: System, until_ns: int) -> System
             least = 0 if takes is None else takes[0]
             faults.append(TimingFault("overrun", c.component, c.response, 0, span, least))
     plan = TestPlan(m.name, 0, max(until_ns, 1), None, tuple(faults), (), span)
-    return derived.with_test(derived.with_properties(system, (safe,)), plan)
+    return derived_systems.with_test(derived_systems.with_properties(system, (safe,)), plan)
 
 
 # ---------------------------------------------------------------- an AC that may do anything
@@ -115,12 +115,12 @@ def any_ac(problem: InductionProblem) -> System:
     ac = system.components[problem.module.ac]
     assert ac.node is not None
     span = ac.node.span
-    step: list[typed.Stmt] = []
+    step: list[typed.TypedStmt] = []
     for t in ac.node.publishes:
         topic = system.topics[ac.scope.topics[t]]
         value = _any_value(topic.type, topic.bounds, topic.default, span)
-        coin = typed.Choose(BOOL, span, 2, 0, (), None)
-        step.append(typed.If(span, ((coin, (typed.Publish(span, t, value),)),), ()))
+        coin = typed.TypedChoose(BOOL, span, 2, 0, (), None)
+        step.append(typed.TypedIf(span, ((coin, (typed.TypedPublish(span, t, value),)),), ()))
     node = replace(
         ac.node,
         extern=False,
@@ -131,10 +131,12 @@ def any_ac(problem: InductionProblem) -> System:
         takeover=None,
         step=tuple(step),
     )
-    return derived.with_components(system, [derived.with_node(ac, node, {})])
+    return derived_systems.with_components(system, [derived_systems.with_node(ac, node, {})])
 
 
-def _any_value(t: Type, bounds: Sequence[Bound | None], default: Value, at: Span) -> typed.Expr:
+def _any_value(
+    t: Type, bounds: Sequence[Bound | None], default: Value, at: Span
+) -> typed.TypedExpr:
     if isinstance(t, (RecordType, ArrayType)):
         own = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
         elements, k = [], 0
@@ -144,18 +146,18 @@ def _any_value(t: Type, bounds: Sequence[Bound | None], default: Value, at: Span
             k += count
         return typed.Aggregate(t, at, tuple(elements))
     if isinstance(t, BoolType):
-        return typed.Choose(t, at, 2, 0, (), None)
+        return typed.TypedChoose(t, at, 2, 0, (), None)
     if isinstance(t, EnumType):
-        return typed.Choose(t, at, len(t.members), 0, (), None)
-    found: list[Value] = [default]
+        return typed.TypedChoose(t, at, len(t.members), 0, (), None)
+    values: list[Value] = [default]
     bound = bounds[0] if bounds else None
     if isinstance(t, IntType):
         low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
         few = high - low < ALTERNATIVES_MAX
-        found += range(low, high + 1) if few else [low, (low + high) // 2, high]
+        values += range(low, high + 1) if few else [low, (low + high) // 2, high]
     elif isinstance(t, FloatType) and bound is not None:
-        found += [bound.low, 0.5 * bound.low + 0.5 * bound.high, bound.high]
+        values += [bound.low, 0.5 * bound.low + 0.5 * bound.high, bound.high]
     else:
-        found.append(default_value(t))
-    options = [typed.Literal(t, at, v) for v in dict.fromkeys(found)]
-    return typed.Choose(t, at, len(options), 0, tuple(options), None)
+        values.append(default_value(t))
+    options = [typed.Literal(t, at, v) for v in dict.fromkeys(values)]
+    return typed.TypedChoose(t, at, len(options), 0, tuple(options), None)

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
-from soter.program.model.walk import nodes
-from soter.reach.claims.lawful import NO_LAW
+from soter.program.model.tree_walk import nodes
+from soter.reach.claims.failsafe_claim import NO_LAW
 from soter.reach.claims.results import (
     ASSUMED,
     PROPERTIES,
@@ -27,7 +27,7 @@ from soter.reach.claims.results import (
 )
 from soter.reach.induction.prove import induct
 from soter.reach.induction.refute import refuting_run
-from soter.reach.problem.modes import said
+from soter.reach.problem.other_modes import said
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -68,30 +68,30 @@ def verify_by_induction(
     `search`: finds runs that refute; None: nobody looks for one.
     """
     began = time.perf_counter()
-    found = induct(problem, progress)
+    induction = induct(problem, progress)
     result = InductionResult(problem, {}, [])
-    result.induction = found
+    result.induction = induction
     findings = result.findings
     _static(problem, findings)
-    findings["P2a"] = _safe(problem, found)
-    findings["P2b"] = _returns(problem, found)
-    _taken_for_granted(problem, found)
+    findings["P2a"] = _safe(problem, induction)
+    findings["P2b"] = _returns(problem, induction)
+    _taken_for_granted(problem, induction)
     for name in TOGETHER:
         findings[name] = _part_of_it(name, findings["P2a"])
-    if found.proved and findings["P2b"].verdict == PROVED:
-        result.recover_s = found.returns_ns / 1e9
+    if induction.proved and findings["P2b"].verdict == PROVED:
+        result.recover_s = induction.returns_ns / 1e9
     elif (
-        not found.proved
+        not induction.proved
         and search is not None
-        and found.about in ("safe", "fault")
-        and found.fails_ns is not None
+        and induction.about in ("safe", "fault")
+        and induction.fails_ns is not None
     ):
-        _refute(problem, found, findings, search)
+        _refute(problem, induction, findings, search)
     findings["failsafe"] = _failsafe(problem)
     findings["DM"] = _decision_module(result)
     result.findings = {p: findings[p] for p in PROPERTIES}
-    if found.uninterpreted:
-        names = ", ".join(found.uninterpreted)
+    if induction.uninterpreted:
+        names = ", ".join(induction.uninterpreted)
         result.notes = (f"opaque (of equal arguments equal answers, and nothing else): {names}",)
     result.seconds = time.perf_counter() - began
     return result
@@ -122,47 +122,50 @@ def _static(problem: InductionProblem, findings: dict[str, Finding]) -> None:
     )
 
 
-def _safe(problem: InductionProblem, found: Induction) -> Finding:
-    finding = Finding(UNDECIDED, found.seconds - found.returns_s, HOW)
-    finding.counts = {"k": found.k, "steps": found.steps, "lemmas": len(problem.lemmas)}
-    if found.proved:
+def _safe(problem: InductionProblem, induction: Induction) -> Finding:
+    finding = Finding(UNDECIDED, induction.seconds - induction.returns_s, HOW)
+    finding.counts = {"k": induction.k, "steps": induction.steps, "lemmas": len(problem.lemmas)}
+    if induction.proved:
         finding.verdict = PROVED
         many = len(problem.lemmas)
         lemmas = "" if not many else f", with {many} lemma{'s' if many > 1 else ''}"
-        plural = "s" if found.k > 1 else ""
+        plural = "s" if induction.k > 1 else ""
         finding.text = (
-            f"induction over {found.k} hyperperiod{plural} of {show_ns(found.hyperperiod_ns)} "
-            f"({found.steps} steps each){lemmas}"
+            f"induction over {induction.k} hyperperiod{plural} of "
+            f"{show_ns(induction.hyperperiod_ns)} "
+            f"({induction.steps} steps each){lemmas}"
         )
         return finding
-    if found.fails_ns is not None:
-        within = show_ns(found.fails_ns)
-        how = "" if found.about == "fault" else " fails"
-        finding.text = f"{found.what}{how} within {within} in a run of the relation"
-        if found.undecided:
-            finding.text += f"; taken for granted that it latches then: {found.undecided}"
+    if induction.fails_ns is not None:
+        within = show_ns(induction.fails_ns)
+        how = "" if induction.about == "fault" else " fails"
+        finding.text = f"{induction.what}{how} within {within} in a run of the relation"
+        if induction.undecided:
+            finding.text += f"; taken for granted that it latches then: {induction.undecided}"
         finding.hint = {
             "lemma": "a lemma is proved together with `safe`: mend it, or leave it out",
             "fault": "show that the step cannot fault: bounded types, a check before it",
-        }.get(found.about, "a longer threshold, a faster DM or SC")
+        }.get(induction.about, "a longer threshold, a faster DM or SC")
         return finding
-    finding.text = found.why
+    finding.text = induction.why
     finding.hint = "say as a `lemma` what else is always true: of a candidate, its age, the mode"
     return finding
 
 
-def _returns(problem: InductionProblem, found: Induction) -> Finding:
-    finding = Finding(UNDECIDED, found.returns_s, HOW)
+def _returns(problem: InductionProblem, induction: Induction) -> Finding:
+    finding = Finding(UNDECIDED, induction.returns_s, HOW)
     finding.text = "there is no proof that `safe` is kept"
-    if found.proved and found.returns:
+    if induction.proved and induction.returns:
         finding.verdict = PROVED
-        finding.text = f"SC gives control back within {show_ns(found.returns_ns)}"
+        finding.text = f"SC gives control back within {show_ns(induction.returns_ns)}"
         granted = [*(["`progress` holds"] if problem.progress else [])]
         still = sorted(problem.system.topics[i].name for i in problem.heard)
         granted += [f"{_named(still, 'and')} stays as it is"] if still else []
         if problem.modes is not None and problem.modes.waits:
             granted += [f"{said(problem.modes.waits)} in AC"]
-        granted += [f"no step of {_named(found.latching, 'or')} faults"] if found.latching else []
+        granted += (
+            [f"no step of {_named(induction.latching, 'or')} faults"] if induction.latching else []
+        )
         if granted:
             finding.verdict = ASSUMED
             finding.text += f" while {_named(granted, 'and')}: not proved"
@@ -171,10 +174,10 @@ def _returns(problem: InductionProblem, found: Induction) -> Finding:
             finding.hint = "let one of them give control back whatever the other one does"
     elif problem.module.symbol.verify.stays is not None:
         finding.verdict, finding.text = ASSUMED, STAYS
-    elif found.contradicted:
+    elif induction.contradicted:
         finding.text = "what `progress` takes for granted holds in no run"
         finding.hint = "say what always holds: at the start, too, and of topics' defaults"
-    elif found.proved:
+    elif induction.proved:
         finding.text = "not proved: from some state that nothing excludes SC keeps control"
         finding.hint = "a lemma that excludes it, or a `safer` that SC reaches"
         if problem.recover_ns is not None:
@@ -182,13 +185,13 @@ def _returns(problem: InductionProblem, found: Induction) -> Finding:
     return finding
 
 
-def _taken_for_granted(problem: InductionProblem, found: Induction) -> None:
+def _taken_for_granted(problem: InductionProblem, induction: Induction) -> None:
     """What nothing proves: P2b rests on it, and `safe` does not."""
     for text in problem.progress_texts:
         problem.assumptions.append(f"progress, for P2b alone, proved by nobody: `{text}`")
-    if found.proved and found.latching:
+    if induction.proved and induction.latching:
         problem.assumptions.append(
-            f"for P2b alone: no step of {_named(found.latching, 'or')} faults, which nothing "
+            f"for P2b alone: no step of {_named(induction.latching, 'or')} faults, which nothing "
             "shows of what is opaque; one that faults is latched, and `safe` holds all the same"
         )
 
@@ -204,11 +207,11 @@ def _part_of_it(name: str, safe: Finding) -> Finding:
 
 
 def _refute(
-    problem: InductionProblem, found: Induction, findings: dict[str, Finding], search: Search
+    problem: InductionProblem, induction: Induction, findings: dict[str, Finding], search: Search
 ) -> None:
     began = time.perf_counter()
-    assert found.fails_ns is not None
-    run = refuting_run(problem, found.fails_ns, search, fault=found.about == "fault")
+    assert induction.fails_ns is not None
+    run = refuting_run(problem, induction.fails_ns, search, fault=induction.about == "fault")
     for name in ("P2a", "P3"):
         finding = findings[name]
         if run is None:
@@ -216,7 +219,7 @@ def _refute(
             continue
         finding.verdict = REFUTED
         finding.method = "a run, replayed in the interpreter"
-        finding.text = f"a run violates {found.what} at {show_ns(run.time_ns)}"
+        finding.text = f"a run violates {induction.what} at {show_ns(run.time_ns)}"
         finding.hint = ""
         finding.counterexample = run
     findings["P2a"].seconds += time.perf_counter() - began

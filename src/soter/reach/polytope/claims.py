@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from soter.reach.claims.case import GroupProof, Method
-from soter.reach.claims.products import BoxPart
+from soter.reach.claims.product_sets import BoxPart
 from soter.reach.claims.results import PolytopePart
 from soter.reach.polytope import proofs
-from soter.reach.polytope.balls import BeyondError
-from soter.reach.polytope.entry import entry
-from soter.reach.polytope.extract import NotLinearError, linear_group
+from soter.reach.polytope.ball_matrices import BeyondError
+from soter.reach.polytope.certificate_entry import entry
+from soter.reach.polytope.extract_group import NotLinearError, linear_group
 from soter.reach.polytope.figures import figures
+from soter.reach.polytope.half_spaces import LinearProgram, Polytope, inner_point
 from soter.reach.polytope.predicates import box_of, inside, outside, shares
 from soter.reach.polytope.proofs import NotProvedError, Windows
-from soter.reach.polytope.sets import Polytope, Program, inner_point
 from soter.reach.problem.estimates import seen
-from soter.reach.tables.facets import Facets
+from soter.reach.tables.polytope_tables import Facets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.reach.claims.case import Case, Tell
-    from soter.reach.claims.products import Part
+    from soter.reach.claims.product_sets import SetFactor
     from soter.reach.polytope.proofs import PolytopeSets
     from soter.reach.problem.problem import Group, Problem
     from soter.reach.tables.level_table import LevelTable
@@ -110,7 +110,7 @@ class PolytopeProof(GroupProof):
 
     # ------------------------------------------------------------ claims
 
-    def take(self, case: Case, part: Part) -> None:
+    def take(self, case: Case, part: SetFactor) -> None:
         """C_g: ranges of its states."""
         del case
         assert isinstance(part, BoxPart)
@@ -226,7 +226,7 @@ class PolytopeProof(GroupProof):
             return None
         return Target.of(self.group, deployed[1].shrunk(sets.group.error))
 
-    def recover(self, case: Case, target: Part) -> None:
+    def recover(self, case: Case, target: SetFactor) -> None:
         """Q, and after how many holds every run from K is in it."""
         assert isinstance(target, Target)
         sets = self.found.sets
@@ -320,10 +320,10 @@ class Polytopes(Method):
         if not any(p.fresh for p in own):
             return [BoxPart(p.estimates) for p in own]
         ends = {a.state: (a.edges[0], a.edges[-1]) for p in own for a in p.group.axes}
-        found = box_of(case.forms, case.problem, predicate, ends)
-        if found is None:
+        box = box_of(case.forms, case.problem, predicate, ends)
+        if box is None:
             return None
-        return [BoxPart({a.state: found[a.state] for a in p.group.axes}) for p in own]
+        return [BoxPart({a.state: box[a.state] for a in p.group.axes}) for p in own]
 
     def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
         """In half-spaces, or boxes."""
@@ -360,17 +360,17 @@ def _targets(case: Case, own: Sequence[PolytopeProof]) -> list[Target] | None:
     for p in own:
         if p.found.sets is None:
             return None
-        program = Program(p.found.sets.core)
+        program = LinearProgram(p.found.sets.core)
         eye = np.eye(len(p.found.limits))
         for a, row, (low, high) in zip(p.group.axes, eye, p.found.limits, strict=True):
             least, most = -program.greatest(-row)[0], program.greatest(row)[0]
             ends[a.state] = (max(low, least), min(high, most))
-    found = box_of(case.forms, case.problem, case.problem.returning, ends)
-    if found is None:
+    ranges = box_of(case.forms, case.problem, case.problem.returning, ends)
+    if ranges is None:
         return None
     targets = []
     for p in own:
-        low, high = np.array([found[a.state] for a in p.group.axes]).T
+        low, high = np.array([ranges[a.state] for a in p.group.axes]).T
         box = Polytope(low, high, np.zeros((0, len(low))), np.zeros(0))
         targets.append(Target.of(p.group, box))
     return targets

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.reach.polytope.sets import inner_point
+from soter.reach.polytope.half_spaces import inner_point
 from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure
 
 if TYPE_CHECKING:
@@ -30,16 +30,16 @@ def figures(part: PolytopePart, note: str) -> list[RegionFigure]:
     points = np.tile(centre, (PIXELS ** len(edges), 1))
     for k, values in enumerate(np.meshgrid(*middles, indexing="ij")):
         points[:, k] = values.ravel()
-    found = np.full(len(points), R1, dtype=np.uint8)
+    region_ids = np.full(len(points), R1, dtype=np.uint8)
     low, high = np.array(part.limits).T
-    found[((points >= low) & (points <= high)).all(axis=1)] = R2
+    region_ids[((points >= low) & (points <= high)).all(axis=1)] = R2
     for region, p in ((R3, sets.core), (R4, sets.free)):
-        found[p.contains(points)] = region
+        region_ids[p.contains(points)] = region
     if sets.allowed:
-        found[sets.free.contains(points) & sets.safer.contains(points)] = R5
+        region_ids[sets.free.contains(points) & sets.safer.contains(points)] = R5
     cuts = [f"{a.name} = {x:.4g}" for a, x in zip(axes[2:], centre[2:], strict=True)]
     text = "; ".join(filter(None, (note, ", ".join(cuts), "drawn from half-spaces, by points")))
-    regions = found.reshape([PIXELS] * len(edges))
+    regions = region_ids.reshape([PIXELS] * len(edges))
     if len(axes) == 1:
         y = np.array([0.0, 1.0])
         return [RegionFigure(axes[0].name, axes[0].name, "", edges[0], y, regions[:, None], text)]

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.reach.claims.products import candidates
+from soter.reach.claims.product_sets import candidates
 from soter.reach.claims.results import Region
-from soter.reach.polytope.balls import centred, exact, up_product, up_sum
-from soter.reach.polytope.sets import Program
+from soter.reach.polytope.ball_matrices import centred, exact, up_product, up_sum
+from soter.reach.polytope.half_spaces import LinearProgram
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.reach.claims.results import PolytopePart
-    from soter.reach.enclose.forms import Forms
-    from soter.reach.polytope.sets import Polytope
+    from soter.reach.enclose.compiled_enclosures import CompiledEnclosures
+    from soter.reach.polytope.half_spaces import Polytope
     from soter.reach.problem.problem import Problem
 
     Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ MAY = {"ttf": 1, "safer": 2}
 """The bit that says: an estimate may let AC have control."""
 
 
-def box_of(forms: Forms, problem: Problem, predicate: str, ends: Box) -> Box | None:
+def box_of(forms: CompiledEnclosures, problem: Problem, predicate: str, ends: Box) -> Box | None:
     """Ranges inside `ends` over which a predicate surely holds, all else at some point."""
     n = len(problem.states)
     for point in candidates(problem):
@@ -58,22 +58,22 @@ def box_of(forms: Forms, problem: Problem, predicate: str, ends: Box) -> Box | N
                 box[s] = r
             return forms.true(predicate, box)
 
-        found: Box = {}
+        inner_ranges: Box = {}
         for s, (low, high) in ends.items():
             p = float(point[s])
-            found[s] = (
+            inner_ranges[s] = (
                 _furthest(p, low, lambda x, s=s, p=p: fine({s: (x, p)})),  # type: ignore[misc]
                 _furthest(p, high, lambda x, s=s, p=p: fine({s: (p, x)})),  # type: ignore[misc]
             )
 
-        def part(share: float, found: Box = found, point: Floats = point) -> Box:
+        def part(share: float, inner_ranges: Box = inner_ranges, point: Floats = point) -> Box:
             return {
                 s: (point[s] + share * (a - point[s]), point[s] + share * (b - point[s]))
-                for s, (a, b) in found.items()
+                for s, (a, b) in inner_ranges.items()
             }
 
-        if fine(found):
-            return found
+        if fine(inner_ranges):
+            return inner_ranges
         share = _furthest(0.0, 1.0, lambda x: fine(part(x)))
         if share > 0.0:
             return part(share)
@@ -91,7 +91,9 @@ def _furthest(start: float, end: float, fine: Callable[[float], bool]) -> float:
     return good
 
 
-def outside(forms: Forms, problem: Problem, part: PolytopePart, predicate: str) -> Region | None:
+def outside(
+    forms: CompiledEnclosures, problem: Problem, part: PolytopePart, predicate: str
+) -> Region | None:
     """A box of C where a predicate may let AC have control and R(H) was not shown, if any."""
     assert part.sets is not None
     names = problem.quantities.states
@@ -130,28 +132,30 @@ def outside(forms: Forms, problem: Problem, part: PolytopePart, predicate: str) 
     return None
 
 
-def shares(forms: Forms, problem: Problem, part: PolytopePart) -> dict[str, float]:
+def shares(forms: CompiledEnclosures, problem: Problem, part: PolytopePart) -> dict[str, float]:
     """Shares of a group's ranges, sampled; none without a K."""
     if part.sets is None:
         return {}
     chance = np.random.default_rng(0)
     low, high = np.array([(a.edges[0], a.edges[-1]) for a in part.group.axes]).T
     points = chance.uniform(low, high, (SAMPLES, len(low)))
-    found = {
+    share_by_name = {
         "core": float(part.sets.core.contains(points).mean()),
         "free": float(part.sets.free.contains(points).mean()),
     }
     if part.deployed is not None:
         for name, s in zip(("lets_ac", "gives_back"), part.deployed, strict=True):
-            found[name] = float(s.contains(points).mean())
+            share_by_name[name] = float(s.contains(points).mean())
     elif not problem.computed:
         few = points[:SAMPLES_OF_PREDICATES]
-        found["lets_ac"] = _sampled(forms, part, "ttf", few)
-        found["gives_back"] = _sampled(forms, part, "safer", few)
-    return found
+        share_by_name["lets_ac"] = _sampled(forms, part, "ttf", few)
+        share_by_name["gives_back"] = _sampled(forms, part, "safer", few)
+    return share_by_name
 
 
-def _sampled(forms: Forms, part: PolytopePart, predicate: str, points: Floats) -> float:
+def _sampled(
+    forms: CompiledEnclosures, part: PolytopePart, predicate: str, points: Floats
+) -> float:
     """Share of points on whose estimates a predicate may let AC have control."""
     own = [a.state for a in part.group.axes]
     box = forms.whole.copy()
@@ -172,7 +176,7 @@ def inside(p: Polytope, chance: np.random.Generator, count: int) -> Floats:
     inside = points[p.contains(points)][:count]
     if len(inside) == count:
         return np.asarray(inside)
-    program, eye = Program(p), np.eye(len(low))
+    program, eye = LinearProgram(p), np.eye(len(low))
     extremes = np.array([program.greatest(row)[1] for row in np.concatenate([eye, -eye, p.rows])])
     weights = chance.dirichlet(np.full(len(extremes), 0.3), count)
     return np.asarray(weights @ extremes)

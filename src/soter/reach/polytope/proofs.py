@@ -25,14 +25,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.reach.polytope.balls import Array, Ball, exact, up_product, up_sum
-from soter.reach.polytope.model import FreePhase, Hold, LinearGroup
-from soter.reach.polytope.sets import SLACK, Bounds, Polytope, Program, lean
+from soter.reach.polytope.ball_matrices import Array, Ball, exact, up_product, up_sum
+from soter.reach.polytope.half_spaces import SLACK, Bounds, LinearProgram, Polytope, lean
+from soter.reach.polytope.linear_group import FreePhase, Hold, LinearGroup
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from soter.reach.polytope.model import Pairs
+    from soter.reach.polytope.linear_group import Pairs
 
 ROWS_MAX = 3000
 WAVES_MAX = 2000
@@ -97,10 +97,10 @@ def compute(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
 
 def find_core(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
     """K and R(H); no levels yet."""
-    found = _core(group, group.rows, group.bounds)
-    if found is None:
+    solution = _core(group, group.rows, group.bounds)
+    if solution is None:
         return None
-    core, rate = found
+    core, rate = solution
     free = _free(group, core, core, windows.horizon_ns)
     return PolytopeSets(group, windows, rate, core, free, [], [])
 
@@ -127,23 +127,23 @@ def _plain(rows: Ball, limits: Array, reach: Array) -> tuple[Array, Array]:
 def _first_rows(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
     """What a state must satisfy for one hold to go well: C throughout, linear law, rate."""
     group = hold.group
-    found = [(row, bounds - loss) for row, loss in hold.everywhere(exact(rows))]
-    found += _linear(hold)
-    plain = [_plain(row, limit, group.reach) for row, limit in found]
+    half_spaces = [(row, bounds - loss) for row, loss in hold.everywhere(exact(rows))]
+    half_spaces += _linear(hold)
+    plain = [_plain(row, limit, group.reach) for row, limit in half_spaces]
     return np.concatenate([r for r, _ in plain]), np.concatenate([b for _, b in plain])
 
 
 def _linear(hold: Hold) -> Pairs:
     """Half-spaces on which the law is linear and the rate holds."""
     command, low, high = hold.commands()
-    found = [(command, high), (-command, -low)]
+    half_spaces = [(command, high), (-command, -low)]
     if hold.timed:
         offset = hold.rate_offset
-        found += [
+        half_spaces += [
             (hold.rate_rows, -up_sum(offset.upper(), -hold.rate)),
             (-hold.rate_rows, -up_sum(-offset.lower(), -hold.rate)),
         ]
-    return found
+    return half_spaces
 
 
 def _core(group: LinearGroup, rows: Array, bounds: Array) -> tuple[Polytope, Array] | None:
@@ -159,34 +159,34 @@ def _core(group: LinearGroup, rows: Array, bounds: Array) -> tuple[Polytope, Arr
     for _ in range(3 if timed else 1):
         hold = Hold(group, rate)
         start = Polytope(group.low, group.high, *_first_rows(hold, rows, bounds))
-        found = _fixpoint(hold, start)
-        if found is None:
+        core = _fixpoint(hold, start)
+        if core is None:
             if best is not None or not timed:
                 break
-            found = start  # nothing stays with this rate: try what the linear law alone allows
-            program = Program(found)
+            core = start  # nothing stays with this rate: try what the linear law alone allows
+            program = LinearProgram(core)
             if program.empty:
                 break
             rate = _rate(program, hold)
             continue
-        best = (found, rate)
-        rate = _rate(Program(found), hold)
+        best = (core, rate)
+        rate = _rate(LinearProgram(core), hold)
     return best
 
 
-def _rate(program: Program, hold: Hold) -> Array:
+def _rate(program: LinearProgram, hold: Hold) -> Array:
     """The greatest |K (A x + b + B u_c)| on a set."""
     row, offset = hold.rate_rows.mid, hold.rate_offset.mid
-    found = [
+    rates = [
         max(program.greatest(r)[0] + o, program.greatest(-r)[0] - o)
         for r, o in zip(row, offset, strict=True)
     ]
-    return np.array(found) * (1 + 1e-6) + SLACK
+    return np.array(rates) * (1 + 1e-6) + SLACK
 
 
 def _fixpoint(hold: Hold, start: Polytope) -> Polytope | None:
     """{x : every run of holds from x satisfies `start` at each read}; None when empty."""
-    program = Program(Polytope(start.low, start.high, start.rows[:0], start.bounds[:0]))
+    program = LinearProgram(Polytope(start.low, start.high, start.rows[:0], start.bounds[:0]))
     kept: list[tuple[Array, float]] = []
     wave = (start.rows, start.bounds)
     for _ in range(WAVES_MAX):
@@ -235,10 +235,10 @@ def _tighter(p: Polytope) -> Polytope:
 def find_return(sets: PolytopeSets) -> None:
     """Find Q inside `home`, and after how many holds every run from K is in it."""
     group = sets.group
-    found = _core(group, *home(sets).faces)
-    if found is None:
+    solution = _core(group, *home(sets).faces)
+    if solution is None:
         return
-    sets.kept, sets.kept_rate = found
+    sets.kept, sets.kept_rate = solution
     sets.periods = 0
     try:
         _prove_home(Claims(None), sets)
@@ -300,9 +300,9 @@ class Claims:
             bounds = Bounds(polytope, [next(self._kept)])
         else:
             bounds = Bounds(polytope, None)
-        found = bounds.of(rows)
+        upper_bounds = bounds.of(rows)
         self.record += bounds.record
-        return found
+        return upper_bounds
 
     def holds(self, what: str, polytope: Polytope, rows: Ball, limits: Array) -> None:
         """The claim rows x <= limits on a polytope; NotProvedError where it fails.
@@ -368,7 +368,7 @@ def prove_levels(sets: PolytopeSets, claims: Claims) -> None:
 def prove_return(sets: PolytopeSets, claims: Claims) -> None:
     """P2b: SC keeps Q, and every run from K is in Q after `periods` holds."""
     _prove_home(claims, sets)
-    _prove_way(claims, sets, sets.periods)
+    _prove_recovery(claims, sets, sets.periods)
 
 
 def _inside(claims: Claims, what: str, inner: Polytope, outer: Polytope) -> None:
@@ -425,7 +425,7 @@ def _prove_home(claims: Claims, sets: PolytopeSets) -> None:
     _prove_kept(claims, "Q", Hold(sets.group, sets.kept_rate), sets.kept, rows, bounds)
 
 
-def _prove_way(claims: Claims, sets: PolytopeSets, periods: int) -> None:
+def _prove_recovery(claims: Claims, sets: PolytopeSets, periods: int) -> None:
     assert sets.kept is not None
     hold = Hold(sets.group, sets.rate)
     faces, limits = sets.kept.faces

@@ -10,7 +10,7 @@ import math
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from soter.program.check.const import Calculator
+from soter.program.check.constants import Calculator
 from soter.program.model import typed
 from soter.program.model.types import RecordType, leaves
 from soter.reach.problem.problem import Axis, Group, Interval
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.program.model.system import Component
     from soter.reach.problem.inputs import Inputs
-    from soter.reach.problem.place import Place
+    from soter.reach.problem.verification_system import VerificationSystem
 
 AXES_MAX = 4
 CELLS_MAX = 200_000_000
@@ -34,7 +34,7 @@ Path = tuple[str, ...]
 class Axes:
     """Finds the state behind every axis."""
 
-    def __init__(self, place: Place, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    def __init__(self, place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
         self.place = place
         self.inputs = inputs
         self.diagnostics = diagnostics
@@ -46,8 +46,8 @@ class Axes:
 
     def groups(self) -> tuple[Group, ...]:
         """Declared groups, and one of its own for every bounded state that is on no axis."""
-        found = [self._group(g) for g in self.place.module.symbol.verify.groups]
-        groups = [g for g in found if g.axes]
+        declared_groups = [self._group(g) for g in self.place.module.symbol.verify.groups]
+        groups = [g for g in declared_groups if g.axes]
         self._once(groups)
         missing = set(range(len(self.inputs.states))) - {a.state for g in groups for a in g.axes}
         if not self.diagnostics.has_errors and missing:
@@ -71,7 +71,7 @@ class Axes:
                     )
                 seen.add(axis.state)
 
-    def _group(self, group: typed.AxisGroup) -> Group:
+    def _group(self, group: typed.TypedAxisGroup) -> Group:
         axes = []
         for item in group.axes:
             state = self._state(item)
@@ -96,7 +96,7 @@ class Axes:
             )
         return Group(tuple(axes), group.kind, group.span)
 
-    def _axis(self, item: typed.GridAxis, state: int) -> Axis:
+    def _axis(self, item: typed.TypedGridAxis, state: int) -> Axis:
         name = self.inputs.states[state].name
         if item.low is None or item.high is None:
             extent = self._extent(state)
@@ -122,7 +122,7 @@ class Axes:
         return Axis(state, name, (*edges, end), open=True)
 
     def _edges(
-        self, low: float, high: float, cells: int, item: typed.GridAxis | None = None
+        self, low: float, high: float, cells: int, item: typed.TypedGridAxis | None = None
     ) -> tuple[float, ...]:
         """Evenly spaced breakpoints."""
         edges = [low + (high - low) * (i / cells) for i in range(cells)] + [high]
@@ -143,7 +143,7 @@ class Axes:
                 return bound.low, bound.high
         return -math.inf, math.inf
 
-    def _state(self, item: typed.GridAxis) -> int | None:
+    def _state(self, item: typed.TypedGridAxis) -> int | None:
         """The state that an axis names."""
         shown = ".".join((item.topic.name if item.topic else item.instance, *item.path))
         if item.topic is None:
@@ -170,7 +170,7 @@ class Axes:
             )
         return state
 
-    def _otherwise(self, item: typed.GridAxis) -> tuple[str, ...]:
+    def _otherwise(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
         """How the topic of an axis is driven, where that is by more than a state."""
         for c in self.place.plants:
             for topic, value in c.plant.drives if c.plant is not None else ():
@@ -230,17 +230,17 @@ class Axes:
 
     def _topic_leaves(self) -> dict[tuple[int, int], int]:
         """(topic, leaf) -> the state that is driven there, unchanged."""
-        found = {}
+        state_by_leaf = {}
         for c in self.place.plants:
             assert c.plant is not None
             for topic, value in c.plant.drives:
                 for i, (path, _) in enumerate(leaves(topic.type)):
                     at = self._driven(c, value, path)
                     if at is not None and at in self.names:
-                        found[c.scope.topics[topic], i] = self.names[at]
-        return found
+                        state_by_leaf[c.scope.topics[topic], i] = self.names[at]
+        return state_by_leaf
 
-    def _driven(self, c: Component, e: typed.Expr, path: Path) -> str | None:
+    def _driven(self, c: Component, e: typed.TypedExpr, path: Path) -> str | None:
         """The full name of the state leaf that `path` of an expression is; None otherwise."""
         assert c.plant is not None
         if isinstance(e, typed.VarRead):
@@ -248,7 +248,7 @@ class Axes:
             if e.variable in lets:
                 return self._driven(c, lets[e.variable], path)
             return ".".join((c.name, e.variable.name, *path))
-        if isinstance(e, typed.Field) and isinstance(e.target.type, RecordType):
+        if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
             name = e.target.type.fields[e.index][0]
             return self._driven(c, e.target, (name, *path))
         if isinstance(e, typed.Aggregate) and path:

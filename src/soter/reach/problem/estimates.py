@@ -20,7 +20,7 @@ def errors_of(problem: Problem) -> dict[int, float]:
 
     An estimate is the sum of state and error, rounded once; that is included.
     """
-    found: dict[int, float] = {}
+    error_by_state: dict[int, float] = {}
     for state, (topic, leaf) in problem.topic_leaf_of_state.items():
         path = list(leaves(problem.system.topics[topic].type))[leaf][0]
         for e, bounds in zip(problem.quantities.errors, problem.errors, strict=True):
@@ -28,8 +28,10 @@ def errors_of(problem: Problem) -> dict[int, float]:
             if (e.owner, e.path) == (topic, path) and error > 0.0:
                 extent = problem.states[state]
                 largest = max(abs(extent.low), abs(extent.high)) + error
-                found[state] = max(found.get(state, 0.0), error + (error + largest) * 2.0**-50)
-    return found
+                error_by_state[state] = max(
+                    error_by_state.get(state, 0.0), error + (error + largest) * 2.0**-50
+                )
+    return error_by_state
 
 
 def seen(problem: Problem) -> dict[int, TopicSymbol]:

@@ -12,22 +12,22 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.lower.steps import lower
-from soter.program.check.const import Calculator
-from soter.program.flatten.views import refuse_views
+from soter.program.check.constants import Calculator
+from soter.program.elaborate.views import refuse_views
 from soter.program.model.system import modules_above
 from soter.program.model.types import leaves
-from soter.reach.enclose.scheme import NS, ORDER
+from soter.reach.enclose.scheme_error import NS, ORDER
 from soter.reach.induction.problem import InductionProblem, extract_induction
-from soter.reach.problem.assumed import assumptions_of, jumps_of
+from soter.reach.problem.assumptions import assumptions_of, jumps_of
 from soter.reach.problem.axes import Axes
-from soter.reach.problem.failsafe import behind, under_law
-from soter.reach.problem.following import check_followed
+from soter.reach.problem.failsafe_problem import behind, under_law
 from soter.reach.problem.inputs import Inputs, inputs_of
-from soter.reach.problem.modes import modes_as_topics
-from soter.reach.problem.place import Place, place, whole
+from soter.reach.problem.other_modes import modes_as_topics
 from soter.reach.problem.problem import Interval, Problem
-from soter.reach.time.routes import beside
-from soter.reach.time.timing import times_of
+from soter.reach.problem.supported import check_supported
+from soter.reach.problem.verification_system import VerificationSystem, place, whole
+from soter.reach.time.cause_effect_chains import side_inputs
+from soter.reach.time.problem_times import times_of
 from soter.syntax.schemes import SCHEMES
 
 if TYPE_CHECKING:
@@ -85,13 +85,13 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     _no_lemmas(module, diagnostics)
     _stop(diagnostics)
     at = place(flat, module)
-    kind = check_followed(at, diagnostics, synthesize=synthesize)
+    kind = check_supported(at, diagnostics, synthesize=synthesize)
     _stop(diagnostics)
     inputs = inputs_of(at, diagnostics)
     _stop(diagnostics)
     groups = Axes(at, inputs, diagnostics)
-    found = groups.groups()
-    times, routes = times_of(at, kind, diagnostics)
+    axis_groups = groups.groups()
+    times, chains = times_of(at, kind, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
     _stop(diagnostics)
@@ -107,14 +107,14 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         quantities=inputs.quantities(),
         kind=kind,
         plant_period_ns=at.plants[0].period_ns,
-        states=_extents(found, len(inputs.states)),
+        states=_extents(axis_groups, len(inputs.states)),
         initial=tuple(inputs.initial),
         controls=tuple(inputs.control_ranges),
         disturbances=tuple(inputs.disturbance_ranges),
         errors=tuple(inputs.error_ranges),
         others=tuple(inputs.other_ranges),
         parameters=tuple(inputs.parameters),
-        groups=found,
+        groups=axis_groups,
         times=times,
         levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
         has_core_hint=symbol.verify.core is not None,
@@ -124,12 +124,12 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         state_of_leaf=groups.topic_leaves,
         assumptions=[
             *_forced(flat, module),
-            *assumptions_of(at, inputs, times, routes, kind, jumps),
-            *_open(found),
+            *assumptions_of(at, inputs, times, chains, kind, jumps),
+            *_open(axis_groups),
             *modes.assumptions,
         ],
         name=f"{module.name} as {module.view}" if module.view else module.name,
-        beside=beside(at),
+        beside=side_inputs(at),
         view=module.view,
         whole=whole(at) if module.view else None,
         jumps=jumps,
@@ -225,8 +225,8 @@ def _stop(diagnostics: Diagnostics) -> None:
 
 
 def _extents(groups: tuple[Group, ...], count: int) -> tuple[Interval, ...]:
-    found = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
-    return tuple(found[s] for s in range(count))
+    interval_by_state = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
+    return tuple(interval_by_state[s] for s in range(count))
 
 
 def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
@@ -234,25 +234,25 @@ def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
     yield from product(*(p.values for p in problem.parameters))
 
 
-def _schemes(at: Place, inputs: Inputs) -> tuple[tuple[float, int, int], ...]:
+def _schemes(at: VerificationSystem, inputs: Inputs) -> tuple[tuple[float, int, int], ...]:
     """Of each state step, order and plant: `Problem.schemes`.
 
     The step is 0 where a release of SC does not fall on a step of the plant: a command that is
     published between two steps acts on all of its step in the simulator. So it is where the plant's
-    scheme is none whose error is known (`enclose/scheme.py`).
+    scheme is none whose error is known (`enclose/scheme_error.py`).
     """
-    found = []
+    schemes = []
     for leaf in inputs.states:
         c = at.system.components[leaf.owner]
         assert c.plant is not None
         scheme = SCHEMES[c.plant.method]
         fits = at.sc.period_ns % c.period_ns == 0 == at.sc.phase_ns % c.period_ns
         covered = fits and scheme.order == scheme.stages <= ORDER
-        found.append((c.period_ns / c.substeps * NS if covered else 0.0, scheme.order, c.index))
-    return tuple(found)
+        schemes.append((c.period_ns / c.substeps * NS if covered else 0.0, scheme.order, c.index))
+    return tuple(schemes)
 
 
-def _cases(at: Place, inputs: Inputs, diagnostics: Diagnostics) -> None:
+def _cases(at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
     count = 1
     for parameter in inputs.parameters:
         count *= len(parameter.values)
@@ -268,7 +268,7 @@ def _cases(at: Place, inputs: Inputs, diagnostics: Diagnostics) -> None:
 
 
 def _commands(
-    at: Place, inputs: Inputs, diagnostics: Diagnostics, *, synthesize: bool
+    at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics, *, synthesize: bool
 ) -> tuple[tuple[float, ...], ...]:
     """The finite set of each control; the ends and the middle of its range where none is given."""
     symbol = at.module.symbol
@@ -282,9 +282,9 @@ def _commands(
                 declared[index, path] = tuple(sorted(values))
     if not synthesize and not declared:
         return ()
-    found = []
+    commands = []
     for leaf, r in zip(inputs.controls, inputs.control_ranges, strict=True):
         middle = 0.0 if r.low < 0.0 < r.high else 0.5 * r.low + 0.5 * r.high
         ends = tuple(sorted({r.low, middle, r.high}))
-        found.append(declared.get((leaf.owner, leaf.path), ends))
-    return tuple(found)
+        commands.append(declared.get((leaf.owner, leaf.path), ends))
+    return tuple(commands)

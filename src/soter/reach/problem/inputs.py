@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.program.meaning.starts import start_behind
+from soter.program.evaluate.abstraction_start import start_behind
+from soter.program.model.tree_walk import topic_reads
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
-from soter.program.model.walk import topic_reads
-from soter.reach.problem.place import sc_reads
-from soter.reach.problem.problem import Interval, Parameter
+from soter.reach.problem.problem import DiscreteParameter, Interval
 from soter.reach.problem.quantities import Leaf, Quantities
-from soter.reach.time.timing import read_by_dm
+from soter.reach.problem.verification_system import sc_reads
+from soter.reach.time.problem_times import read_by_dm
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from soter.program.model import typed
     from soter.program.model.system import Component
     from soter.program.model.types import Type, Value
-    from soter.reach.problem.place import Place
+    from soter.reach.problem.verification_system import VerificationSystem
 
 PARAMETER_VALUES_MAX = 4096
 
@@ -46,7 +46,7 @@ class Inputs:
     others: list[Leaf] = field(default_factory=list)
     other_ranges: list[Interval] = field(default_factory=list)
     parameter_leaves: list[Leaf] = field(default_factory=list)
-    parameters: list[Parameter] = field(default_factory=list)
+    parameters: list[DiscreteParameter] = field(default_factory=list)
     parameter_start: list[int] = field(default_factory=list)
     still: set[int] = field(default_factory=set)
     """States without dynamics: constants of a run, over their initial range."""
@@ -63,23 +63,23 @@ class Inputs:
         )
 
 
-def inputs_of(place: Place, diagnostics: Diagnostics) -> Inputs:
+def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
     """Every input; incomplete where there are diagnostics."""
-    found = Inputs()
+    inputs = Inputs()
     for c in place.plants:
-        _states(c, _starts_at(place, c), found, diagnostics)
-    _outputs(place, found, diagnostics)
+        _states(c, _starts_at(place, c), inputs, diagnostics)
+    _outputs(place, inputs, diagnostics)
     for c in place.plants:
-        _disturbances(c, found, diagnostics)
-    _errors(place, found)
-    _others(place, found, diagnostics)
-    return found
+        _disturbances(c, inputs, diagnostics)
+    _errors(place, inputs)
+    _others(place, inputs, diagnostics)
+    return inputs
 
 
 # ---------------------------------------------------------------- plants
 
 
-def _starts_at(place: Place, c: Component) -> tuple[Value, ...] | None:
+def _starts_at(place: VerificationSystem, c: Component) -> tuple[Value, ...] | None:
     """Where a plant of the proof starts by the map of what flies; None where that is not known."""
     for link in place.module.symbol.verify.abstracts if place.abstract else ():
         if link.name == c.name:
@@ -88,7 +88,7 @@ def _starts_at(place: Place, c: Component) -> tuple[Value, ...] | None:
 
 
 def _states(
-    c: Component, mapped: tuple[Value, ...] | None, found: Inputs, diagnostics: Diagnostics
+    c: Component, mapped: tuple[Value, ...] | None, inputs: Inputs, diagnostics: Diagnostics
 ) -> None:
     """`mapped`: where it starts in a run, which counts beside what it says itself."""
     plant = c.plant
@@ -107,13 +107,13 @@ def _states(
             if "[]" in path:
                 _not_float("state", name, variable.type, variable.span, diagnostics)
             elif isinstance(t, FloatType):
-                found.states.append(leaf)
+                inputs.states.append(leaf)
                 low, high = drawn or (value, value)
                 if mapped is not None:
                     low, high = min(low, there), max(high, there)
-                found.initial.append(Interval(low, high))
+                inputs.initial.append(Interval(low, high))
                 if not moves:
-                    found.still.add(len(found.states) - 1)
+                    inputs.still.add(len(inputs.states) - 1)
             elif moves:
                 diagnostics.error(
                     "R014",
@@ -124,11 +124,11 @@ def _states(
                     helps=("make it a `float`, or leave it to a plant that is not verified",),
                 )
             else:
-                _parameter(leaf, t, variable.span, found, diagnostics)
-                found.parameter_start.append(int(value))
+                _parameter(leaf, t, variable.span, inputs, diagnostics)
+                inputs.parameter_start.append(int(value))
 
 
-def _parameter(leaf: Leaf, t: Type, span: Span, found: Inputs, diagnostics: Diagnostics) -> None:
+def _parameter(leaf: Leaf, t: Type, span: Span, inputs: Inputs, diagnostics: Diagnostics) -> None:
     """A discrete state without dynamics: proved for each value."""
     values: tuple[int, ...] = ()
     if isinstance(t, BoolType):
@@ -147,8 +147,8 @@ def _parameter(leaf: Leaf, t: Type, span: Span, found: Inputs, diagnostics: Diag
             helps=("give it a range: `int in [0, 9]`",),
         )
         return
-    found.parameter_leaves.append(leaf)
-    found.parameters.append(Parameter(leaf.name, values))
+    inputs.parameter_leaves.append(leaf)
+    inputs.parameters.append(DiscreteParameter(leaf.name, values))
 
 
 def scalars(t: Type, value: Value) -> Iterator[Value]:
@@ -162,15 +162,15 @@ def scalars(t: Type, value: Value) -> Iterator[Value]:
         yield value
 
 
-def _disturbances(c: Component, found: Inputs, diagnostics: Diagnostics) -> None:
+def _disturbances(c: Component, inputs: Inputs, diagnostics: Diagnostics) -> None:
     for d in c.disturbances:
         for path, t in leaves(d.variable.type):
             name = ".".join((c.name, d.variable.name, *path))
             if not isinstance(t, FloatType):
                 _not_float("disturbance", name, t, d.variable.span, diagnostics)
                 continue
-            found.disturbances.append(Leaf(c.index, d.variable.name, path, name))
-            found.disturbance_ranges.append(Interval(d.low, d.high))
+            inputs.disturbances.append(Leaf(c.index, d.variable.name, path, name))
+            inputs.disturbance_ranges.append(Interval(d.low, d.high))
 
 
 def _not_float(what: str, name: str, t: Type, span: Span, diagnostics: Diagnostics) -> None:
@@ -187,7 +187,7 @@ def _not_float(what: str, name: str, t: Type, span: Span, diagnostics: Diagnosti
 
 
 def _topic_leaves(
-    place: Place, index: int, what: str, diagnostics: Diagnostics
+    place: VerificationSystem, index: int, what: str, diagnostics: Diagnostics
 ) -> Iterator[tuple[Leaf, Interval | None]]:
     topic = place.system.topics[index]
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
@@ -204,40 +204,40 @@ def _crowded(path: tuple[str, ...]) -> bool:
     return any(part in ("[]", "[*]") for part in path)
 
 
-def _outputs(place: Place, found: Inputs, diagnostics: Diagnostics) -> None:
+def _outputs(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
     for index in place.module.outputs:
         for leaf, interval in _topic_leaves(place, index, "output", diagnostics):
             assert interval is not None  # V003
-            found.controls.append(leaf)
-            found.control_ranges.append(interval)
+            inputs.controls.append(leaf)
+            inputs.control_ranges.append(interval)
 
 
-def _errors(place: Place, found: Inputs) -> None:
+def _errors(place: VerificationSystem, inputs: Inputs) -> None:
     read = {*_read(place), *read_by_dm(place)}  # computed predicates read the axes' topics
     for c in place.plants:
         for m in c.measured:
             topic = place.system.topics[m.topic]
             path = list(leaves(topic.type))[m.leaf][0]
             if m.topic in read and m.bound > 0.0:
-                found.errors.append(Leaf(m.topic, "", path, ".".join((topic.name, *path))))
-                found.error_ranges.append(Interval(-m.bound, m.bound))
+                inputs.errors.append(Leaf(m.topic, "", path, ".".join((topic.name, *path))))
+                inputs.error_ranges.append(Interval(-m.bound, m.bound))
 
 
-def _read(place: Place) -> dict[int, typed.Expr | None]:
+def _read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]:
     """Topics that SC and the DM's predicates read, with a place where that is known."""
     symbol, module = place.module.symbol, place.module
     assert place.sc.node is not None
-    found: dict[int, typed.Expr | None] = {}
+    reads: dict[int, typed.TypedExpr | None] = {}
     spans = topic_reads(*place.sc.node.step)
     for topic in sc_reads(place.sc.node):
-        found.setdefault(place.sc.scope.topics[topic], spans.get(topic))
+        reads.setdefault(place.sc.scope.topics[topic], spans.get(topic))
     predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
     for topic, read in topic_reads(*predicates).items():
-        found.setdefault(module.scope.topics[topic], read)
-    return found
+        reads.setdefault(module.scope.topics[topic], read)
+    return reads
 
 
-def _others(place: Place, found: Inputs, diagnostics: Diagnostics) -> None:
+def _others(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
     """Topics that are read and that no verification plant drives."""
     driven = place.driven
     for index, read in _read(place).items():
@@ -260,5 +260,5 @@ def _others(place: Place, found: Inputs, diagnostics: Diagnostics) -> None:
             continue
         for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
             if isinstance(t, FloatType) and bound is not None:  # the rest ranges over its type
-                found.others.append(Leaf(index, "", path, ".".join((topic.name, *path))))
-                found.other_ranges.append(Interval(bound.low, bound.high))
+                inputs.others.append(Leaf(index, "", path, ".".join((topic.name, *path))))
+                inputs.other_ranges.append(Interval(bound.low, bound.high))

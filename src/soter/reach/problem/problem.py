@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.span import Span
     from soter.lower.core import CoreSystem
-    from soter.program.flatten.influences import Influence
+    from soter.program.elaborate.plant_influences import Influence
     from soter.program.model.system import Module, System
-    from soter.reach.problem.modes import Modes
+    from soter.reach.problem.other_modes import Modes
     from soter.reach.problem.quantities import Quantities
     from soter.reach.time.schedule import Schedule
 
@@ -165,7 +165,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class DiscreteParameter:
     """A discrete plant state without dynamics; proved for each of its values."""
 
     name: str
@@ -208,7 +208,7 @@ class Problem:
     disturbances: tuple[Interval, ...]
     errors: tuple[Interval, ...]
     others: tuple[Interval, ...]
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[DiscreteParameter, ...]
     groups: tuple[Group, ...]
     """In chain order: a group depends on itself and earlier ones."""
     times: Times
@@ -244,7 +244,8 @@ class Problem:
     """States without dynamics: constants of a run."""
     schemes: tuple[tuple[float, int, int], ...] = ()
     """Of each state the step of its plant's scheme in s, the order of that, and the number of the
-    plant (`enclose/scheme.py`). A step of 0: the scheme is not covered, which is an assumption."""
+    plant (`enclose/scheme_error.py`). A step of 0: the scheme is not covered, which is an
+    assumption."""
     recover_ns: int | None = None
     """T of P2b where it is declared: `recover within d;`."""
     stays: bool = False

@@ -17,27 +17,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.diagnostics.refused import reason
-from soter.program.build import check_file
+from soter.diagnostics.os_error_text import reason
+from soter.program.front_end import check_file
 from soter.reach.command import modules_of
-from soter.reach.enclose.forms import Forms, library_of
+from soter.reach.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.reach.grid.policies import core_synthesis
 from soter.reach.grid.sets import GridGroup, UnboundedError, of_problem
 from soter.reach.problem.extract import extract
 from soter.reach.synthesis import sc_source
-from soter.reach.synthesis.synthesize import STRIDE, Choices, chosen, combinations
+from soter.reach.synthesis.synthesize import STRIDE, CellCommands, chosen, combinations
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from soter.program.build import Checked
+    from soter.program.front_end import CheckResult
     from soter.program.model.system import Module
     from soter.program.model.types import Value
-    from soter.reach.enclose.library import ReachLibrary
+    from soter.reach.enclose.engine_library import ReachLibrary
     from soter.reach.problem.problem import Problem
-    from soter.reach.synthesis.synthesize import Bools, Floats, Table
+    from soter.reach.synthesis.synthesize import Bools, Floats, LawTable
 
 HOLDS = (1, 2, 5, 10, 20, 50)
 """Periods of SC for which a command is held while K is looked for; a map's are taken one by one."""
@@ -49,7 +49,7 @@ BEGINNING = 1 << 20
 
 
 def synthesize(
-    checked: Checked,
+    checked: CheckResult,
     output: Path,
     *,
     module: str | None = None,
@@ -77,9 +77,9 @@ def synthesize(
         if Path(open_module.symbol.span.source.name).name not in (main.name, output.name):
             raise _none_for(open_module, "it is declared in an imported file: synthesize it there")
         problem = extract(flat, open_module, synthesize=True)
-        found = sc_source.written(problem, find(problem))
+        program = sc_source.written(problem, find(problem))
         try:
-            written += found.save(output)
+            written += program.save(output)
         except OSError as error:
             message = f"cannot write `{output}`: {reason(error)}"
             raise SoterError((Diagnostic("D006", message),)) from error
@@ -111,7 +111,7 @@ MORE = ("give more commands: `commands topic in {-1.0, 0.0, 1.0};`", "or write o
 UNSUPPORTED = ("write a controller of your own: `sc NAME;`",)
 
 
-def find(problem: Problem, stride: int = STRIDE) -> Table:
+def find(problem: Problem, stride: int = STRIDE) -> LawTable:
     """A law for the only group of a problem; SoterError U009 where there is none."""
     if len(problem.groups) != 1 or problem.groups[0].representation != "grid":
         raise _none_for(
@@ -146,28 +146,28 @@ def _none_for(module: Module, why: str, helps: tuple[str, ...] = MORE) -> SoterE
 # ---------------------------------------------------------------- what the engine says
 
 
-def _choices(problem: Problem, library: ReachLibrary) -> tuple[Choices, int]:
+def _choices(problem: Problem, library: ReachLibrary) -> tuple[CellCommands, int]:
     """The choices with the largest K over all holds, and the hold."""
-    best: tuple[Choices, int] | None = None
+    best: tuple[CellCommands, int] | None = None
     for hold in HOLDS if problem.kind == "flow" else HOLDS[:1]:
         try:
-            found = _choices_for(problem, library, hold)
+            choices = _choices_for(problem, library, hold)
         except UnboundedError:
             if best is None:
                 raise
             break  # too long for an enclosure, and longer ones are too
-        if best is None or found.core.sum() > best[0].core.sum():
-            best = found, hold
+        if best is None or choices.core.sum() > best[0].core.sum():
+            best = choices, hold
     assert best is not None
     return best
 
 
-def _choices_for(problem: Problem, library: ReachLibrary, hold: int) -> Choices:
+def _choices_for(problem: Problem, library: ReachLibrary, hold: int) -> CellCommands:
     commands = combinations(problem)
     ranges = [(min(v), max(v)) for v in problem.commands]
     mixed = _under(problem, library, ranges, hold)
     core, admits = _core(mixed, mixed.constraint(hint=problem.has_core_hint), commands)
-    return Choices(core, admits, mixed.safe_for(mixed.inputs.period_ns, core))
+    return CellCommands(core, admits, mixed.safe_for(mixed.inputs.period_ns, core))
 
 
 def _core(
@@ -203,7 +203,7 @@ class _Middles:
 
     def __init__(self, problem: Problem, library: ReachLibrary, hold: int) -> None:
         self.problem = problem
-        self.forms = Forms(library, problem, ())
+        self.forms = CompiledEnclosures(library, problem, ())
         self.commands = combinations(problem)
         self.axes = [a.state for a in problem.groups[0].axes]
         middle = self.forms.whole.mean(axis=1)
@@ -227,8 +227,8 @@ class _Middles:
 
     def _rates(self, name: str, point: Floats) -> Floats:
         self.box[self.axes] = point[:, np.newaxis]
-        found = self.forms.numbers(name, self.box, len(self.problem.states))
-        if found is None:
+        bounds = self.forms.numbers(name, self.box, len(self.problem.states))
+        if bounds is None:
             return point if name == "next" else np.zeros_like(point)
-        rates: NDArray[np.float64] = found.mean(axis=1)[self.axes]
+        rates: NDArray[np.float64] = bounds.mean(axis=1)[self.axes]
         return rates

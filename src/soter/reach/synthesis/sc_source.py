@@ -1,6 +1,6 @@
 """A found safe controller as Soter source: a node and its table.
 
-Purpose: from a `Table` to the text of a node, and the program with that node in the place of
+Purpose: from a `LawTable` to the text of a node, and the program with that node in the place of
 `sc synthesized period d;`.
 Non-goals: finding the table (`synthesize.py`), judging it (`verify.py`).
 """
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from soter.program.model.typed import ModuleSymbol, TopicSymbol
     from soter.program.model.types import Type
     from soter.reach.problem.problem import Problem
-    from soter.reach.synthesis.synthesize import Table
+    from soter.reach.synthesis.synthesize import LawTable
 
 UNITS = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
 HEADER = "Found by `soter verify --synthesize`."
 
 
 @dataclass(frozen=True)
-class Written:
+class SynthesizedSource:
     """A program with its safe controller: the text of the module's file, and the table."""
 
     node: str
@@ -48,7 +48,7 @@ class Written:
         return path, beside
 
 
-def written(problem: Problem, table: Table) -> Written:
+def written(problem: Problem, table: LawTable) -> SynthesizedSource:
     """The program in which the module's SC is a node that reads this table."""
     symbol = problem.module.symbol
     assert symbol.sc_span is not None
@@ -66,7 +66,7 @@ def written(problem: Problem, table: Table) -> Written:
     )
     formatted = format_source(Source(source.name, program), Diagnostics())
     assert formatted is not None
-    return Written(node, formatted, data_name, _data(problem, table))
+    return SynthesizedSource(node, formatted, data_name, _data(problem, table))
 
 
 def free_name(name: str, text: str) -> str:
@@ -88,7 +88,7 @@ def _beginning(symbol: ModuleSymbol) -> int:
     return at
 
 
-def _data(problem: Problem, table: Table) -> bytes:
+def _data(problem: Problem, table: LawTable) -> bytes:
     """One table for each control, of indices into its own commands, which increase.
 
     On a border between blocks an analysis joins indices: every control by itself, and nothing
@@ -104,7 +104,7 @@ def _data(problem: Problem, table: Table) -> bytes:
 # ---------------------------------------------------------------- the node
 
 
-def _node(problem: Problem, table: Table, node: str, data: str) -> Iterator[str]:
+def _node(problem: Problem, table: LawTable, node: str, data: str) -> Iterator[str]:
     reads = [_read(problem, axis) for axis in range(table.entries.ndim)]
     topics = list(dict.fromkeys(topic for topic, _ in reads))
     symbol = problem.module.symbol
@@ -154,9 +154,9 @@ def _read(problem: Problem, axis: int) -> tuple[str, str]:
     """Topic and path of the state of an axis, as the module's file names them."""
     state = problem.groups[0].axes[axis].state
     topic, leaf = problem.topic_leaf_of_state[state]
-    found = problem.system.topics[topic]
-    path = list(_paths(found.type))[leaf]
-    return _local(found.symbol, problem.module.symbol), _joined(path)
+    state_topic = problem.system.topics[topic]
+    path = list(_paths(state_topic.type))[leaf]
+    return _local(state_topic.symbol, problem.module.symbol), _joined(path)
 
 
 def _paths(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

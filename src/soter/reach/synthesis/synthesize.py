@@ -43,7 +43,7 @@ STRIDE = 8
 
 
 @dataclass(frozen=True)
-class Choices:
+class CellCommands:
     """What the engine says about the cells of a grid, shape (n_1, ..., n_d), and m commands."""
 
     core: Bools
@@ -55,7 +55,7 @@ class Choices:
 
 
 @dataclass(frozen=True)
-class Table:
+class LawTable:
     """A law: in block (i_1, ..., i_d) of equal blocks from `low` on, `width` each, this command."""
 
     low: tuple[float, ...]
@@ -70,12 +70,12 @@ def block_middles(low: Sequence[float], width: Sequence[float], shape: tuple[int
 
 
 def chosen(
-    choices: Choices,
+    choices: CellCommands,
     low: Sequence[float],
     width: Sequence[float],
     after: Callable[[int, Floats], Floats],
     stride: int = STRIDE,
-) -> Table:
+) -> LawTable:
     """The table for a grid of equal cells from `low` on, `width` each.
 
     `after(u, points)`: where states (n, d) are one period of command u later, without disturbance.
@@ -99,7 +99,7 @@ def chosen(
     popular = serves.reshape(len(serves), -1).sum(axis=1)  # breaks ties: neighbours then agree
     ranked = misses * (popular.max() + 1) - popular.reshape(-1, *[1] * strict.ndim)
     entries = np.where((must + misses).any(axis=0), ranked.argmin(axis=0), usual)
-    return Table(tuple(low), sides, _spread(entries, inside | (must + misses).any(axis=0)))
+    return LawTable(tuple(low), sides, _spread(entries, inside | (must + misses).any(axis=0)))
 
 
 def combinations(problem: Problem) -> list[tuple[float, ...]]:
@@ -193,17 +193,17 @@ def blocks(votes: Bools, stride: int) -> Ints:
 
 def _spread(entries: Ints, known: Bools) -> Ints:
     """Entries with the unknown ones taken over from their neighbours, border by border."""
-    found: Ints = entries.copy()
+    result: Ints = entries.copy()
     left = ~known
     while left.any() and not left.all():
         for axis in range(entries.ndim):
             for step in (1, -1):
-                source = np.roll(found, step, axis=axis)
+                source = np.roll(result, step, axis=axis)
                 there = ~np.roll(left, step, axis=axis)
                 edge = [slice(None)] * entries.ndim
                 edge[axis] = slice(0, 1) if step == 1 else slice(-1, None)
                 there[tuple(edge)] = False
                 take = left & there
-                found[take] = source[take]
+                result[take] = source[take]
                 left &= ~take
-    return found
+    return result

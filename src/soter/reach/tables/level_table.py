@@ -1,7 +1,7 @@
 """What a DM holds of one group.
 
 Purpose: what is asked of a table of levels, however it is read.
-Non-goals: tables of cells (`tables.py`), half-spaces (`facets.py`).
+Non-goals: tables of cells (`tables.py`), half-spaces (`polytope_tables.py`).
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.program.model.typed import FunSymbol
-    from soter.reach.tables.writer import Writer
+    from soter.reach.tables.tree_writer import Writer
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class EstimateSamples:
     """Estimates on which the compiled DM is tried.
 
     `points` (n, states); `surely` (n,): the level that each has; `least` (n,): the level that it
@@ -59,7 +59,7 @@ class LevelTable(ABC):
 
     @property
     @abstractmethod
-    def samples(self) -> Samples | None:
+    def samples(self) -> EstimateSamples | None:
         """What to try the compiled function on; None where there is nothing to tell apart."""
 
     @abstractmethod

@@ -3,7 +3,8 @@
 Purpose: `Schedule`, releases, phases, lateness, waiting, response, latencies and the ways from
 sensor to module and from module to plant, and from it A, A_sc, d, j, H*, h_0, R011 and R015, each
 with its derivation (docs/proof.md, "The model of time"). An exhaustive enumerator that knows the
-definitions only (tests/generators/schedules.py) says whether the figures hold and are reached.
+definitions only (tests/generators/schedule_systems.py) says whether the figures hold and are
+reached.
 Non-goals: where the numbers come from (`timing.py`), sets.
 
 Throughout, g is the gcd of two periods: the differences between releases of one and of the other
@@ -43,7 +44,7 @@ class Releases:
 
 
 @dataclass(frozen=True)
-class Path:
+class SensorPath:
     """From a sensor through nodes to a topic that the module reads."""
 
     sensor: Releases
@@ -82,7 +83,7 @@ class Path:
         """
         if not self.nodes:
             return 0
-        before = Path(self.sensor, self.nodes[:-1], dropout=self.dropout)
+        before = SensorPath(self.sensor, self.nodes[:-1], dropout=self.dropout)
         return before.state_age(self.last, self.last.late) + self.last.response
 
     def stamp_age(self, reader: Releases, late: int) -> int:
@@ -102,20 +103,20 @@ class Path:
         A node that starts right at a release before that may read the default; at the first
         release from then on it does not.
         """
-        found = self.sensor.phase + self.dropout
+        instant = self.sensor.phase + self.dropout
         for k, node in enumerate(self.nodes):
-            found = node.first_from(found, after=k > 0) + node.latest
-        return found
+            instant = node.first_from(instant, after=k > 0) + node.latest
+        return instant
 
     @property
     def speaks_early(self) -> int | None:
         """The first node that may publish before it has read a state; None: none does."""
-        whole = Path(self.sensor)
+        whole = SensorPath(self.sensor)
         for k, node in enumerate(self.nodes):
             seen = whole.available
             if node.phase < seen or (k > 0 and node.phase == seen):
                 return k
-            whole = Path(self.sensor, self.nodes[: k + 1])
+            whole = SensorPath(self.sensor, self.nodes[: k + 1])
         return None
 
 
@@ -144,7 +145,7 @@ def _hop(node: Releases, reader: Releases, late: int) -> int:
 
 
 @dataclass(frozen=True)
-class Output:
+class ActuationPath:
     """From SC to the plant: through `nodes`, then between `least` and `most` until it acts."""
 
     least: int = 0
@@ -160,13 +161,13 @@ class Output:
         p - v: then v = (o + l) mod g at least, o the difference of phases, and the next release
         is at p - v + T; l - (o + l) mod g = g floor((o + l) / g) - o grows with l.
         """
-        before, within, found = sc, published, 0
+        before, within, delay = sc, published, 0
         for node in self.nodes:
             g = gcd(before.period, node.period)
             o = (before.phase - node.phase) % g
-            found += node.period - o + g * ((o + within) // g)
+            delay += node.period - o + g * ((o + within) // g)
             before, within = node, node.latest
-        return found + within + self.most
+        return delay + within + self.most
 
     def acts_after(self, late: int) -> int:
         """The same from any instant of publication, whatever the phases: v >= 0."""
@@ -193,7 +194,7 @@ class Output:
         a node at most T + J. No output is overwritten before it is read if T + J <= delta - w.
         """
         for k, node in enumerate(self.nodes):
-            part = Output(nodes=self.nodes[:k])
+            part = ActuationPath(nodes=self.nodes[:k])
             varies = part.acts(sc, published) - part.earliest(sc)
             if node.period + node.late > sc.period - varies:
                 return k
@@ -206,9 +207,9 @@ class Schedule:
 
     dm: Releases
     sc: Releases
-    read_by_dm: tuple[Path, ...]
-    read_by_sc: tuple[Path, ...]
-    outputs: tuple[Output, ...] = (Output(),)
+    read_by_dm: tuple[SensorPath, ...]
+    read_by_sc: tuple[SensorPath, ...]
+    outputs: tuple[ActuationPath, ...] = (ActuationPath(),)
     dropout: int = 0
     """How much longer than its period a sensor that SC reads may be silent."""
 
@@ -221,31 +222,31 @@ class Schedule:
         A stamp older than `max_age` is stale: that much between publication and start is enforced,
         and P may have gone by before. Without a `max_age`, what the periods make of it.
         """
-        found = []
+        ages = []
         for path in self._paths(self.read_by_dm):
             if path.max_age is None:
-                found.append(path.state_age(self.dm, self.dm.late))
+                ages.append(path.state_age(self.dm, self.dm.late))
             else:
-                found.append(path.max_age + path.published_age)
-        return max(found, default=0)
+                ages.append(path.max_age + path.published_age)
+        return max(ages, default=0)
 
     @cached_property
     def age_sc(self) -> int:
         """A_sc: of the state that SC sees. `max_age` is a bound that must hold by itself."""
-        found = []
+        ages = []
         for path in self._paths(self.read_by_sc):
             by_periods = path.state_age(self.sc, self.start_of_sc)
             stamped = 0
             if path.max_age is not None:
                 silent = path.dropout if not path.nodes else 0
                 stamped = path.max_age + silent + path.published_age
-            found.append(max(by_periods, stamped) if path.max_age is not None else by_periods)
-        return max(found, default=0)
+            ages.append(max(by_periods, stamped) if path.max_age is not None else by_periods)
+        return max(ages, default=0)
 
-    def _paths(self, paths: tuple[Path, ...]) -> tuple[Path, ...]:
+    def _paths(self, paths: tuple[SensorPath, ...]) -> tuple[SensorPath, ...]:
         return tuple(replace(p, dropout=p.dropout or self.dropout) for p in paths)
 
-    def stamp_age_sc(self, path: Path) -> int:
+    def stamp_age_sc(self, path: SensorPath) -> int:
         """R011: how old the stamp of a topic may be at a start of SC, no drop-outs."""
         return path.stamp_age(self.sc, self.start_of_sc)
 
@@ -363,11 +364,11 @@ class Schedule:
     @cached_property
     def defaults_read(self) -> int:
         """How many steps of SC may read a default."""
-        found = 0
+        steps = 0
         for path in self._paths(self.read_by_sc):
             first = self.sc.first_from(path.available, after=bool(path.nodes))
-            found = max(found, (first - self.sc.phase) // self.sc.period)
-        return found
+            steps = max(steps, (first - self.sc.phase) // self.sc.period)
+        return steps
 
     @cached_property
     def needed(self) -> int:

@@ -10,17 +10,17 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.assurance.case import SUPPORTED
-from soter.report.assurance.picture import pictures
+from soter.report.assurance.gsn_diagram import pictures
+from soter.report.assurance.safety_case import SUPPORTED
 from soter.report.html import write_document
-from soter.report.run.wording import prose
+from soter.report.run.result_wording import prose
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from soter.report.assurance.case import Case, Node
+    from soter.report.assurance.safety_case import CaseNode, SafetyCase
 
 STYLE = """<style>
 .gsn { display: block; max-width: max(100%, 960px); height: auto; margin-top: 14px; }
@@ -60,12 +60,12 @@ WORDS = (
 """Of ASTM F3269-21, and here."""
 
 
-def write_case(case: Case, path: str | os.PathLike[str]) -> Path:
+def write_case(case: SafetyCase, path: str | os.PathLike[str]) -> Path:
     """Write the page; raises `ReportError` where that cannot be."""
     return write_document(case.title, body(case), path)
 
 
-def body(case: Case) -> str:
+def body(case: SafetyCase) -> str:
     """The main part of the page."""
     return "\n".join(
         [
@@ -83,7 +83,7 @@ def body(case: Case) -> str:
     )
 
 
-def _header(case: Case) -> str:
+def _header(case: SafetyCase) -> str:
     goals = case.goals
     done = sum(case.status(g) == SUPPORTED for g in goals)
     word, kind = ("Supported", " good") if case.supported else ("Not supported yet", "")
@@ -101,7 +101,7 @@ def _header(case: Case) -> str:
     )
 
 
-def _beside(case: Case) -> str:
+def _beside(case: SafetyCase) -> str:
     """Which goals beside the top goal are not supported: it says nothing of them."""
     below = {i for n in case.nodes for i in n.supported_by}
     roots = [g for g in case.goals[1:] if g.id not in below]
@@ -109,7 +109,7 @@ def _beside(case: Case) -> str:
     return f"<br>Not supported beside it: {'; '.join(open_)}." if open_ else ""
 
 
-def _facts(case: Case) -> str:
+def _facts(case: SafetyCase) -> str:
     facts = [
         ("program", case.program),
         ("SHA-256", case.program_sha256),
@@ -122,7 +122,7 @@ def _facts(case: Case) -> str:
     return f'<section class="provenance"><h2>What this is about</h2><dl>{rows}</dl></section>'
 
 
-def _argument(case: Case) -> str:
+def _argument(case: SafetyCase) -> str:
     drawn = "".join(
         (f"<h3>{escape(title)}</h3>" if title else "") + f'<div class="scroll">{svg}</div>'
         for title, svg in pictures(case)
@@ -130,7 +130,7 @@ def _argument(case: Case) -> str:
     return f"<section><h2>The argument</h2>{drawn}</section>"
 
 
-def _open(case: Case) -> str:
+def _open(case: SafetyCase) -> str:
     """What is left to do, with the reason that the leaf below gives."""
     open_ = [g for g in case.goals if case.status(g) != SUPPORTED]
     if not open_:
@@ -144,13 +144,13 @@ def _open(case: Case) -> str:
     return f'<section class="grounds case"><h2>Undeveloped goals</h2><ul>{items}</ul></section>'
 
 
-def _whys(case: Case, goal: Node) -> list[str]:
+def _whys(case: SafetyCase, goal: CaseNode) -> list[str]:
     """Of a goal and the solutions right below it."""
     near = [goal, *(case.node(i) for i in goal.supported_by)]
     return [n.why for n in near if n.why and n.kind in ("goal", "solution")]
 
 
-def _goals(case: Case) -> str:
+def _goals(case: SafetyCase) -> str:
     rows = []
     for n in case.nodes:
         if n.kind not in ("goal", "strategy"):
@@ -163,14 +163,14 @@ def _goals(case: Case) -> str:
     return f"<section><h2>Goals</h2>{table}</section>"
 
 
-def _evidence(case: Case) -> str:
+def _evidence(case: SafetyCase) -> str:
     """Each piece of evidence once, with everything that it supports."""
-    found: dict[tuple[str, str, str, str, bool], list[Node]] = {}
+    nodes_by_evidence: dict[tuple[str, str, str, str, bool], list[CaseNode]] = {}
     for n in case.nodes:
         if n.kind == "solution":
-            found.setdefault((n.text, n.why, n.path, n.sha256, n.checked), []).append(n)
+            nodes_by_evidence.setdefault((n.text, n.why, n.path, n.sha256, n.checked), []).append(n)
     rows = []
-    for nodes in found.values():
+    for nodes in nodes_by_evidence.values():
         n = nodes[0]
         ids = "".join(f'<span id="{escape(m.id, quote=True)}"></span>' for m in nodes)
         goals = [g for g in case.nodes if any(m.id in g.supported_by for m in nodes)]
@@ -187,11 +187,11 @@ def _evidence(case: Case) -> str:
     return f"<section><h2>Evidence</h2>{table}</section>"
 
 
-def _listed(case: Case, kind: str, title: str, lead: str) -> str:
-    found = [n for n in case.nodes if n.kind == kind]
-    rows = [(n.id, _label(n), prose(n.text)) for n in found]
-    note = f'<p class="note lead">{lead}</p>' if lead and found else ""
-    table = _table(("id", "what"), rows) if found else "<p>nothing</p>"
+def _listed(case: SafetyCase, kind: str, title: str, lead: str) -> str:
+    nodes = [n for n in case.nodes if n.kind == kind]
+    rows = [(n.id, _label(n), prose(n.text)) for n in nodes]
+    note = f'<p class="note lead">{lead}</p>' if lead and nodes else ""
+    table = _table(("id", "what"), rows) if nodes else "<p>nothing</p>"
     return f'<section id="{kind}s"><h2>{title}</h2>{note}{table}</section>'
 
 
@@ -212,15 +212,15 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "") 
     return f'<table class="case{kind}"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
 
 
-def _state(case: Case, n: Node) -> str:
+def _state(case: SafetyCase, n: CaseNode) -> str:
     if case.status(n) == SUPPORTED:
         return '<span class="state good">\N{CHECK MARK} supported</span>'
     return '<span class="state">\N{WHITE DIAMOND} undeveloped</span>'
 
 
-def _label(n: Node) -> str:
+def _label(n: CaseNode) -> str:
     return escape(n.id)
 
 
-def _link(n: Node) -> str:
+def _link(n: CaseNode) -> str:
     return f'<a href="#{escape(n.id, quote=True)}">{escape(n.id)}</a>'

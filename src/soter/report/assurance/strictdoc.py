@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.report.assurance.case import Case, Node
+    from soter.report.assurance.safety_case import CaseNode, SafetyCase
 
 
-def sdoc(case: Case) -> str:
+def sdoc(case: SafetyCase) -> str:
     """The document, as text."""
     return "\n".join(_lines(case))
 
 
-def _lines(case: Case) -> Iterator[str]:
+def _lines(case: SafetyCase) -> Iterator[str]:
     yield from ("[DOCUMENT]", f"TITLE: {_line(case.title)}", "")
     for n in case.nodes:
         if n.kind in ("context", "assumption"):
@@ -36,7 +36,7 @@ def _lines(case: Case) -> Iterator[str]:
             yield from _requirement(case, n, parents.get(n.id, []))
 
 
-def _requirement(case: Case, n: Node, parents: list[str]) -> Iterator[str]:
+def _requirement(case: SafetyCase, n: CaseNode, parents: list[str]) -> Iterator[str]:
     yield from ("[REQUIREMENT]", f"UID: {n.id}", f"STATUS: {case.status(n)}")
     yield f"TITLE: {_line(f'{n.kind}: {n.text}')[:120]}"
     yield from ("STATEMENT: >>>", *_text(n.text), "<<<")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.report.html import document, write_document
 from soter.report.proof.regions import region_svg
-from soter.report.run.wording import prose
+from soter.report.run.result_wording import prose
 
 if TYPE_CHECKING:
     import os

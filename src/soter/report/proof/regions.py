@@ -97,32 +97,32 @@ def _number(value: float) -> str:
 def _axis_x(x: _Scale, name: str, height: float) -> list[str]:
     """Ticks and name below."""
     base = height - BOTTOM
-    found = [
+    elements = [
         f'<text x="{x.at(t):.1f}" y="{base + 17:g}" text-anchor="middle">{_number(t)}</text>'
         f'<path class="tick" d="M{x.at(t):.1f} {base:g}v4"/>'
         for t in x.ticks()
     ]
     middle = (LEFT + WIDTH - RIGHT) / 2
-    found.append(
+    elements.append(
         f'<text class="name" x="{middle:g}" y="{base + 37:g}" text-anchor="middle">'
         f"{escape(name)}</text>"
     )
-    return found
+    return elements
 
 
 def _axis_y(y: _Scale, name: str, height: float) -> list[str]:
     """Ticks and name on the left."""
-    found = [
+    elements = [
         f'<text x="{LEFT - 8:g}" y="{y.at(t) + 4:.1f}" text-anchor="end">{_number(t)}</text>'
         f'<path class="tick" d="M{LEFT:g} {y.at(t):.1f}h-4"/>'
         for t in y.ticks()
     ]
     middle = (TOP + height - BOTTOM) / 2
-    found.append(
+    elements.append(
         f'<text class="name" transform="translate(14 {middle:g}) rotate(-90)" '
         f'text-anchor="middle">{escape(name)}</text>'
     )
-    return found
+    return elements
 
 
 def _trajectory(run: Trajectory, x: _Scale, y: _Scale) -> str:

@@ -24,13 +24,13 @@ from soter.report.run.figure import (
     giveback_dot,
     layout,
     line,
+    plans_group,
     takeover_dot,
     violation_cross,
     violation_hover,
-    way_group,
 )
 from soter.report.run.geometry import box_outline, height_levels, join, tube_outline, window
-from soter.report.run.packed import numbers
+from soter.report.run.packed_json import numbers
 from soter.report.run.trajectory import by_controller, flight_indices, givebacks, place, takeovers
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def _ways(flight: Flight) -> list[Json]:
                 "hovertemplate": f"<b>{escape(flight.title)}</b><br>%{{text}}<extra></extra>",
                 "line": line(colour, 1.4, dash),
                 "marker": {"symbol": "circle", "size": 3, "color": colour},
-                "group": way_group(flight.name, refused=refused),
+                "group": plans_group(flight.name, refused=refused),
             }
         )
     return traces

@@ -21,8 +21,8 @@ from soter.report.run.figure import (
     arm_group,
     decision_hover,
     layout,
+    plans_group,
     violation_hover,
-    way_group,
 )
 from soter.report.run.geometry import (
     HEIGHT_LEVELS,
@@ -34,7 +34,7 @@ from soter.report.run.geometry import (
     tube_rings,
     window,
 )
-from soter.report.run.packed import numbers
+from soter.report.run.packed_json import numbers
 from soter.report.run.trajectory import by_controller, flight_indices, givebacks, place, takeovers
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def _ways(flight: Flight) -> list[Json]:
     for refused, colour in ((False, "@muted"), (True, "@takeover")):
         ways = [way.points for way in flight.ways if way.refused is refused]
         if ways:
-            group = way_group(flight.name, refused=refused)
+            group = plans_group(flight.name, refused=refused)
             traces.append({**_lines(join(ways), colour, 2.0), "group": group})
     return traces
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.report.run.wording import prose
+from soter.report.run.result_wording import prose
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -60,12 +60,12 @@ class Figure:
 
 def signals_drawn(figures: Sequence[Figure]) -> dict[str, tuple[int, int]]:
     """Signal -> (figure, trace) of the first time line that draws it: its trace has the name."""
-    found: dict[str, tuple[int, int]] = {}
+    trace_by_signal: dict[str, tuple[int, int]] = {}
     for i, figure in enumerate(figures):
         for k, trace in enumerate(figure.data):
             if "name" in trace:
-                found.setdefault(str(trace["name"]), (i, k))
-    return found
+                trace_by_signal.setdefault(str(trace["name"]), (i, k))
+    return trace_by_signal
 
 
 def digits_of(values: NDArray[np.float64]) -> int:
@@ -81,7 +81,7 @@ def arm_group(name: str) -> str:
     return "arm:" + "_".join(name.split())
 
 
-def way_group(name: str, *, refused: bool) -> str:
+def plans_group(name: str, *, refused: bool) -> str:
     """Return the groups of an arm's plans: they go with their arm, and with all plans."""
     return f"{arm_group(name)} {REFUSED_GROUP if refused else PLAN_GROUP}"
 

@@ -22,12 +22,9 @@ from soter.report.run.figure import (
     predicates_text,
     signals_drawn,
 )
-from soter.report.run.program import program_section
+from soter.report.run.program_diagram import program_section
 from soter.report.run.record import Flight
-from soter.report.run.thumbnail import flight_thumbnail, mode_bar
-from soter.report.run.timeline import chart_timeline, flight_timeline
-from soter.report.run.trajectory import place
-from soter.report.run.wording import (
+from soter.report.run.result_wording import (
     count_text,
     figures,
     headline,
@@ -36,6 +33,9 @@ from soter.report.run.wording import (
     value_text,
     violation_count,
 )
+from soter.report.run.thumbnail import flight_thumbnail, mode_bar
+from soter.report.run.timeline import chart_timeline, flight_timeline
+from soter.report.run.trajectory import place
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

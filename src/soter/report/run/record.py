@@ -17,7 +17,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from soter.report.run.live import Live
+    from soter.report.run.live_diagram import Live
 
 Vec3 = tuple[float, float, float]
 Summary = Mapping[str, "float | int | str"]

@@ -28,7 +28,7 @@ from soter.report.run.figure import (
     violation_cross,
     violation_hover,
 )
-from soter.report.run.packed import numbers
+from soter.report.run.packed_json import numbers
 from soter.report.run.trajectory import (
     POINTS_MAX,
     by_controller,
@@ -317,12 +317,12 @@ def _rectangle(
 
 def _levels(series: Sequence[Series]) -> dict[float, str]:
     """The levels of a panel, each once, with everybody's label for it."""
-    found: dict[float, list[str]] = {}
+    labels_by_value: dict[float, list[str]] = {}
     for each in series:
         for threshold in each.thresholds:
-            labels = found.setdefault(threshold.value, [])
+            labels = labels_by_value.setdefault(threshold.value, [])
             labels += [s for s in threshold.label.split(", ") if s not in labels]
-    return {value: ", ".join(labels) for value, labels in found.items()}
+    return {value: ", ".join(labels) for value, labels in labels_by_value.items()}
 
 
 def _level(stack: _Stack, row: int, value: float) -> Json:

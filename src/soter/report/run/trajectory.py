@@ -75,8 +75,8 @@ def thin(
         for first, last in zip(bins[:-1].tolist(), bins[1:].tolist(), strict=True)
         if last > first
     ]
-    found = np.union1d(even, np.asarray(lows, dtype=np.intp))
-    return np.union1d(np.fromiter(chosen, dtype=np.intp), found)
+    indices = np.union1d(even, np.asarray(lows, dtype=np.intp))
+    return np.union1d(np.fromiter(chosen, dtype=np.intp), indices)
 
 
 def mode_edges(in_control: NDArray[np.bool_]) -> list[int]:
@@ -90,8 +90,8 @@ def nearest_indices(time_s: NDArray[np.float64], at_s: Iterable[float]) -> list[
 
     It is 0 before the first; all times are in s.
     """
-    found = np.searchsorted(time_s, np.asarray(list(at_s), dtype=np.float64), side="right") - 1
-    return [int(index) for index in np.clip(found, 0, len(time_s) - 1)]
+    indices = np.searchsorted(time_s, np.asarray(list(at_s), dtype=np.float64), side="right") - 1
+    return [int(index) for index in np.clip(indices, 0, len(time_s) - 1)]
 
 
 def lowest(values: NDArray[np.float64]) -> int | None:

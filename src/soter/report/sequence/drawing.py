@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.sequence.view import duration_text, late_ns, reached
-from soter.report.sequence.words import (
+from soter.report.printable_text import visible
+from soter.report.sequence.step_wording import (
     ARROW,
     KINDS,
     clipped,
@@ -22,8 +22,8 @@ from soter.report.sequence.words import (
     late_text,
     published_text,
 )
+from soter.report.sequence.view import duration_text, late_ns, reached
 from soter.report.summary import display_width
-from soter.report.visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -52,7 +52,7 @@ MARKS = {"default": "\N{WHITE DIAMOND}", "other": "\N{BLACK DIAMOND}"}
 
 
 @dataclass(frozen=True)
-class Row:
+class StepRow:
     """Where one step stands: its top edge, its first line, its height."""
 
     step: SequenceStep
@@ -71,13 +71,13 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Plan:
+class DrawingPlan:
     """Where everything stands. `centres`: the middle of each lane by name."""
 
     view: SequenceView
     lane_px: float
     centres: dict[str, float]
-    rows: tuple[Row, ...]
+    rows: tuple[StepRow, ...]
 
     @property
     def width(self) -> float:
@@ -89,9 +89,9 @@ class Plan:
         """Return the height of the body."""
         return self.rows[-1].end if self.rows else 0.0
 
-    def instants(self) -> list[tuple[Row, ...]]:
+    def instants(self) -> list[tuple[StepRow, ...]]:
         """Return the rows of each instant, in order."""
-        groups: list[list[Row]] = []
+        groups: list[list[StepRow]] = []
         for row in self.rows:
             if not groups or groups[-1][-1].step.time_ns != row.step.time_ns:
                 groups.append([])
@@ -99,14 +99,14 @@ class Plan:
         return [tuple(group) for group in groups]
 
 
-def plan(view: SequenceView) -> Plan:
+def plan(view: SequenceView) -> DrawingPlan:
     """Lay the lanes and the steps out."""
     count = max(len(view.lanes), 1)
     lane_px = float(min(max(BODY_PX // count, LANE_MIN_PX), LANE_MAX_PX))
     centres: dict[str, float] = {}
     for index, lane in enumerate(view.lanes):
         centres.setdefault(lane.name, lane_px * (index + 0.5))
-    rows: list[Row] = []
+    rows: list[StepRow] = []
     top = float(STRIP_PX) if view.modes else 0.0
     for step in view.steps:
         if rows and rows[-1].step.time_ns != step.time_ns:
@@ -114,9 +114,9 @@ def plan(view: SequenceView) -> Plan:
         lines = max(len(step.published), 1) if step.lane in centres else 1
         below = BELOW_PX + DROPPED_PX * bool(step.dropped)
         height = FIRST_PX + _below_first(step, lines - 1) + below
-        rows.append(Row(step, top, top + FIRST_PX, height))
+        rows.append(StepRow(step, top, top + FIRST_PX, height))
         top += height
-    return Plan(view, lane_px, centres, tuple(rows))
+    return DrawingPlan(view, lane_px, centres, tuple(rows))
 
 
 def _below_first(step: SequenceStep, index: int) -> float:
@@ -124,7 +124,7 @@ def _below_first(step: SequenceStep, index: int) -> float:
     return LINE_PX * index + UNDER_BOX_PX * bool(index and _word(step)[0])
 
 
-def body_svg(p: Plan) -> str:
+def body_svg(p: DrawingPlan) -> str:
     """Return the drawing right of the times."""
     layers = (
         _instants(p),
@@ -142,7 +142,7 @@ def body_svg(p: Plan) -> str:
     )
 
 
-def gutter_svg(p: Plan) -> str:
+def gutter_svg(p: DrawingPlan) -> str:
     """Return the column of times and numbers of steps; it stays in view beside the lanes."""
     parts = [f'<rect class="back" width="{GUTTER_PX}" height="{p.height:g}"/>']
     parts += [
@@ -175,7 +175,7 @@ def gutter_svg(p: Plan) -> str:
 # ---------------------------------------------------------------- behind the steps
 
 
-def _instants(p: Plan) -> Iterator[str]:
+def _instants(p: DrawingPlan) -> Iterator[str]:
     for index, rows in enumerate(p.instants()):
         first, last = rows[0], rows[-1]
         yield (
@@ -185,7 +185,7 @@ def _instants(p: Plan) -> Iterator[str]:
         )
 
 
-def _modes(p: Plan) -> Iterator[str]:
+def _modes(p: DrawingPlan) -> Iterator[str]:
     """Shade the lanes of each module in the colour of its mode, from switch to switch."""
     lines = {row.step.number: row.line for row in p.rows}
     for each in p.view.modes:
@@ -200,7 +200,7 @@ def _modes(p: Plan) -> Iterator[str]:
                 yield f'<text class="mode {mode.lower()}" x="{x:g}" y="{top + 14:g}">{mode}</text>'
 
 
-def _band(p: Plan, lane: Lane, mode: Mode, top: float, end: float) -> str:
+def _band(p: DrawingPlan, lane: Lane, mode: Mode, top: float, end: float) -> str:
     """Shade one lane; the controller that has control is shaded more."""
     held = " held" if lane.role == mode.lower() else ""
     left = p.centres[lane.name] - p.lane_px / 2
@@ -210,13 +210,13 @@ def _band(p: Plan, lane: Lane, mode: Mode, top: float, end: float) -> str:
     )
 
 
-def _lifelines(p: Plan) -> Iterator[str]:
+def _lifelines(p: DrawingPlan) -> Iterator[str]:
     for lane in p.view.lanes:
         x = p.centres[lane.name]
         yield f'<path class="life" d="M{x:g} 0V{p.height:g}"/>'
 
 
-def _lateness(p: Plan) -> Iterator[str]:
+def _lateness(p: DrawingPlan) -> Iterator[str]:
     """Draw a bar from the release of each late step down to it."""
     last_release = dict.fromkeys(p.centres, -1.0)
     for row in p.rows:
@@ -234,7 +234,7 @@ def _lateness(p: Plan) -> Iterator[str]:
         )
 
 
-def _running(p: Plan) -> Iterator[str]:
+def _running(p: DrawingPlan) -> Iterator[str]:
     """Draw a step that overruns from its start to where it takes effect."""
     started: dict[str, float] = {}
     for row in p.rows:
@@ -256,7 +256,7 @@ def _running_bar(x: float, top: float, end: float) -> str:
 # ---------------------------------------------------------------- a step
 
 
-def _row(p: Plan, row: Row) -> str:
+def _row(p: DrawingPlan, row: StepRow) -> str:
     """Draw one step: it leads to its row in the table, with or without a script."""
     step = row.step
     kind = " violates" if step.violates else ""
@@ -285,11 +285,11 @@ def _title(step: SequenceStep) -> str:
     return "\n".join(lines)
 
 
-def _hit(row: Row, width: float) -> str:
+def _hit(row: StepRow, width: float) -> str:
     return f'<rect class="hit" y="{row.top:g}" width="{width:g}" height="{row.height:g}"/>'
 
 
-def _start(p: Plan, row: Row) -> str:
+def _start(p: DrawingPlan, row: StepRow) -> str:
     """Draw what concerns the whole system: a box over all lanes."""
     named = [visible(row.step.lane)] if row.step.lane else []
     values = [*named, *does(row.step), *map(published_text, row.step.published)]
@@ -301,7 +301,7 @@ def _start(p: Plan, row: Row) -> str:
     )
 
 
-def _lane_step(p: Plan, row: Row, x: float) -> str:
+def _lane_step(p: DrawingPlan, row: StepRow, x: float) -> str:
     step = row.step
     role = next(lane.role for lane in p.view.lanes if lane.name == step.lane)
     if step.kind == "lost":
@@ -333,7 +333,9 @@ def _lane_step(p: Plan, row: Row, x: float) -> str:
     return "".join(parts) + box
 
 
-def _late_label(p: Plan, late: str, x: float, y: float, half: float, step: SequenceStep) -> str:
+def _late_label(
+    p: DrawingPlan, late: str, x: float, y: float, half: float, step: SequenceStep
+) -> str:
     goes_right = not step.published or not _goes_right(
         p, x, _reader_places(p, step, step.published[0].topic, x)
     )
@@ -344,7 +346,7 @@ def _late_label(p: Plan, late: str, x: float, y: float, half: float, step: Seque
     return f'<text class="late" text-anchor="{anchor}" x="{place:g}" y="{y + 4:g}">{late}</text>'
 
 
-def _reader_places(p: Plan, step: SequenceStep, topic: str, x: float) -> list[float] | None:
+def _reader_places(p: DrawingPlan, step: SequenceStep, topic: str, x: float) -> list[float] | None:
     """Return the lanes that get a publication, None where it reaches nobody at all."""
     if not reached(step):
         return None
@@ -361,7 +363,7 @@ def unread(view: SequenceView, step: SequenceStep) -> bool:
     return any(not readers.get(published.topic) for published in reached(step))
 
 
-def _goes_right(p: Plan, x: float, readers: Sequence[float] | None) -> bool:
+def _goes_right(p: DrawingPlan, x: float, readers: Sequence[float] | None) -> bool:
     """Tell on which side a publication's label stands: where its farthest reader is."""
     if not readers:
         return x < p.width * 0.75
@@ -369,7 +371,13 @@ def _goes_right(p: Plan, x: float, readers: Sequence[float] | None) -> bool:
 
 
 def _publication(
-    p: Plan, text: str, role: str, x: float, y: float, edge: float, readers: list[float] | None
+    p: DrawingPlan,
+    text: str,
+    role: str,
+    x: float,
+    y: float,
+    edge: float,
+    readers: list[float] | None,
 ) -> str:
     """Draw one value on its way: line, heads, label above the line."""
     right = _goes_right(p, x, readers)
@@ -405,7 +413,7 @@ def _head(x: float, y: float, *, rightwards: bool) -> str:
     return f"M{x:g} {y:g}L{back:g} {y - 4:g}V{y + 4:g}Z"
 
 
-def _box(p: Plan, step: SequenceStep, x: float, y: float, role: str) -> tuple[str, float]:
+def _box(p: DrawingPlan, step: SequenceStep, x: float, y: float, role: str) -> tuple[str, float]:
     """Draw the step itself, a box with a word or two or a dot; return half its width as well."""
     text, kind = _word(step)
     gated = " gated" if step.gated else ""

@@ -17,16 +17,16 @@ from soter.report.mcap_log import (
     INTEGER,
     NUMBER,
     STRING,
-    Channel,
     DecisionStep,
+    LogChannel,
     LogHeader,
-    ModeChange,
+    ModeRecord,
     array_schema,
     object_schema,
     write_mcap,
 )
+from soter.report.printable_text import visible
 from soter.report.sequence.view import late_ns, reached
-from soter.report.visible import visible
 
 if TYPE_CHECKING:
     import os
@@ -81,7 +81,7 @@ def write_log(view: SequenceView, path: str | os.PathLike[str]) -> Path:
         },
     )
     channels = [
-        Channel(STEPS_TOPIC, STEPS_SCHEMA, [_step_message(step) for step in view.steps]),
+        LogChannel(STEPS_TOPIC, STEPS_SCHEMA, [_step_message(step) for step in view.steps]),
         *_topic_channels(view),
     ]
     return write_mcap(
@@ -110,7 +110,7 @@ def _step_message(step: SequenceStep) -> Message:
     }
 
 
-def _topic_channels(view: SequenceView) -> Iterator[Channel]:
+def _topic_channels(view: SequenceView) -> Iterator[LogChannel]:
     """Return a channel for each topic that is named or got a value, in that order."""
     values: dict[str, list[tuple[SequenceStep, str]]] = {topic.name: [] for topic in view.topics}
     for step in view.steps:
@@ -122,7 +122,7 @@ def _topic_channels(view: SequenceView) -> Iterator[Channel]:
             (step.time_ns, {"value": made, "step": step.number})
             for (step, _), made in zip(taken, read, strict=True)
         ]
-        yield Channel(name, object_schema({"value": schema, "step": INTEGER}), messages)
+        yield LogChannel(name, object_schema({"value": schema, "step": INTEGER}), messages)
 
 
 def _reading(texts: list[str]) -> tuple[JsonSchema, list[bool] | list[float] | list[str]]:
@@ -136,11 +136,11 @@ def _reading(texts: list[str]) -> tuple[JsonSchema, list[bool] | list[float] | l
     return STRING, texts
 
 
-def _mode_changes(view: SequenceView) -> list[ModeChange]:
+def _mode_changes(view: SequenceView) -> list[ModeRecord]:
     """Return the changes of all modules in order of time."""
     times_ns = {step.number: step.time_ns for step in view.steps}
     changes = [
-        (number, ModeChange(times_ns.get(number, 0), each.module, mode))
+        (number, ModeRecord(times_ns.get(number, 0), each.module, mode))
         for each in view.modes
         for number, mode in each.modes
     ]

@@ -12,7 +12,8 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from soter.report.html import document, write_text
-from soter.report.run.wording import prose
+from soter.report.printable_text import visible
+from soter.report.run.result_wording import prose
 from soter.report.sequence.drawing import (
     GUTTER_PX,
     MARKS,
@@ -22,15 +23,14 @@ from soter.report.sequence.drawing import (
     plan,
     unread,
 )
+from soter.report.sequence.step_wording import does, explanation, late_text, published_text
 from soter.report.sequence.view import duration_text, matter_text, violating
-from soter.report.sequence.words import does, explanation, late_text, published_text
-from soter.report.visible import visible
 
 if TYPE_CHECKING:
     import os
     from pathlib import Path
 
-    from soter.report.sequence.drawing import Plan
+    from soter.report.sequence.drawing import DrawingPlan
     from soter.report.sequence.view import Lane, SequenceStep, SequenceView
 
 ROLES = {
@@ -117,7 +117,7 @@ def _drawing(view: SequenceView) -> str:
     )
 
 
-def _head(view: SequenceView, laid: Plan) -> str:
+def _head(view: SequenceView, laid: DrawingPlan) -> str:
     """Name the lanes, under the modules they belong to; stays in view."""
     groups = "".join(
         f'<div class="{"module" if module is not None else "free"}" '

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.report.sequence.view import duration_text, matter_text
-from soter.report.sequence.words import (
+from soter.report.printable_text import visible
+from soter.report.sequence.step_wording import (
     clipped,
     does,
     explanation,
     late_text,
     published_text,
 )
+from soter.report.sequence.view import duration_text, matter_text
 from soter.report.summary import Styled, table
-from soter.report.visible import visible
 
 if TYPE_CHECKING:
     from soter.report.sequence.view import SequenceStep, SequenceView

@@ -72,7 +72,7 @@ class Published:
 
 
 @dataclass(frozen=True)
-class Switch:
+class ModeSwitch:
     """The DM of `module` changed its mode."""
 
     module: str
@@ -103,7 +103,7 @@ class SequenceStep:
     choices: tuple[Pick, ...] = ()
     published: tuple[Published, ...] = ()
     gated: bool = False
-    switch: Switch | None = None
+    switch: ModeSwitch | None = None
     fault: str | None = None
     dropped: tuple[str, ...] = ()
     lasts_ns: int | None = None

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.lower.steps import lower
 from soter.simulate.externs.python_extern import PythonExtern, instantiated, load_python
-from soter.simulate.settings import did_you_mean, usage_error
+from soter.simulate.run_settings import did_you_mean, usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -126,9 +126,9 @@ def bind_somewhere(systems: Sequence[System], given: Mapping[str, object]) -> No
     """SoterError U005 for a name that no system of a program has an extern for."""
     problems: list[Diagnostic] = []
     for name, target in given.items():
-        found = [_problems_of_binding(system, name, target) for system in systems]
-        if all(found):
-            problems += found[0] if found else ()
+        problem_lists = [_problems_of_binding(system, name, target) for system in systems]
+        if all(problem_lists):
+            problems += problem_lists[0] if problem_lists else ()
     if problems:
         raise SoterError(tuple(problems))
 
@@ -156,21 +156,21 @@ def callables(
     `apart`: nodes in Python get processes of their own.
     """
     problems: list[Diagnostic] = []
-    found: dict[str, object] = {}
+    callable_by_name: dict[str, object] = {}
     for extern in bindings.externs:
         problem = _impossible(extern, engine)
         if problem is not None:
             problems.append(problem)
         elif not _is_c(extern.bound):
             try:
-                found[extern.name] = _python(extern, stop, apart=apart)
+                callable_by_name[extern.name] = _python(extern, stop, apart=apart)
             except SoterError as error:
                 problems += error.diagnostics
     if problems:
         raise SoterError(tuple(problems))
     if engine == "interp":
-        found.update(_c_callables(bindings))
-    return found
+        callable_by_name.update(_c_callables(bindings))
+    return callable_by_name
 
 
 # ---------------------------------------------------------------- the externs of a system
@@ -292,7 +292,7 @@ def _python(extern: Extern, stop: StopRequest, *, apart: bool) -> object:
     if not apart or node is None:
         shapes = () if node is None else node.answers
         return PythonExtern(extern.name, _target(extern), stop, shapes)
-    from soter.simulate.externs.apart import ProcessExtern  # noqa: PLC0415 - POSIX only
+    from soter.simulate.externs.isolated_extern import ProcessExtern  # noqa: PLC0415 - POSIX only
 
     return ProcessExtern(extern.name, lambda: _target(extern), node.answers, extern.span, stop)
 

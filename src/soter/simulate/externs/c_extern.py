@@ -11,17 +11,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.codegen.interface import answer_fields
+from soter.codegen.extern_interface import answer_fields
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.lower.layout import align_of, arrange, decode_from, encode_into, scalar, size_of
 from soter.native.build import library
+from soter.native.cache import digest
+from soter.native.cffi_interface import interface, opened
 from soter.native.includes import included
-from soter.native.interface import interface, opened
-from soter.native.kept import digest
+from soter.program.model.python_values import from_python, to_python
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType
-from soter.program.model.values import from_python, to_python
-from soter.simulate.externs.externs import PlainError
+from soter.simulate.externs.python_answers import PlainError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -55,9 +55,11 @@ def c_externs(
         return {}
     path = str(library(generate(system, core)))
     opened(interface(), Path(path), linked_symbols(system, core))  # says what is missing, and where
-    found = {x.name: CExtern(_node(system, x, path)) for x in nodes}
-    found.update({f.name: CExtern(_function(f, source, path)) for f, source in funs.items()})
-    return found
+    extern_by_name = {x.name: CExtern(_node(system, x, path)) for x in nodes}
+    extern_by_name.update(
+        {f.name: CExtern(_function(f, source, path)) for f, source in funs.items()}
+    )
+    return extern_by_name
 
 
 def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
@@ -68,8 +70,8 @@ def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
 def linked_content(system: System, core: CoreSystem) -> str:
     """A hash of the C files of bindings and of all that they include; SoterError X003."""
     files = dict.fromkeys(file for file, _ in _linked(system, core))
-    found = {p: t for file in files for p, t in included(file).items()}
-    return digest(x for p, t in found.items() for x in (str(p), t)) if found else ""
+    text_by_path = {p: t for file in files for p, t in included(file).items()}
+    return digest(x for p, t in text_by_path.items() for x in (str(p), t)) if text_by_path else ""
 
 
 def _linked(system: System, core: CoreSystem | None) -> list[tuple[str, str]]:

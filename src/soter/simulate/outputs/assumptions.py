@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.flatten.elaborate import show_ns
+from soter.program.elaborate.elaborator import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.program.model.proofs import Proof
+    from soter.program.model.proof_verdicts import Proof
     from soter.program.model.system import Component, Module, System
 
 PROVED = ("P1a", "P1b")
@@ -34,7 +34,7 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     """
     proofs = proofs or {}
     free = [m for m in system.modules if m.forced is None]
-    found = [_proved(m.name, proofs[m.name]) for m in free if m.name in proofs]
+    assumptions = [_proved(m.name, proofs[m.name]) for m in free if m.name in proofs]
     stacked = {i for m in free if m.over is not None for i in (m.index, m.over)}
     assumed = f"{' '.join(ASSUMED)} assumed, not checked"
     for which, why in (
@@ -48,18 +48,20 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
         ),
     ):
         if which:
-            found.append(f"{', '.join(m.name for m in which)}: {assumed} {why}")
+            assumptions.append(f"{', '.join(m.name for m in which)}: {assumed} {why}")
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:
-        found.append(f"{', '.join(trusted)}: extern and trusted, nothing is known about the code")
+        assumptions.append(
+            f"{', '.join(trusted)}: extern and trusted, nothing is known about the code"
+        )
     for m in free:
         missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
         if missing:
-            found.append(
+            assumptions.append(
                 f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
                 "from the plants and the grid of its `verify` block"
             )
-    return found
+    return assumptions
 
 
 def _proved(name: str, proof: Proof) -> str:
@@ -94,22 +96,22 @@ def forced(system: System) -> list[str]:
 
 def of_environment(system: System) -> list[str]:
     """What is taken for granted about the plants and the inputs of a system."""
-    found = []
+    assumptions = []
     for x in system.components:
         if x.plant is not None:
-            found += _plant(x)
+            assumptions += _plant(x)
     driven = {d.topic for d in system.inputs}
     inputs = [t for t in system.topics if t.driver == "input" and t.queue_of is None]
     still = [t.name for t in inputs if t.index not in driven]
     if still:
-        found.append(
+        assumptions.append(
             f"{', '.join(still)} {'keep' if len(still) > 1 else 'keeps'} the default value"
         )
     for d in system.inputs:
         name, every = system.topics[d.topic].name, show_ns(d.every_ns)
         which = f"its {len(d.values)} declared values" if d.values else "its set"
-        found.append(f"{name} changes every {every} to a value drawn evenly from {which}")
-    return found
+        assumptions.append(f"{name} changes every {every} to a value drawn evenly from {which}")
+    return assumptions
 
 
 def of_steps(system: System) -> list[str]:
@@ -135,10 +137,12 @@ def of_faults(system: System) -> list[str]:
     inside = [f"`{text}`" for text, kept in said.items() if kept]
     beyond = [f"`{text}`" for text, kept in said.items() if not kept]
     beyond += ["`order any`"] if system.shuffled else []
-    found = [f"goes wrong inside of what proofs assume: {', '.join(inside)}"] if inside else []
+    assumptions = (
+        [f"goes wrong inside of what proofs assume: {', '.join(inside)}"] if inside else []
+    )
     if beyond:
-        found.append(f"goes wrong outside of what proofs assume: {', '.join(beyond)}")
-    return found
+        assumptions.append(f"goes wrong outside of what proofs assume: {', '.join(beyond)}")
+    return assumptions
 
 
 def of_run(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
@@ -150,12 +154,12 @@ def of_run(system: System, proofs: Mapping[str, Proof] | None = None) -> list[st
 def _plant(x: Component) -> list[str]:
     if x.extern:
         return [f"{x.name} is an extern plant: a simulation of somebody else's"]
-    found = []
+    assumptions = []
     if x.disturbances:
         terms = [f"{d.variable.name} in [{d.low:g}, {d.high:g}]" for d in x.disturbances]
-        found.append(f"{x.name}: {', '.join(terms)}, drawn evenly")
+        assumptions.append(f"{x.name}: {', '.join(terms)}, drawn evenly")
     if x.measured:
         bounds = sorted({m.bound for m in x.measured})
         span = f"{bounds[0]:g}" if len(bounds) == 1 else f"{bounds[0]:g} to {bounds[-1]:g}"
-        found.append(f"{x.name}: measurement errors within {span}, drawn evenly")
-    return found
+        assumptions.append(f"{x.name}: measurement errors within {span}, drawn evenly")
+    return assumptions

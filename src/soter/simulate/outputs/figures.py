@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.lower.layout import decode_from
-from soter.program.meaning.arith import FaultKind
-from soter.program.model.values import to_json
+from soter.program.evaluate.arithmetic import FaultKind
+from soter.program.model.python_values import to_json
 from soter.simulate.decisions import changes
-from soter.simulate.params import as_json
+from soter.simulate.run_parameters import as_json
 
 if TYPE_CHECKING:
     from soter.lower.layout import StateLayout
@@ -98,30 +98,32 @@ def _violation(v: Violation) -> dict[str, object]:
 
 def component_faults(run: Run) -> dict[str, dict[str, object]]:
     """Step faults by component, for those that had any."""
-    found: dict[str, dict[str, object]] = {}
+    facts_by_component: dict[str, dict[str, object]] = {}
     for x in run.system.components:
         row = run.final["components"][x.index]
         if row["faults"]:
             first = run.first_faults.get(x.index)
-            found[x.name] = {
+            facts_by_component[x.name] = {
                 "count": int(row["faults"]),
                 "last": FaultKind(int(row["last_fault"])).name.lower(),
                 "first_s": None if first is None else first.time_ns / 1e9,
                 "latched": bool(row["latched"]),
             }
-    return found
+    return facts_by_component
 
 
 def final_values(run: Run) -> dict[str, object]:
     """The last value of every topic, and the true state of every plant as `<plant>.truth`."""
     raw = run.final.tobytes()
-    found: dict[str, object] = {}
+    value_by_name: dict[str, object] = {}
     for topic in run.system.topics:
-        found[topic.name] = _decoded(raw, run.layout.topic_offset(topic.index), topic.type)
+        value_by_name[topic.name] = _decoded(raw, run.layout.topic_offset(topic.index), topic.type)
     for x in run.system.components:
         if x.plant is not None:
-            found[f"{x.name}.truth"] = to_json(x.plant.truth, truth_value(run.layout, x, raw))
-    return found
+            value_by_name[f"{x.name}.truth"] = to_json(
+                x.plant.truth, truth_value(run.layout, x, raw)
+            )
+    return value_by_name
 
 
 def truth_value(layout: StateLayout, plant: Component, raw: bytes | memoryview) -> Value:
@@ -133,18 +135,18 @@ def truth_value(layout: StateLayout, plant: Component, raw: bytes | memoryview) 
 
 def scalars(run: Run) -> dict[str, float]:
     """The numbers among the final values, by dotted path (`c.truth.x`)."""
-    found: dict[str, float] = {}
+    number_by_path: dict[str, float] = {}
 
     def walk(path: str, value: object) -> None:
         if isinstance(value, dict):
             for name, part in value.items():
                 walk(f"{path}.{name}", part)
         elif isinstance(value, (int, float)) and not isinstance(value, bool):
-            found[path] = value
+            number_by_path[path] = value
 
     for name, value in final_values(run).items():
         walk(name, value)
-    return found
+    return number_by_path
 
 
 def _decoded(raw: bytes, offset: int, t: Type) -> object:

@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagram.picture import picture
+from soter.diagram.render import picture
+from soter.program.model.python_values import ValueShapeError, from_json
 from soter.program.model.types import RecordType
-from soter.program.model.values import ValueShapeError, from_json
 from soter.report.errors import ReportError
 from soter.report.html import write_replay
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
-from soter.report.run.live import Live
+from soter.report.run.live_diagram import Live
 from soter.report.run.record import Picture
-from soter.simulate.outputs.live import SAW, Held, control_of, steps_of, values_of
+from soter.simulate.outputs.live_diagram import SAW, HeldValues, control_of, steps_of, values_of
 from soter.simulate.outputs.to_log import require_log_package
-from soter.simulate.recorded import messages, metadata, unreadable
+from soter.simulate.recorded_run import messages, metadata, unreadable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,7 +53,7 @@ def write_log_page(log: str | Path, system: System, path: str | Path) -> Path:
 
 
 @dataclass
-class _Read:
+class _LoggedValues:
     """What is read of a log, by full name: times in s, and what stood from then on."""
 
     t: Type
@@ -62,9 +62,11 @@ class _Read:
 
 
 def _live(path: Path, system: System, seed: int) -> Live:
-    known = {t.name: _Read(t.type) for t in system.topics}
+    known = {t.name: _LoggedValues(t.type) for t in system.topics}
     plants = [x for x in system.components if x.plant is not None]
-    known |= {f"{x.name}.truth": _Read(x.plant.truth) for x in plants if x.plant is not None}
+    known |= {
+        f"{x.name}.truth": _LoggedValues(x.plant.truth) for x in plants if x.plant is not None
+    }
     modes: dict[str, list[tuple[float, bool]]] = {m.name: [] for m in system.modules}
     saw: dict[str, list[tuple[float, Sequence[bool]]]] = {m.name: [] for m in system.modules}
     end_s = 0.0
@@ -82,7 +84,7 @@ def _live(path: Path, system: System, seed: int) -> Live:
     if not any(read.values for read in known.values()):
         raise unreadable(path, f"it holds no topic of `{system.name}`")
     held = {
-        at: Held(known[name].t, np.array(known[name].times_s), known[name].values)
+        at: HeldValues(known[name].t, np.array(known[name].times_s), known[name].values)
         for at, name in (
             *((f"t:{t.name}", t.name) for t in system.topics),
             *((f"c:{x.name}", f"{x.name}.truth") for x in plants),

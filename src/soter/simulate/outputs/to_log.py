@@ -16,6 +16,7 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.lower.layout import decode_from
+from soter.program.model.python_values import to_json
 from soter.program.model.types import (
     ArrayType,
     BoolType,
@@ -25,7 +26,7 @@ from soter.program.model.types import (
     ListType,
     RecordType,
 )
-from soter.program.model.values import to_json
+from soter.report.atomic_write import unfinished
 from soter.report.errors import LogError
 from soter.report.mcap_log import (
     BOOLEAN,
@@ -35,22 +36,21 @@ from soter.report.mcap_log import (
     MODES_SCHEMA,
     MODES_TOPIC,
     NUMBER,
-    Channel,
     DecisionStep,
+    LogChannel,
     LogHeader,
     McapLog,
-    ModeChange,
+    ModeRecord,
     array_schema,
     decision_message,
     enum_schema,
     mode_message,
     object_schema,
 )
-from soter.report.whole_file import unfinished
 from soter.simulate import decisions
+from soter.simulate.explain_decision import Explainer
 from soter.simulate.outputs.figures import truth_value
-from soter.simulate.params import changed
-from soter.simulate.why import Explainer
+from soter.simulate.run_parameters import changed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -61,8 +61,8 @@ if TYPE_CHECKING:
     from soter.program.model.system import Component, System, Topic
     from soter.program.model.types import Type
     from soter.report.mcap_log import JsonSchema, Message
-    from soter.simulate.observe import ModeChange as ChangeSeen
     from soter.simulate.result import Run
+    from soter.simulate.run_observer import ModeChange as ChangeSeen
 
 
 def require_log_package() -> None:
@@ -176,7 +176,9 @@ class RunLog:
 
     # ------------------------------------------------------------ messages of a block
 
-    def _blocks(self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen]) -> Iterator[Channel]:
+    def _blocks(
+        self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen]
+    ) -> Iterator[LogChannel]:
         """What the states add to each channel, in the channels' order."""
         earlier = None if self._earlier is None else self._earlier[0]
         steps = decisions.steps(self._system, states, earlier, self._explainer)
@@ -187,7 +189,7 @@ class RunLog:
             *(self._truth(states, x) for x in self._system.components if x.plant is not None),
         ]
         for (name, schema), of in zip(self._channels, messages, strict=True):
-            yield Channel(name, schema, of)
+            yield LogChannel(name, schema, of)
 
     def _topic(self, states: npt.NDArray[Any], topic: Topic) -> Iterator[Message]:
         """The first value, and then every publication."""
@@ -215,16 +217,16 @@ class RunLog:
         for row in np.flatnonzero(chosen):
             yield int(states["header"]["ct"][row]), memoryview(states[row].tobytes())
 
-    def _modes(self, changes: Sequence[ChangeSeen]) -> Iterator[ModeChange]:
+    def _modes(self, changes: Sequence[ChangeSeen]) -> Iterator[ModeRecord]:
         if self._earlier is None:
             for m in self._system.modules:
-                yield ModeChange(0, m.name, "AC" if m.forced == "ac" else "SC")
+                yield ModeRecord(0, m.name, "AC" if m.forced == "ac" else "SC")
         for change in changes:
             d = decisions.of_change(self._system, change)
-            yield ModeChange(d.time_ns, d.module, d.after)
+            yield ModeRecord(d.time_ns, d.module, d.after)
 
 
-def _decision(d: decisions.Decided) -> DecisionStep:
+def _decision(d: decisions.DecisionStepRecord) -> DecisionStep:
     return DecisionStep(
         time_ns=d.time_ns,
         module=d.module,

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagram.picture import picture as draw
+from soter.diagram.render import picture as draw
 from soter.lower.layout import group_field
-from soter.program.meaning.limits import limits
+from soter.program.evaluate.signal_limits import limits
 from soter.program.model import typed
 from soter.program.model.types import BoolType, FloatType, IntType, RecordType, leaves
 from soter.report.errors import ReportError
@@ -31,10 +31,10 @@ from soter.report.run.record import (
     Threshold,
     Violation,
 )
-from soter.report.run.wording import count_text
+from soter.report.run.result_wording import count_text
 from soter.simulate import decisions
 from soter.simulate.outputs.assumptions import of_run
-from soter.simulate.outputs.live import live_of_run
+from soter.simulate.outputs.live_diagram import live_of_run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -149,20 +149,20 @@ def run_chart(run: Run) -> Chart:
     )
 
 
-def _decision(d: decisions.Decided) -> Decision:
+def _decision(d: decisions.DecisionStepRecord) -> Decision:
     return Decision(
         d.time_ns / 1e9, d.module, d.after, d.reason, d.saw.predicates(), why=tuple(d.words)
     )
 
 
 def _summary(run: Run) -> dict[str, float | int | str]:
-    found: dict[str, float | int | str] = {"violations": run.violations}
+    summary: dict[str, float | int | str] = {"violations": run.violations}
     modules = list(run.modules.values())
     if len(modules) == 1:
-        found["ac_share"] = modules[0].ac_share
-        found["switches_to_sc"] = modules[0].switches_to_sc
-        found["switches_to_ac"] = modules[0].switches_to_ac
-    return found
+        summary["ac_share"] = modules[0].ac_share
+        summary["switches_to_sc"] = modules[0].switches_to_sc
+        summary["switches_to_ac"] = modules[0].switches_to_ac
+    return summary
 
 
 def _margins(run: Run, thin: int) -> Iterator[Series]:
@@ -201,16 +201,16 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
 
 def _demanded(system: System) -> dict[str, list[Threshold]]:
     """Signal -> its limits; where several demand the same level it is drawn once."""
-    found: dict[str, list[Threshold]] = {}
+    thresholds_by_signal: dict[str, list[Threshold]] = {}
     for limit in limits(system):
-        levels = found.setdefault(limit.signal, [])
+        levels = thresholds_by_signal.setdefault(limit.signal, [])
         same = [i for i, t in enumerate(levels) if t.value == limit.value]
         for i in same:
             if limit.by not in levels[i].label.split(", "):
                 levels[i] = Threshold(f"{levels[i].label}, {limit.by}", limit.value)
         if not same:
             levels.append(Threshold(limit.by, limit.value))
-    return found
+    return thresholds_by_signal
 
 
 def _limited(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
@@ -221,19 +221,19 @@ def _limited(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
 
 def _measured(system: System) -> dict[str, str]:
     """Signal of a topic -> the true state that it is, or is a measurement of."""
-    found: dict[str, str] = {}
+    state_by_signal: dict[str, str] = {}
     for x in system.components:
         if x.plant is None:
             continue
         own = {v: f"{x.name}.{v.name}" for v in x.plant.states}
         for topic, value in x.plant.drives:
             name = system.topics[x.scope.topics[topic]].name
-            found |= dict(_states_in(name, value, own))
-    return found
+            state_by_signal |= dict(_states_in(name, value, own))
+    return state_by_signal
 
 
 def _states_in(
-    name: str, e: typed.Expr, own: Mapping[typed.Variable, str]
+    name: str, e: typed.TypedExpr, own: Mapping[typed.Variable, str]
 ) -> Iterator[tuple[str, str]]:
     """Signals of what a plant drives that are states of its, leaf by leaf."""
     if isinstance(e, typed.VarRead) and e.variable in own:

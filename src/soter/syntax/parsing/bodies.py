@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
-from soter.syntax.parsing.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
 from soter.syntax.parsing.nesting import unclosed
 from soter.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
+from soter.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
 from soter.syntax.parsing.types import type_expression
 from soter.syntax.tokens import EOF, NAME, STRING, string_value, visible
 
@@ -236,7 +236,7 @@ class BodyParser(StatementParser):
         self.report("S005", message, self.after_previous(), "`,` is missing here")
         return True
 
-    def period(self, what: str, name: tree.Name) -> tree.Expr:
+    def period(self, what: str, name: tree.Name) -> tree.SyntaxExpr:
         """The period in the head of a declaration, an ErrorExpr where there is none."""
         word = self.texts[self.i]
         if word == "period":
@@ -272,7 +272,7 @@ class BodyParser(StatementParser):
             return type_expression(self, f"the type of {what}")
         return tree.ErrorTypeExpr(self.after_previous())
 
-    def range_of(self, what: str) -> tree.Interval:
+    def range_of(self, what: str) -> tree.IntervalExpr:
         """An interval, made of errors where it cannot be read."""
         start = self.i
         try:
@@ -281,7 +281,7 @@ class BodyParser(StatementParser):
             self.depth = 0
             self.skip_interval(start)
             span = self.span_from(self.starts[start])
-            return tree.Interval(tree.ErrorExpr(span), tree.ErrorExpr(span), span)
+            return tree.IntervalExpr(tree.ErrorExpr(span), tree.ErrorExpr(span), span)
 
     def skip_interval(self, start: int) -> None:
         """Past the `]` that closes the interval, if it comes before the item ends."""

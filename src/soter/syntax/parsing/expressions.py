@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
-from soter.syntax.parsing.cursor import Cursor, Panic
 from soter.syntax.parsing.literals import NUMBERS, explain_unit, named_fields, number, period_of
 from soter.syntax.parsing.nesting import LEVELS_MAX, height, report_nesting, too_deep
 from soter.syntax.parsing.operators import (
@@ -23,6 +22,7 @@ from soter.syntax.parsing.operators import (
     report_slip,
     slip,
 )
+from soter.syntax.parsing.token_cursor import Cursor, Panic
 from soter.syntax.tokens import ERROR, NAME, UNIT_NS, visible
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class ExpressionParser(Cursor):
 
     # ------------------------------------------------------------ entry points
 
-    def expr(self, what: str, *, stop_at_brace: bool = False) -> tree.Expr:
+    def expr(self, what: str, *, stop_at_brace: bool = False) -> tree.SyntaxExpr:
         """One expression; `what` names it in messages. A broken one becomes an ErrorExpr."""
         start = self.i
         depth = self.depth
@@ -58,11 +58,11 @@ class ExpressionParser(Cursor):
             return tree.ErrorExpr(result.span)
         return result
 
-    def value(self, what: str) -> tree.Expr:
+    def value(self, what: str) -> tree.SyntaxExpr:
         """One expression and the `;` behind it."""
         return self.ended(self.expr(what), what)
 
-    def ended(self, result: tree.Expr, what: str) -> tree.Expr:
+    def ended(self, result: tree.SyntaxExpr, what: str) -> tree.SyntaxExpr:
         """An expression that was read, once its `;` is; an ErrorExpr where more stands between."""
         if self.kinds[self.i] == ";":
             self.i += 1
@@ -76,7 +76,7 @@ class ExpressionParser(Cursor):
         self.accept(";")
         return tree.ErrorExpr(result.span)
 
-    def time(self, what: str) -> tree.Expr:
+    def time(self, what: str) -> tree.SyntaxExpr:
         """One expression that stands for a time: a bare number is told to get a unit."""
         result = self.expr(what, stop_at_brace=True)
         if isinstance(result, tree.IntLit | tree.FloatLit):
@@ -109,7 +109,7 @@ class ExpressionParser(Cursor):
             return tree.ErrorExpr(result.span)
         return result
 
-    def time_value(self, what: str) -> tree.Expr:
+    def time_value(self, what: str) -> tree.SyntaxExpr:
         """A time and the `;` behind it."""
         result = self.time(what)
         self.semicolon(what)
@@ -117,7 +117,7 @@ class ExpressionParser(Cursor):
 
     # ------------------------------------------------------------ operators
 
-    def expression(self, limit: int) -> tree.Expr:
+    def expression(self, limit: int) -> tree.SyntaxExpr:
         """An expression of operators that bind at least as tightly as `limit`."""
         kinds = self.kinds
         self.depth += 1
@@ -150,7 +150,7 @@ class ExpressionParser(Cursor):
         self.depth -= 1
         return left
 
-    def _prefixed(self) -> tree.Expr:
+    def _prefixed(self) -> tree.SyntaxExpr:
         """`-` and `!` before an operand, any number of them, without recursion."""
         kinds = self.kinds
         signs = [self.i]
@@ -168,7 +168,7 @@ class ExpressionParser(Cursor):
             operand = tree.UnaryExpr(span, kinds[sign], operand)
         return operand
 
-    def _conditional(self, condition: tree.Expr, start: int) -> tree.Expr:
+    def _conditional(self, condition: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
         opener = self.i
         self.i += 1
         then = self.expression(ANY)
@@ -184,7 +184,7 @@ class ExpressionParser(Cursor):
         span = Span(self.source, start, self.ends[self.i - 1])
         return tree.ConditionalExpr(span, condition, then, otherwise)
 
-    def _chained(self, left: tree.Expr, first: int) -> tree.Expr:
+    def _chained(self, left: tree.SyntaxExpr, first: int) -> tree.SyntaxExpr:
         """`a < b < c`: reported once for the whole chain."""
         second = self.i
         also = ((self.token_span(first), "the first one"),)
@@ -213,13 +213,13 @@ class ExpressionParser(Cursor):
 
     # ------------------------------------------------------------ operands
 
-    def _postfix(self) -> tree.Expr:
+    def _postfix(self) -> tree.SyntaxExpr:
         """A primary and its fields, indices and calls."""
         i = self.i
         kinds = self.kinds
         kind = kinds[i]
         start = self.starts[i]
-        result: tree.Expr
+        result: tree.SyntaxExpr
         if kind == "choose" or (kinds[i + 1] == "choose" and self.is_word("fair")):
             result = self._choose()
         elif kind == NAME:
@@ -276,7 +276,7 @@ class ExpressionParser(Cursor):
             raise Panic
         return self.i
 
-    def _parenthesised(self) -> tree.Expr:
+    def _parenthesised(self) -> tree.SyntaxExpr:
         opener = self.i
         self.i += 1
         result = self.expression(ANY)
@@ -291,7 +291,7 @@ class ExpressionParser(Cursor):
         self.close(")", "the expression", opener)
         return result
 
-    def _index(self, target: tree.Expr, start: int) -> tree.Expr:
+    def _index(self, target: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
         opener = self.i
         self.tight.append(opener)
         self.i += 1
@@ -311,7 +311,7 @@ class ExpressionParser(Cursor):
         self.close("]", "the index", opener)
         return tree.IndexExpr(Span(self.source, start, self.ends[self.i - 1]), target, index)
 
-    def _call(self, callee: tree.Expr, start: int) -> tree.Expr:
+    def _call(self, callee: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
         opener = self.i
         self.tight.append(opener)
         named = isinstance(callee, tree.NameExpr | tree.FieldExpr)
@@ -328,7 +328,7 @@ class ExpressionParser(Cursor):
         span = Span(self.source, start, self.ends[self.i - 1])
         return tree.CallExpr(span, callee, arguments) if named else tree.ErrorExpr(span)
 
-    def _elements(self, close: str, what: str, opener: int) -> tuple[tree.Expr, ...]:
+    def _elements(self, close: str, what: str, opener: int) -> tuple[tree.SyntaxExpr, ...]:
         """Expressions up to `close`, which is stepped over."""
         if self.accept(close):
             return ()
@@ -356,7 +356,7 @@ class ExpressionParser(Cursor):
             also=((self.token_span(opener), "opened here"),),
         )
 
-    def _literal(self, kind: str) -> tree.Expr:
+    def _literal(self, kind: str) -> tree.SyntaxExpr:
         """A primary that is neither a name nor parenthesised."""
         i = self.i
         span = Span(self.source, self.starts[i], self.ends[i])
@@ -381,11 +381,11 @@ class ExpressionParser(Cursor):
             return tree.NameExpr(span, tree.Name(text, span))
         return no_expression(self, kind)
 
-    def _record(self) -> tree.Expr:
+    def _record(self) -> tree.SyntaxExpr:
         opener = self.i
         start = self.starts[opener]
         self.i += 1
-        entries: list[tuple[tree.Name, tree.Expr]] = []
+        entries: list[tuple[tree.Name, tree.SyntaxExpr]] = []
         while True:
             if self.kinds[self.i] == "}" and not entries:
                 raise self.failure(
@@ -419,7 +419,7 @@ class ExpressionParser(Cursor):
                 break
         return tree.RecordExpr(self.span_from(start), tuple(entries))
 
-    def _choose(self) -> tree.Expr:
+    def _choose(self) -> tree.SyntaxExpr:
         """`[fair] choose` and what is chosen from."""
         start = self.starts[self.i]
         fair = self.accept_word("fair")
@@ -427,8 +427,8 @@ class ExpressionParser(Cursor):
         opener = self.i
         kind = self.kinds[opener]
         of: tree.TypeExpr | None = None
-        interval: tree.Interval | None = None
-        options: tuple[tree.Expr, ...] = ()
+        interval: tree.IntervalExpr | None = None
+        options: tuple[tree.SyntaxExpr, ...] = ()
         if kind == "[":
             strict = self.strict
             interval = self.interval("the choices")
@@ -456,7 +456,7 @@ class ExpressionParser(Cursor):
 
     # ------------------------------------------------------------ intervals and sets
 
-    def interval(self, what: str) -> tree.Interval:
+    def interval(self, what: str) -> tree.IntervalExpr:
         """`[low, high]`; Panic where the bracket is missing."""
         opener = self.i
         if self.kinds[opener] != "[":
@@ -490,4 +490,4 @@ class ExpressionParser(Cursor):
             self.i += 1
         else:
             self.expect("]", "after the interval", opener=opener)
-        return tree.Interval(low, high, self.span_from(self.starts[opener]))
+        return tree.IntervalExpr(low, high, self.span_from(self.starts[opener]))

@@ -1,7 +1,8 @@
 """`faults { ... }` of a system: what goes wrong in its runs, and how often.
 
 Purpose: the items of that body.
-Non-goals: what they mean (`program/flatten/trials/faults.py`), faults of tests (`systems.py`).
+Non-goals: what they mean (`program/elaborate/tests_and_faults/faults.py`), faults of tests
+(`systems.py`).
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.syntax import tree
-from soter.syntax.parsing import arrays
+from soter.syntax.parsing import instance_arrays
 from soter.syntax.parsing.bodies import HOMES
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ def _fault(parser: BodyParser, parts: FaultParts) -> None:
     """`kind target [by X] [at N per T] [for T];`."""
     start, kind = parser.starts[parser.i], parser.texts[parser.i]
     parser.i += 1
-    target = arrays.path(parser, f"what `{kind}` is about")
-    by: tuple[tree.Expr, ...] = ()
+    target = instance_arrays.path(parser, f"what `{kind}` is about")
+    by: tuple[tree.SyntaxExpr, ...] = ()
     if kind in GIVEN:
         parser.expect_word("by", f"and how much, after what `{kind}` is about")
         by = _amounts(parser, parser.time if kind in TIMED else parser.expr)
@@ -53,15 +54,17 @@ def _fault(parser: BodyParser, parts: FaultParts) -> None:
     parts.found.append(tree.SystemFault(kind, target, by, rate, per, lasts, span))
 
 
-def _amounts(parser: BodyParser, one: Callable[[str], tree.Expr]) -> tuple[tree.Expr, ...]:
+def _amounts(
+    parser: BodyParser, one: Callable[[str], tree.SyntaxExpr]
+) -> tuple[tree.SyntaxExpr, ...]:
     """`X`, or `[X, Y, ...]`."""
     if not parser.accept("["):
         return (one("how much"),)
-    found = [one("how much")]
+    amounts = [one("how much")]
     while parser.accept(","):
-        found.append(one("how much"))
+        amounts.append(one("how much"))
     parser.expect("]", "after the last of them")
-    return tuple(found)
+    return tuple(amounts)
 
 
 def _order(parser: BodyParser, parts: FaultParts) -> None:

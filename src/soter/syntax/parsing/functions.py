@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
 from soter.syntax import tree
-from soter.syntax.parsing.cursor import Panic
+from soter.syntax.parsing.token_cursor import Panic
 from soter.syntax.parsing.types import type_expression
 from soter.syntax.tokens import EOF, NAME, visible
 

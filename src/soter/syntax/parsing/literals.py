@@ -19,7 +19,7 @@ from soter.syntax.tokens import DURATION, FLOAT, INT, NAME, UNIT_NS
 
 if TYPE_CHECKING:
     from soter.diagnostics.fix import Help
-    from soter.syntax.parsing.cursor import Cursor
+    from soter.syntax.parsing.token_cursor import Cursor
 
 NUMBERS = frozenset([FLOAT, INT, DURATION])
 
@@ -27,7 +27,7 @@ _INT_DIGITS_MAX = 40
 _DURATION_NS_MAX = 2**63 - 1
 
 
-def number(cursor: Cursor, span: Span, kind: str) -> tree.Expr:
+def number(cursor: Cursor, span: Span, kind: str) -> tree.SyntaxExpr:
     """The token before the cursor, of a kind among NUMBERS, as a literal."""
     text = cursor.texts[cursor.i - 1]
     if kind == FLOAT:
@@ -42,7 +42,7 @@ def number(cursor: Cursor, span: Span, kind: str) -> tree.Expr:
     return _duration(cursor, span, text)
 
 
-def _duration(cursor: Cursor, span: Span, text: str) -> tree.Expr:
+def _duration(cursor: Cursor, span: Span, text: str) -> tree.SyntaxExpr:
     digits = text.rstrip("nusmih")
     unit = UNIT_NS[text[len(digits) :]]
     approximate = float(digits) * unit
@@ -55,7 +55,7 @@ def _duration(cursor: Cursor, span: Span, text: str) -> tree.Expr:
     return tree.DurationLit(span, value, text)
 
 
-def _too_large(cursor: Cursor, span: Span, what: str) -> tree.Expr:
+def _too_large(cursor: Cursor, span: Span, what: str) -> tree.SyntaxExpr:
     cursor.i -= 1
     cursor.report("L005", f"this number is too large for {what}", span)
     cursor.i += 1

@@ -16,7 +16,7 @@ from soter.syntax import tree
 if TYPE_CHECKING:
     from typing import NoReturn
 
-    from soter.syntax.parsing.cursor import Cursor
+    from soter.syntax.parsing.token_cursor import Cursor
 
 #: Levels an expression or a type may nest: brackets and operators count one each.
 LEVELS_MAX = 200
@@ -46,32 +46,32 @@ def report_nesting(cursor: Cursor, span: Span, what: str) -> None:
     cursor.quiet = -1
 
 
-def height(expr: tree.Expr) -> int:
+def height(expr: tree.SyntaxExpr) -> int:
     """Levels of an expression tree, without recursion; stops counting past `LEVELS_MAX`."""
     level = 0
-    row: list[tree.Expr] = [expr]
+    row: list[tree.SyntaxExpr] = [expr]
     while row and level <= LEVELS_MAX:
         level += 1
         row = [child for parent in row for child in children(parent)]
     return level
 
 
-def children(expr: tree.Expr) -> list[tree.Expr]:
+def children(expr: tree.SyntaxExpr) -> list[tree.SyntaxExpr]:
     """The expressions directly inside `expr`, in source order."""
-    found: list[tree.Expr] = []
+    subexpressions: list[tree.SyntaxExpr] = []
     for field in fields(expr):
         value = getattr(expr, field.name)
-        if isinstance(value, tree.Expr):
-            found.append(value)
-        elif isinstance(value, tree.Interval):
-            found += [value.low, value.high]
+        if isinstance(value, tree.SyntaxExpr):
+            subexpressions.append(value)
+        elif isinstance(value, tree.IntervalExpr):
+            subexpressions += [value.low, value.high]
         elif isinstance(value, tuple):
             for part in value:
-                if isinstance(part, tree.Expr):
-                    found.append(part)
+                if isinstance(part, tree.SyntaxExpr):
+                    subexpressions.append(part)
                 elif isinstance(part, tuple):
-                    found.extend(p for p in part if isinstance(p, tree.Expr))
-    return found
+                    subexpressions.extend(p for p in part if isinstance(p, tree.SyntaxExpr))
+    return subexpressions
 
 
 def unclosed(cursor: Cursor, opener: int, what: str) -> None:

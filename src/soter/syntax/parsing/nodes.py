@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 class _NodeParts(OnceParts):
     subscribes: list[tree.Subscription] = field(default_factory=list)
     publishes: list[tree.Publication] = field(default_factory=list)
-    failsafe: list[tuple[tree.Ref, tree.Expr]] = field(default_factory=list)
+    failsafe: list[tuple[tree.Ref, tree.SyntaxExpr]] = field(default_factory=list)
     locals: list[tree.LocalVar] = field(default_factory=list)
-    assumes: list[tree.Expr] = field(default_factory=list)
-    guarantees: list[tree.Expr] = field(default_factory=list)
+    assumes: list[tree.SyntaxExpr] = field(default_factory=list)
+    guarantees: list[tree.SyntaxExpr] = field(default_factory=list)
 
 
 @dataclass(slots=True)
 class _RtaParts(OnceParts):
     contract: list[tree.Clause] = field(default_factory=list)
-    failsafe: list[tuple[tree.Ref, tree.Expr]] = field(default_factory=list)
+    failsafe: list[tuple[tree.Ref, tree.SyntaxExpr]] = field(default_factory=list)
 
 
 class NodeParser(VerifyParser):
@@ -162,9 +162,9 @@ class NodeParser(VerifyParser):
             helps = ("a topic of which a step may publish up to four messages: `alarm[<=4]`",)
             raise self.failure("S005", message, helps=helps)
         self.i += 1
-        found = self._count("the number of messages")
+        count = self._count("the number of messages")
         self.expect("]", "after the number of messages")
-        return found
+        return count
 
     def _failsafe(self, parts: _NodeParts | _RtaParts) -> None:
         self.i += 1
@@ -177,7 +177,7 @@ class NodeParser(VerifyParser):
         self.i += 1
         name = self.name("a name after `var`")
         type_ = self.typed("the variable")
-        initial: tree.Expr | None = None
+        initial: tree.SyntaxExpr | None = None
         if self.kinds[self.i] in ("=", ":=", "=="):
             self.assign("after the type of the variable")
             initial = self.value("the initial value")
@@ -197,9 +197,9 @@ class NodeParser(VerifyParser):
         """`takes [50ms, 400ms];`: how long a step lasts."""
         at = self.i
         self.i += 1
-        found = self.range_of("how long a step takes")
+        interval = self.range_of("how long a step takes")
         self.semicolon("how long a step takes")
-        self.keep_once(parts, "takes", found, at)
+        self.keep_once(parts, "takes", interval, at)
 
     def _budget(self, parts: OnceParts) -> None:
         """`wcet 200us;` and `jitter 50us;` of a node, or of the decision module of an `rta`."""
@@ -282,9 +282,9 @@ class NodeParser(VerifyParser):
         start = self.starts[self.i]
         self.i += 1
         module = self.ref("the name of a module after `ac module`")
-        found = tree.ModuleAsAc(module, self.span_from(start))
+        controller = tree.ModuleAsAc(module, self.span_from(start))
         self.semicolon("the module of `ac`")
-        return found
+        return controller
 
     def _synthesized(self) -> tree.Synthesized:
         """`sc synthesized period 10ms;`: there is none yet."""

@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
-from soter.syntax.parsing.cursor import Panic
+from soter.syntax.parsing.token_cursor import Panic
 from soter.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, RESERVED, STRING
 
 if TYPE_CHECKING:
     from typing import NoReturn
 
-    from soter.syntax.parsing.cursor import Cursor
+    from soter.syntax.parsing.token_cursor import Cursor
 
 COMPARISON = 3
 PRECEDENCE = {

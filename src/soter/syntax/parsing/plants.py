@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.syntax import tree
 from soter.syntax.parsing.bodies import HOMES, OnceParts
-from soter.syntax.parsing.cursor import Panic
+from soter.syntax.parsing.token_cursor import Panic
 from soter.syntax.schemes import SCHEMES
 from soter.syntax.tokens import NAME, visible
 
@@ -27,13 +27,13 @@ _ONE_DRIVES = "write one `drives` for each topic"
 class _PlantParts(OnceParts):
     extern: bool = False
     reads: list[tree.Ref] = field(default_factory=list)
-    drives: list[tuple[tree.Ref, tree.Expr | None]] = field(default_factory=list)
+    drives: list[tuple[tree.Ref, tree.SyntaxExpr | None]] = field(default_factory=list)
     states: list[tree.PlantState] = field(default_factory=list)
-    disturbances: list[tree.Disturbance] = field(default_factory=list)
+    disturbances: list[tree.DisturbanceItem] = field(default_factory=list)
     lets: list[tree.PlantLet] = field(default_factory=list)
-    der: list[tuple[tree.Name, tree.Expr]] = field(default_factory=list)
-    next: list[tuple[tree.Name, tree.Expr]] = field(default_factory=list)
-    measured: list[tuple[tree.Path, tree.Expr]] = field(default_factory=list)
+    der: list[tuple[tree.Name, tree.SyntaxExpr]] = field(default_factory=list)
+    next: list[tuple[tree.Name, tree.SyntaxExpr]] = field(default_factory=list)
+    measured: list[tuple[tree.DottedPath, tree.SyntaxExpr]] = field(default_factory=list)
 
 
 def plant(parser: BodyParser) -> tree.Decl:
@@ -80,7 +80,7 @@ def _drives(parser: BodyParser, parts: _PlantParts) -> None:
 def _driven(parser: BodyParser, parts: _PlantParts) -> bool:
     """`topic = value;`; whether a comma stands for the `;`, and another topic behind it."""
     topic = parser.ref("the name of a topic")
-    value: tree.Expr | None = None
+    value: tree.SyntaxExpr | None = None
     if parser.kinds[parser.i] in ("=", ":=", "=="):
         parser.assign("after the driven topic")
         value = parser.expr("the driven value")
@@ -117,7 +117,7 @@ def _state(parser: BodyParser, parts: _PlantParts) -> None:
     name = parser.name("the name of a state")
     type_ = parser.typed("the state")
     interval = parser.range_of("the initial range") if parser.accept("in") else None
-    initial: tree.Expr | None = None
+    initial: tree.SyntaxExpr | None = None
     if parser.kinds[parser.i] in ("=", ":=", "=="):
         parser.assign("before the initial value")
         initial = parser.value("the initial value")
@@ -132,7 +132,7 @@ def _disturbance(parser: BodyParser, parts: _PlantParts) -> None:
     parser.i += 1
     name = parser.name("the name of a disturbance")
     type_ = parser.typed("the disturbance")
-    hold: tree.Expr | None = None
+    hold: tree.SyntaxExpr | None = None
     if parser.kinds[parser.i] != "in" and isinstance(type_, tree.RangedIntType):
         # `int in [a, b]` reads as a type first; here the range is the disturbance's.
         interval = type_.interval
@@ -145,12 +145,12 @@ def _disturbance(parser: BodyParser, parts: _PlantParts) -> None:
         helps = (f"write `disturbance {name.text}: float in [-1.0, 1.0];`: the worst it can be",)
         parser.report("S005", message, notes=notes, helps=helps)
         error = tree.ErrorExpr(parser.after_previous())
-        interval = tree.Interval(error, error, error.span)
+        interval = tree.IntervalExpr(error, error, error.span)
     if parser.accept_word("hold"):
         hold = parser.time("`hold`")
     parser.semicolon("the disturbance")
     span = parser.span_from(start)
-    parts.disturbances.append(tree.Disturbance(name, type_, interval, hold, span))
+    parts.disturbances.append(tree.DisturbanceItem(name, type_, interval, hold, span))
 
 
 def _plant_let(parser: BodyParser, parts: _PlantParts) -> None:
@@ -169,7 +169,7 @@ def _next(parser: BodyParser, parts: _PlantParts) -> None:
     parts.next.append(_equation(parser, "next"))
 
 
-def _equation(parser: BodyParser, word: str) -> tuple[tree.Name, tree.Expr]:
+def _equation(parser: BodyParser, word: str) -> tuple[tree.Name, tree.SyntaxExpr]:
     parser.i += 1
     name = parser.name(f"the name of a state after `{word}`")
     start = parser.i

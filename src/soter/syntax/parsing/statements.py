@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from soter.diagnostics.fix import replace
 from soter.syntax import tree
-from soter.syntax.parsing.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
 from soter.syntax.parsing.expressions import ExpressionParser
 from soter.syntax.parsing.nesting import unclosed
 from soter.syntax.parsing.operators import c_style_loop
+from soter.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
 from soter.syntax.parsing.types import type_expression
 from soter.syntax.tokens import (
     DURATION,
@@ -81,7 +81,7 @@ class StatementParser(ExpressionParser):
             self.damaged = True
             self.blocks -= 1
             return tree.Block((), self.span_from(start))
-        statements: list[tree.Stmt] = []
+        statements: list[tree.SyntaxStmt] = []
         kinds = self.kinds
         while True:
             kind = kinds[self.i]
@@ -101,7 +101,7 @@ class StatementParser(ExpressionParser):
         self.blocks -= 1
         return tree.Block(tuple(statements), self.span_from(start))
 
-    def _recovering(self, statements: list[tree.Stmt], kind: str) -> None:
+    def _recovering(self, statements: list[tree.SyntaxStmt], kind: str) -> None:
         """One statement into the list, or past what is none."""
         before = self.i
         blocks = self.blocks
@@ -135,7 +135,7 @@ class StatementParser(ExpressionParser):
     def _braceless(self, where: str, start: int) -> tree.Block:
         self._no_brace(where)
         kind = self.kinds[self.i]
-        statements: list[tree.Stmt] = []
+        statements: list[tree.SyntaxStmt] = []
         self.blocks += 1
         if self.blocks > BLOCKS_MAX:
             raise Panic
@@ -149,7 +149,7 @@ class StatementParser(ExpressionParser):
             return self.kinds[self.i + 1] in PLACE_FOLLOWS
         return kind in STATEMENT_WORDS
 
-    def head(self, what: str) -> tree.Expr:
+    def head(self, what: str) -> tree.SyntaxExpr:
         """The expression between a statement word and its block; Panic where there is no block."""
         start = self.i
         if self.kinds[start] == "{" and self.kinds[start + 2] != ":":
@@ -168,7 +168,7 @@ class StatementParser(ExpressionParser):
 
     # ------------------------------------------------------------ one method per statement
 
-    def let(self) -> tree.Stmt:
+    def let(self) -> tree.SyntaxStmt:
         """`let name = value;`."""
         start = self.starts[self.i]
         self.i += 1
@@ -184,7 +184,7 @@ class StatementParser(ExpressionParser):
             value = tree.ErrorExpr(self.after_previous())
         return tree.LetStmt(self.span_from(start), name, type_, value)
 
-    def _var(self) -> tree.Stmt:
+    def _var(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         self.i += 1
         name = self.name("a name after `var`")
@@ -212,7 +212,7 @@ class StatementParser(ExpressionParser):
         else:
             self.semicolon(after)
 
-    def _initial(self, what: str) -> tree.Expr | None:
+    def _initial(self, what: str) -> tree.SyntaxExpr | None:
         """`= value;` of a `let` or `var`, None where it could not be read."""
         start = self.i
         try:
@@ -223,7 +223,7 @@ class StatementParser(ExpressionParser):
             return None
         return self.value("the value")
 
-    def _assign(self) -> tree.Stmt:
+    def _assign(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         slip = self._misspelt()
         if slip is not None:
@@ -262,7 +262,7 @@ class StatementParser(ExpressionParser):
         value = self.value("the assignment")
         return tree.AssignStmt(self.span_from(start), place, value)
 
-    def _misspelt(self) -> tree.Stmt | None:
+    def _misspelt(self) -> tree.SyntaxStmt | None:
         """A word that is nearly a statement word, or is one in other languages."""
         i = self.i
         word, following = self.texts[i], self.kinds[i + 1]
@@ -291,7 +291,7 @@ class StatementParser(ExpressionParser):
             return self._c_style_declaration()
         return None
 
-    def _c_style_declaration(self) -> tree.Stmt:
+    def _c_style_declaration(self) -> tree.SyntaxStmt:
         """`float x = 3;`, already reported: declares `x` all the same."""
         start = self.starts[self.i]
         self.i += 1
@@ -302,7 +302,7 @@ class StatementParser(ExpressionParser):
             value = tree.ErrorExpr(self.after_previous())
         return tree.VarStmt(self.span_from(start), name, None, value)
 
-    def _typed_declaration(self) -> tree.Stmt:
+    def _typed_declaration(self) -> tree.SyntaxStmt:
         """A statement that begins with a built-in type."""
         word = self.texts[self.i]
         message = f"expected a statement, found the keyword `{word}`"
@@ -312,10 +312,10 @@ class StatementParser(ExpressionParser):
             return self._c_style_declaration()
         raise self.failure("S011", message)
 
-    def _place(self) -> tree.Expr:
+    def _place(self) -> tree.SyntaxExpr:
         start = self.starts[self.i]
         name = self.name("the name of a variable")
-        place: tree.Expr = tree.NameExpr(name.span, name)
+        place: tree.SyntaxExpr = tree.NameExpr(name.span, name)
         while True:
             kind = self.kinds[self.i]
             if kind == ".":
@@ -327,7 +327,7 @@ class StatementParser(ExpressionParser):
             else:
                 return place
 
-    def _push(self) -> tree.Stmt:
+    def _push(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         self.i += 1
         place = self._place()
@@ -335,7 +335,7 @@ class StatementParser(ExpressionParser):
         value = self.value("the pushed value")
         return tree.PushStmt(self.span_from(start), place, value)
 
-    def _publish(self) -> tree.Stmt:
+    def _publish(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         self.i += 1
         topic = self.ref("the name of a topic after `publish`")
@@ -345,18 +345,18 @@ class StatementParser(ExpressionParser):
         except Panic:
             self.skip_expression(begin)
             self.accept(";")
-            value: tree.Expr = tree.ErrorExpr(self.after_previous())
+            value: tree.SyntaxExpr = tree.ErrorExpr(self.after_previous())
         else:
             value = self.value("the publish statement")
         return tree.PublishStmt(self.span_from(start), topic, value)
 
-    def _return(self) -> tree.Stmt:
+    def _return(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         self.i += 1
         value = self.value("the returned value")
         return tree.ReturnStmt(self.span_from(start), value)
 
-    def _assert(self) -> tree.Stmt:
+    def _assert(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         self.i += 1
         condition = self.expr("the condition")
@@ -370,7 +370,7 @@ class StatementParser(ExpressionParser):
         self.semicolon("the assertion")
         return tree.AssertStmt(self.span_from(start), condition, message)
 
-    def _if(self) -> tree.Stmt:
+    def _if(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         self.i += 1
         condition = self.head("the condition")
@@ -403,7 +403,7 @@ class StatementParser(ExpressionParser):
             return True
         return False
 
-    def _for(self) -> tree.Stmt:
+    def _for(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         name, low = self.loop_head()
         high = self.head("the end of the range") if self.accept("..") else None
@@ -412,7 +412,7 @@ class StatementParser(ExpressionParser):
             return tree.ForEachStmt(self.span_from(start), name, low, body)
         return tree.ForRangeStmt(self.span_from(start), name, low, high, body)
 
-    def loop_head(self) -> tuple[tree.Name, tree.Expr]:
+    def loop_head(self) -> tuple[tree.Name, tree.SyntaxExpr]:
         """`for name in low`, at `for`."""
         self.i += 1
         if self.kinds[self.i] == "(":
@@ -429,7 +429,7 @@ class StatementParser(ExpressionParser):
             self.expect_word("in", "after the loop variable")
         return name, self.head("the range")
 
-    def _while(self) -> tree.Stmt:
+    def _while(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         self.report(
             "S018",
@@ -443,7 +443,7 @@ class StatementParser(ExpressionParser):
         body = self.block("after the condition", single=True)
         return tree.IfStmt(self.span_from(start), ((condition, body),), None)
 
-    def _dangling_else(self) -> tree.Stmt:
+    def _dangling_else(self) -> tree.SyntaxStmt:
         word = self.texts[self.i]
         self.report("S011", f"`{word}` without an `if` before it")
         self.i += 1

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.syntax import tree
-from soter.syntax.parsing import arrays
+from soter.syntax.parsing import instance_arrays
 from soter.syntax.parsing.bodies import HOMES, LEADERLESS, OnceParts
 from soter.syntax.parsing.faults import FAULT_ITEMS, FaultParts
 from soter.syntax.tokens import EOF, NAME, visible
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 @dataclass(slots=True)
 class _SystemParts(OnceParts):
     instances: list[tree.Instance | tree.Repeated] = field(default_factory=list)
-    properties: list[tree.Property | tree.Repeated] = field(default_factory=list)
+    properties: list[tree.PropertyItem | tree.Repeated] = field(default_factory=list)
     forces: list[tree.Force | tree.Repeated] = field(default_factory=list)
     replaces: list[tree.Replace | tree.Repeated] = field(default_factory=list)
     sets: list[tree.SetParam | tree.Repeated] = field(default_factory=list)
     inputs: list[tree.DriveInput | tree.Repeated] = field(default_factory=list)
-    faults: list[tree.TimingFault | tree.Repeated] = field(default_factory=list)
+    faults: list[tree.TimingFaultItem | tree.Repeated] = field(default_factory=list)
     disturbed: list[tree.SystemFault] = field(default_factory=list)
-    measures: list[tree.Measure] = field(default_factory=list)
+    measures: list[tree.MeasureItem] = field(default_factory=list)
     inlines: list[tree.Inline | tree.Repeated] = field(default_factory=list)
     externals: list[tree.ExternalTopic] = field(default_factory=list)
     loops: int = 0  # around these items
@@ -70,14 +70,14 @@ def _instance(parser: BodyParser, parts: _SystemParts) -> bool:
     """`name: What;` if that stands here."""
     i = parser.i
     _no_leads_to(parser, i)
-    element = parser.kinds[i + 1] == "[" and arrays.at_instance(parser, i)
+    element = parser.kinds[i + 1] == "[" and instance_arrays.at_instance(parser, i)
     colon = parser.kinds[i + 1] == ":" or element
     if colon and not element and parser.texts[i] in _SYSTEM_ITEMS and parser.kinds[i + 2] != NAME:
         return False
     if not colon and not _instance_without_colon(parser, i):
         return False
     start = parser.starts[i]
-    name = arrays.element(parser, parser.name("the name of an instance"))
+    name = instance_arrays.element(parser, parser.name("the name of an instance"))
     if colon:
         parser.i += 1
     else:
@@ -128,22 +128,22 @@ def _use(parser: BodyParser, parts: _SystemParts) -> None:
 
 def _inside_of(
     parser: BodyParser, what: tree.Ref
-) -> tuple[tuple[tuple[tree.Ref, tree.Path], ...], tuple[tree.SetParam, ...]]:
+) -> tuple[tuple[tuple[tree.Ref, tree.DottedPath], ...], tuple[tree.SetParam, ...]]:
     """`{ topic = other, set K = 3 }` behind what an instance is made of: wires and settings."""
     if parser.kinds[parser.i] != "{":
         return (), ()
     opener = parser.i
     parser.i += 1
-    pairs: list[tuple[tree.Ref, tree.Path]] = []
+    pairs: list[tuple[tree.Ref, tree.DottedPath]] = []
     sets: list[tree.SetParam] = []
     while True:
         if parser.is_word("set") and parser.kinds[parser.i + 1] == NAME:
-            sets.append(arrays.setting(parser, inside=True))
+            sets.append(instance_arrays.setting(parser, inside=True))
             after = "the value of the parameter"
         else:
             inner = parser.ref(f"a topic of `{visible(what.text)}`")
             parser.assign("between the two names of a topic")
-            pairs.append((inner, arrays.path(parser, "the name of a topic")))
+            pairs.append((inner, instance_arrays.path(parser, "the name of a topic")))
             after = "the renamed topic"
         if not parser.comma("}", after, opener):
             return tuple(pairs), tuple(sets)
@@ -173,7 +173,7 @@ def _measure(parser: BodyParser, parts: _SystemParts) -> None:
     parser.expect_word("every", "after the bins")
     every = parser.time_value("`every`")
     span = parser.span_from(start)
-    parts.measures.append(tree.Measure(name, value, interval, bins, every, span))
+    parts.measures.append(tree.MeasureItem(name, value, interval, bins, every, span))
 
 
 def _until(parser: BodyParser, parts: _SystemParts) -> None:
@@ -188,13 +188,13 @@ def _always(parser: BodyParser, parts: _SystemParts) -> None:
     parser.i += 1
     condition = parser.value("the property")
     span = parser.span_from(start)
-    parts.properties.append(tree.Property(kind, None, condition, None, span))
+    parts.properties.append(tree.PropertyItem(kind, None, condition, None, span))
 
 
 def _force(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     parser.i += 1
-    module = arrays.path(parser, "the name of a module after `force`")
+    module = instance_arrays.path(parser, "the name of a module after `force`")
     to = parser.texts[parser.i]
     if to not in ("ac", "sc"):
         raise parser.failure(
@@ -209,7 +209,7 @@ def _inline(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     parser.i += 1
     while True:
-        what = arrays.path(parser, "the name of a node after `inline`")
+        what = instance_arrays.path(parser, "the name of a node after `inline`")
         parts.inlines.append(tree.Inline(what, parser.span_from(start)))
         if not parser.accept(","):
             break
@@ -219,7 +219,7 @@ def _inline(parser: BodyParser, parts: _SystemParts) -> None:
 def _replace(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     parser.i += 1
-    what = arrays.path(parser, "the name of what is replaced")
+    what = instance_arrays.path(parser, "the name of what is replaced")
     parser.expect_word("by", "after what is replaced")
     by = parser.ref("the name of the replacement")
     parser.semicolon("the replacement")
@@ -227,13 +227,13 @@ def _replace(parser: BodyParser, parts: _SystemParts) -> None:
 
 
 def _set(parser: BodyParser, parts: _SystemParts) -> None:
-    parts.sets.append(arrays.setting(parser))
+    parts.sets.append(instance_arrays.setting(parser))
 
 
 def _input(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     parser.i += 1
-    topic = arrays.path(parser, "the name of an input topic")
+    topic = instance_arrays.path(parser, "the name of an input topic")
     values = tuple(_values(parser)) if parser.accept("in") else None
     parser.expect_word("every", "after the input")
     every = parser.time_value("`every`")
@@ -249,7 +249,7 @@ def _external(parser: BodyParser, parts: _SystemParts) -> None:
     topic = parser.path("the name of a topic")
     every = parser.time("`every`") if parser.accept_word("every") else None
     delayed = parser.time("`delayed`") if parser.accept_word("delayed") else None
-    measured: list[tuple[tree.Path, tree.Expr]] = []
+    measured: list[tuple[tree.DottedPath, tree.SyntaxExpr]] = []
     if parser.accept_word("measured"):
         while True:
             path = parser.path("the topic or one of its fields")
@@ -262,7 +262,7 @@ def _external(parser: BodyParser, parts: _SystemParts) -> None:
     parts.externals.append(tree.ExternalTopic(topic, every, delayed, tuple(measured), span))
 
 
-def _values(parser: BodyParser) -> list[tree.Expr]:
+def _values(parser: BodyParser) -> list[tree.SyntaxExpr]:
     """`{ a, b }`: the values of an input."""
     parser.expect("{", "before the values of the input")
     if parser.accept("}"):
@@ -334,10 +334,10 @@ def _late(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     kind = "overrun" if parser.texts[parser.i] == "overrun" else "late"
     parser.i += 1
-    component = arrays.path(parser, f"the name of a node after `{kind}`")
+    component = instance_arrays.path(parser, f"the name of a node after `{kind}`")
     parser.expect_word("by", "and a time after the node")
     by = parser.time_value("`by`")
-    fault = tree.TimingFault(kind, component, by, None, parser.span_from(start))
+    fault = tree.TimingFaultItem(kind, component, by, None, parser.span_from(start))
     parts.faults.append(fault)
 
 
@@ -345,14 +345,14 @@ def _skip(parser: BodyParser, parts: _SystemParts) -> None:
     """`skip N [at most k];`."""
     start = parser.starts[parser.i]
     parser.i += 1
-    component = arrays.path(parser, "the name of a node after `skip`")
-    at_most: tree.Expr | None = None
+    component = instance_arrays.path(parser, "the name of a node after `skip`")
+    at_most: tree.SyntaxExpr | None = None
     if parser.accept_word("at"):
         parser.expect_word("most", "after `at`")
         at_most = parser.value("`at most`")
     else:
         parser.semicolon("the node that may skip a step")
-    fault = tree.TimingFault("skip", component, None, at_most, parser.span_from(start))
+    fault = tree.TimingFaultItem("skip", component, None, at_most, parser.span_from(start))
     parts.faults.append(fault)
 
 
@@ -362,7 +362,7 @@ def _eventually(parser: BodyParser, parts: _SystemParts) -> None:
     condition = parser.expr("the property")
     within = _within(parser)
     span = parser.span_from(start)
-    parts.properties.append(tree.Property("eventually", None, condition, within, span))
+    parts.properties.append(tree.PropertyItem("eventually", None, condition, within, span))
 
 
 def _leads_to(parser: BodyParser, parts: _SystemParts) -> bool:
@@ -382,11 +382,11 @@ def _leads_to(parser: BodyParser, parts: _SystemParts) -> bool:
     condition = parser.expr("the property")
     within = _within(parser)
     span = parser.span_from(start)
-    parts.properties.append(tree.Property("leadsto", premise, condition, within, span))
+    parts.properties.append(tree.PropertyItem("leadsto", premise, condition, within, span))
     return True
 
 
-def _within(parser: BodyParser) -> tree.Expr:
+def _within(parser: BodyParser) -> tree.SyntaxExpr:
     if parser.accept_word("within"):
         return parser.time_value("`within`")
     message = f"expected `within` and a time after the property, found {parser.found()}"
@@ -429,11 +429,11 @@ _TEST_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
     "set": _set,
 }
 _IN_LOOPS = dict(_SYSTEM_ITEMS)
-_IN_LOOPS["for"] = _SYSTEM_ITEMS["for"] = arrays.loop(_IN_LOOPS, _instance)
+_IN_LOOPS["for"] = _SYSTEM_ITEMS["for"] = instance_arrays.loop(_IN_LOOPS, _instance)
 _SYSTEM_ITEMS["faults"] = _faults
 _SYSTEM_ITEMS["measure"] = _measure
 _SYSTEM_ITEMS["external"] = _external
-_TEST_ITEMS["for"] = arrays.loop(_TEST_ITEMS, _leads_to)
+_TEST_ITEMS["for"] = instance_arrays.loop(_TEST_ITEMS, _leads_to)
 LEADERLESS["test"] = ("`p leadsto q`",)
 LEADERLESS["system"] = ("`name: What`",)
 HOMES["a system"] = frozenset(_SYSTEM_ITEMS) - {"for"}

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.syntax import tree
-from soter.syntax.parsing.cursor import Panic
 from soter.syntax.parsing.nesting import LEVELS_MAX, too_deep
 from soter.syntax.parsing.operators import ANY
+from soter.syntax.parsing.token_cursor import Panic
 from soter.syntax.tokens import EOF, NAME, STRING, string_value, visible
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ def _record_type(parser: ExpressionParser) -> tree.TypeExpr:
     return tree.RecordTypeExpr(parser.span_from(parser.starts[opener]), tuple(entries))
 
 
-def value_set(parser: ExpressionParser) -> tree.Interval | tree.RecordSet:
+def value_set(parser: ExpressionParser) -> tree.IntervalExpr | tree.RecordSet:
     """An interval, or one set per field of a record; Panic where neither can be read."""
     opener = parser.i
     if parser.kinds[opener] != "{":
@@ -145,7 +145,7 @@ def value_set(parser: ExpressionParser) -> tree.Interval | tree.RecordSet:
     if parser.depth > LEVELS_MAX:
         too_deep(parser, "set")
     parser.i += 1
-    entries: list[tuple[tree.Name, tree.Interval | tree.RecordSet]] = []
+    entries: list[tuple[tree.Name, tree.IntervalExpr | tree.RecordSet]] = []
     while True:
         field = parser.name("the name of a field")
         if parser.kinds[parser.i] == ":":

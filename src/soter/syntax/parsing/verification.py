@@ -1,7 +1,7 @@
 """The `verify` block of a module.
 
 Purpose: grids, polytopes, abstractions, commands, times: what `soter verify` needs to know.
-Non-goals: what the names mean (`program/check/parts/verify.py`).
+Non-goals: what the names mean (`program/check/parts/verify_block.py`).
 """
 
 # ruff: noqa: SLF001 - the table at the end names the methods of the class before it
@@ -29,8 +29,8 @@ class _ViewParts(OnceParts):
 class _VerifyParts(_ViewParts):
     commands: list[tree.CommandSet] = field(default_factory=list)
     views: list[tree.View] = field(default_factory=list)
-    lemmas: list[tree.Expr] = field(default_factory=list)
-    progress: list[tree.Expr] = field(default_factory=list)
+    lemmas: list[tree.SyntaxExpr] = field(default_factory=list)
+    progress: list[tree.SyntaxExpr] = field(default_factory=list)
 
 
 class VerifyParser(BodyParser):
@@ -167,23 +167,23 @@ class VerifyParser(BodyParser):
         at = self.i
         word = "response" if self.texts[at] == "response" else "late"
         self.i += 1
-        found: dict[str, tree.Expr] = {}
-        nodes: list[tuple[tree.Path, tree.Expr]] = []
+        time_by_role: dict[str, tree.SyntaxExpr] = {}
+        nodes: list[tuple[tree.DottedPath, tree.SyntaxExpr]] = []
         while True:
             role = self.texts[self.i]
-            if not (role[:1].isalpha() or role[:1] == "_") or role in found:
+            if not (role[:1].isalpha() or role[:1] == "_") or role in time_by_role:
                 message = f"expected `dm`, `sc` or a node and a time, found {self.found()}"
                 raise self.failure("S005", message, helps=(f"write `{word} dm 1ms, sc 1ms;`",))
             if role in ("dm", "sc"):
                 self.i += 1
-                found[role] = self.time(f"`{role}`")
+                time_by_role[role] = self.time(f"`{role}`")
             else:
                 path = self.path("a node between plant and module")
                 nodes.append((path, self.time(f"`{path.text}`")))
             if not self.accept(","):
                 break
         self.semicolon(f"the times of `{word}`")
-        delays = tree.Delays(found.get("dm"), found.get("sc"), tuple(nodes))
+        delays = tree.Delays(time_by_role.get("dm"), time_by_role.get("sc"), tuple(nodes))
         self.keep_once(parts, word, delays, at)
 
     def _dropout(self, parts: _VerifyParts) -> None:

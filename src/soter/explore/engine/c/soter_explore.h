@@ -181,7 +181,7 @@ typedef struct {
 } soter_field;
 
 /* Equal instances: what stands in one block may change places with what stands in any other one,
- * field by field, and nothing else is different then (explore/model/instances.py). */
+ * field by field, and nothing else is different then (explore/model/symmetric_blocks.py). */
 typedef struct {
   uint32_t blocks, fields;
   const soter_field* field; /* [blocks * fields], block by block */

@@ -1,7 +1,8 @@
 """Check calls: declared functions, built-in operations, `mode(M)`, `age(t)`.
 
 Purpose: what may be called with what, and what it gives.
-Non-goals: the operations themselves (`arith.py`), bodies of functions (`program/check/decl.py`).
+Non-goals: the operations themselves (`arithmetic.py`), bodies of functions
+(`program/check/declarations.py`).
 """
 
 from __future__ import annotations
@@ -9,8 +10,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
-from soter.program.check import meant
-from soter.program.check.base import a_type, error_expr, float_literal, is_error, unify_literals
+from soter.program.check import foreign_names
+from soter.program.check.expression_base import (
+    a_type,
+    error_expr,
+    float_literal,
+    is_error,
+    unify_literals,
+)
 from soter.program.check.expressions.field import FieldChecker, find_instance, flat_names
 from soter.program.check.scope import BUILTIN_FUNCTIONS
 from soter.program.model import typed
@@ -30,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.fix import Help
-    from soter.program.check.context import Context
+    from soter.program.check.expression_context import Context
     from soter.program.model.types import Type
 
 TAKES = {
@@ -52,7 +59,7 @@ ARITY = {"min": 2, "max": 2, "dot": 2, "saturate": 2}
 class CallChecker(FieldChecker):
     """The part of the expression checker that knows calls."""
 
-    def call(self, expr: tree.CallExpr, context: Context, expected: Type | None) -> typed.Expr:
+    def call(self, expr: tree.CallExpr, context: Context, expected: Type | None) -> typed.TypedExpr:
         """`callee(arguments)`."""
         callee = expr.callee
         if isinstance(callee, tree.NameExpr):
@@ -88,7 +95,7 @@ class CallChecker(FieldChecker):
             return self._failed(expr, context)
         return self._call_fun(fun, expr, context)
 
-    def _failed(self, expr: tree.CallExpr, context: Context) -> typed.Expr:
+    def _failed(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
         """An error that was reported; the arguments may have errors of their own."""
         for argument in expr.arguments:
             self.check(argument, context)
@@ -96,7 +103,7 @@ class CallChecker(FieldChecker):
 
     def _no_function(
         self, what: str, name: str, expr: tree.CallExpr, context: Context
-    ) -> typed.Expr:
+    ) -> typed.TypedExpr:
         helps: tuple[Help, ...] = ()
         last = name.rpartition(".")[2]
         if isinstance(expr.callee, tree.FieldExpr) and last in ("size", "length", "len", "count"):
@@ -106,7 +113,9 @@ class CallChecker(FieldChecker):
         self.diagnostics.error("T004", message, expr.callee.span, helps=helps)
         return self._failed(expr, context)
 
-    def _call_fun(self, fun: typed.FunSymbol, expr: tree.CallExpr, context: Context) -> typed.Expr:
+    def _call_fun(
+        self, fun: typed.FunSymbol, expr: tree.CallExpr, context: Context
+    ) -> typed.TypedExpr:
         self.shared.calls.call(fun, expr.span)
         if len(expr.arguments) != len(fun.parameters) and fun in self.shared.damaged:
             self.names.losses += 1
@@ -130,19 +139,19 @@ class CallChecker(FieldChecker):
             return error_expr(expr.span)
         if is_error(*arguments):
             return error_expr(expr.span)
-        return typed.Call(fun.result, expr.span, fun, tuple(arguments))
+        return typed.TypedCall(fun.result, expr.span, fun, tuple(arguments))
 
     # ------------------------------------------------------------ built in
 
     def _builtin(
         self, name: str, expr: tree.CallExpr, context: Context, expected: Type | None
-    ) -> typed.Expr:
+    ) -> typed.TypedExpr:
         span = expr.span
         if name in {"mode", "margin", "age"}:
             return self._mode_or_age(name, expr, context)
         if name not in TAKES:
             assert isinstance(expr.callee, tree.NameExpr)
-            helps = meant.a_function(expr, name, expr.callee.span)
+            helps = foreign_names.a_function(expr, name, expr.callee.span)
             self.unknown(expr.callee.name, context, BUILTIN_FUNCTIONS, helps=helps)
             return self._failed(expr, context)
         arity = ARITY.get(name, 1)
@@ -183,7 +192,9 @@ class CallChecker(FieldChecker):
         )
         return False
 
-    def _wrong_arguments(self, name: str, expr: tree.CallExpr, arguments: list[typed.Expr]) -> None:
+    def _wrong_arguments(
+        self, name: str, expr: tree.CallExpr, arguments: list[typed.TypedExpr]
+    ) -> None:
         shown = " and ".join(f"`{a.type}`" for a in arguments)
         kinds = {type(a.type) for a in arguments}
         helps: tuple[str, ...] = ()
@@ -204,7 +215,7 @@ class CallChecker(FieldChecker):
 
     # ------------------------------------------------------------ modes and ages
 
-    def _mode_or_age(self, name: str, expr: tree.CallExpr, context: Context) -> typed.Expr:
+    def _mode_or_age(self, name: str, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
         span = expr.span
         if not self._counted(name, expr, 1):
             return error_expr(span)
@@ -239,7 +250,7 @@ class CallChecker(FieldChecker):
         return typed.ModeRead(MODE, span, module)
 
     def _module(
-        self, argument: tree.Expr, context: Context, asked: str
+        self, argument: tree.SyntaxExpr, context: Context, asked: str
     ) -> typed.ModuleSymbol | str | None:
         names = flat_names(argument)
         what = "an expression"
@@ -252,8 +263,8 @@ class CallChecker(FieldChecker):
         if names is not None and context.find_local(names[0].text) is not None:
             what = "a variable"
         elif names is not None:
-            found, depth = find_instance(context.instances or {}, names)
-            if isinstance(found, typed.ModuleSymbol) and _is_below(found, names[depth:]):
+            target, depth = find_instance(context.instances or {}, names)
+            if isinstance(target, typed.ModuleSymbol) and _is_below(target, names[depth:]):
                 return ".".join(n.text for n in names)
             if depth:
                 what = "an instance of something else"
@@ -274,13 +285,13 @@ class CallChecker(FieldChecker):
         return None
 
 
-def _count(name: str, wanted: int, found: int) -> str:
+def _count(name: str, wanted: int, count: int) -> str:
     s = "" if wanted == 1 else "s"
-    none = "none are" if found == 0 else f"{found} {'is' if found == 1 else 'are'}"
+    none = "none are" if count == 0 else f"{count} {'is' if count == 1 else 'are'}"
     return f"`{name}` takes {wanted or 'no'} argument{s}, but {none} given"
 
 
-def _result(name: str, arguments: list[typed.Expr]) -> Type | None:
+def _result(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
     """Result type of a builtin, None when it does not apply; may convert literals in place."""
     first = arguments[0].type
     if name in {"sqrt", "floor"}:

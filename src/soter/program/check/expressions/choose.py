@@ -1,16 +1,16 @@
 """Check choices: `choose` where a step may leave something open, from finitely many values.
 
 Purpose: `choose` expressions -> `typed.Choose`, with the hidden local of a fair one.
-Non-goals: which alternative is taken (`fairness.py` and who runs the step).
+Non-goals: which alternative is taken (`fair_choice.py` and who runs the step).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.check.base import ExprBase, a_type, error_expr, is_error, plain
-from soter.program.check.context import Context
-from soter.program.meaning.fairness import MAX_FAIR
+from soter.program.check.expression_base import ExprBase, a_type, error_expr, is_error, plain
+from soter.program.check.expression_context import Context
+from soter.program.evaluate.fair_choice import MAX_FAIR
 from soter.program.model import typed
 from soter.program.model.types import (
     FLOAT,
@@ -37,29 +37,31 @@ AGE = IntType(0, 255)
 class ChooseChecker(ExprBase):
     """The part of the expression checker that knows `choose`."""
 
-    def choose(self, expr: tree.ChooseExpr, context: Context, expected: Type | None) -> typed.Expr:
+    def choose(
+        self, expr: tree.ChooseExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
         """The typed choice; checked for what it chooses from also where it cannot stand."""
         if context.choices is None:
             self._misplaced(expr.span, context)
         if expr.interval is not None:
-            found = self._between(expr, expr.interval, context)
+            choice = self._between(expr, expr.interval, context)
         elif expr.type is not None:
-            found = self._of_type(expr, expr.type, context)
+            choice = self._of_type(expr, expr.type, context)
         else:
-            found = self._among(expr, context, expected)
-        if not isinstance(found, typed.Choose) or context.choices is None:
+            choice = self._among(expr, context, expected)
+        if not isinstance(choice, typed.TypedChoose) or context.choices is None:
             return error_expr(expr.span)
-        if not self._countable(expr, found.count):
+        if not self._countable(expr, choice.count):
             return error_expr(expr.span)
         if expr.fair and isinstance(context.owner, typed.PlantSymbol):
             self._fair_in_a_plant(expr.span, context)
             return error_expr(expr.span)
         if expr.fair:
             name = f"fair {len(context.choices) + 1}"
-            ages = ArrayType(AGE, found.count)
-            found.ages = typed.Variable(name, ages, "local", expr.span, used=True)
-            context.choices.append(found.ages)
-        return found
+            ages = ArrayType(AGE, choice.count)
+            choice.ages = typed.Variable(name, ages, "local", expr.span, used=True)
+            context.choices.append(choice.ages)
+        return choice
 
     def _misplaced(self, span: Span, context: Context) -> None:
         note = "what is left open is decided anew in each step of a node or a plant, and only there"
@@ -85,8 +87,8 @@ class ChooseChecker(ExprBase):
     # ------------------------------------------------------------ the three kinds
 
     def _between(
-        self, expr: tree.ChooseExpr, interval: tree.Interval, context: Context
-    ) -> typed.Expr:
+        self, expr: tree.ChooseExpr, interval: tree.IntervalExpr, context: Context
+    ) -> typed.TypedExpr:
         """`choose [low, high]` with constant ints."""
         what = "the bound of a choice"
         constant = Context(context.scope, what, constant="T008", hidden=context)
@@ -103,9 +105,11 @@ class ChooseChecker(ExprBase):
         if low > high:
             self._empty(f"[{low}, {high}] is empty", interval.span, (f"write `[{high}, {low}]`",))
             return error_expr(expr.span)
-        return typed.Choose(IntType(low, high), expr.span, high - low + 1, low, (), None)
+        return typed.TypedChoose(IntType(low, high), expr.span, high - low + 1, low, (), None)
 
-    def _of_type(self, expr: tree.ChooseExpr, type_: tree.TypeExpr, context: Context) -> typed.Expr:
+    def _of_type(
+        self, expr: tree.ChooseExpr, type_: tree.TypeExpr, context: Context
+    ) -> typed.TypedExpr:
         """`choose bool`, `choose Enum`, and a named `int in [a, b]`."""
         t = self.shared.resolve_type(type_, context.scope)
         count, low = 0, 0
@@ -119,9 +123,11 @@ class ChooseChecker(ExprBase):
             self._infinite(f"the values of `{t}`", type_.span)
         if not count:
             return error_expr(expr.span)
-        return typed.Choose(t, expr.span, count, low, (), None)
+        return typed.TypedChoose(t, expr.span, count, low, (), None)
 
-    def _among(self, expr: tree.ChooseExpr, context: Context, expected: Type | None) -> typed.Expr:
+    def _among(
+        self, expr: tree.ChooseExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
         """`choose { e1, e2 }`: values of one type."""
         if not expr.options:
             self._empty("there is nothing to choose from", expr.span, ())
@@ -138,7 +144,7 @@ class ChooseChecker(ExprBase):
             items = [self.convert(i, t, None if i is items[0] else because) for i in items]
         if is_error(*items):
             return error_expr(expr.span)
-        return typed.Choose(t, expr.span, len(items), 0, tuple(items), None)
+        return typed.TypedChoose(t, expr.span, len(items), 0, tuple(items), None)
 
     # ------------------------------------------------------------ what cannot be chosen
 

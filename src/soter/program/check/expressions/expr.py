@@ -10,21 +10,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.program.check import meant
-from soter.program.check.base import (
+from soter.program.check import foreign_names
+from soter.program.check.expression_base import (
     error_expr,
     float_literal,
     is_error,
     plain,
 )
-from soter.program.check.context import SPECIALS
+from soter.program.check.expression_context import SPECIALS
 from soter.program.check.expressions.call import CallChecker
 from soter.program.check.expressions.choose import ChooseChecker
 from soter.program.check.expressions.field import listed
 from soter.program.check.expressions.operator import OperatorChecker
 from soter.program.check.scope import BUILTIN_FUNCTIONS
 from soter.program.model import typed
-from soter.program.model.table import VALUE_MAX, Table
+from soter.program.model.data_table import VALUE_MAX, Table
 from soter.program.model.types import (
     BOOL,
     DURATION,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
-    from soter.program.check.context import Context
+    from soter.program.check.expression_context import Context
     from soter.program.check.scope import Entry
 
 __all__ = ["ExprChecker", "error_expr", "float_literal", "is_error", "plain"]
@@ -54,26 +54,30 @@ __all__ = ["ExprChecker", "error_expr", "float_literal", "is_error", "plain"]
 class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     """Checks expressions of one program."""
 
-    def dispatch(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:
+    def dispatch(
+        self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
         """The typed expression, not yet converted; `expected` is a hint for literals."""
-        found = self._any(expr, context, expected)
-        if not isinstance(found, typed.Literal) or not isinstance(found.value, Table):
-            return found
+        typed_expr = self._any(expr, context, expected)
+        if not isinstance(typed_expr, typed.Literal) or not isinstance(typed_expr.value, Table):
+            return typed_expr
         self.diagnostics.error(
             "T021",
-            f"the table `{found.name}` is too large to be a value",
+            f"the table `{typed_expr.name}` is too large to be a value",
             expr.span,
-            f"{leaf_count(found.type)} numbers",
+            f"{leaf_count(typed_expr.type)} numbers",
             notes=(f"what is passed on is copied, and has at most {VALUE_MAX} numbers",),
             helps=("read elements of it: `TABLE[i]`, `TABLE.len`, `for x in TABLE { ... }`",),
         )
         return error_expr(expr.span)
 
-    def container(self, expr: tree.Expr, context: Context) -> typed.Expr:
+    def container(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
         """The typed expression of which a part is read in place: it may be a table."""
         return self._any(expr, context, None)
 
-    def _any(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:
+    def _any(
+        self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
         method = self._METHODS.get(type(expr))
         if method is None:  # what could not be parsed
             self.names.losses += 1
@@ -82,7 +86,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
     # ------------------------------------------------------------ literals
 
-    def _int(self, expr: tree.IntLit, _: Context, expected: Type | None) -> typed.Expr:
+    def _int(self, expr: tree.IntLit, _: Context, expected: Type | None) -> typed.TypedExpr:
         if isinstance(expected, FloatType):
             return typed.Literal(FLOAT, expr.span, float(expr.value))
         # -2^63 is written as a negated 2^63, which does not fit itself: see `unary`
@@ -97,13 +101,13 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return error_expr(expr.span)
         return typed.Literal(INT, expr.span, expr.value)
 
-    def _float(self, expr: tree.FloatLit, _: Context, __: Type | None) -> typed.Expr:
+    def _float(self, expr: tree.FloatLit, _: Context, __: Type | None) -> typed.TypedExpr:
         return typed.Literal(FLOAT, expr.span, expr.value)
 
-    def _bool(self, expr: tree.BoolLit, _: Context, __: Type | None) -> typed.Expr:
+    def _bool(self, expr: tree.BoolLit, _: Context, __: Type | None) -> typed.TypedExpr:
         return typed.Literal(BOOL, expr.span, expr.value)
 
-    def _duration(self, expr: tree.DurationLit, _: Context, __: Type | None) -> typed.Expr:
+    def _duration(self, expr: tree.DurationLit, _: Context, __: Type | None) -> typed.TypedExpr:
         if expr.value_ns is None or expr.value_ns > INT_MAX:
             self.diagnostics.error(
                 "C005",
@@ -116,7 +120,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
     # ------------------------------------------------------------ names
 
-    def _name(self, expr: tree.NameExpr, context: Context, _: Type | None) -> typed.Expr:
+    def _name(self, expr: tree.NameExpr, context: Context, _: Type | None) -> typed.TypedExpr:
         name, span = expr.name.text, expr.span
         local = context.find_local(name)
         if local is not None:
@@ -154,7 +158,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             self.unknown(expr.name, context, SPECIALS)
         return error_expr(span)
 
-    def _special(self, name: str, span: Span, context: Context) -> typed.Expr:
+    def _special(self, name: str, span: Span, context: Context) -> typed.TypedExpr:
         if context.constant:
             self._not_constant(f"`{name}`", span, None, context)
         elif name == "in_control" and context.node is not None:
@@ -204,7 +208,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             else (),
         )
 
-    def entry(self, entry: Entry, span: Span, context: Context) -> typed.Expr:
+    def entry(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
         """A declaration used as a value."""
         symbol = self.shared.resolve(entry, span)
         if symbol is None:
@@ -239,7 +243,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         )
         return error_expr(span)
 
-    def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.Expr:
+    def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
         """A read of a topic, if this place may read it."""
         if context.constant:
             self._not_constant(f"topic `{topic.name}`", span, topic.span, context)
@@ -276,15 +280,17 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             message = f"{context.where} does not {verb} `{topic.name}`"
             helps = (f"add `{topic.name}` to `{context.inputs}`",)
             if isinstance(context.owner, (typed.NodeSymbol, typed.PlantSymbol)):
-                helps = (meant.listed_too(context.inputs, span.text, context.owner.span),)
+                helps = (foreign_names.listed_too(context.inputs, span.text, context.owner.span),)
         self.diagnostics.error("M010", message, span, helps=helps)
 
     # ------------------------------------------------------------ records and lists
 
-    def _record(self, expr: tree.RecordExpr, context: Context, expected: Type | None) -> typed.Expr:
+    def _record(
+        self, expr: tree.RecordExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
         target = expected if isinstance(expected, RecordType) else None
         wanted = dict(target.fields) if target else {}
-        values: dict[str, typed.Expr] = {}
+        values: dict[str, typed.TypedExpr] = {}
         first: dict[str, Span] = {}
         failed = False
         for name, value in expr.fields:
@@ -324,7 +330,9 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return error_expr(expr.span)
         return _aggregate(expr, values, target)
 
-    def _list(self, expr: tree.ListExpr, context: Context, expected: Type | None) -> typed.Expr:
+    def _list(
+        self, expr: tree.ListExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
         element = expected.element if isinstance(expected, (ArrayType, ListType)) else None
         items = [self.check(e, context, element) for e in expr.elements]
         count = len(items)
@@ -366,7 +374,9 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def _too_many(self, message: str, span: Span, label: str) -> None:
         self.diagnostics.error("T019", message, span, label)
 
-    _METHODS: ClassVar[dict[type[tree.Expr], Callable[[Any, Any, Context, Any], typed.Expr]]] = {
+    _METHODS: ClassVar[
+        dict[type[tree.SyntaxExpr], Callable[[Any, Any, Context, Any], typed.TypedExpr]]
+    ] = {
         tree.NameExpr: _name,
         tree.IntLit: _int,
         tree.FloatLit: _float,
@@ -385,8 +395,8 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
 
 def _aggregate(
-    expr: tree.RecordExpr, values: dict[str, typed.Expr], target: RecordType | None
-) -> typed.Expr:
+    expr: tree.RecordExpr, values: dict[str, typed.TypedExpr], target: RecordType | None
+) -> typed.TypedExpr:
     """The record, and in which order its fields were written."""
     if target is None:
         target = RecordType(tuple((n, plain(v.type)) for n, v in values.items()))

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import insert, replace
-from soter.program.check import meant
-from soter.program.check.base import ExprBase, error_expr, is_error
-from soter.program.check.context import SPECIALS
+from soter.program.check import foreign_names
+from soter.program.check.expression_base import ExprBase, error_expr, is_error
+from soter.program.check.expression_context import SPECIALS
 from soter.program.check.scope import BUILTIN_FUNCTIONS
 from soter.program.model import typed
 from soter.program.model.types import (
@@ -29,14 +29,14 @@ from soter.syntax import tree
 if TYPE_CHECKING:
     from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
-    from soter.program.check.context import Context
+    from soter.program.check.expression_context import Context
     from soter.program.check.scope import Entry
     from soter.program.model.types import Type
 
 NAMES_SHOWN = 12
 
 
-def flat_names(expr: tree.Expr) -> list[tree.Name] | None:
+def flat_names(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
     """The names of a dotted chain `a.b.c`, or None when it is something else."""
     names: list[tree.Name] = []
     while isinstance(expr, tree.FieldExpr):
@@ -58,17 +58,17 @@ def listed(names: list[str] | tuple[str, ...]) -> str:
 class FieldChecker(ExprBase):
     """The part of the expression checker that knows dots and brackets."""
 
-    def entry(self, entry: Entry, span: Span, context: Context) -> typed.Expr:
+    def entry(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
         """A declaration used as a value."""
         raise NotImplementedError
 
-    def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.Expr:
+    def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
         """A read of a topic, if this place may read it."""
         raise NotImplementedError
 
     # ------------------------------------------------------------ dots
 
-    def field(self, expr: tree.FieldExpr, context: Context, _: Type | None) -> typed.Expr:
+    def field(self, expr: tree.FieldExpr, context: Context, _: Type | None) -> typed.TypedExpr:
         """`target.field` in all its meanings."""
         names = flat_names(expr)
         if names is not None and names[0].text in context.lost:
@@ -78,13 +78,13 @@ class FieldChecker(ExprBase):
             if context.instances is not None and names[0].text in context.instances:
                 return self._below_instance(expr.span, names, context)
             if self._is_unknown(names[0].text, context):
-                helps = meant.without_object(names[0], names[1])
+                helps = foreign_names.without_object(names[0], names[1])
                 self.unknown(names[0], context, dotted=not helps, helps=helps)
                 return error_expr(expr.span)
-            found = self._constant_length(expr, names, context)
-            found = found or self._below_name(expr, names, context)
-            if found is not None:
-                return found
+            typed_expr = self._constant_length(expr, names, context)
+            typed_expr = typed_expr or self._below_name(expr, names, context)
+            if typed_expr is not None:
+                return typed_expr
         target = self.container(expr.target, context)
         if is_error(target):
             return error_expr(expr.span)
@@ -104,7 +104,7 @@ class FieldChecker(ExprBase):
 
     def _constant_length(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
-    ) -> typed.Expr | None:
+    ) -> typed.TypedExpr | None:
         """`xs.len` of an array, where only constants may stand: its type says it."""
         if context.hidden is None or expr.field.text != "len":
             return None
@@ -119,7 +119,7 @@ class FieldChecker(ExprBase):
 
     def _below_name(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
-    ) -> typed.Expr | None:
+    ) -> typed.TypedExpr | None:
         """`Enum.member`, `file.name`, `file.Enum.member`; None for a field of a value."""
         scope, first = context.scope, names[0].text
         if first in scope.imports and first not in scope.entries:
@@ -145,7 +145,7 @@ class FieldChecker(ExprBase):
             self._member(MODE, names[1], expr.span) if entry is None and first == "Mode" else None
         )
 
-    def _select(self, target: typed.Expr, name: tree.Name, span: Span) -> typed.Expr:
+    def _select(self, target: typed.TypedExpr, name: tree.Name, span: Span) -> typed.TypedExpr:
         """A field of a value, or the length of a list."""
         t = target.type
         helps: tuple[Help, ...] = ()
@@ -153,7 +153,7 @@ class FieldChecker(ExprBase):
         if isinstance(t, RecordType):
             index = t.index(name.text)
             if index is not None:
-                return typed.Field(t.fields[index][1], span, target, index)
+                return typed.TypedField(t.fields[index][1], span, target, index)
             fields = [n for n, _ in t.fields]
             notes = (f"its fields are {listed(fields)}",)
             helps = self.diagnostics.did_you_mean(name.text, fields, name.span)
@@ -161,7 +161,7 @@ class FieldChecker(ExprBase):
             if name.text == "len":
                 if isinstance(t, ArrayType):
                     return typed.Literal(INT, span, t.size)
-                return typed.Length(INT, span, target)
+                return typed.TypedLength(INT, span, target)
             if name.text in {"length", "size", "count"}:
                 helps = (replace(name.span, "len", "its length is `.len`"),)
         self.diagnostics.error(
@@ -171,7 +171,7 @@ class FieldChecker(ExprBase):
 
     def _member(
         self, t: object, name: tree.Name, span: Span, helps: tuple[Help, ...] = ()
-    ) -> typed.Expr:
+    ) -> typed.TypedExpr:
         if t is None or isinstance(t, ErrorType):
             return error_expr(span)
         if not isinstance(t, EnumType):
@@ -196,7 +196,9 @@ class FieldChecker(ExprBase):
 
     # ------------------------------------------------------------ below an instance of a system
 
-    def _below_instance(self, span: Span, names: list[tree.Name], context: Context) -> typed.Expr:
+    def _below_instance(
+        self, span: Span, names: list[tree.Name], context: Context
+    ) -> typed.TypedExpr:
         """`plant.truth...`, `sub.topic...`, `sub.plant.truth...` inside a system."""
         assert context.instances is not None
         what, depth = find_instance(context.instances, names)
@@ -208,7 +210,7 @@ class FieldChecker(ExprBase):
             if what in self.shared.damaged and what.truth.index(rest[-1].text) is None:
                 self.names.losses += 1
                 return error_expr(span)
-            value: typed.Expr = typed.TruthRead(what.truth, span, path)
+            value: typed.TypedExpr = typed.TruthRead(what.truth, span, path)
             return self._select_all(value, rest[1:], span)
         if isinstance(what, typed.SystemSymbol):
             topic = self._topic_of(what, [n.text for n in prefix], rest[0])
@@ -221,7 +223,7 @@ class FieldChecker(ExprBase):
         self._not_below(what, path, rest[0])
         return error_expr(span)
 
-    def no_value(self, what: object, path: str, span: Span) -> typed.Expr:
+    def no_value(self, what: object, path: str, span: Span) -> typed.TypedExpr:
         """N003 for an instance that stands where a value is needed."""
         helps: tuple[str, ...] = ()
         if isinstance(what, typed.PlantSymbol):
@@ -262,7 +264,9 @@ class FieldChecker(ExprBase):
                 return self.shared.stand_in(system, prefix, topic, name.span)
         return None
 
-    def _select_all(self, value: typed.Expr, names: list[tree.Name], span: Span) -> typed.Expr:
+    def _select_all(
+        self, value: typed.TypedExpr, names: list[tree.Name], span: Span
+    ) -> typed.TypedExpr:
         for name in names:
             if is_error(value):
                 return value
@@ -271,7 +275,7 @@ class FieldChecker(ExprBase):
 
     # ------------------------------------------------------------ brackets
 
-    def index(self, expr: tree.IndexExpr, context: Context, _: Type | None) -> typed.Expr:
+    def index(self, expr: tree.IndexExpr, context: Context, _: Type | None) -> typed.TypedExpr:
         """`target[index]`."""
         target = self.container(expr.target, context)
         index = self.check(expr.index, context, INT)
@@ -289,7 +293,7 @@ class FieldChecker(ExprBase):
         self.constant_index(target.type, index)
         return typed.Index(target.type.element, expr.span, target, index)
 
-    def constant_index(self, t: ArrayType | ListType, index: typed.Expr) -> None:
+    def constant_index(self, t: ArrayType | ListType, index: typed.TypedExpr) -> None:
         """T017 for a literal index that can never be right."""
         if not isinstance(index, typed.Literal):
             return

@@ -1,7 +1,7 @@
 """Check operators: unary, binary, conditional.
 
 Purpose: which operators apply to which types, and what they give.
-Non-goals: their arithmetic (`arith.py`).
+Non-goals: their arithmetic (`arithmetic.py`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
-from soter.program.check.base import ExprBase, error_expr, float_literal, is_error, unify_literals
+from soter.program.check.expression_base import (
+    ExprBase,
+    error_expr,
+    float_literal,
+    is_error,
+    unify_literals,
+)
 from soter.program.model import typed
 from soter.program.model.types import (
     BOOL,
@@ -32,7 +38,7 @@ from soter.syntax import tree
 
 if TYPE_CHECKING:
     from soter.diagnostics.fix import Help
-    from soter.program.check.context import Context
+    from soter.program.check.expression_context import Context
     from soter.program.model.types import Type
 
 COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
@@ -41,11 +47,13 @@ COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 class OperatorChecker(ExprBase):
     """The part of the expression checker that knows operators."""
 
-    def unary(self, expr: tree.UnaryExpr, context: Context, expected: Type | None) -> typed.Expr:
+    def unary(
+        self, expr: tree.UnaryExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
         """`-e` and `!e`."""
         if expr.op == "!":
             operand = self.check(expr.operand, context, BOOL)
-            return operand if is_error(operand) else typed.Unary(BOOL, expr.span, "!", operand)
+            return operand if is_error(operand) else typed.TypedUnary(BOOL, expr.span, "!", operand)
         if (
             isinstance(expr.operand, tree.IntLit)
             and expr.operand.value == -INT_MIN
@@ -62,9 +70,9 @@ class OperatorChecker(ExprBase):
             if isinstance(t, IntType) and operand.value != INT_MIN:
                 return typed.Literal(INT, expr.span, -operand.value)
         if isinstance(t, IntType):
-            return typed.Unary(INT, expr.span, "-", operand)
+            return typed.TypedUnary(INT, expr.span, "-", operand)
         if isinstance(t, FloatType) or is_vector(t):
-            return typed.Unary(t, expr.span, "-", operand)
+            return typed.TypedUnary(t, expr.span, "-", operand)
         helps: tuple[Help, ...] = ()
         sign = Span(expr.span.source, expr.span.start, expr.operand.span.start)
         if isinstance(t, BoolType):
@@ -80,7 +88,9 @@ class OperatorChecker(ExprBase):
         )
         return error_expr(expr.span)
 
-    def binary(self, expr: tree.BinaryExpr, context: Context, expected: Type | None) -> typed.Expr:
+    def binary(
+        self, expr: tree.BinaryExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
         """All operators with two sides."""
         op = expr.op
         if op in {"&&", "||"}:
@@ -88,7 +98,7 @@ class OperatorChecker(ExprBase):
             right = self.check(expr.right, context, BOOL)
             if is_error(left, right):
                 return error_expr(expr.span)
-            return typed.Binary(BOOL, expr.span, op, left, right)
+            return typed.TypedBinary(BOOL, expr.span, op, left, right)
         hint = None
         if op in {"+", "-"}:
             hint = _number_hint(expected)
@@ -108,14 +118,14 @@ class OperatorChecker(ExprBase):
         return result
 
     def _compared(
-        self, expr: tree.BinaryExpr, left: typed.Expr, right: typed.Expr
-    ) -> typed.Expr | None:
+        self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
+    ) -> typed.TypedExpr | None:
         lt, rt = left.type, right.type
         ordered = isinstance(lt, (IntType, FloatType, DurationType))
         same = type(lt) is type(rt) and (not isinstance(lt, EnumType) or lt == rt)
         equality = expr.op in {"==", "!="} and isinstance(lt, (BoolType, EnumType))
         if same and (ordered or equality):
-            return typed.Binary(BOOL, expr.span, expr.op, left, right)
+            return typed.TypedBinary(BOOL, expr.span, expr.op, left, right)
         return None
 
     def _does_not_apply(self, expr: tree.BinaryExpr, lt: Type, rt: Type) -> None:
@@ -129,7 +139,7 @@ class OperatorChecker(ExprBase):
 
     def conditional(
         self, expr: tree.ConditionalExpr, context: Context, expected: Type | None
-    ) -> typed.Expr:
+    ) -> typed.TypedExpr:
         """`c ? a : b`."""
         condition = self.check(expr.condition, context, BOOL)
         then = self.check(expr.then, context, expected)
@@ -158,18 +168,20 @@ def _number_hint(expected: Type | None) -> Type | None:
     return None
 
 
-def _arithmetic(expr: tree.BinaryExpr, left: typed.Expr, right: typed.Expr) -> typed.Expr | None:
+def _arithmetic(
+    expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
+) -> typed.TypedExpr | None:
     op, lt, rt, span = expr.op, left.type, right.type, expr.span
     if isinstance(lt, IntType) and isinstance(rt, IntType):
-        return typed.Binary(INT, span, op, left, right)
+        return typed.TypedBinary(INT, span, op, left, right)
     if isinstance(lt, FloatType) and isinstance(rt, FloatType) and op != "%":
-        return typed.Binary(FLOAT, span, op, left, right)
+        return typed.TypedBinary(FLOAT, span, op, left, right)
     if isinstance(lt, DurationType) and isinstance(rt, DurationType) and op in {"+", "-"}:
-        return typed.Binary(DURATION, span, op, left, right)
+        return typed.TypedBinary(DURATION, span, op, left, right)
     if isinstance(lt, DurationType) and isinstance(rt, IntType) and op in {"*", "/"}:
-        return typed.Binary(DURATION, span, op, left, right)
+        return typed.TypedBinary(DURATION, span, op, left, right)
     if isinstance(lt, IntType) and isinstance(rt, DurationType) and op == "*":
-        return typed.Binary(DURATION, span, op, left, right)
+        return typed.TypedBinary(DURATION, span, op, left, right)
     if is_vector(lt) and lt == rt and op in {"+", "-"}:
         return typed.Vector(lt, span, op, left, right)
     if is_vector(rt) and op == "*":

@@ -8,22 +8,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.check.base import is_error, sound
-from soter.program.check.context import Context
+from soter.program.check.expression_base import is_error, sound
+from soter.program.check.expression_context import Context
 from soter.program.check.expressions.field import listed
 from soter.program.check.parts.node import period_or_unknown
-from soter.program.check.parts.verify import VerifyChecker
+from soter.program.check.parts.verify_block import VerifyChecker
 from soter.program.model import typed
+from soter.program.model.tree_walk import topic_reads
 from soter.program.model.types import BOOL, DURATION, INT
-from soter.program.model.walk import topic_reads
 from soter.syntax import tree
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.span import Span
+    from soter.program.check.checker_interface import Shared
     from soter.program.check.scope import FileScope
-    from soter.program.check.shared import Shared
 
 
 class ModuleChecker:
@@ -135,7 +135,7 @@ class ModuleChecker:
             safer=None,
             ttf=None,
             clean=sound(clean),
-            verify=typed.VerifyBlock(),
+            verify=typed.TypedVerifyBlock(),
             ac_span=decl.ac.span,
             sc_span=decl.sc.span,
             over=over,
@@ -200,11 +200,11 @@ class ModuleChecker:
 
     def _law(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
-    ) -> dict[typed.TopicSymbol, typed.Expr]:
+    ) -> dict[typed.TopicSymbol, typed.TypedExpr]:
         """A constant for every output: M009 for other topics, M026 where one is left out."""
         name = decl.name.text
         context = Context(scope, f"the fail-safe law of module `{name}`")
-        found: dict[typed.TopicSymbol, typed.Expr] = {}
+        value_by_topic: dict[typed.TopicSymbol, typed.TypedExpr] = {}
         spans: dict[typed.TopicSymbol, Span] = {}
         for ref, expr in decl.failsafe:
             topic = self.shared.topic_ref(ref, scope)
@@ -223,7 +223,7 @@ class ModuleChecker:
             elif topic in spans:
                 self.shared.names.twice(ref.text, ref.span, spans[topic])
             elif not is_error(value):
-                found[topic] = value
+                value_by_topic[topic] = value
             spans.setdefault(topic, ref.span)
         left = [t.name for t in module.sc.publishes if t not in spans]
         if decl.failsafe and left and module.sc not in self.shared.damaged:
@@ -235,7 +235,7 @@ class ModuleChecker:
                 notes=("when the lease ends all outputs of a module get a value at once",),
                 helps=(f"add `failsafe {left[0]} = ...;`",),
             )
-        return found if not left else {}
+        return value_by_topic if not left else {}
 
     def _contract(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
@@ -256,7 +256,7 @@ class ModuleChecker:
                 yield typed.ClauseSymbol(name.text, item.span, item.kind, condition, text)
 
     def _about_its_outputs(
-        self, module: typed.ModuleSymbol, item: tree.Clause, condition: typed.Expr
+        self, module: typed.ModuleSymbol, item: tree.Clause, condition: typed.TypedExpr
     ) -> None:
         """M022: a guarantee speaks of what the module publishes, an assumption does not."""
         outputs = set(module.sc.publishes)

@@ -1,7 +1,7 @@
 """Check nodes: what they read and write, their locals, their step.
 
 Purpose: `node` and `extern node` declarations -> `NodeSymbol`; inputs disjoint from outputs.
-Non-goals: modules (`module.py`), numbers (`elaborate.py`).
+Non-goals: modules (`module.py`), numbers (`elaborator.py`).
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import out_of_list
-from soter.program.check.base import is_error, sound
-from soter.program.check.bindings import check_binding, located
-from soter.program.check.context import Context
+from soter.program.check.expression_base import is_error, sound
+from soter.program.check.expression_context import Context
+from soter.program.check.extern_bindings import check_binding, located
 from soter.program.model import typed
-from soter.program.model.table import VALUE_MAX
+from soter.program.model.data_table import VALUE_MAX
 from soter.program.model.types import BOOL, DURATION, leaf_count
 
 if TYPE_CHECKING:
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
+    from soter.program.check.checker_interface import Shared
     from soter.program.check.scope import FileScope
-    from soter.program.check.shared import Shared
     from soter.syntax import tree
 
 UNKNOWN = "<error>"
 """Name of the literal that stands for a period with an error."""
 
 
-def period_or_unknown(period: typed.Expr) -> typed.Expr:
-    """The period, or a literal that `elaborate.py` says nothing about."""
+def period_or_unknown(period: typed.TypedExpr) -> typed.TypedExpr:
+    """The period, or a literal that `elaborator.py` says nothing about."""
     return typed.Literal(DURATION, period.span, 0, UNKNOWN) if is_error(period) else period
 
 
@@ -95,7 +95,9 @@ class NodeChecker:
         self.shared.later(node, decl, scope)
         return node
 
-    def _takes(self, decl: tree.NodeDecl, context: Context) -> tuple[typed.Expr, typed.Expr] | None:
+    def _takes(
+        self, decl: tree.NodeDecl, context: Context
+    ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
         """How long a step lasts; None also after a report."""
         if decl.takes is None:
             return None
@@ -109,13 +111,17 @@ class NodeChecker:
     def _subscribes(
         self, decl: tree.NodeDecl, scope: FileScope
     ) -> dict[typed.TopicSymbol, typed.Subscribed]:
-        found: dict[typed.TopicSymbol, typed.Subscribed] = {}
+        subscription_by_topic: dict[typed.TopicSymbol, typed.Subscribed] = {}
         for s in decl.subscribes:
             topic = self.shared.topic_ref(s.topic, scope)
             if topic is None:
                 continue
-            if topic in found:
-                self._twice(f"`{s.topic.text}` is subscribed to twice", s.span, found[topic].span)
+            if topic in subscription_by_topic:
+                self._twice(
+                    f"`{s.topic.text}` is subscribed to twice",
+                    s.span,
+                    subscription_by_topic[topic].span,
+                )
                 continue
             if s.queue is not None and s.queue < 1:
                 self.diagnostics.error(
@@ -130,8 +136,8 @@ class NodeChecker:
                 )
             policy = s.policy or "drop_oldest"
             queue = None if s.queue is None else max(s.queue, 1)
-            found[topic] = typed.Subscribed(topic, queue, policy, s.span)
-        return found
+            subscription_by_topic[topic] = typed.Subscribed(topic, queue, policy, s.span)
+        return subscription_by_topic
 
     def _burst(self, publication: tree.Publication, topic: typed.TopicSymbol) -> int | None:
         """How many messages a step may publish; T011 where that is none, or too many."""
@@ -159,14 +165,14 @@ class NodeChecker:
         bursts: dict[typed.TopicSymbol, int],
     ) -> dict[typed.TopicSymbol, Span]:
         """I and O are disjoint (paper, Definition of a node): M001. Fills `bursts`."""
-        found: dict[typed.TopicSymbol, Span] = {}
+        span_by_topic: dict[typed.TopicSymbol, Span] = {}
         for publication in decl.publishes:
             ref = publication.topic
             topic = self.shared.topic_ref(ref, scope)
             if topic is None:
                 continue
-            if topic in found:
-                self._twice(f"`{ref.text}` is published twice", ref.span, found[topic])
+            if topic in span_by_topic:
+                self._twice(f"`{ref.text}` is published twice", ref.span, span_by_topic[topic])
                 continue
             if topic in subscribes:
                 self.diagnostics.error(
@@ -180,22 +186,22 @@ class NodeChecker:
                 )
             if topic.input:
                 input_is_set(topic, ref.span, self.diagnostics)
-            found[topic] = ref.span
+            span_by_topic[topic] = ref.span
             burst = self._burst(publication, topic)
             if burst is not None:
                 bursts[topic] = burst
-        if len(found) > MAX_OUTPUTS:
+        if len(span_by_topic) > MAX_OUTPUTS:
             self.diagnostics.error(
                 "M016",
-                f"`{decl.name.text}` publishes {len(found)} topics",
+                f"`{decl.name.text}` publishes {len(span_by_topic)} topics",
                 decl.name.span,
                 f"at most {MAX_OUTPUTS} are possible",
                 helps=("put values that belong together into one record",),
             )
         if decl.extern:
             self._short_names(decl, [s.topic for s in subscribes.values()], subscribes, "reads")
-            self._short_names(decl, list(found), found, "publishes")
-        return found
+            self._short_names(decl, list(span_by_topic), span_by_topic, "publishes")
+        return span_by_topic
 
     def _short_names(
         self,
@@ -235,9 +241,9 @@ class NodeChecker:
 
     def _locals(
         self, decl: tree.NodeDecl, scope: FileScope, context: Context
-    ) -> tuple[list[typed.Variable], list[typed.Expr | None]]:
+    ) -> tuple[list[typed.Variable], list[typed.TypedExpr | None]]:
         variables: dict[str, typed.Variable] = {}
-        initial: list[typed.Expr | None] = []
+        initial: list[typed.TypedExpr | None] = []
         for local in decl.locals:
             t = self.shared.resolve_type(local.type, scope)
             because = (local.type.span, f"declared as `{t}`")
@@ -260,8 +266,8 @@ class NodeChecker:
         scope: FileScope,
         publishes: dict[typed.TopicSymbol, Span],
         context: Context,
-    ) -> dict[typed.TopicSymbol, typed.Expr]:
-        result: dict[typed.TopicSymbol, typed.Expr] = {}
+    ) -> dict[typed.TopicSymbol, typed.TypedExpr]:
+        result: dict[typed.TopicSymbol, typed.TypedExpr] = {}
         spans: dict[typed.TopicSymbol, Span] = {}
         for ref, expr in decl.failsafe:
             topic = self.shared.topic_ref(ref, scope)

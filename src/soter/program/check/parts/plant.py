@@ -1,7 +1,7 @@
 """Check plants: states, disturbances, dynamics, measurements.
 
 Purpose: `plant` and `extern plant` declarations -> `PlantSymbol`.
-Non-goals: numbers (`elaborate.py`), integration (`semantics/`, `lower/`).
+Non-goals: numbers (`elaborator.py`), integration (`semantics/`, `lower/`).
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import out_of_list
-from soter.program.check.base import a_type, error_expr, is_error, plain, sound
-from soter.program.check.bindings import check_binding, located
-from soter.program.check.context import Context
+from soter.program.check.expression_base import a_type, error_expr, is_error, plain, sound
+from soter.program.check.expression_context import Context
+from soter.program.check.extern_bindings import check_binding, located
 from soter.program.check.parts.node import input_is_set, period_or_unknown
-from soter.program.check.stmt import no_duration
+from soter.program.check.statements import no_duration
 from soter.program.model import typed
 from soter.program.model.types import (
     DURATION,
@@ -31,8 +31,8 @@ from soter.syntax.schemes import DEFAULT_SCHEME
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
+    from soter.program.check.checker_interface import Shared
     from soter.program.check.scope import FileScope
-    from soter.program.check.shared import Shared
     from soter.program.model.types import Type
     from soter.syntax import tree
 
@@ -98,7 +98,7 @@ class PlantChecker:
 
     def _drives(
         self, decl: tree.PlantDecl, scope: FileScope
-    ) -> tuple[tuple[typed.TopicSymbol, typed.Expr], ...]:
+    ) -> tuple[tuple[typed.TopicSymbol, typed.TypedExpr], ...]:
         """The driven topics; their values are checked with the body."""
         spans: dict[typed.TopicSymbol, Span] = {}
         for ref, expr in decl.drives:
@@ -127,11 +127,13 @@ class PlantChecker:
     def _states(
         self, decl: tree.PlantDecl, scope: FileScope, context: Context
     ) -> tuple[
-        list[typed.Variable], list[typed.Expr | None], list[tuple[typed.Expr, typed.Expr] | None]
+        list[typed.Variable],
+        list[typed.TypedExpr | None],
+        list[tuple[typed.TypedExpr, typed.TypedExpr] | None],
     ]:
         states: dict[str, typed.Variable] = {}
-        initial: list[typed.Expr | None] = []
-        ranges: list[tuple[typed.Expr, typed.Expr] | None] = []
+        initial: list[typed.TypedExpr | None] = []
+        ranges: list[tuple[typed.TypedExpr, typed.TypedExpr] | None] = []
         for s in decl.states:
             t = self.shared.resolve_type(s.type, scope)
             value = None
@@ -150,7 +152,7 @@ class PlantChecker:
 
     def _start(
         self, s: tree.PlantState, t: Type, context: Context
-    ) -> tuple[typed.Expr, typed.Expr] | None:
+    ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
         """The interval a state starts in, if it has one."""
         if s.interval is None:
             return None
@@ -176,8 +178,8 @@ class PlantChecker:
         return None
 
     def _interval(
-        self, interval: tree.Interval, context: Context
-    ) -> tuple[typed.Expr, typed.Expr] | None:
+        self, interval: tree.IntervalExpr, context: Context
+    ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
         low = self.shared.number(interval.low, context, FLOAT, "a bound")
         high = self.shared.number(interval.high, context, FLOAT, "a bound")
         return None if is_error(low, high) else (low, high)
@@ -189,7 +191,7 @@ class PlantChecker:
         context: Context,
         states: list[typed.Variable],
     ) -> list[typed.DisturbanceSymbol]:
-        found: list[typed.DisturbanceSymbol] = []
+        disturbances: list[typed.DisturbanceSymbol] = []
         taken = {v.name: v for v in states}
         for d in decl.disturbances:
             t = self.shared.resolve_type(d.type, scope)
@@ -213,8 +215,8 @@ class PlantChecker:
             if interval is None:
                 zero = typed.Literal(FLOAT, d.interval.span, 0.0)
                 interval = (zero, zero)
-            found.append(typed.DisturbanceSymbol(variable, *interval, sound(hold)))
-        return found
+            disturbances.append(typed.DisturbanceSymbol(variable, *interval, sound(hold)))
+        return disturbances
 
     # ------------------------------------------------------------ body
 
@@ -243,19 +245,19 @@ class PlantChecker:
 
     def _let(
         self, item: tree.PlantLet, frame: dict[str, typed.Variable], context: Context
-    ) -> tuple[typed.Variable, typed.Expr]:
+    ) -> tuple[typed.Variable, typed.TypedExpr]:
         t = self.shared.resolve_type(item.type, context.scope, context) if item.type else None
         because = (item.type.span, f"declared as `{t}`") if item.type else None
         value = self.shared.check_expr(item.value, context, t, because)
-        found = t if t is not None else plain(value.type)
-        if isinstance(found, DurationType):
+        variable_type = t if t is not None else plain(value.type)
+        if isinstance(variable_type, DurationType):
             no_duration(value.span, self.diagnostics)
-            found = ERROR
+            variable_type = ERROR
         first = frame.get(item.name.text)
         if first is not None:
             self.shared.names.twice(item.name.text, item.name.span, first.span)
             first.used = True
-        variable = typed.Variable(item.name.text, found, "plantlet", item.name.span)
+        variable = typed.Variable(item.name.text, variable_type, "plantlet", item.name.span)
         frame[item.name.text] = variable
         return variable, value
 
@@ -323,7 +325,7 @@ class PlantChecker:
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
     ) -> None:
         """The values of the driven topics, of each the one that was written first."""
-        values: dict[typed.TopicSymbol, typed.Expr] = {}
+        values: dict[typed.TopicSymbol, typed.TypedExpr] = {}
         for ref, expr in decl.drives:
             topic = self.shared.topic_ref(ref, context.scope)
             if expr is None:
@@ -344,10 +346,10 @@ class PlantChecker:
         taken: list[tuple[typed.TopicSymbol, tuple[str, ...], Span]] = []
         for path, bound in decl.measured:
             within = self.shared.number(bound, context, FLOAT, "the bound of an error")
-            found = self.shared.topic_path(path, scope)
-            if found is None:
+            topic_path = self.shared.topic_path(path, scope)
+            if topic_path is None:
                 continue
-            topic, below, t = found
+            topic, below, t = topic_path
             overlap = next(
                 (s for o, p, s in taken if o is topic and (_begins(below, p) or _begins(p, below))),
                 None,

@@ -1,21 +1,21 @@
 """Check systems: instances, wiring, properties, overrides, inputs.
 
 Purpose: `system` declarations -> symbols; `tested.py` builds on it.
-Non-goals: flattening and numbers (`elaborate.py`).
+Non-goals: flattening and numbers (`elaborator.py`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.check.base import a_type, is_error, sound
-from soter.program.check.context import Context
+from soter.program.check.expression_base import a_type, is_error, sound
+from soter.program.check.expression_context import Context
 from soter.program.check.expressions.choose import MAX_CHOICES
 from soter.program.check.expressions.field import find_instance
-from soter.program.check.parts.arrays import Unroller
-from soter.program.check.parts.campaigned import campaigned, mentioned
-from soter.program.check.parts.external import deployed_system, externals
-from soter.program.check.parts.wiring import Settings, Wires
+from soter.program.check.parts.campaign_items import campaigned, mentioned
+from soter.program.check.parts.external_topics import deployed_system, externals
+from soter.program.check.parts.instance_arrays import Unroller
+from soter.program.check.parts.wiring import SettingReader, Wires
 from soter.program.model import typed
 from soter.program.model.types import BOOL, DURATION, ArrayType, ListType, RecordType
 from soter.syntax import tree
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.span import Span
+    from soter.program.check.checker_interface import Shared
     from soter.program.check.scope import FileScope
-    from soter.program.check.shared import Shared
     from soter.program.model.types import Type
 
     Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract, Span]
@@ -41,7 +41,7 @@ class SystemChecker:
         self.shared = shared
         self.diagnostics = shared.diagnostics
         self.wires = Wires(shared)
-        self.sets = Settings(shared)
+        self.sets = SettingReader(shared)
         self.settings: dict[typed.InstanceSymbol, tuple[tree.SetParam, ...]] = {}
         """What the braces of an instance set."""
 
@@ -132,7 +132,13 @@ class SystemChecker:
             )
             return None
         if isinstance(
-            what, (typed.PlantSymbol, typed.NodeSymbol, typed.ModuleSymbol, typed.SystemSymbol)
+            what,
+            (
+                typed.PlantSymbol,
+                typed.NodeSymbol,
+                typed.ModuleSymbol,
+                typed.SystemSymbol,
+            ),
         ):
             return what
         return None
@@ -225,8 +231,8 @@ class SystemChecker:
         lost = self.shared.lost[system]
         context = self.inside(scope, decl.name.text, instances, lost)
         unroller = Unroller(self.shared, scope, where, instances)
-        found = [self.property(p, context) for p in unroller.items(decl.properties)]
-        system.properties = tuple(p for p in found if p is not None)
+        properties = [self.property(p, context) for p in unroller.items(decl.properties)]
+        system.properties = tuple(p for p in properties if p is not None)
         self._forces(system, decl.name.text, unroller.items(decl.forces))
         system.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope))
         system.inlines = tuple((i.what.text, i.what.span) for i in unroller.items(decl.inlines))
@@ -237,7 +243,9 @@ class SystemChecker:
         system.externals = externals(self.shared, decl, scope)
         campaigned(self.shared, system, decl, context, unroller.items(decl.faults))
 
-    def time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:
+    def time(
+        self, expr: tree.SyntaxExpr | None, context: Context, what: str
+    ) -> typed.TypedExpr | None:
         """A time, to be computed for each system."""
         if expr is None:
             return None
@@ -293,7 +301,7 @@ class SystemChecker:
             lost=lost,
         )
 
-    def property(self, item: tree.Property, context: Context) -> typed.PropertySymbol | None:
+    def property(self, item: tree.PropertyItem, context: Context) -> typed.PropertySymbol | None:
         """A property that is an expression, or two."""
         if invariant_call(item, context) is not None:
             self._only_in_a_test(item)
@@ -310,7 +318,7 @@ class SystemChecker:
         parts = (item.kind, premise, condition, within, read(item.condition), item.span)
         return typed.PropertySymbol(*parts, whole=whole, asks=asks)
 
-    def _only_in_a_test(self, item: tree.Property) -> None:
+    def _only_in_a_test(self, item: tree.PropertyItem) -> None:
         self.diagnostics.error(
             "E012",
             f"`{source_line(item.condition)}` can only be asked by a test, with `always`",
@@ -319,11 +327,13 @@ class SystemChecker:
             helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
         )
 
-    def _by_contract(self, item: tree.Replace, found: list[Replaced], *, in_test: bool) -> None:
+    def _by_contract(
+        self, item: tree.Replace, replacements: list[Replaced], *, in_test: bool
+    ) -> None:
         """`replace M by contract;`, of tests only."""
         if in_test:
             by = typed.ByContract("contract", item.by.span)
-            found.append((item.what.text, by, item.what.span))
+            replacements.append((item.what.text, by, item.what.span))
             return
         self.diagnostics.error(
             "E012",
@@ -337,16 +347,16 @@ class SystemChecker:
         self, items: list[tree.Replace], scope: FileScope, *, in_test: bool = False
     ) -> list[Replaced]:
         """`replace A by B;`: what stands in for what."""
-        found: list[Replaced] = []
+        replacements: list[Replaced] = []
         for item in items:
             if item.by.text == "contract" and "contract" not in scope.entries:
-                self._by_contract(item, found, in_test=in_test)
+                self._by_contract(item, replacements, in_test=in_test)
                 mentioned(item.what, scope)
                 continue
             entry = self.shared.names.find_ref(scope, item.by)
             symbol = self.shared.resolve(entry, item.by.span) if entry else None
             if isinstance(symbol, (typed.NodeSymbol, typed.PlantSymbol)):
-                found.append((item.what.text, symbol, item.what.span))
+                replacements.append((item.what.text, symbol, item.what.span))
             elif entry is not None and entry.kind not in {"node", "plant"}:
                 self.diagnostics.error(
                     "N003",
@@ -355,11 +365,11 @@ class SystemChecker:
                     also=((entry.decl.name.span, "declared here"),),
                 )
             mentioned(item.what, scope)
-        return found
+        return replacements
 
     def inputs(self, items: list[tree.DriveInput], context: Context) -> list[typed.InputSymbol]:
         """`input t [in { values }] every d;`: each an input topic, and once."""
-        found: dict[typed.TopicSymbol, typed.InputSymbol] = {}
+        input_by_topic: dict[typed.TopicSymbol, typed.InputSymbol] = {}
         for item in items:
             every = self.time(item.every, Context(context.scope, context.where), "`every`")
             read = self.shared.check_expr(path_expr(item.topic), context)
@@ -371,8 +381,8 @@ class SystemChecker:
             values = self._values(item, read, context)
             if not isinstance(read, typed.TopicRead) or not read.topic.input:
                 self._no_input(item, read)
-            elif read.topic in found:
-                first = found[read.topic].span
+            elif read.topic in input_by_topic:
+                first = input_by_topic[read.topic].span
                 self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
             elif not item.values and _has_list(read.type):
                 self.diagnostics.error(
@@ -383,30 +393,30 @@ class SystemChecker:
                     helps=("list the values to draw from: `in { ... }`",),
                 )
             elif every is not None:
-                found[read.topic] = typed.InputSymbol(
+                input_by_topic[read.topic] = typed.InputSymbol(
                     item.topic.text, read.topic, every, item.topic.span, values
                 )
-        return list(found.values())
+        return list(input_by_topic.values())
 
     def _values(
-        self, item: tree.DriveInput, read: typed.Expr, context: Context
-    ) -> tuple[typed.Expr, ...]:
+        self, item: tree.DriveInput, read: typed.TypedExpr, context: Context
+    ) -> tuple[typed.TypedExpr, ...]:
         """The declared values of an input, numbers of the program."""
         place = Context(context.scope, "the value of an input")
         because = (item.topic.span, f"this is {a_type(read.type)}")
         number = self.shared.number
-        found = [
+        values = [
             number(v, place, read.type, "the value of an input", because) for v in item.values or ()
         ]
-        if len(found) > MAX_CHOICES:
+        if len(values) > MAX_CHOICES:
             self.diagnostics.error(
                 "E004",
-                f"an input of {len(found)} values is too wide",
+                f"an input of {len(values)} values is too wide",
                 item.topic.span,
                 f"at most {MAX_CHOICES} are possible",
                 notes=("every value is a branch of every execution",),
             )
-        return tuple(v for v in found if not is_error(v))
+        return tuple(v for v in values if not is_error(v))
 
     def _no_values(self, item: tree.DriveInput) -> None:
         self.diagnostics.error(
@@ -418,7 +428,7 @@ class SystemChecker:
             helps=("list its values, or leave `in { }` out: then they are those of the topic",),
         )
 
-    def _no_input(self, item: tree.DriveInput, read: typed.Expr) -> None:
+    def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr) -> None:
         topic = read.topic if isinstance(read, typed.TopicRead) else None
         self.diagnostics.error(
             "M011",
@@ -430,10 +440,10 @@ class SystemChecker:
         )
 
 
-def path_expr(path: tree.Path) -> tree.Expr:
+def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
     """The path as an expression."""
     first = path.parts[0]
-    expr: tree.Expr = tree.NameExpr(first.span, first)
+    expr: tree.SyntaxExpr = tree.NameExpr(first.span, first)
     for part in path.parts[1:]:
         expr = tree.FieldExpr(first.span.to(part.span), expr, part)
     return expr
@@ -447,12 +457,12 @@ def _has_list(t: Type) -> bool:
     return isinstance(t, RecordType) and any(_has_list(f) for _, f in t.fields)
 
 
-def source_line(expr: tree.Expr) -> str:
+def source_line(expr: tree.SyntaxExpr) -> str:
     """The text of an expression, on one line."""
     return " ".join(expr.span.text.split())
 
 
-def _whole(item: tree.Property) -> str:
+def _whole(item: tree.PropertyItem) -> str:
     """The property of a loop as it would be written outside of it."""
     within = f" within {source_line(item.within)}" if item.within is not None else ""
     if item.premise is not None:
@@ -460,7 +470,7 @@ def _whole(item: tree.Property) -> str:
     return f"{item.kind} {print_expr(item.condition)}{within}"
 
 
-def invariant_call(item: tree.Property, context: Context) -> tree.Expr | None:
+def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr | None:
     """The condition where it is `invariant(M)` or `invariants`, and nobody declared that name."""
     e = item.condition
     if isinstance(e, tree.CallExpr) and isinstance(e.callee, tree.NameExpr):

@@ -2,7 +2,7 @@
 
 Purpose: the far end of a wire, a topic beside the instance or one of another instance; `set` of
 the whole system, of an instance by its path, or in the braces of one.
-Non-goals: whose value holds in the end, and where wires lead (`program/flatten/`).
+Non-goals: whose value holds in the end, and where wires lead (`program/elaborate/`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from soter.diagnostics.fix import Help
+    from soter.program.check.checker_interface import Shared
     from soter.program.check.scope import FileScope
-    from soter.program.check.shared import Shared
 
 
 class Wires:
@@ -28,7 +28,10 @@ class Wires:
         self.shared = shared
 
     def end(
-        self, path: tree.Path, instances: dict[str, typed.InstanceSymbol], scope: FileScope
+        self,
+        path: tree.DottedPath,
+        instances: dict[str, typed.InstanceSymbol],
+        scope: FileScope,
     ) -> typed.TopicSymbol | None:
         """`topic`, `file.topic` or `instance.topic`; None after a report."""
         names = path.parts
@@ -46,7 +49,7 @@ class Wires:
         self._no_topic(path, what, depth)
         return None
 
-    def _beside(self, path: tree.Path, scope: FileScope) -> typed.TopicSymbol | None:
+    def _beside(self, path: tree.DottedPath, scope: FileScope) -> typed.TopicSymbol | None:
         names = path.parts
         if len(names) <= 2:
             first = names[0] if len(names) == 2 else None
@@ -54,7 +57,7 @@ class Wires:
         self._no_topic(path, None, 0)
         return None
 
-    def _no_topic(self, path: tree.Path, what: object, depth: int) -> None:
+    def _no_topic(self, path: tree.DottedPath, what: object, depth: int) -> None:
         """N004 for a path that leads to no topic."""
         helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ("right of `=` stands a topic, or a topic of another instance",)
@@ -73,7 +76,7 @@ class Wires:
         self.shared.diagnostics.error("N004", message, path.span, notes=notes, helps=helps)
 
 
-class Settings:
+class SettingReader:
     """Reads what systems and tests set."""
 
     def __init__(self, shared: Shared) -> None:
@@ -86,13 +89,13 @@ class Settings:
         scope: FileScope,
     ) -> list[typed.SetSymbol]:
         """Each `(instance whose braces it stands in, or "", item)`; N002 where one is set twice."""
-        found: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
+        setting_by_key: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
         for home, item in items:
             symbol = self._one(home, item, system, scope)
             if symbol is None:
                 continue
             key = symbol.path, symbol.param
-            first = found.setdefault(key, symbol)
+            first = setting_by_key.setdefault(key, symbol)
             if first is not symbol:
                 name = f"{symbol.path}.{item.param.parts[-1].text}".lstrip(".")
                 self.shared.diagnostics.error(
@@ -102,7 +105,7 @@ class Settings:
                     "again",
                     also=((first.span, "the first time"),),
                 )
-        return list(found.values())
+        return list(setting_by_key.values())
 
     def _one(
         self, home: str, item: tree.SetParam, system: typed.SystemSymbol, scope: FileScope

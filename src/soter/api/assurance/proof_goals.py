@@ -1,0 +1,197 @@
+"""The goals of a safety case that rest on its certificate.
+
+Purpose: `argue`: the top goal and the properties below it; beside it, as goals of their own, that
+control comes back (P2b), that a fail-safe law holds once the trusted part has stopped, and that the
+compiled decision module is the one that was proved. Every status is a result of this call.
+Non-goals: the certificate (`certificate.py`); tests and campaigns (`safety_case.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.report.assurance.safety_case import CaseNode
+
+if TYPE_CHECKING:
+    from soter.api.assurance.certificate import CertifiedProof
+    from soter.certificate.report import RecheckedModule
+    from soter.program.model.system import Module, System
+    from soter.report.assurance.safety_case import SafetyCase
+
+PROPERTIES = {
+    "P1a": "both functions act at least as often as the RTA switch decides",
+    "P1b": "the recovery function commands everything that the complex function commands",
+    "P1c": "whatever the schedule, a switch takes effect within the horizon of the proof",
+    "P2a": "under the recovery function the safety property is kept",
+    "P3": "whatever the complex function does until the next switch, recovery stays possible",
+    "ttf": "the safety monitor sees in time that recovery might be lost",
+    "safer": "the switch gives control back only where recovery stays possible",
+    "start": "every initial state is one from which recovery is possible",
+}
+"""What safety needs (Theorem 3.1 of the paper; docs/proof.md), as an assurance argument says it."""
+NO_LAW = (
+    "no fail-safe law is declared: that the plant stays safe once the trusted part has stopped "
+    "(`failsafe` of `soter verify`) is assumed"
+)
+NOT_ASKED = "P2b of {name} is not asked: the program says `recover never`"
+RECHECKED = "certificate, checked again just now by the independent re-checker"
+RETURNS, LAWS, COMPILED = "G4", "G5", "G6"
+"""Ids of the goals beside the top goal."""
+
+
+@dataclass(frozen=True)
+class _ConfirmedModule:
+    """A module, and what was confirmed of it."""
+
+    number: int
+    module: Module
+    reports: list[RecheckedModule]
+    why: str
+
+    def missing(self, claim: str) -> str:
+        """Why a claim is not confirmed; "": it is, in every view."""
+        if self.reports and all(claim in m.confirmed for m in self.reports):
+            return ""
+        said = dict.fromkeys(m.claims.get(claim, "not claimed") for m in self.reports)
+        return self.why or f"the certificate does not confirm {claim}: {', '.join(said)}"
+
+
+def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[str]) -> CaseNode:
+    """Enter all goals about the certificate; gives the top goal.
+
+    `refuted` is added to: a rejected certificate, a compiled decision module that differs.
+    """
+    if proof.rejected:
+        refuted.append(f"the certificate is rejected: {proof.rejected}")
+    shown = [
+        _ConfirmedModule(k, m, *proof.of(flat, m, case.params))
+        for k, m in enumerate(flat.modules, 1)
+    ]
+    top = case.add(CaseNode("G1", "goal", _top(flat)))
+    strategy = case.add(
+        CaseNode("S1", "strategy", "argument over every RTA module (ASTM F3269-21; Theorem 4.1)"),
+        under=top,
+    )
+    for each in shown:
+        _module(case, strategy, flat, each, proof)
+    _returns(case, top, shown, proof)
+    _laws(case, flat, shown, proof)
+    compiled = _compiled(case, flat, shown, proof, refuted)
+    used = [m for each in shown for m in each.reports]
+    if proof.report is not None and used:
+        said = [a.text for m in used for a in m.assumptions]
+        for k, text in enumerate(dict.fromkeys(said), 1):
+            case.add(CaseNode(f"A{k}", "assumption", text), beside=top)
+        rest = [s for s in proof.report.not_covered if s.key != "compiled" or not compiled]
+        for k, other in enumerate(rest, 1):
+            case.add(CaseNode(f"C{k}", "context", f"not covered: {other.text}"), beside=top)
+    return top
+
+
+def _top(flat: System) -> str:
+    """For as long as DM, SC and gate run: of what comes after them a law is a goal of its own."""
+    kept = " and ".join(f"`{_safe(m)}`" for m in flat.modules) or "nothing"
+    return (
+        f"System {flat.name} keeps {kept} for as long as its trusted part runs, in every run that "
+        "keeps the assumptions"
+    )
+
+
+def _safe(m: Module) -> str:
+    return " ".join(m.symbol.safe.span.text.split())
+
+
+def _module(
+    case: SafetyCase,
+    strategy: CaseNode,
+    flat: System,
+    each: _ConfirmedModule,
+    proof: CertifiedProof,
+) -> None:
+    """The properties that safety needs, of one module."""
+    module, id_ = each.module, f"G1.{each.number}"
+    ac = flat.components[module.ac].name if module.over is None else flat.modules[module.over].name
+    sc = flat.components[module.sc].name
+    text = f"RTA module {module.name} keeps `{_safe(module)}`: complex function {ac}, recovery "
+    goal = case.add(CaseNode(id_, "goal", f"{text}function {sc}"), under=strategy)
+    for name, said in PROPERTIES.items():
+        child = case.add(CaseNode(f"{id_}.{name}", "goal", f"{name}: {said}"), under=goal)
+        _leaf(case, child, f"Sn.{each.number}.{name}", each.missing(name), proof)
+
+
+def _leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: CertifiedProof) -> None:
+    """What the certificate supports; `why`: it does not."""
+    leaf = CaseNode(id_, "solution", "no leaf" if why else RECHECKED, checked=not why, why=why)
+    if not why:
+        leaf.path, leaf.sha256 = proof.path, proof.sha256
+    case.add(leaf, under=goal)
+
+
+def _returns(
+    case: SafetyCase, top: CaseNode, shown: list[_ConfirmedModule], proof: CertifiedProof
+) -> None:
+    """P2b of every module of which the program asks it."""
+    asked = [each for each in shown if each.module.symbol.verify.stays is None]
+    for each in shown:
+        if each not in asked:
+            text = NOT_ASKED.format(name=each.module.name)
+            case.add(CaseNode(f"C-P2b-{each.number}", "context", text), beside=top)
+    if not asked:
+        return
+    goal = case.add(
+        CaseNode(RETURNS, "goal", "Where a recovery function has control it gives it back")
+    )
+    for each in asked:
+        text = f"P2b: the complex function of {each.module.name} gets control back"
+        child = case.add(CaseNode(f"{RETURNS}.{each.number}", "goal", text), under=goal)
+        _leaf(case, child, f"Sn.4.{each.number}", each.missing("P2b"), proof)
+
+
+def _laws(
+    case: SafetyCase, flat: System, shown: list[_ConfirmedModule], proof: CertifiedProof
+) -> None:
+    """That a fail-safe law takes over where the trusted part has stopped, of every module."""
+    if not shown:
+        return
+    text = f"System {flat.name} keeps it, too, once its trusted part has stopped"
+    goal = case.add(CaseNode(LAWS, "goal", text))
+    for each in shown:
+        text = f"the fail-safe law of {each.module.name} keeps `{_safe(each.module)}` from then on"
+        child = case.add(CaseNode(f"{LAWS}.{each.number}", "goal", text), under=goal)
+        why = each.missing("failsafe")
+        if not each.module.law:
+            why = NO_LAW
+        # it begins where the module has kept the state until then
+        why = why or next(filter(None, map(each.missing, PROPERTIES)), "")
+        _leaf(case, child, f"Sn.5.{each.number}", why, proof)
+
+
+def _compiled(
+    case: SafetyCase,
+    flat: System,
+    shown: list[_ConfirmedModule],
+    proof: CertifiedProof,
+    refuted: list[str],
+) -> bool:
+    """That the C of each decision module switches as the argument takes it to: tried now."""
+    from soter.api.assurance.compiled_dm_check import compiled_as_proved  # noqa: PLC0415 - compiles
+
+    if not shown:
+        return False
+    text = "Every compiled RTA switch is the one that the argument is about"
+    goal = case.add(CaseNode(COMPILED, "goal", text))
+    for each in shown:
+        said, why, name = "", each.why, each.module.name
+        if not why:
+            assert proof.certificate is not None
+            entries = proof.entries[name]
+            said, why, differs = compiled_as_proved(flat, each.module, entries, proof.certificate)
+            if differs:
+                refuted.append(f"{name}: {why}")
+        text = f"the generated C of the decision module of {name} switches as proved"
+        child = case.add(CaseNode(f"{COMPILED}.{each.number}", "goal", text), under=goal)
+        text = "no leaf" if why else f"{said}: tried just now"
+        leaf = CaseNode(f"Sn.6.{each.number}", "solution", text, checked=not why, why=why)
+        case.add(leaf, under=child)
+    return case.status(goal) == "supported"

@@ -1,0 +1,121 @@
+"""A safety case of a system: `soter assure`.
+
+Purpose: goals in the paper's properties and in the words of ASTM F3269-21, leaves that are checked
+here and now: the certificate by the re-checker, tests by exploring again, flights of a campaign by
+flying again; everything else is told with its hash, and supports nothing.
+Non-goals: the pages (`report/assurance/`); proving.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.api.assurance.certificate import proof_of
+from soter.api.assurance.evidence import Evidence
+from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase
+from soter.report.errors import ReportError
+from soter.version import VERSION
+
+if TYPE_CHECKING:
+    from soter.api.arguments import Progress
+    from soter.api.assurance.replayed_flights import AssuredProgram
+
+FILES = ("index.html", "case.json", "case.sdoc")
+FLOWN_AGAIN = 20
+
+
+@dataclass(frozen=True)
+class Assurance:
+    """A case and its files.
+
+    `refuted`: a certificate that is rejected, a compiled decision module that differs, a test or a
+    flight that violates a property.
+    """
+
+    case: SafetyCase
+    files: tuple[Path, ...]
+    refuted: tuple[str, ...]
+
+    @property
+    def lawful(self) -> bool:
+        """Whether a fail-safe law is supported, of every module."""
+        return any(g.id == LAWS and self.case.status(g) == SUPPORTED for g in self.case.goals)
+
+    @property
+    def returns(self) -> bool:
+        """Whether P2b is supported, wherever the program asks for it."""
+        return all(self.case.status(g) == SUPPORTED for g in self.case.goals if g.id == RETURNS)
+
+
+def assure(
+    program: AssuredProgram,
+    output: str | Path,
+    *,
+    cert: str | Path | None = None,
+    system: str | None = None,
+    params: Any = None,  # noqa: ANN401 - as `Program.verify` takes them
+    tests: bool = False,
+    test_report: str | Path | None = None,
+    campaign: str | Path | None = None,
+    flights: int = FLOWN_AGAIN,
+    progress: Progress | None = None,
+) -> Assurance:
+    """Make the case and write it to the folder `output`.
+
+    `tests`: explore them now; `flights`: so many of a campaign are flown again. SoterError D009
+    where there is no certificate, D005 for a report that is none, D006 where
+    something cannot be read or written, and as of `Program.flat`.
+    """
+    from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
+
+    flat = program.declared(system, params)
+    case = SafetyCase(
+        f"Safety case of {flat.name} in {Path(program.path).name}",
+        program.path,
+        flat.program.sha256,
+        flat.name,
+        parameters_of(flat),
+    )
+    refuted: list[str] = []
+    evidence = Evidence.read(program, flat, params, test_report, campaign)
+    top = argue(case, flat, proof_of(cert, flat, case.params, progress), refuted)
+    if flat.faults:
+        case.add(
+            CaseNode("C-faults", "context", "runs with the `faults` of the system"), beside=top
+        )
+    case.add(
+        CaseNode(
+            "C-evidence",
+            "context",
+            "tests and campaigns are evidence beside the proof: "
+            "goals of their own, on which the top goal does not rest",
+        ),
+        beside=top,
+    )
+    evidence.tests(case, refuted, explored=tests)
+    evidence.campaign(case, refuted, flights)
+    return Assurance(case, _written(case, Path(output)), tuple(refuted))
+
+
+# ---------------------------------------------------------------- files
+
+
+def _written(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
+    """The three files; SoterError D006 where one cannot be written."""
+    from soter.report.assurance.page import write_case  # noqa: PLC0415 - only then
+    from soter.report.assurance.strictdoc import sdoc  # noqa: PLC0415 - only then
+    from soter.report.html import write_text  # noqa: PLC0415 - only then
+
+    page, data, document = (folder / name for name in FILES)
+    try:
+        write_case(case, page)
+        write_text(json.dumps(case.to_json(VERSION), indent=2, sort_keys=True) + "\n", data)
+        write_text(sdoc(case), document)
+    except ReportError as error:
+        raise SoterError((Diagnostic("D006", str(error)),)) from error
+    return page, data, document

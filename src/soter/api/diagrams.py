@@ -1,0 +1,69 @@
+"""Pictures of a program.
+
+Purpose: `Diagram`, what `Program.diagram` gives and `soter show` writes; a log, replayed on it.
+Non-goals: drawing (`diagram/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+if TYPE_CHECKING:
+    from soter.program.model.system import System
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """The nodes, topics, modules and plants of a system: its name, and an SVG."""
+
+    system: str
+    svg: str
+    flat: System | None = field(default=None, repr=False, compare=False)
+    """What is drawn; None where somebody made the picture by hand."""
+
+    def _repr_svg_(self) -> str:
+        """What a notebook shows."""
+        return self.svg
+
+    def write(self, path: str | Path) -> Path:
+        """Write the SVG; `SoterError` D006 where that fails or something else would be lost."""
+        from soter.report.errors import ReportError  # noqa: PLC0415 - see `soter.api`
+        from soter.report.html import write_text  # noqa: PLC0415 - the same
+
+        target = Path(path)
+        try:
+            lost = target.is_file() and not _picture(target)
+            if not lost:
+                return write_text(self.svg, target)
+        except (OSError, ReportError) as error:
+            raise SoterError((Diagnostic("D006", str(error)),)) from error
+        problem = f"cannot write `{path}`: it holds something else, which would be lost"
+        raise SoterError((Diagnostic("D006", problem),))
+
+    def write_replay(self, log: str | Path, path: str | Path) -> Path:
+        """Write a page that replays a log of `soter run --log` on the diagram.
+
+        `SoterError` D006 where the log is of something else, or the page cannot be written; D007.
+        """
+        from soter.simulate.outputs.live_log import write_log_page  # noqa: PLC0415 - see `soter.api`
+
+        assert self.flat is not None
+        return write_log_page(log, self.flat, path)
+
+
+def diagram_of(system: System) -> Diagram:
+    """The diagram of a flat system."""
+    from soter.diagram.render import picture  # noqa: PLC0415 - see `soter.api`
+
+    return Diagram(system.name, picture(system), system)
+
+
+def _picture(path: Path) -> bool:
+    """Whether a picture, or nothing, stands there."""
+    with path.open("rb") as stream:
+        start = stream.read(64).lstrip()
+    return not start or start.startswith(b"<svg")

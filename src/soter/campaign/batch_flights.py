@@ -1,0 +1,284 @@
+"""Flights of one system in compiled batches: their events, their digests, their last states.
+
+Purpose: `Fleet`, the Python face of `c/soter_batch.c`, and `Flyer`, the same of a recipe alone.
+Non-goals: statistics (`statistics.py`), workers and files (`store.py`, `fly_campaign.py`).
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.campaign.compiled_unit import recipe_of
+from soter.campaign.flight import FlightOutcome, MetricSample
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.lower.steps import lower
+from soter.native.build import RUNTIME, library
+from soter.native.cffi_interface import address, declarations, interface, opened
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    import numpy.typing as npt
+
+    from soter.campaign.compiled_unit import Recipe
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import System
+
+BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
+TO_SC, TO_AC, VIOLATED, LATCHED = range(4)
+EPISODE_NS = 2_000_000_000
+"""Disengagements of a module that lie no further apart are one episode."""
+EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
+LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
+FAST = ("-fno-trapping-math",)
+"""Nobody looks at the processor's floating-point flags: clang may take both ways of a choice."""
+SPARE = 3
+"""States that a batch needs besides those of its flights."""
+MODULES_MAX = 64
+"""Modules of a system whose saves can be counted."""
+ROOM = 1 << 14
+BATCH_BYTES = 1 << 22
+"""Of last states in one call."""
+AT_ONCE = 32
+"""Flights in one call at most: after each, somebody may want to stop."""
+
+
+class Flyer:
+    """A compiled recipe that is flown under many seeds. One thread at a time a `fly`."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        """Compile, or take it from the cache."""
+        self.recipe, self.dtype = recipe, recipe.dtype
+        self.until_ns, self.horizon_ns = recipe.until_ns, recipe.horizon_ns
+        unit = recipe.unit
+        hashing = ("soter_sha256.c", "soter_sha256.h")
+        engine = (BATCH, BATCH.with_suffix(".h"), *(RUNTIME / name for name in hashing))
+        path = library(unit, recipe.optimise, FAST, engine)
+        self.ffi = interface(
+            declarations(RUNTIME / "soter.h"), declarations(BATCH.with_suffix(".h"))
+        )
+        self.lib = opened(self.ffi, path)
+        find = partial(address, self.ffi, path)
+        self._program = find(f"{unit.prefix}_program", "const soter_program *")
+        self._measured = find(f"{unit.prefix}_measured", "const soter_measured *")
+        self._own = threading.local()
+        self.at_once = max(1, min(AT_ONCE, BATCH_BYTES // unit.layout.size))
+
+    def fly(self, numbers: Sequence[int], first_seed: int) -> list[FlightOutcome]:
+        """The flights of these numbers, in that order; flight k has the seed `first_seed` + k."""
+        flights: list[FlightOutcome] = []
+        for begin in range(0, len(numbers), self.at_once):
+            flights += self._batch(numbers[begin : begin + self.at_once], first_seed)
+        return flights
+
+    def _batch(self, numbers: Sequence[int], first_seed: int) -> list[FlightOutcome]:
+        room = getattr(self._own, "room", ROOM)
+        batch: list[FlightOutcome] = []
+        while len(batch) < len(numbers):
+            left = numbers[len(batch) :]
+            flights = self.ffi.new("soter_flight[]", len(left))
+            for k, number in enumerate(left):
+                flights[k].seed = (first_seed + number) & (2**64 - 1)
+            got = _BatchOutput(self, len(left), room)
+            used = self.ffi.new("size_t *")
+            done = int(self.lib.soter_batch(self._program, flights, len(left), got.order, used))
+            records, at = got.states.view(self.dtype), 0
+            for k in range(done):
+                count = int(flights[k].events)
+                own = got.events[at : at + count]
+                at += count
+                hashes = (flights[k].digest, flights[k].trajectory)
+                digests = [self.ffi.string(h).decode("ascii") for h in hashes]
+                flown = self._flight(left[k], flights[k].seed, own, records[k][0], digests)
+                batch.append(replace(flown, **got.more(k)))
+            if done < len(left):
+                room *= 4
+                self._own.room = room
+        return batch
+
+    def _flight(
+        self,
+        number: int,
+        seed: int,
+        events: Any,  # noqa: ANN401 - records
+        last: Any,  # noqa: ANN401 - a record
+        digests: Sequence[str],
+    ) -> FlightOutcome:
+        recipe, modules = self.recipe, range(len(self.recipe.forced))
+        broken = [
+            text
+            for index, text in recipe.properties
+            for _ in range(int(last["properties"][index]["count"]))
+        ]
+        broken += [
+            f"{name} latched"
+            for index, name in recipe.components
+            if int(last["components"][index]["latched"])
+        ]
+        bad = events[events["kind"] >= VIOLATED]["time"]
+        spans = [_in_ac(events, k, self._start(k), self.until_ns) for k in modules]
+        return FlightOutcome(
+            number=number,
+            seed=int(seed),
+            seconds=self.until_ns / 1e9,
+            ac_s=tuple(_length(s) for s in spans),
+            all_ac_s=_length(_common(spans)) if spans else 0.0,
+            disengagements=tuple(int((_of(events, k)["kind"] == TO_SC).sum()) for k in modules),
+            episodes=tuple(_episodes(events, k) for k in modules),
+            gate_faults=tuple(int(last["modules"][k]["gate_faults"]) for k in modules),
+            violations=int(last["header"]["violations"]),
+            first_s=float(bad.min()) / 1e9 if len(bad) else None,
+            broken=tuple(broken),
+            digest=digests[0],
+            trajectory=digests[1],
+        )
+
+    def _start(self, module: int) -> int | None:
+        """Since when a module is in AC at the start: it starts in SC unless it is forced."""
+        return 0 if self.recipe.forced[module] else None
+
+
+class Fleet(Flyer):
+    """A system that is flown here."""
+
+    def __init__(
+        self,
+        system: System,
+        until_ns: int,
+        optimise: str = "-O3",
+        *,
+        core: CoreSystem | None = None,
+        horizon_ns: int = 0,
+    ) -> None:
+        """Compile; SoterError U003 where the system needs what only Python answers.
+
+        `horizon_ns`: how far AC is flown on where it was taken off, to count saves; 0: not at all.
+        """
+        core = core or lower(system)
+        _without_externs(system, core)
+        if horizon_ns and len(system.modules) > MODULES_MAX:
+            many = f"saves of {len(system.modules)} modules cannot be counted"
+            raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
+        self.system = system
+        super().__init__(
+            recipe_of(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise)
+        )
+
+
+class _BatchOutput:
+    """What one call of the batch driver writes, for so many flights."""
+
+    def __init__(self, fleet: Flyer, count: int, room: int) -> None:
+        ffi, modules, bins = fleet.ffi, len(fleet.recipe.forced), fleet.recipe.bins
+        self.fleet = fleet
+        self.states = np.zeros((count + SPARE, fleet.dtype.itemsize), dtype=np.uint8)
+        self.events = np.zeros(room, dtype=EVENT)
+        self.looks = np.zeros((count, len(bins)), dtype=LOOK)
+        self.histogram = np.zeros((count, sum(bins)), dtype=np.uint32)
+        self.saves = np.zeros((count, modules), dtype=np.uint32)
+        self.precautions = np.zeros((count, modules), dtype=np.uint32)
+        self.order = ffi.new("soter_order *")
+        self.order.until_ns = fleet.until_ns
+        self.order.horizon_ns = fleet.horizon_ns
+        self.order.episode_ns = EPISODE_NS
+        self.order.measured = fleet._measured  # noqa: SLF001
+        self.order.room = room
+        places = (
+            ("states", "void *", self.states),
+            ("events", "soter_event *", self.events),
+            ("looks", "soter_look *", self.looks),
+            ("histogram", "uint32_t *", self.histogram),
+            ("saves", "uint32_t *", self.saves),
+            ("precautions", "uint32_t *", self.precautions),
+        )
+        for name, kind, array in places:
+            setattr(self.order, name, ffi.cast(kind, array.ctypes.data))
+
+    def more(self, k: int) -> dict[str, Any]:
+        """Saves and looks of flight number k of the call."""
+        fields: dict[str, Any] = {"looks": tuple(self._looks(k))}
+        if self.fleet.horizon_ns:
+            fields["saves"] = tuple(self.saves[k].tolist())
+            fields["precautions"] = tuple(self.precautions[k].tolist())
+        return fields
+
+    def _looks(self, k: int) -> Iterator[MetricSample]:
+        at = 0
+        for i, bins in enumerate(self.fleet.recipe.bins):
+            count, _, total, least, most = self.looks[k, i].tolist()
+            yield MetricSample(
+                count, total, least, most, tuple(self.histogram[k, at : at + bins].tolist())
+            )
+            at += bins
+
+
+def _without_externs(system: System, core: CoreSystem) -> None:
+    """SoterError U003 for what only Python answers, or nobody."""
+    linked = [c for c in system.components if c.node and (c.binding or "").startswith("c:")]
+    names = [c.name for c in system.components if c.extern and c not in linked]
+    kind, helps = "node", ("replace it in the system by a node in Soter: `replace NODE by OTHER;`",)
+    if not names:
+        asked = [f for f in core.functions if f.result is None]
+        names = [f.source_name for f in asked if not (f.source or "").startswith("c:")]
+        kind, helps = "function", ("bind it to C: `--bind NAME=c:file.c:function`",)
+    if names:
+        message = f"{kind} `{names[0]}` is extern: a campaign flies what is compiled"
+        raise SoterError((Diagnostic("U003", message, helps=helps),))
+
+
+def _of(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]:
+    """The events (n,) of one module."""
+    module_events: npt.NDArray[Any] = events[
+        (events["kind"] <= TO_AC) & (events["index"] == module)
+    ]
+    return module_events
+
+
+def _in_ac(
+    events: npt.NDArray[Any], module: int, since: int | None, until_ns: int
+) -> list[tuple[int, int]]:
+    """When a module was in AC, in ns, of events (n,); at the start it is since `since`, or not."""
+    spans: list[tuple[int, int]] = []
+    for time, kind in _of(events, module)[["time", "kind"]].tolist():
+        if kind == TO_AC:
+            since = time
+        elif since is not None:
+            spans.append((since, time))
+            since = None
+    return spans + ([(since, until_ns)] if since is not None else [])
+
+
+def _common(spans: list[list[tuple[int, int]]]) -> list[tuple[int, int]]:
+    """When all of them are."""
+    overlap = spans[0]
+    for other in spans[1:]:
+        both, i, k = [], 0, 0
+        while i < len(overlap) and k < len(other):
+            low, high = max(overlap[i][0], other[k][0]), min(overlap[i][1], other[k][1])
+            if low < high:
+                both.append((low, high))
+            if overlap[i][1] < other[k][1]:
+                i += 1
+            else:
+                k += 1
+        overlap = both
+    return overlap
+
+
+def _length(spans: Iterable[tuple[int, int]]) -> float:
+    return sum(b - a for a, b in spans) / 1e9
+
+
+def _episodes(events: npt.NDArray[Any], module: int) -> int:
+    """Disengagements, those close to each other taken as one; of events (n,)."""
+    own = _of(events, module)
+    times = own[own["kind"] == TO_SC]["time"]
+    if not len(times):
+        return 0
+    return 1 + int((np.diff(times) > EPISODE_NS).sum())

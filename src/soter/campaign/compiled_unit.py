@@ -1,0 +1,287 @@
+"""The C of a system that a campaign flies: its program, and what it measures.
+
+Purpose: `<prefix>_measured` (soter_batch.h), one more table behind the generated program; what is
+not computed again where nothing changed (decision 108); `Recipe`, all that is needed to fly a
+system where neither the system nor its files are.
+Non-goals: flying (`batch_flights.py`).
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.codegen import decisions
+from soter.codegen.c import tree as c
+from soter.codegen.c.types import float_number, int_number
+from soter.codegen.frame import S
+from soter.codegen.storage.value_locations import MADE
+from soter.codegen.unit import UnitBuilder
+from soter.lower.core import Call, Fact, If, Loop
+from soter.lower.footprint import walk
+from soter.lower.layout import size_of, state_dtype
+from soter.lower.steps import lower
+from soter.native.cache import cached, digest
+from soter.native.includes import included
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from soter.codegen.unit import Unit
+    from soter.lower.core import CoreSystem, Function, Predicate, Stmt
+    from soter.program.model.system import Metric, Property, System
+
+NEVER = c.Name("SOTER_NEVER")
+NODES = ("node ", "module ")
+"""What the driver of a topic is called that nodes publish."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What is flown, as plain data that can be sent.
+
+    `properties`, `components`: index and name; `forced`: modules that are in AC from the start;
+    `bins`: of each measure, with those below and above; `files`: the C that externs are bound to
+    and what it includes, by their paths where it was made.
+    """
+
+    unit: Unit
+    dtype: np.dtype[Any]
+    until_ns: int
+    horizon_ns: int
+    optimise: str
+    properties: tuple[tuple[int, str], ...]
+    components: tuple[tuple[int, str], ...]
+    forced: tuple[bool, ...]
+    bins: tuple[int, ...]
+    files: tuple[tuple[str, str], ...]
+
+
+def recipe_of(
+    system: System,
+    core: CoreSystem,
+    until_ns: int,
+    *,
+    horizon_ns: int = 0,
+    optimise: str = "-O3",
+) -> Recipe:
+    """The recipe of a system; SoterError X003 where the C of an extern cannot be read."""
+    unit = generate_measured(system, core)
+    files = {str(p): t for source in unit.c_sources for p, t in included(source).items()}
+    return Recipe(
+        unit=unit,
+        dtype=state_dtype(system, unit.layout),
+        until_ns=until_ns,
+        horizon_ns=horizon_ns,
+        optimise=optimise,
+        properties=tuple((p.index, f"{p.kind} {p.text}") for p in system.properties),
+        components=tuple((c.index, c.name) for c in system.components),
+        forced=tuple(m.forced == "ac" for m in system.modules),
+        bins=tuple(m.bins + 2 for m in system.measures),
+        files=tuple(files.items()),
+    )
+
+
+def unpacked(recipe: Recipe) -> Recipe:
+    """The recipe where it was sent to: the C of its externs lies in this machine's cache."""
+    if not recipe.files:
+        return recipe
+    root = os.path.commonpath([str(Path(p).parent) for p, _ in recipe.files])
+    names = {p: str(Path(p).relative_to(root)) for p, _ in recipe.files}
+
+    def make(work: Path) -> None:
+        for path, text in recipe.files:
+            place = work / names[path]
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(text, encoding="utf-8", errors="surrogateescape")
+
+    content = digest([x for p, t in recipe.files for x in (names[p], t)])
+    folder = cached("sent", content, tuple(names.values()), make)
+    sources = tuple(str(folder / names[str(Path(s).resolve())]) for s in recipe.unit.c_sources)
+    return replace(recipe, unit=replace(recipe.unit, c_sources=sources), files=())
+
+
+def generate_measured(system: System, core: CoreSystem | None = None) -> Unit:
+    """The unit of a system with its measures."""
+    return UnitCache(system, core or lower(system)).run()
+
+
+DEAR = 16
+"""A DM's call is remembered where it may take so many operations a word of its arguments."""
+
+
+class UnitCache(UnitBuilder):
+    """Builds the unit of a system that is flown many times."""
+
+    def __init__(self, system: System, core: CoreSystem) -> None:
+        super().__init__(system, core, None)
+        self.remembered = _dear_calls(core)
+
+    def function(self, f: Function) -> list[c.CTop]:
+        """A function; in front of one that is remembered the last call and its answer."""
+        made = self._function(f)
+        if f.name not in self.remembered:
+            return [made]
+        anew = f"{made.name}_anew"
+        return [replace(made, name=anew), *_remembering(made, anew, self.types.work(f.result_type))]
+
+    def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
+        """Whether a property is violated; one that reads what nodes say is settled until then."""
+        made = super().property(p, predicate)
+        topics = self._told(predicate)
+        if p.component is not None or not topics or made.body is None:
+            return made
+        ct = c.Member(c.Arrow(S, "header"), "ct")
+        stamps = [c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(t))) for t in topics]
+        old: c.CExpr | None = None
+        for stamp in stamps:
+            new = c.Binary("||", c.Binary("==", stamp, ct), c.Binary("==", stamp, NEVER))
+            one = c.Unary("!", new)
+            old = one if old is None else c.Binary("&&", old, one)
+        assert old is not None
+        own = c.IndexExpr(c.Arrow(S, "properties"), c.Number(str(p.index)))
+        active = c.Binary("!=", c.Member(own, "active"), c.Number("0U"))
+        first, *rest = made.body
+        return replace(made, body=(first, c.IfStmt(old, (c.Return(active),)), *rest))
+
+    def _told(self, predicate: Predicate) -> tuple[int, ...]:
+        """The topics that a predicate reads, if it reads nothing else and nodes publish them."""
+        cells = predicate.footprint.reads
+        if not cells or predicate.footprint.modes or predicate.footprint.stamps:
+            return ()
+        if any(isinstance(x, Fact) for x in walk((*predicate.body, predicate.value))):
+            return ()
+        for cell in cells:
+            topic = self.system.topics[cell.owner] if cell.kind == "topic" else None
+            if topic is None or topic.queue_of is not None or topic.held:
+                return ()
+            if not topic.driver.startswith(NODES):
+                return ()
+        return tuple(sorted({cell.owner for cell in cells}))
+
+    def more(self) -> list[c.CTop]:
+        """The table of measures, and their functions."""
+        declarations: list[c.CTop] = [c.Include("soter_batch.h")]
+        rows: list[tuple[None, c.CExpr]] = []
+        for k, (measure, value) in enumerate(
+            zip(self.system.measures, self.core.measures, strict=True)
+        ):
+            name = f"{self.prefix}_measure_{k}"
+            doc = f"measure {measure.name}"
+            declarations.append(decisions.number(self.frame, value, name, doc))
+            rows.append((None, _row(measure, name)))
+        table = f"{self.prefix}_measures"
+        if rows:
+            declarations.append(
+                c.VariableDef("soter_measure", table, c.Initializer(tuple(rows)), True)
+            )
+        fields = (
+            ("count", c.Number(f"{len(rows)}U")),
+            ("measure", c.Name(table if rows else "NULL")),
+        )
+        declared = c.VariableDef("soter_measured", f"{self.prefix}_measured", None)
+        value_of = c.Initializer(fields)
+        defined = c.VariableDef("soter_measured", f"{self.prefix}_measured", value_of, static=False)
+        return [*declarations, declared, defined]
+
+
+def _row(measure: Metric, name: str) -> c.CExpr:
+    return c.Initializer(
+        (
+            ("every_ns", int_number(measure.every_ns)),
+            ("low", float_number(measure.low)),
+            ("high", float_number(measure.high)),
+            ("bins", c.Number(f"{measure.bins}U")),
+            ("value", c.Name(name)),
+        )
+    )
+
+
+def _dear_calls(core: CoreSystem) -> frozenset[str]:
+    """Functions that the predicates of DMs call, and that take long for what they are given.
+
+    A DM asks them at every period of what may not have changed for a long time: a plan, say.
+    """
+    functions = {f.name: f for f in core.functions}
+    asked = {
+        x.function
+        for d in core.decisions
+        for predicate in (d.ttf, d.safer)
+        for x in walk(predicate.body)
+        if isinstance(x, Call)
+    }
+    known: dict[str, int] = {}
+    for f in core.functions:  # those that are called come first
+        known[f.name] = _operations(f.body, known)
+    words = {n: sum(size_of(p.type) for p in functions[n].parameters) / 8 for n in asked}
+    return frozenset(
+        n for n in asked if functions[n].source is None and words[n] and known[n] > DEAR * words[n]
+    )
+
+
+def _operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
+    """How many expressions a body evaluates at most, roughly."""
+    count = 0
+    for s in body:
+        if isinstance(s, Loop):
+            count += max(0, s.high - s.low) * _operations(s.body, known)
+        elif isinstance(s, If):
+            count += _operations(s.then, known) + _operations(s.otherwise, known)
+        else:
+            count += sum(known[x.function] if isinstance(x, Call) else 1 for x in walk(s))
+    return count
+
+
+def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
+    """The last call of a thread, and what came of it. Structs have no holes: bytes tell.
+
+    What is large goes in and out by address (decision 109).
+    """
+    kept, last = f"{made.name}_kept", c.Name("last")
+    given = [
+        (t.removeprefix("const ").removesuffix(" *"), c.Unary("*", c.Name(n)))
+        if t.startswith("const ")
+        else (t, c.Name(n))
+        for t, n in made.parameters
+        if n not in {"fault", "made"}
+    ]
+    faults = any(n == "fault" for _, n in made.parameters)
+    large = any(n == "made" for _, n in made.parameters)
+    members = [c.StructMember("bool", "known"), c.StructMember("soter_fault", "status")]
+    members += [c.StructMember(t, f"given_{k}") for k, (t, _) in enumerate(given)]
+    members.append(c.StructMember(result, "result"))
+    known: c.CExpr = c.Arrow(last, "known")
+    for k, (_, value) in enumerate(given):
+        there = c.Unary("&", c.Arrow(last, f"given_{k}"))
+        size = c.CallExpr("sizeof", (value,))
+        same = c.CallExpr("memcmp", (there, c.address(value), size))
+        known = c.Binary("&&", known, c.Binary("==", same, c.Number("0")))
+    answer = c.Arrow(last, "result")
+    arguments: list[c.CExpr] = [c.Name(n) for _, n in made.parameters if n not in {"fault", "made"}]
+    arguments += [c.Unary("&", answer)] if large else []
+    arguments += [c.Unary("&", c.Arrow(last, "status"))] if faults else []
+    call = c.CallExpr(anew, tuple(arguments))
+    compute = (
+        *(c.Assign(c.Arrow(last, f"given_{k}"), value) for k, (_, value) in enumerate(given)),
+        c.Assign(c.Arrow(last, "status"), c.Name("SOTER_OK")),
+        c.Do(call) if large else c.Assign(answer, call),
+        c.Assign(c.Arrow(last, "known"), c.Name("true")),
+    )
+    raised = c.Do(c.CallExpr("soter_raise", (c.Name("fault"), c.Arrow(last, "status"))))
+    failed = c.Binary("!=", c.Arrow(last, "status"), c.Name("SOTER_OK"))
+    body: list[c.CStmt] = [
+        c.Declare(f"static SOTER_OF_THREAD {kept}", "own", None),
+        c.Declare(f"{kept} *const ", "last", c.Unary("&", c.Name("own"))),
+        c.IfStmt(c.Unary("!", known), compute),
+    ]
+    if faults:
+        body.append(c.IfStmt(failed, (raised,)))
+    body.append(c.Assign(MADE, answer) if large else c.Return(answer))
+    return [
+        c.Include("string.h", system=True),
+        c.Include("soter_batch.h"),
+        c.StructDef(kept, tuple(members), f"the last call of {anew}"),
+        replace(made, body=tuple(body)),
+    ]

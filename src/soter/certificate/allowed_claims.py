@@ -1,0 +1,72 @@
+"""Which claims a certificate may make.
+
+Purpose: the names of the properties, and which verdicts count.
+Non-goals: showing any of them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.certificate.assumptions import p1c_of
+from soter.certificate.format.errors import RejectedError
+
+if TYPE_CHECKING:
+    from soter.certificate.reading.facts import Facts
+
+CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
+ELSEWHERE = ("DM",)
+"""Said in a certificate, not confirmed here: what was compiled is not our matter."""
+SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
+"""Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
+PROVED = "proved"
+VERDICTS = ("proved", "assumed", "undecided", "refuted")
+
+
+def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
+    """What safety needs and a certificate does not establish; P1c may be assumed.
+
+    An assumed P1c is H >= H* with delays taken for zero: `static_claims` compares them.
+    """
+    held = {*confirmed, *(n for n in ("P1c",) if claims.get(n) == "assumed")}
+    return [n for n in SAFETY if n not in held]
+
+
+def claimed_of(given: object) -> set[str]:
+    """The properties that are said to be proved; RejectedError for unknown ones, or none."""
+    if not isinstance(given, dict):
+        raise RejectedError("`claims` is not as it should be")
+    for name, verdict in given.items():
+        if name not in (*CLAIMS, *ELSEWHERE) or verdict not in VERDICTS:
+            raise RejectedError(f"the claim `{name}: {verdict}` is unknown")
+    claims = {name for name, verdict in given.items() if verdict == PROVED and name in CLAIMS}
+    if not claims:
+        raise RejectedError("nothing is claimed")
+    return claims
+
+
+def static_claims(facts: Facts, given: dict[str, str]) -> dict[str, str]:
+    """The claims, P1a, P1b and P1c seen to once more; `RejectedError` where they overstate."""
+    system, module = facts.flying, facts.flying_module
+    ac, sc = (system.components[i] for i in (module.ac, module.sc))
+    verdict_by_claim = dict(given)
+    if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
+        raise RejectedError("P1a: a controller is slower than the DM")
+    if given.get("P1b") == PROVED:
+        outputs = [{c.scope.topics[t] for t in c.node.publishes} for c in (ac, sc) if c.node]
+        if not module.outputs or any(of != set(module.outputs) for of in outputs):
+            raise RejectedError("P1b: AC and SC do not publish the same topics")
+    if given.get("P1c") not in (PROVED, "assumed"):
+        return verdict_by_claim
+    if facts.times["H_ns"] < facts.times["H_star_ns"]:
+        raise RejectedError("P1c: the horizon is shorter than H*")
+    seen = {r.name for r in facts.setting.by_dm}
+    blind = [r.name for r in facts.setting.by_sc if r.name not in seen]
+    if blind and facts.times["H_ns"] < facts.start_ns:
+        # an "AC" verdict shows nothing of what SC alone reads: only from h_0 on it is there
+        raise RejectedError(f"P1c: `{blind[0]}`, which the DM does not read, may come after H")
+    derived = p1c_of(facts)
+    if given["P1c"] == PROVED != derived:
+        raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
+    verdict_by_claim["P1c"] = given["P1c"]
+    return verdict_by_claim

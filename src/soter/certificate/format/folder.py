@@ -1,0 +1,225 @@
+"""The folder of a certificate: every byte covered, nothing besides.
+
+Purpose: read and check what docs/verification.md (section 4) lays down: names, hashes, the
+canonical manifest, sizes of tables.
+Non-goals: believing anything that stands in it (`rechecker.py`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import stat
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.certificate.format.errors import RejectedError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+MANIFEST, SEAL = "manifest.json", "SEAL"
+SCHEMA = 1
+CELLS_MAX = 200_000_000
+"""Of all grids of a certificate together."""
+ENTRIES_MAX = 100_000
+"""Files and folders."""
+MANIFEST_MAX = 64 << 20
+PROGRAM_MAX = 32 << 20
+FILE_MAX = 2 * CELLS_MAX
+"""In bytes: a table of ranks over the largest grid."""
+BYTES_MAX = 2 << 30
+"""Of all files together."""
+
+
+class NotACertificateError(Exception):
+    """There is no certificate in this place."""
+
+
+@dataclass(eq=False)
+class Certificate:
+    """A folder whose hashes are right; `used` notes which files the claims rest on."""
+
+    folder: Path
+    manifest: dict[str, Any]
+    contents: dict[str, bytes]
+    used: set[str]
+    cells: int = 0
+    """Of the grids that were asked for so far."""
+
+    # ------------------------------------------------------------ tables
+
+    def edges(self, path: object) -> tuple[float, ...]:
+        """The breakpoints of an axis.
+
+        RejectedError where they are fewer than two, not finite, or do not rise.
+        """
+        data = self._bytes(path)
+        if len(data) % 8 or len(data) < 16:
+            raise RejectedError(f"`{path}` holds no breakpoints")
+        breakpoints = tuple(float(x) for x in np.frombuffer(data, dtype="<f8"))
+        if not all(math.isfinite(x) for x in breakpoints):
+            raise RejectedError(f"`{path}`: a breakpoint is not finite")
+        if any(a >= b for a, b in pairwise(breakpoints)):
+            raise RejectedError(f"`{path}`: breakpoints do not increase")
+        return breakpoints
+
+    def numbers(self, path: object, shape: tuple[int, ...], kind: str) -> NDArray[Any]:
+        """A table of whole numbers of that shape, `kind` being `<u1` or `<u2`.
+
+        RejectedError where the file is not of its size.
+        """
+        data = self._bytes(path)
+        dtype = np.dtype(kind)
+        if len(data) != math.prod(shape) * dtype.itemsize:
+            raise RejectedError(f"`{path}` is not the size of its grid")
+        return np.frombuffer(data, dtype=dtype).reshape(shape)
+
+    def bits(self, path: object, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """A set of cells of that shape; what fills up the last byte must be zero.
+
+        RejectedError where it is not, or the file not of its size.
+        """
+        data = self._bytes(path)
+        cells = math.prod(shape)
+        if len(data) != -(-cells // 8):
+            raise RejectedError(f"`{path}` is not the size of its grid")
+        every = np.unpackbits(np.frombuffer(data, dtype="<u1"), bitorder="little")
+        if every[cells:].any():
+            raise RejectedError(f"`{path}`: bits are set behind the last cell")
+        return every[:cells].astype(np.bool_).reshape(shape)
+
+    def count(self, shape: tuple[int, ...]) -> None:
+        """Note a grid of that shape; RejectedError where all of them have more than `CELLS_MAX`."""
+        self.cells += math.prod(shape)
+        if self.cells > CELLS_MAX:
+            raise RejectedError(f"more than {CELLS_MAX:,} cells in all grids: not looked at")
+
+    def plain(self, path: object) -> bytes:
+        """A file as it is."""
+        return self._bytes(path)
+
+    def _bytes(self, path: object) -> bytes:
+        if not isinstance(path, str) or not path.startswith("sets/") or path not in self.contents:
+            raise RejectedError(f"there is no table `{path}`")
+        self.used.add(path)
+        return self.contents[path]
+
+
+def read_certificate(folder: Path) -> Certificate:
+    """The certificate in a folder. `NotACertificateError`, or `RejectedError` for a bad one."""
+    if not folder.is_dir():
+        raise NotACertificateError(f"`{folder}` is not a folder")
+    if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
+        raise NotACertificateError(f"`{folder}` holds no `{MANIFEST}` and `{SEAL}`")
+    contents = _everything(folder)
+    raw, seal = contents.pop(MANIFEST), contents.pop(SEAL)
+    if seal != (hashlib.sha256(raw).hexdigest() + "\n").encode():
+        raise RejectedError("the seal does not fit the manifest")
+    manifest = _parsed(raw)
+    files = manifest.get("files")
+    if not isinstance(files, dict):
+        raise RejectedError("the manifest lists no files")
+    for name in sorted(files.keys() ^ contents.keys()):
+        side = "missing" if name in files else "not listed in the manifest"
+        raise RejectedError(f"`{name}` is {side}")
+    for name, digest in files.items():
+        if PurePosixPath(name).parts[0] not in ("program", "sets"):
+            raise RejectedError(f"`{name}` stands outside `program/` and `sets/`")
+        if hashlib.sha256(contents[name]).hexdigest() != digest:
+            raise RejectedError(f"`{name}` was changed")
+    if manifest.get("schema") != SCHEMA:
+        raise RejectedError(f"a manifest of schema {manifest.get('schema')}, not {SCHEMA}")
+    return Certificate(folder, manifest, contents, set())
+
+
+def _everything(folder: Path) -> dict[str, bytes]:
+    """Every file below the folder; anything but plain files and needed folders is refused.
+
+    All sizes are looked at before the first file is read.
+    """
+    sizes = _sizes(folder)
+    if sum(sizes.values()) > BYTES_MAX:
+        raise RejectedError(f"the files are larger than {BYTES_MAX:,} bytes: not read")
+    return {name: _read(folder, name, size) for name, size in sizes.items()}
+
+
+def _sizes(folder: Path) -> dict[str, int]:
+    """The size of every file in bytes, by its name, in the order of names."""
+    sizes: dict[str, int] = {}
+    folders: set[str] = set()
+    waiting = [folder]
+    while waiting:
+        at = waiting.pop()
+        for path, status in _entries(at):
+            name = path.relative_to(folder).as_posix()
+            if len(sizes) + len(folders) >= ENTRIES_MAX:
+                raise RejectedError(f"more than {ENTRIES_MAX:,} files and folders: not read")
+            if stat.S_ISDIR(status.st_mode):
+                folders.add(name)
+                waiting.append(path)
+            elif not stat.S_ISREG(status.st_mode):
+                raise RejectedError(f"`{name}` is neither a file nor a folder")
+            elif status.st_size > _most(name):
+                raise RejectedError(f"`{name}` has {status.st_size:,} bytes: too many to be read")
+            else:
+                sizes[name] = status.st_size
+    needed = {p.as_posix() for name in sizes for p in PurePosixPath(name).parents}
+    for name in sorted(folders - needed):
+        raise RejectedError(f"the folder `{name}` is empty")
+    return dict(sorted(sizes.items()))
+
+
+def _most(name: str) -> int:
+    """How many bytes a file of that name may have."""
+    if name == MANIFEST:
+        return MANIFEST_MAX
+    return PROGRAM_MAX if name.startswith("program/") else FILE_MAX
+
+
+def _entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    """What lies in a folder, links not followed; RejectedError where the system refuses."""
+    try:
+        with os.scandir(at) as entries:
+            for entry in entries:
+                yield Path(entry.path), entry.stat(follow_symlinks=False)
+    except OSError as error:
+        raise RejectedError(f"`{at.name}` cannot be read: {error.strerror}") from None
+
+
+def _read(folder: Path, name: str, size: int) -> bytes:
+    """A plain file that still has that size; RejectedError for anything else."""
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    try:
+        with os.fdopen(os.open(folder / name, flags), "rb") as file:
+            data = file.read(size + 1) if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else None
+    except OSError as error:
+        raise RejectedError(f"`{name}` cannot be read: {error.strerror}") from None
+    if data is None or len(data) != size:
+        raise RejectedError(f"`{name}` was changed while it was read")
+    return data
+
+
+def _parsed(raw: bytes) -> dict[str, Any]:
+    try:
+        manifest = json.loads(raw.decode("utf-8"))
+        again = canonical(manifest)
+    except (ValueError, RecursionError) as error:
+        raise RejectedError(f"the manifest is not JSON: {error}") from None
+    if not isinstance(manifest, dict) or again != raw:
+        raise RejectedError("the manifest is not in its canonical form")
+    return manifest
+
+
+def canonical(manifest: object) -> bytes:
+    """JSON with sorted keys, no spaces, plain ASCII, and a newline at the end."""
+    text = json.dumps(manifest, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return (text + "\n").encode()

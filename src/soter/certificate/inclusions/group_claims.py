@@ -1,0 +1,370 @@
+"""The claims about one group in one case, each an inclusion recomputed from its witnesses.
+
+Purpose: K, R(H), Q, W of a group, and the start, cell by cell.
+Non-goals: predicates (`predicates.py`), certificates (`folder.py`), which claims there are
+(`case.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.certificate.inclusions.sc_chains import EVERY, Window, free_phase, sc_chain, windows
+from soter.certificate.inclusions.tables import (
+    Cells,
+    Grid,
+    block_index,
+    finer,
+    uncovered,
+    unshown,
+    volume,
+)
+from soter.certificate.terms.arb_balls import (
+    HALF,
+    above,
+    below,
+    larger,
+    smaller,
+)
+from soter.certificate.terms.compile_terms import form_of_box
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from flint import arb
+    from numpy.typing import NDArray
+
+    from soter.certificate.inclusions.sc_chains import Chain, FreeChain
+    from soter.certificate.inclusions.tables import Block
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.terms.compile_terms import Step
+
+CELLS_AT_ONCE = 256
+PIECES = (1, 4)
+"""Into how many pieces a tube is cut, first and where that was not enough."""
+FREE_PIECES = (4, 16)
+SPLITS = 6
+"""How often a single cell is halved before it counts as failed."""
+SPLITS_CUT = 4
+"""The same where sets are halved on the way as well."""
+MID_CUTS = (4, 7)
+"""How often, at equal distances, first and then; each doubles the work that is left."""
+WINDOWS = 4
+"""Into how many parts runs are told apart by how late their first command acted."""
+UNRANKED = 1 << 20
+
+
+@dataclass(eq=False)
+class GroupTables:
+    """The sets of one group as the certificate has them."""
+
+    states: tuple[int, ...]
+    grid: Grid
+    core: NDArray[np.uint8]
+    free: NDArray[np.bool_] | None = None
+    home: NDArray[np.uint8] | None = None
+    rank: NDArray[np.uint16] | None = None
+    rank_holds: NDArray[np.uint8] | None = None
+    levels: list[NDArray[np.bool_]] = field(default_factory=list)
+    given_back: NDArray[np.bool_] | None = None
+    """Estimates on which the table of the DM gives control back to AC: S_(m-2) of all cases."""
+
+
+# ---------------------------------------------------------------- chains
+
+
+class ChainCheck:
+    """Whether SC leads from boxes to a set, within another one on the way."""
+
+    def __init__(self, model: CaseModel, group: GroupTables) -> None:
+        self.model, self.group = model, group
+        self._chains: dict[tuple[int, Window], Chain] = {}
+
+    def chain(self, pieces: int, window: Window = EVERY) -> Chain:
+        """Compiled when it is first needed."""
+        key = pieces, window
+        if key not in self._chains:
+            self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
+        return self._chains[key]
+
+    def leads(
+        self,
+        box: list[tuple[arb, arb]],
+        holds: int,
+        within: Cells,
+        target: Callable[[Sequence[float]], bool],
+        pieces: int,
+        *,
+        cuts: int = 0,
+        window: Window = EVERY,
+    ) -> bool:
+        """Whether after so many holds everything is in `target`, and in `within` all the time.
+
+        `cuts`: so often on the way sets are halved along what errors and disturbances made of them.
+        `window`: of the runs in it.
+        """
+        chain = self.chain(pieces, window)
+        forms = [form_of_box(box, symbols=True)]
+        step: Step = chain.first
+        at = {holds * k // (cuts + 1) for k in range(1, cuts + 1)}
+        for k in range(holds):
+            if k and k in at:
+                forms = [part for f in forms for part in self._parts(f, chain.dimension)]
+            after = []
+            for form in forms:
+                image = step(form)
+                if image is None or not within.contains_all(image[1]):
+                    return False
+                after.append(image[0])
+            forms = after
+            step = chain.later
+        for form in forms:
+            ends = self._after(chain, form, within)
+            if ends is None or not all(target(box) for box in ends):
+                return False
+        return True
+
+    def reached(
+        self, at: Block, wanted: Sequence[int], within: Cells, seen: NDArray[np.uint16]
+    ) -> Iterator[tuple[int, list[tuple[float, ...]]]]:
+        """(N, where everything may be after N holds) for each wanted N, rising, while it is within.
+
+        An N after which the box is not certainly within until N delta + j is left out. `seen`: for
+        each cell how many holds were seen to be within from some block that holds it. It has the
+        grid's shape.
+        """
+        if not wanted:
+            return
+        chain = self.chain(PIECES[0])
+        form = form_of_box(self.group.grid.box(at), symbols=True)
+        before = seen[block_index(at)]
+        known = int(before.min())
+        rising = iter(wanted)
+        following = next(rising)
+        for k in range(1, wanted[-1] + 1):
+            steps = chain.bare if k <= known else (chain.first, chain.later)
+            image = steps[k > 1](form)
+            if image is None or not within.contains_all(image[1]):
+                return
+            form = image[0]
+            if k > known:
+                np.maximum(before, k, out=before)
+            if k == following:
+                following = next(rising, 0)
+                ends = self._after(chain, form, within)
+                if ends is not None:
+                    yield k, ends
+
+    @staticmethod
+    def _after(
+        chain: Chain, form: tuple[arb, ...], within: Cells
+    ) -> list[tuple[float, ...]] | None:
+        """The boxes in which everything may be when the last command ends; None: not within."""
+        n = chain.dimension
+        if chain.last is None:
+            return [_box_of(form, n)]
+        image = chain.last(form)
+        if image is None or not within.contains_all(image[1]):
+            return None
+        boxes = image[1]
+        return [boxes[k : k + 2 * n] for k in range(0, len(boxes), 2 * n)]
+
+    def leads_in_parts(
+        self,
+        box: list[tuple[arb, arb]],
+        holds: int,
+        within: Cells,
+        target: Callable[[Sequence[float]], bool],
+    ) -> bool:
+        """The same with finer tubes, in parts of the box, and in parts on the way.
+
+        Then once more for runs whose commands act nearly as late as each other.
+        """
+        parts = windows(self.model, WINDOWS)
+        tried = [(EVERY,)] if len(parts) == 1 else [(EVERY,), parts]
+        return any(self._leads_in(box, holds, within, target, some) for some in tried)
+
+    def _leads_in(
+        self,
+        box: list[tuple[arb, arb]],
+        holds: int,
+        within: Cells,
+        target: Callable[[Sequence[float]], bool],
+        some: Sequence[Window],
+    ) -> bool:
+        """The same of the runs in all of these windows."""
+
+        def fine(part: list[tuple[arb, arb]], cuts: int) -> bool:
+            return all(
+                self.leads(part, holds, within, target, PIECES[1], cuts=cuts, window=w)
+                for w in some
+            )
+
+        return (
+            fine(box, 0)
+            or finer(box, lambda b: fine(b, MID_CUTS[0]), SPLITS_CUT)
+            or finer(box, lambda b: fine(b, 0), SPLITS)
+            or finer(box, lambda b: fine(b, MID_CUTS[1]), SPLITS_CUT)
+        )
+
+    def _parts(self, form: tuple[arb, ...], n: int) -> list[tuple[arb, ...]]:
+        """A form in two: the beta of the state with the widest rest, in cells, is halved."""
+        widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.group.grid.edges]
+        count = _states_of(len(form), n)
+        rest = 2 * count + count + count * n
+        axis = max(range(n), key=lambda i: float(form[rest + i]) / widths[i])
+        return [halved(form, n, axis, side) for side in (-HALF, HALF)]
+
+
+def _states_of(length: int, n: int) -> int:
+    """How many states and memories a form has: 4 + n entries each, n more for a memory."""
+    return (length + n * n) // (4 + 2 * n)
+
+
+def halved(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
+    """The part of a form in which the beta of one state lies on one side of 0.
+
+    beta = side + beta'/2 with side = 1/2 or -1/2: centres move by what they have of it.
+    """
+    count = _states_of(len(form), n)
+    new = list(form)
+    centre, symbols = 2 * count, 3 * count
+    rest = symbols + count * n
+    common = rest + count
+    b = form[rest + axis]
+    new[centre + axis] += side * b
+    new[rest + axis] = b * HALF
+    for k in range(count - n):
+        new[centre + n + k] += side * b * form[common + k * n + axis]
+    radius = new[rest + axis]
+    for k in range(n):
+        radius += abs(form[symbols + axis * n + k])
+    new[2 * axis] = larger(new[centre + axis] - radius, form[2 * axis])
+    new[2 * axis + 1] = smaller(new[centre + axis] + radius, form[2 * axis + 1])
+    return tuple(new)
+
+
+def _box_of(form: Sequence[arb], n: int) -> tuple[float, ...]:
+    """The box of the first n states of a form."""
+    bounds: list[float] = []
+    for i in range(n):
+        bounds += (below(form[2 * i]), above(form[2 * i + 1]))
+    return tuple(bounds)
+
+
+def witnessed(
+    check: ChainCheck,
+    witnesses: NDArray[np.uint8],
+    within: Cells,
+    target: Callable[[Sequence[float]], bool],
+    block: Block,
+) -> Iterator[Block]:
+    """Cells with a witness from which SC does not certainly lead to the target.
+
+    `witnesses`: the number of holds, 0 for none, in the grid's shape.
+    """
+    grid = check.group.grid
+    seen = np.zeros(grid.shape, dtype=np.uint16)
+
+    def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        own = witnesses[block_index(at)]
+        shown = np.zeros_like(wanted)
+        for holds, ends in check.reached(at, holds_of(own, wanted), within, seen):
+            if all(target(end) for end in ends):
+                shown |= wanted & (own == holds)
+        if shown.size == 1 and not shown.any():
+            shown[...] = check.leads_in_parts(grid.box(at), int(own.flat[0]), within, target)
+        return shown
+
+    return unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE)
+
+
+def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
+    """The numbers of holds of the cells that are wanted, rising; both arrays of one shape."""
+    return [int(n) for n in np.unique(witnesses[wanted]) if n > 0]
+
+
+def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
+    """Cells of W from which SC does not certainly lead to lower ranks."""
+    group = check.group
+    assert group.rank is not None
+    assert group.rank_holds is not None
+    grid, every_holds = group.grid, group.rank_holds
+    order = group.rank.astype(np.int64)  # wider than a table: UNRANKED has no place in 16 bits
+    order[order == 0] = UNRANKED
+    order[home.members] = 0
+    everywhere = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
+
+    def highest(box: Sequence[float]) -> int:
+        cells = grid.cells(box)
+        if cells is None:
+            return UNRANKED
+        return int(order[block_index(cells)].max())
+
+    seen = np.zeros(grid.shape, dtype=np.uint16)
+
+    def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        own, ranks = every_holds[block_index(at)], order[block_index(at)]
+        shown = np.zeros_like(wanted)
+        for holds, ends in check.reached(at, holds_of(own, wanted), everywhere, seen):
+            top = max(highest(end) for end in ends)
+            shown |= wanted & (own == holds) & (ranks > top)
+        if shown.size == 1 and not shown.any() and own.flat[0]:
+            rank = int(ranks.flat[0])
+            shown[...] = check.leads_in_parts(
+                grid.box(at), int(own.flat[0]), everywhere, lambda end: highest(end) < rank
+            )
+        return shown
+
+    return unshown((group.rank > 0) & ~home.members, block, attempt, CELLS_AT_ONCE)
+
+
+# ---------------------------------------------------------------- free phases
+
+
+class FreeCheck:
+    """Whether whatever is commanded for some time keeps boxes in a set."""
+
+    def __init__(self, model: CaseModel, group: GroupTables, time_ns: int) -> None:
+        self.model, self.group, self.time_ns = model, group, time_ns
+        self._phases: dict[int, FreeChain] = {}
+
+    def phase(self, pieces: int) -> FreeChain:
+        """Compiled when it is first needed."""
+        if pieces not in self._phases:
+            self._phases[pieces] = free_phase(self.model, self.group.states, self.time_ns, pieces)
+        return self._phases[pieces]
+
+    def stays(self, box: list[tuple[arb, arb]], within: Cells, pieces: int) -> bool:
+        """At every time in [0, time], the beginning included."""
+        phase = self.phase(pieces)
+        maps = self.model.facts.kind == "map"
+        form = form_of_box(box, symbols=True)
+        start = _box_of(form, phase.dimension)
+        if not within.contains(start):
+            return False
+        for step in phase.steps:
+            image = step(form)
+            if image is None or not within.contains_all(image[1]):
+                return False
+            if maps:
+                form = image[0]
+        return True
+
+
+def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
+    """Cells of `claimed` that some command may drive out of `within`."""
+    grid = check.group.grid
+
+    def attempt(at: Block) -> bool:
+        box = grid.box(at)
+        if check.stays(box, within, FREE_PIECES[0]):
+            return True
+        if volume(at) > 1:
+            return False
+        return finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
+
+    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)

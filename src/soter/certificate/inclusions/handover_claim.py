@@ -1,0 +1,180 @@
+"""Wherever `enters` holds of an estimate the state lies in R(H) (docs/proof.md, "Hand-over").
+
+Purpose: the set part of a hand-over: cells outside R(H), and states outside the grid.
+Non-goals: that a node changes a view in no other step (`induction/handover_jumps.py`).
+
+`enters` is judged on what a step publishes, which is the state after the jump up to the declared
+errors. Nothing is known yet of that state: not that `safe` holds there, nor that it lies in a grid.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.certificate.inclusions.predicates import AdmitCheck, admitted, both_all, decision
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.problem import driven_topics, followed
+from soter.certificate.terms.arb_balls import (
+    HALF,
+    TINIEST,
+    UNIT_ROUNDOFF,
+    above,
+    below,
+    exact,
+    magnitude,
+)
+from soter.certificate.terms.terms import both, conjuncts, influence, inputs_of, negation
+from soter.program.model.tree_walk import topic_reads
+from soter.program.model.types import leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flint import arb
+
+    from soter.certificate.inclusions.group_claims import GroupTables
+    from soter.certificate.reading.facts import Facts
+    from soter.certificate.terms.terms import Proposition, Terms
+    from soter.program.model import typed
+
+    Box = list[tuple[arb, arb]]
+
+TRIES_BEYOND = 2_000
+"""Boxes that a side of the grid is cut into at most, for each part of a predicate."""
+
+
+def not_entered(model: CaseModel, groups: Sequence[GroupTables], expr: typed.TypedExpr) -> str:
+    """Why it is not shown of one combination of parameter values; "" where it is.
+
+    `groups` hold every state once; their R(H) was shown to lead nowhere but into K. `expr` reads
+    nothing but what the plants of the view drive. NotRecheckedError for what is not understood.
+    """
+    states = [s for g in groups for s in g.states]
+    if sorted(states) != list(range(len(model.facts.states))):
+        return "not every state is on a grid"
+    if any(g.free is None for g in groups):
+        return "there is no R(H)"
+    reach = _reach(model.facts, expr)
+    for k, ends in enumerate(reach):
+        if ends is None:
+            return f"nothing that it reads bounds {model.facts.states[k].name}"
+        if ends[0] > ends[1]:
+            return f"no value of {model.facts.states[k].name} is shown by all that it reads"
+    where = _beyond(model, groups, expr, [r for r in reach if r is not None])
+    if where:
+        return f"it may hold where {where}, outside the grid"
+    for g in groups:
+        check = AdmitCheck(model, g, expr, admits=True, anywhere=True)
+        failed = next(admitted(check, g.grid.whole), None)
+        if failed is not None:
+            names = ", ".join(model.facts.states[s].name for s in g.states)
+            return f"it may hold outside R(H), at {names} in {g.grid.text(failed)}"
+    return ""
+
+
+# ---------------------------------------------------------------- outside the grid
+
+
+def _reach(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
+    """What each state can be where `expr` is judged; None where nothing that it reads says so.
+
+    What is published lies in its declared set, and shows the state up to its error and rounding.
+    """
+    ranges: list[tuple[float, float] | None] = [None] * len(facts.states)
+    driven = driven_topics(facts)
+    scope = facts.module.scope.topics
+    for index in (scope[t] for t in topic_reads(expr)):
+        c, value = driven[index]
+        topic = facts.system.topics[index]
+        for leaf, ((path, _), bound) in enumerate(
+            zip(leaves(topic.type), topic.bounds, strict=True)
+        ):
+            state = followed(facts, c, value, path)
+            if state is None or bound is None:
+                continue
+            error = exact(0.0)
+            for e in facts.errors:
+                if (e.owner, e.leaf) == (index, leaf):
+                    error += magnitude(exact(e.low)).max(magnitude(exact(e.high)))
+            low, high = exact(bound.low), exact(bound.high)
+            size = magnitude(low).max(magnitude(high)) + error
+            error += size * (4 * UNIT_ROUNDOFF) + 4 * TINIEST
+            ends = below(low - error), above(high + error)
+            old = ranges[state] or ends
+            ranges[state] = max(old[0], ends[0]), min(old[1], ends[1])
+    return ranges
+
+
+def _beyond(
+    model: CaseModel,
+    groups: Sequence[GroupTables],
+    expr: typed.TypedExpr,
+    reach: Sequence[tuple[float, float]],
+) -> str:
+    """Where it may hold outside the grid, in words; "" where it cannot."""
+    parts = _parts(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
+    for g in groups:
+        for state, edges in zip(g.states, g.grid.edges, strict=True):
+            low, high = reach[state]
+            first, last = edges[0], edges[-1]
+            sides = [(f"below {first!r}", low, min(first, high))] if low <= first else []
+            sides += [(f"above {last!r}", max(last, low), high)] if high >= last else []
+            for side, a, b in sides:
+                if not any(part.never(state, a, b) for part in parts):
+                    return f"{model.facts.states[state].name} is {side}"
+    return ""
+
+
+def _parts(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_Part]:
+    """What must hold beside each other for `expr` to hold, and be judged without a fault."""
+    terms, states = anywhere.new_terms()
+    told = anywhere.predicate(terms, states, expr, errors=True)
+    sound = both_all(terms.obligations)
+    atoms = [next(iter(x.terms)) for x in states]
+    return [_Part(anywhere, terms, atoms, part, sound) for part in conjuncts(told)]
+
+
+class _Part:
+    """One of the parts of a predicate, over states that may lie outside the grid."""
+
+    def __init__(
+        self,
+        model: CaseModel,
+        terms: Terms,
+        atoms: Sequence[int],
+        part: Proposition,
+        sound: Proposition,
+    ) -> None:
+        fails = both(negation(part), sound)
+        self._decide, ranges = decision(model, range(len(atoms)), terms, atoms, fails)
+        self._box: Box = [*((exact(a), exact(b)) for a, b in model.extents), *ranges]
+        free = sorted(i for i in inputs_of(terms, [fails]) if terms.atoms[i].kind == "box")
+        self._weights = [float(influence(terms, part, [i])) for i in (*atoms, *free)]
+
+    def never(self, state: int, low: float, high: float) -> bool:
+        """Whether it certainly fails where a state is in a range: the box of all is halved.
+
+        What moves most of what is compared is halved first.
+        """
+        if not self._weights[state]:
+            return False
+        box = list(self._box)
+        box[state] = exact(low), exact(high)
+        widths = [b - a for a, b in box]
+        waiting, tries = [box], 0
+        while waiting:
+            box, tries = waiting.pop(), tries + 1
+            truth_bits = self._decide(box)
+            if truth_bits == 2:
+                continue
+            if truth_bits != 3 or tries > TRIES_BEYOND:
+                return False
+            shares = [
+                w * float((b - a) / full) if full > 0 else 0.0
+                for w, (a, b), full in zip(self._weights, box, widths, strict=True)
+            ]
+            axis = shares.index(max(shares))
+            middle = ((box[axis][0] + box[axis][1]) * HALF).mid()
+            halves = (box[axis][0], middle), (middle, box[axis][1])
+            waiting += [[*box[:axis], half, *box[axis + 1 :]] for half in halves]
+        return True

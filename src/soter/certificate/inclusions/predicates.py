@@ -1,0 +1,255 @@
+"""Where predicates certainly hold, and what follows from estimates.
+
+Purpose: cells on which `safe` or `safer` holds; that `ttf` and `safer` let AC only where R(H) is;
+computed predicates: estimates and the states behind them.
+Non-goals: chains and free phases (`group_claims.py`), which claims there are (`case.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.certificate.inclusions.group_claims import CELLS_AT_ONCE, FREE_PIECES, SPLITS
+from soter.certificate.inclusions.tables import Cells, block_index, finer, halves, uncovered, volume
+from soter.certificate.reading.problem import error_of
+from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
+from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.terms import (
+    FALSE,
+    TRUE,
+    Terms,
+    both,
+    conjuncts,
+    either,
+    influence,
+    inputs_of,
+    negation,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from flint import arb
+
+    from soter.certificate.inclusions.group_claims import FreeCheck, GroupTables
+    from soter.certificate.inclusions.tables import Block
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.terms.terms import Linear, Proposition
+    from soter.program.model import typed
+
+SPLITS_OF_PREDICATES = 10
+"""How often a cell is halved where a predicate is evaluated: errors are halved, too."""
+SPLITS_OF_SETS = 4
+"""The same where it is only asked which cells to use: a failure costs cells, no proof."""
+
+# ---------------------------------------------------------------- computed predicates
+
+
+def around(model: CaseModel, group: GroupTables, box: list[tuple[arb, arb]]) -> tuple[float, ...]:
+    """Everything an estimate of a state in the box may be, and the other way round.
+
+    Of a state that no topic shows nothing is known: it is anywhere on its axis.
+    """
+    bounds: list[float] = []
+    for state, (low, high) in zip(group.states, box, strict=True):
+        if state not in model.facts.leaves:
+            bounds += model.extents[state]
+            continue
+        error = exact(error_of(model.facts, state))
+        if not error.is_zero():
+            error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
+        bounds += (below(low - error), above(high + error))
+    return tuple(bounds)
+
+
+def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
+    """Cells of states all of whose estimates lie in a level; and of estimates of such states."""
+    grid = group.grid
+    members = np.zeros(grid.shape, dtype=np.bool_)
+    for cell in np.argwhere(level.members):
+        block = tuple((int(i), int(i) + 1) for i in cell)
+        members[tuple(cell)] = level.contains(around(model, group, grid.box(block)))
+    return Cells(grid, members)
+
+
+def levels_hold(
+    model: CaseModel, group: GroupTables, claimed: Cells, inside: Cells, block: Block
+) -> Iterator[Block]:
+    """Cells of estimates, some state behind which is not certainly inside."""
+
+    def attempt(at: Block) -> bool:
+        return inside.contains(around(model, group, group.grid.box(at)))
+
+    return uncovered(claimed, block, attempt, 1 << 20)
+
+
+def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
+    """Cells of estimates, some state behind which may be driven out of `within` in time."""
+    grid = check.group.grid
+
+    def attempt(at: Block) -> bool:
+        ends = around(check.model, check.group, grid.box(at))
+        box = [(exact(a), exact(b)) for a, b in zip(ends[::2], ends[1::2], strict=True)]
+        if check.stays(box, within, FREE_PIECES[0]):
+            return True
+        if volume(at) > 1:
+            return False
+        return finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
+
+    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
+
+
+# ---------------------------------------------------------------- predicates
+
+
+def _grid_boxes(model: CaseModel) -> list[tuple[arb, arb]]:
+    return [(exact(low), exact(high)) for low, high in model.extents]
+
+
+def certain(
+    model: CaseModel, groups: Sequence[GroupTables], expr: typed.TypedExpr, *, errors: bool
+) -> list[Cells]:
+    """For each group the cells on which its share of a predicate certainly holds.
+
+    The predicate holds on the product of these sets: each of its conjuncts is the matter of one
+    group, all other states ranging over their whole grids. It is that of the group on which it
+    depends most; any choice is sound, and only this one is useful. Where `errors`, on every
+    estimate of every state.
+    """
+    terms, states = model.new_terms()
+    truth = model.predicate(terms, states, expr, errors=errors)
+    return _shared_out(model, groups, terms, states, truth)
+
+
+def published(model: CaseModel, groups: Sequence[GroupTables], topic: int) -> list[Cells]:
+    """The same of what a plant publishes on a topic: on every estimate it is in its declared set.
+
+    Outside of it the plant stops. NotRecheckedError as `certain`.
+    """
+    terms, states = model.new_terms()
+    return _shared_out(model, groups, terms, states, model.in_set(terms, states, topic))
+
+
+def _shared_out(
+    model: CaseModel,
+    groups: Sequence[GroupTables],
+    terms: Terms,
+    states: Sequence[Linear],
+    truth: Proposition,
+) -> list[Cells]:
+    """The cells of each group on which its share of a proposition certainly holds."""
+    shares: list[list[Proposition]] = [[] for _ in groups]
+    atoms = {next(iter(x.terms)): i for i, x in enumerate(states)}
+    for part in [*conjuncts(truth), *terms.obligations]:
+        weights = [
+            influence(terms, part, [a for a, i in atoms.items() if i in g.states]) for g in groups
+        ]
+        owner = max(range(len(groups)), key=lambda k: float(weights[k]))
+        shares[owner].append(part)
+    cells = []
+    for group, share in zip(groups, shares, strict=True):
+        whole = both_all(share)
+        cells.append(
+            _certain_cells(model, group, terms, [next(iter(x.terms)) for x in states], whole)
+        )
+    return cells
+
+
+def both_all(parts: Sequence[Proposition]) -> Proposition:
+    """All of them."""
+    conjunction = TRUE
+    for p in parts:
+        conjunction = both(conjunction, p)
+    return conjunction
+
+
+def decision(
+    model: CaseModel, states: Sequence[int], terms: Terms, atoms: Sequence[int], truth: Proposition
+) -> tuple[Callable[[list[tuple[arb, arb]]], int], list[tuple[arb, arb]]]:
+    """The truth of a proposition on a box of some states, other states on their grids.
+
+    Errors and other topics count as states here, behind those that are asked for: they have much in
+    common in what is compared. Their ranges come with it.
+    """
+    places = [atoms[i] for i in states]
+    boxes = dict(zip(atoms, _grid_boxes(model), strict=True))
+    free = sorted(i for i in inputs_of(terms, [truth]) if terms.atoms[i].kind == "box")
+    ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
+    decide = compile_truths(terms, [*places, *free], [truth], boxes)
+
+    def decided(box: list[tuple[arb, arb]]) -> int:
+        return decide(form_of_box(box, symbols=False))[0]
+
+    return decided, ranges
+
+
+def _certain_cells(
+    model: CaseModel, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Proposition
+) -> Cells:
+    """Cells on which a proposition certainly holds, whatever the other groups do."""
+    decide, ranges = decision(model, group.states, terms, atoms, truth)
+
+    def holds(box: list[tuple[arb, arb]]) -> bool:
+        return decide(box) == 2
+
+    members = np.zeros(group.grid.shape, dtype=np.bool_)
+    waiting = [group.grid.whole]
+    while waiting:
+        block = waiting.pop()
+        box = [*group.grid.box(block), *ranges]
+        truth_bits = decide(box)
+        if truth_bits == 3 and volume(block) > 1:
+            waiting.extend(halves(block))
+        elif truth_bits == 2 or (truth_bits == 3 and finer(box, holds, SPLITS_OF_SETS)):
+            members[block_index(block)] = True
+    return Cells(group.grid, members)
+
+
+class AdmitCheck:
+    """Whether `safe` fails or, on every estimate, `expr` is not `admits`.
+
+    Of `enters` with `anywhere`: then nothing helps that `safe` may fail.
+    """
+
+    def __init__(
+        self,
+        model: CaseModel,
+        group: GroupTables,
+        expr: typed.TypedExpr,
+        *,
+        admits: bool,
+        anywhere: bool = False,
+    ) -> None:
+        self.group = group
+        terms, states = model.new_terms()
+        fails = FALSE
+        if not anywhere:
+            safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
+            fails = both(negation(safe), both_all(terms.obligations))
+            terms.obligations.clear()
+        told = model.predicate(terms, states, expr, errors=True)
+        sound_told = both_all(terms.obligations)
+        refused = negation(told) if admits else told
+        fine = either(fails, both(refused, sound_told))
+        atoms = [next(iter(x.terms)) for x in states]
+        self._decide, self._ranges = decision(model, group.states, terms, atoms, fine)
+
+    def holds(self, box: list[tuple[arb, arb]], splits: int) -> bool:
+        """On a box of states; it and the errors are halved so often."""
+        whole = [*box, *self._ranges]
+        return finer(whole, lambda part: self._decide(part) == 2, splits)
+
+
+def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
+    """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC."""
+    group = check.group
+    assert group.free is not None
+
+    def attempt(at: Block) -> bool:
+        splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
+        return check.holds(group.grid.box(at), splits)
+
+    todo = Cells(group.grid, ~group.free)
+    return uncovered(todo, block, attempt, volume(group.grid.whole))

@@ -1,0 +1,232 @@
+"""Tables of a certificate: sets of cells, and whether a box lies in one.
+
+Purpose: `Grid` (breakpoints per axis), `Cells` (a set of its cells, counted fast), and the walk
+over blocks of cells that tries large ones first.
+Non-goals: arithmetic other than counting; where tables come from (`folder.py`).
+
+Cells are closed boxes: a box that ends exactly at an edge needs only the cells on its own side.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.certificate.terms.arb_balls import HALF, exact
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from flint import arb
+    from numpy.typing import NDArray
+
+    Block = tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Breakpoints of each axis, strictly increasing and finite."""
+
+    edges: tuple[tuple[float, ...], ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Cells on each axis."""
+        return tuple(len(e) - 1 for e in self.edges)
+
+    @property
+    def whole(self) -> Block:
+        """Every cell."""
+        return tuple((0, n) for n in self.shape)
+
+    def cells(self, box: Sequence[float], offset: int = 0) -> Block | None:
+        """The cells that cover a box low, high, low, high, ...; None where it leaves the grid."""
+        ranges = []
+        at = offset
+        for edges in self.edges:
+            low, high = box[at], box[at + 1]
+            at += 2
+            if not (low >= edges[0] and high <= edges[-1]):
+                return None
+            first = min(bisect_right(edges, low) - 1, len(edges) - 2)
+            last = max(bisect_left(edges, high), first + 1)
+            ranges.append((first, last))
+        return tuple(ranges)
+
+    def box(self, block: Block) -> list[tuple[arb, arb]]:
+        """The box of a block of cells."""
+        return [
+            (exact(e[low]), exact(e[high]))
+            for e, (low, high) in zip(self.edges, block, strict=True)
+        ]
+
+    def text(self, block: Block) -> str:
+        """For people."""
+        parts = zip(self.edges, block, strict=True)
+        return " x ".join(f"[{e[low]:.6g}, {e[high]:.6g}]" for e, (low, high) in parts)
+
+
+class Cells:
+    """A set of cells with a summed table: how many cells of a block belong to it."""
+
+    def __init__(self, grid: Grid, members: NDArray[np.bool_]) -> None:
+        assert members.shape == grid.shape
+        self.grid = grid
+        self.members = members
+        self.size = int(np.count_nonzero(members))
+        sums = members.astype(np.int64)
+        for axis in range(sums.ndim):
+            sums = np.cumsum(sums, axis=axis)
+        padded = np.zeros([n + 1 for n in members.shape], dtype=np.int64)
+        padded[tuple(slice(1, None) for _ in members.shape)] = sums
+        self._sums = memoryview(padded.reshape(-1).data)
+        self._strides = [int(s) // 8 for s in padded.strides]
+
+    def count(self, block: Block) -> int:
+        """Members in a block."""
+        sums, strides = self._sums, self._strides
+        if len(block) == 2:
+            ((a, b), (c, d)), s = block, strides[0]
+            return sums[b * s + d] - sums[a * s + d] - sums[b * s + c] + sums[a * s + c]
+        total = 0
+        for corner in product((0, 1), repeat=len(block)):
+            at, sign = 0, 1
+            for pick, ends, stride in zip(corner, block, strides, strict=True):
+                at += ends[pick] * stride
+                sign = sign if pick else -sign
+            total += sign * sums[at]
+        return total
+
+    def contains(self, box: Sequence[float], offset: int = 0) -> bool:
+        """Whether a box lies in the union of the cells."""
+        block = self.grid.cells(box, offset)
+        return block is not None and self.count(block) == volume(block)
+
+    def contains_all(self, boxes: Sequence[float]) -> bool:
+        """The same of several boxes, one after the other."""
+        width = 2 * len(self.grid.edges)
+        return all(self.contains(boxes, k) for k in range(0, len(boxes), width))
+
+
+def volume(block: Block) -> int:
+    """How many cells a block has."""
+    count = 1
+    for low, high in block:
+        count *= high - low
+    return count
+
+
+def halves(block: Block) -> tuple[Block, Block]:
+    """A block cut across its longest axis."""
+    axis = max(range(len(block)), key=lambda i: block[i][1] - block[i][0])
+    low, high = block[axis]
+    middle = (low + high) // 2
+    return (
+        (*block[:axis], (low, middle), *block[axis + 1 :]),
+        (*block[:axis], (middle, high), *block[axis + 1 :]),
+    )
+
+
+def parts(block: Block, count: int) -> list[Block]:
+    """A block cut into about `count` blocks."""
+    blocks = [block]
+    while len(blocks) < count:
+        largest = max(blocks, key=volume)
+        if volume(largest) == 1:
+            break
+        blocks.remove(largest)
+        blocks.extend(halves(largest))
+    return blocks
+
+
+def uncovered(
+    todo: Cells, block: Block, attempt: Callable[[Block], bool], largest: int
+) -> Iterator[Block]:
+    """Cells of `todo` in the block for which nothing worked.
+
+    `attempt` is made on blocks that consist of such cells and have at most `largest`; what holds
+    for the block holds for its cells.
+    """
+    waiting = [block]
+    while waiting:
+        block = waiting.pop()
+        wanted = todo.count(block)
+        if wanted == 0:
+            continue
+        size = volume(block)
+        if wanted == size and size <= largest and attempt(block):
+            continue
+        if size == 1:
+            yield block
+        else:
+            waiting.extend(halves(block))
+
+
+def unshown(
+    todo: NDArray[np.bool_],
+    block: Block,
+    attempt: Callable[[Block, NDArray[np.bool_]], NDArray[np.bool_]],
+    largest: int,
+) -> Iterator[Block]:
+    """Cells of `todo`, a set of the grid's shape, in the block that no attempt showed.
+
+    `attempt` is made on blocks of at most `largest` cells, with those of them that are wanted; it
+    gives back which of these it showed. Where it did not show all, smaller blocks follow.
+    """
+    left = todo[block_index(block)].copy()
+    base = tuple(low for low, _ in block)
+    waiting = [(block, largest)]
+    while waiting:
+        at, limit = waiting.pop()
+        wanted = left[block_index(at, base)]
+        if not wanted.any():
+            continue
+        at = _around(wanted, at)
+        wanted = left[block_index(at, base)]
+        size = volume(at)
+        if size <= limit:
+            wanted &= ~attempt(at, wanted)
+            limit = max(size // 4, 1)
+            if not wanted.any():
+                continue
+        if size == 1:
+            yield at
+        else:
+            waiting.extend((half, limit) for half in halves(at))
+
+
+def finer(
+    box: list[tuple[arb, arb]], attempt: Callable[[list[tuple[arb, arb]]], bool], splits: int
+) -> bool:
+    """Whether the attempt works on all parts of a box, halving where it does not."""
+    if attempt(box):
+        return True
+    if splits == 0:
+        return False
+    axis = splits % len(box)
+    low, high = box[axis]
+    middle = ((low + high) * HALF).mid()
+    return all(
+        finer([*box[:axis], half, *box[axis + 1 :]], attempt, splits - 1)
+        for half in ((low, middle), (middle, high))
+    )
+
+
+def block_index(block: Block, base: Sequence[int] | None = None) -> tuple[slice, ...]:
+    """A block as an index, of a part of the table that begins at `base`."""
+    starts = base or [0] * len(block)
+    return tuple(slice(low - b, high - b) for (low, high), b in zip(block, starts, strict=True))
+
+
+def _around(wanted: NDArray[np.bool_], block: Block) -> Block:
+    """The smallest block around the cells that are wanted."""
+    ranges = []
+    for axis, (low, _) in enumerate(block):
+        others = tuple(k for k in range(wanted.ndim) if k != axis)
+        places = np.flatnonzero(wanted.any(axis=others))
+        ranges.append((low + int(places[0]), low + int(places[-1]) + 1))
+    return tuple(ranges)

@@ -1,0 +1,251 @@
+"""The claims of a certificate of an induction, one by one.
+
+Purpose: that all holds in the first k hyperperiods of every run, and after k in which it held; and
+that no execution stays in SC for as long as P2b says. No search: k is the certificate's.
+Non-goals: reading the program (`facts.py`, `solver_reading.py`), executions (`machine.py`).
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of
+from soter.certificate.assumptions import RecheckAssumption
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.induction.facts import (
+    compare,
+    modes_of_others,
+    nanoseconds,
+    read_induction,
+)
+from soter.certificate.report import RecheckedModule
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.model.durations import show_ns
+
+if TYPE_CHECKING:
+    from soter.certificate.induction.facts import InductionFacts
+    from soter.program.model.system import System
+
+KEYS = ("system", "module", "claims", "assumptions", "recover_ns", "induction")
+TOGETHER = ("P2a", "P3", "ttf", "safer", "start")
+WORK = 600_000_000
+"""Of one query, in the solver's own units; a free core takes two minutes or so."""
+WORK_OF_ALL = 3 * WORK
+"""Of all queries about a module."""
+PATIENCE_MS = 900_000
+RELEASES_MAX = 50_000
+"""In an execution that is followed."""
+
+
+def recheck_induction(
+    flat: System, entry: dict[str, Any]
+) -> tuple[InductionFacts, RecheckedModule]:
+    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed.
+
+    SoterError D007 where the solver is not installed.
+    """
+    _require_solver()
+    if set(entry) != set(KEYS):
+        raise RejectedError("a module that is proved by induction is not as it should be")
+    facts = read_induction(flat, entry["module"])
+    claims = claimed_of(entry["claims"])
+    if "failsafe" in claims:
+        raise RejectedError("failsafe: an induction says nothing of plants, so of no law")
+    k, returns = compare(facts, entry["induction"])
+    said = dict(entry["claims"])
+    _static(facts, said)
+    wanted = claims & set(TOGETHER)
+    if wanted:
+        if k < 1:
+            raise RejectedError("an induction needs a hypothesis: k is 0")
+        _induction(facts, k)
+    conditional = facts.latching or bool(facts.symbol.verify.progress)
+    if "P2b" in claims and conditional:
+        raise RejectedError("P2b rests on what nobody proves: it is assumed, not proved")
+    if "P2b" in claims:
+        _returns(facts, returns, entry["recover_ns"])
+    report = RecheckedModule(entry["module"], said, system=flat.name)
+    report.stays = facts.symbol.verify.stays is not None
+    report.assumptions = _assumptions(facts)
+    report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}
+    report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]
+    return facts, report
+
+
+def _require_solver() -> None:
+    if find_spec("z3") is None:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "D007",
+                    "inductions are checked with `z3-solver`, which is not installed",
+                    helps=("install it: pip install 'soter[induction]'",),
+                ),
+            )
+        )
+
+
+def _static(facts: InductionFacts, said: dict[str, str]) -> None:
+    """P1a, P1b, P1c seen to once more."""
+    system, module = facts.flying, facts.flying_module
+    ac, sc = (system.components[i] for i in (module.ac, module.sc))
+    if said.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
+        raise RejectedError("P1a: a controller is slower than the DM")
+    outputs = [{c.scope.topics[t] for t in c.node.publishes} for c in (ac, sc) if c.node]
+    if said.get("P1b") == PROVED and any(of != set(module.outputs) for of in outputs):
+        raise RejectedError("P1b: AC and SC do not publish the same topics")
+    if said.get("P1c") == PROVED and facts.undeclared:
+        raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
+
+
+def _induction(facts: InductionFacts, k: int) -> None:
+    """Each instant of a turn after those before it; then as much of the start as that rests on."""
+    from soter.certificate.induction.transition_system import TransitionSystem, calendar_of  # noqa: PLC0415 - an extra
+
+    _affordable(facts, k + 1)
+    times = sorted(calendar_of(facts, (k + 1) * facts.turn))
+    rests_on = max(_rests_on(facts, at, times) for at in times if at >= k * facts.turn)
+    settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
+    run = TransitionSystem(facts, first=True)
+    run.run(settled + min(rests_on, k * facts.turn))
+    _refuse(_fails(facts, _solver(run), run.instants), "the first hyperperiods")
+
+
+def _affordable(facts: InductionFacts, turns: int) -> None:
+    """NotRecheckedError where so many hyperperiods have more releases than are gone through."""
+    longest = max(c.phase_ns + c.period_ns for c in facts.actors)
+    end = turns * facts.turn + 2 * longest
+    count = sum(end // c.period_ns for c in facts.actors)
+    if count > RELEASES_MAX:
+        raise NotRecheckedError(
+            f"{count:,} releases in {turns} hyperperiods: more than are gone through"
+        )
+
+
+def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
+    """For how long all must have held before an instant for it to hold then.
+
+    A few instants at first, from any state at all: what follows from them follows from more.
+    """
+    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
+
+    before = [0, *(b for b in times if 0 < b < at)]
+    many = 1
+    while True:
+        begin = before[max(len(before) - many, 0)]
+        run = TransitionSystem(facts, first=False, begin=begin)
+        run.run(at + 1)
+        last = begin == 0
+        solver = _solver(run)
+        solver.add(*[i.holds for i in run.instants[:-1]])
+        answer = _fails(facts, solver, run.instants[-1:], WORK if last else WORK // 10)
+        if last:
+            _refuse(answer, "the induction")
+        if last or str(answer) == "unsat":
+            return at - begin
+        many *= 2
+
+
+def _fails(
+    facts: InductionFacts,
+    solver: Any,  # noqa: ANN401 - see the import
+    instants: list[Any],
+    work: int = WORK,
+) -> Any:  # noqa: ANN401 - see the import
+    import z3  # noqa: PLC0415 - an extra
+
+    solver.add(z3.Or(*[z3.Not(z3.And(i.holds, i.always)) for i in instants]))
+    return _answer(facts, solver, work)
+
+
+def _answer(facts: InductionFacts, solver: Any, work: int) -> Any:  # noqa: ANN401 - see the import
+    """What the solver says with so much work at most; all queries have `WORK_OF_ALL`."""
+    if facts.work >= WORK_OF_ALL:
+        raise NotRecheckedError("the solver needs more work than is done")
+    before = _spent(solver)
+    solver.set("rlimit", min(work, WORK_OF_ALL - facts.work))
+    verdict = solver.check()
+    facts.work += max(_spent(solver) - before, 0)
+    return verdict
+
+
+def _spent(solver: Any) -> int:  # noqa: ANN401 - see the import
+    """The solver's own count of its work, of all solvers since the process began."""
+    statistics = solver.statistics()
+    return (
+        int(statistics.get_key_value("rlimit count"))
+        if "rlimit count" in statistics.keys()  # noqa: SIM118
+        else 0
+    )
+
+
+def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
+    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
+
+    if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.turn):
+        raise RejectedError("P2b: no time within which SC gives control back")
+    declared = facts.symbol.verify.recover
+    if declared is not None and (turns + 1) * facts.turn > nanoseconds(facts, declared):
+        raise RejectedError("P2b: SC gives control back later than `recover within` says")
+    _affordable(facts, turns)
+    run = TransitionSystem(facts, first=False, fresh=True)
+    run.run(turns * facts.turn)
+    solver = _solver(run)
+    solver.add(*[i.holds for i in run.instants], *[d for i in run.instants for d in i.decided])
+    _refuse(_answer(facts, solver, WORK), "P2b")
+
+
+def _solver(run: Any) -> Any:  # noqa: ANN401 - see the import
+    import z3  # noqa: PLC0415 - an extra
+
+    solver = z3.Solver()
+    solver.set("timeout", PATIENCE_MS)
+    solver.add(*run.constraints)
+    return solver
+
+
+def _refuse(answer: Any, what: str) -> None:  # noqa: ANN401 - see the import
+    if str(answer) == "sat":
+        raise RejectedError(f"{what}: something fails in an execution")
+    if str(answer) != "unsat":
+        raise NotRecheckedError(f"{what}: the solver does not decide it")
+
+
+def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
+    flying, module = facts.flying, facts.flying_module
+    ac = flying.components[module.ac].name
+    assumptions = [
+        RecheckAssumption(
+            f"any {ac}", f"{ac} publishes at its releases, values of the declared sets or none"
+        ),
+        RecheckAssumption("order", "steps of one instant come in any order; no release is skipped"),
+        RecheckAssumption("P2b", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"),
+        RecheckAssumption("z3", "z3 is right where it says that no counterexample exists"),
+        RecheckAssumption(
+            "machine", "the compiler and the hardware do what the C of the steps says"
+        ),
+    ]
+    if facts.latching:
+        text = (
+            "a step that faults in what is opaque latches its node: `safe` holds all the same, "
+            "and nothing says that AC gets control back then"
+        )
+        assumptions.append(RecheckAssumption("latching", text))
+    for name in modes_of_others(facts):
+        text = f"mode({name}): SC or AC, anew at every step that reads it"
+        assumptions.append(RecheckAssumption(f"mode {name}", text))
+    if facts.undeclared:
+        assumptions.append(
+            RecheckAssumption(
+                "undeclared", "undeclared times are zero: nobody is late, or takes time"
+            )
+        )
+    return assumptions + [
+        RecheckAssumption(
+            f"released {c.name}",
+            f"{c.name} steps every {show_ns(c.period_ns)}, from {show_ns(c.phase_ns)} on",
+        )
+        for c in facts.actors
+    ]

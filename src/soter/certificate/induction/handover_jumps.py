@@ -1,0 +1,263 @@
+"""When what the map of a view reads may change: only in steps of which `enters` holds.
+
+Purpose: `why_not`: the node part of a hand-over (docs/proof.md), for one topic that a map reads.
+Any two steps in a row of the node that publishes it, and its very first step: what the map reads is
+published as it was published last, or `enters` holds of what the later step reads and publishes,
+and that step publishes all by which the decision module and SC know of the view.
+Non-goals: that the state lies in R(H) wherever `enters` holds (`inclusions/handover_claim.py`).
+
+Of the locals before the first of the two steps nothing is taken for granted, nor of what any step
+reads. A step that faults publishes nothing, and its node is latched: it is the last one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import z3
+
+from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
+from soter.certificate.induction.solver_values import contents, either, flat, known, unknown
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.program.model import typed
+from soter.program.model.tree_walk import children
+from soter.program.model.tree_walk import nodes as parts_of
+from soter.program.model.types import MODE, RecordType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.certificate.reading.facts import Facts
+    from soter.program.model.system import Component, Scope, Topic
+    from soter.program.model.types import Type
+
+Term = Any
+Path = tuple[int, ...]
+YES, NO = z3.BoolVal(True), z3.BoolVal(False)
+WORK, PATIENCE_MS = 100_000_000, 300_000
+IN_A_MAP = (
+    typed.Literal, typed.ParamRead, typed.TopicRead, typed.TruthRead, typed.TypedUnary,
+    typed.TypedBinary, typed.Vector, typed.Conditional, typed.TypedCall, typed.Builtin,
+    typed.TypedField, typed.Index, typed.TypedLength, typed.Aggregate, typed.Narrow,
+)  # fmt: skip
+"""A map of these moves with the plant that flies, and with the values of topics: never by itself,
+as with `time`, an age or a mode."""
+
+
+def why_not(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> tuple[str, str]:
+    """The node that publishes a topic, and why nothing is shown of it; "" where it is shown.
+
+    NotRecheckedError for what is not understood.
+    """
+    if not all(isinstance(n, IN_A_MAP) for n in parts_of([link.value])):
+        return "", f"the map of {link.name} reads more than plants and topics"
+    at = _place(facts, topic)
+    if at < 0:
+        return "", "it stands for several topics, or for none"
+    writers = _writers(facts, at)
+    if len(writers) != 1 or writers[0].node is None:
+        return "", "it is not published by one node alone"
+    (c,) = writers
+    why = _not_for_this(facts, c, at)
+    if why:
+        return c.name, why
+    shown = _shown(facts)
+    for index in shown:
+        if [w.index for w in _writers(facts, index)] != [c.index]:
+            name = facts.flying.topics[index].name
+            return c.name, f"{name}, which shows the view, is not published by {c.name} alone"
+    paths = list(dict.fromkeys(_paths(link.value, topic)))
+    if not paths:
+        return c.name, f"the map of {link.name} is not read here"
+    return c.name, _Steps(facts, c).fail(at, paths, shown)
+
+
+# ---------------------------------------------------------------- who publishes
+
+
+def _place(facts: Facts, topic: typed.TopicSymbol) -> int:
+    """The one topic of the system that runs which a name of the map means; -1: there is no such."""
+    flat_ = facts.flying
+    scopes = [c.scope for c in flat_.components] + [m.scope for m in flat_.modules]
+    indices = {s.topics[topic] for s in scopes if topic in s.topics}
+    made = {t.index for t in flat_.topics if t.symbol is topic and t.queue_of is None}
+    return indices.pop() if len(indices) == 1 and made == indices else -1
+
+
+def _writers(facts: Facts, index: int) -> list[Component]:
+    """Nodes, controllers and plants that may publish a topic."""
+    writers = []
+    for c in facts.flying.components:
+        written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
+        if index in [c.scope.topics[t] for t in written]:
+            writers.append(c)
+    return writers
+
+
+def _not_for_this(facts: Facts, c: Component, index: int) -> str:
+    node, sc = c.node, facts.sc.node
+    assert node is not None
+    published = [c.scope.topics[t] for t in node.publishes]
+    drawn = {d.topic for d in facts.flying.inputs}
+    if index in drawn or facts.flying.topics[index].symbol.input:
+        return "it is drawn as an input, too"
+    if c.role != "node" or c.extern or c.stands_for is not None or node.takeover is not None:
+        return f"{c.name} is no plain node"
+    if node.bursts or len(set(published)) < len(published):
+        return f"{c.name} does not publish one value a step"
+    if index in c.failsafe:
+        return f"{c.name} publishes its fail-safe value after a fault"
+    if any(s.queue is not None for s in node.subscribes):
+        return f"{c.name} reads a queue"
+    if sc is None or sc.locals:
+        return f"{facts.sc.name} keeps locals: it may go by what was there before"
+    return ""
+
+
+def _shown(facts: Facts) -> list[int]:
+    """The topics that plants of the view drive and the decision module or SC reads, as they run."""
+    module = facts.flying_module
+    scopes = (module.scope.topics, facts.flying.components[module.sc].scope.topics)
+    topics = []
+    for link in facts.symbol.verify.abstracts:
+        for topic, _ in link.plant.drives:
+            topics += [s[topic] for s in scopes if topic in s]
+    return list(dict.fromkeys(topics))
+
+
+def _paths(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterator[Path]:
+    """The parts of a topic that an expression reads; () is all of it."""
+    if isinstance(e, typed.TypedField):
+        yield from _paths(e.target, topic, (e.index, *path))
+    elif isinstance(e, typed.TopicRead):
+        if e.topic is topic:
+            yield path
+    else:
+        for part in children(e):
+            yield from _paths(part, topic)
+
+
+# ---------------------------------------------------------------- two steps in a row
+
+
+@dataclass
+class _Step:
+    """One step: locals behind it; of each topic whether it is published, and what; its fault."""
+
+    env: dict[typed.Variable, Term]
+    said: dict[int, tuple[Term, Term]]
+    fault: Term
+    read: dict[int, Term]
+
+
+class _Steps:
+    """The steps of a node as terms."""
+
+    def __init__(self, facts: Facts, c: Component) -> None:
+        assert facts.whole is not None
+        self.facts, self.c, self.whole = facts, c, facts.whole
+        self.known: list[Term] = []
+
+    def fail(self, index: int, paths: Sequence[Path], shown: Sequence[int]) -> str:
+        """Why a step may change a topic where it must not; "" where none does."""
+        node, topic = self.c.node, self.facts.flying.topics[index]
+        assert node is not None
+        anything = {v: unknown(v.type, v.name, self.known) for v in node.locals}
+        initial = {}
+        for v, value in zip(node.locals, self.c.initial, strict=True):
+            contents(v.type, value, self.known)
+            initial[v] = known(v.type, value)
+        contents(topic.type, topic.default, self.known)
+        default = known(topic.type, topic.default)
+        before = self._step(anything)
+        for what, last, fault, step in (
+            ("the first step", (YES, default), NO, self._step(initial)),
+            ("a step", before.said.get(index), before.fault, self._step(before.env)),
+        ):
+            bad = self._bad(topic, paths, shown, last, step)
+            if not self._never(z3.And(z3.Not(fault), bad)):
+                return (
+                    f"{what} of {self.c.name} may change it where `enters` does not hold, or "
+                    "without showing it to DM and SC"
+                )
+        return ""
+
+    def _bad(
+        self,
+        topic: Topic,
+        paths: Sequence[Path],
+        shown: Sequence[int],
+        last: tuple[Term, Term] | None,
+        step: _Step,
+    ) -> Term:
+        """That a step publishes another value than the last one did, and must not."""
+        if topic.index not in step.said:
+            return NO
+        says, value = step.said[topic.index]
+        old = unknown(topic.type, "before", self.known)
+        if last is not None:
+            old = either(last[0], last[1], old)
+        same = [_equal(value, old, topic.type, p) for p in paths]
+        shows = [step.said[i][0] if i in step.said else NO for i in shown]
+        good = z3.Or(z3.And(*same), z3.And(self._enters(step), *shows))
+        return z3.And(z3.Not(step.fault), says, z3.Not(good))
+
+    def _never(self, what: Term) -> bool:
+        solver = z3.Solver()
+        solver.set("rlimit", WORK)
+        solver.set("timeout", PATIENCE_MS)
+        solver.add(*self.known, what)
+        return bool(solver.check() == z3.unsat)
+
+    def _sight(self, scope: Scope, topics: dict[int, Term], mode: Term) -> VisibleValues:
+        """What a step sees: of a topic one value, and nothing more is known of it."""
+        flying = self.facts.flying
+
+        def topic(i: int) -> Term:
+            if flying.topics[i].queue_of is not None:
+                raise NotRecheckedError(f"`{flying.topics[i].name}` is a queue")
+            if i not in topics:
+                topics[i] = unknown(flying.topics[i].type, flying.topics[i].name, self.known)
+            return topics[i]
+
+        def age(_: int) -> Term:
+            term = z3.FreshInt("age")
+            self.known.append(term >= 0)
+            return term
+
+        return VisibleValues(
+            scope, topic, age, mode, self.facts.flying_module.index, YES, self.known
+        )
+
+    def _step(self, before: dict[typed.Variable, Term]) -> _Step:
+        node = self.c.node
+        assert node is not None
+        read: dict[int, Term] = {}
+        reading = SolverReading(self._sight(self.c.scope, read, unknown(MODE, "mode", self.known)))
+        reading.env, reading.deep = dict(before), True
+        reading.run(node.step, YES)
+        after = {v: reading.env[v] for v in node.locals}
+        said = {self.c.scope.topics[t]: value for t, value in reading.said.items()}
+        return _Step(after, said, z3.Or(reading.fault, reading.doubt), read)
+
+    def _enters(self, step: _Step) -> Term:
+        """Whether `enters` holds of what a step reads and publishes."""
+        enters = self.whole.verify.enters
+        assert enters is not None
+        seen = dict(step.read)
+        for i, (says, value) in step.said.items():
+            t = self.facts.flying.topics[i].type
+            seen[i] = either(says, value, unknown(t, "before", self.known))
+        scope = self.facts.flying_module.scope
+        sight = self._sight(scope, seen, unknown(MODE, "mode", self.known))
+        value, fault = SolverReading(sight, deep=True).truth(enters)
+        return z3.And(value, z3.Not(fault))
+
+
+def _equal(a: Term, b: Term, t: Type, path: Path) -> Term:
+    """Whether a part of two values of a type is the same."""
+    for k in path:
+        assert isinstance(t, RecordType)
+        a, b, t = a[k], b[k], t.fields[k][1]
+    return z3.And(*[x == y for x, y in zip(flat(a), flat(b), strict=True)])

@@ -1,0 +1,275 @@
+"""Polytope groups as a certificate has them: sets, multipliers, and what these presuppose.
+
+Purpose: `HalfSpaces` and `PolytopeTables`, read off a manifest with every shape and number checked,
+and the box of C as a grid of one cell for whoever looks at predicates.
+Non-goals: believing any of it (`case.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.group_claims import GroupTables
+from soter.certificate.inclusions.tables import Grid
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flint import arb
+    from numpy.typing import NDArray
+
+    from soter.certificate.format.folder import Certificate
+
+    Floats = NDArray[np.float64]
+    Triples = list[list[tuple[int, float]]]
+    """Per row the half-spaces with their multipliers, where that is not zero."""
+
+INSTANTS = ("hold", "R", "window", "start")
+PARTS = ("K", "R", "S", "Q", "start")
+REQUIRED = ("kind", "axes", "C", "law", "K", "R", "S", "G", "rates", "periods", "instants")
+OPTIONAL = ("Q", "target")
+HINTS = ("flow", "multipliers")
+INSTANTS_MAX = 1_000
+PERIODS_MAX = 100_000
+FACES_MAX = 10_000
+TRIPLES_MAX = 2_000_000
+"""Multipliers of a group, rows without any counted in."""
+BOX = 2
+"""Rows of a matrix that is a box: low and high."""
+TRIPLE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpaces:
+    """{x : low <= x <= high, rows x <= bounds}."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    rows: tuple[tuple[float, ...], ...]
+    bounds: tuple[float, ...]
+
+    @property
+    def faces(self) -> tuple[list[tuple[float, ...]], list[float]]:
+        """Every half-space: those of the box last, upper ends before lower ones."""
+        n = len(self.low)
+        units = [tuple(float(i == j) for j in range(n)) for i in range(n)]
+        below = [tuple(-x for x in row) for row in units]
+        return [*self.rows, *units, *below], [*self.bounds, *self.high, *(-x for x in self.low)]
+
+    def boxed_in(self, other: HalfSpaces) -> bool:
+        """Whether its box is part of another one."""
+        return all(a >= b for a, b in zip(self.low, other.low, strict=True)) and all(
+            a <= b for a, b in zip(self.high, other.high, strict=True)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ClaimedLaw:
+    """z = gain inputs + offset, and between which limits SC is said to command just that."""
+
+    controls: tuple[str, ...]
+    gain: Floats
+    """(controls, inputs), inputs in the order of the manifest."""
+    offset: Floats
+    low: Floats
+    high: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class ClaimedRates:
+    """x' = state x + control u + constant, to within what the re-checker finds."""
+
+    state: Floats
+    """(n, n)"""
+    control: Floats
+    """(n, controls of the law)"""
+    constant: Floats
+    """(n,)"""
+
+
+@dataclass(eq=False, kw_only=True)
+class PolytopeTables:
+    """One group. `multipliers`: per part of the proof, claim by claim."""
+
+    states: tuple[int, ...]
+    constraint: HalfSpaces
+    """C_g, a box."""
+    law: ClaimedLaw
+    flow: ClaimedRates | None
+    """About what the rates are enclosed where they are not linear."""
+    core: HalfSpaces
+    free: HalfSpaces
+    home: HalfSpaces | None
+    target: HalfSpaces | None
+    levels: list[HalfSpaces]
+    carried: list[HalfSpaces]
+    rates: dict[str, Floats]
+    periods: int
+    instants: dict[str, tuple[int, ...]]
+    multipliers: dict[str, list[Triples]] = field(default_factory=dict)
+    gives_back: list[tuple[tuple[float, ...], arb]] | None = None
+    """Half-spaces that make the DM give control back, of real numbers (`deployed.py`)."""
+
+    def as_cell(self, box: HalfSpaces) -> GroupTables:
+        """A box as a group with a grid of one cell."""
+        edges = tuple((a, b) for a, b in zip(box.low, box.high, strict=True))
+        one = np.ones((1,) * len(edges), dtype=np.uint8)
+        return GroupTables(self.states, Grid(edges), one)
+
+
+# ---------------------------------------------------------------- reading
+
+
+def read_polytope(
+    certificate: Certificate,
+    entry: dict[str, Any],
+    states: tuple[int, ...],
+    extents: Sequence[tuple[float, float]],
+    inputs: int,
+) -> PolytopeTables:
+    """A group of the manifest; `extents`: the ranges of its states; `inputs`: how many there are.
+
+    `RejectedError`, or an error of Python's where the manifest is not as it should be.
+    """
+    missing = set(REQUIRED) - entry.keys()
+    unknown = entry.keys() - {*REQUIRED, *OPTIONAL, *HINTS}
+    for name in sorted(missing | unknown):
+        raise RejectedError(f"a polytope group has {'no' if name in missing else 'a'} `{name}`")
+    n = len(states)
+    reader = _MatrixReader(certificate, n)
+    low, high = reader.box(entry["C"])
+    for (least, most), a, b in zip(extents, low, high, strict=True):
+        if not least <= a < b <= most:
+            raise RejectedError("C of a polytope is no box within the ranges of its states")
+    law = _law(reader, entry["law"], inputs)
+    sets = {k: reader.half_spaces(entry[k]) if k in entry else None for k in ("K", "R", *OPTIONAL)}
+    core, free = sets["K"], sets["R"]
+    assert core is not None
+    assert free is not None
+    tables = PolytopeTables(
+        states=states,
+        constraint=HalfSpaces(low, high, (), ()),
+        law=law,
+        flow=_rates(reader, entry["flow"], len(law.controls)) if "flow" in entry else None,
+        core=core,
+        free=free,
+        home=sets["Q"],
+        target=sets["target"],
+        levels=[reader.half_spaces(e) for e in entry["S"]],
+        carried=[reader.half_spaces(e) for e in entry["G"]],
+        rates={k: reader.matrix(entry["rates"][k], None) for k in ("K", "Q")},
+        periods=_whole(entry["periods"], PERIODS_MAX, "`periods`"),
+        instants={k: _instants(entry["instants"][k], k) for k in INSTANTS},
+    )
+    given = entry.get("multipliers", {})
+    if not set(given) <= set(PARTS):
+        raise RejectedError("multipliers of an unknown part")
+    tables.multipliers = {k: [reader.triples(e) for e in records] for k, records in given.items()}
+    return tables
+
+
+def read_half_spaces(certificate: Certificate, entry: Any, n: int) -> HalfSpaces:  # noqa: ANN401
+    """A polytope over n states."""
+    return _MatrixReader(certificate, n).half_spaces(entry)
+
+
+def _law(reader: _MatrixReader, entry: dict[str, Any], inputs: int) -> ClaimedLaw:
+    controls = tuple(entry["controls"])
+    m = len(controls)
+    if not m or not all(isinstance(c, str) for c in controls):
+        raise RejectedError("the law of a polytope group names no controls")
+    low, high = reader.matrix(entry["limits"], (BOX, m))
+    return ClaimedLaw(
+        controls,
+        reader.matrix(entry["gain"], (m, inputs)),
+        reader.matrix(entry["offset"], (m,)),
+        low,
+        high,
+    )
+
+
+def _rates(reader: _MatrixReader, entry: dict[str, Any], controls: int) -> ClaimedRates:
+    n = reader.n
+    shapes = {"A": (n, n), "B": (n, controls), "c": (n,)}
+    if set(entry) != set(shapes):
+        raise RejectedError("the flow of a polytope group is A, B and c")
+    return ClaimedRates(*(reader.matrix(entry[k], shape) for k, shape in shapes.items()))
+
+
+def _whole(value: object, most: int, what: str) -> int:
+    if type(value) is not int or not 0 <= value <= most:
+        raise RejectedError(f"{what} of a polytope group is no number that can be")
+    return value
+
+
+def _instants(value: object, what: str) -> tuple[int, ...]:
+    if not isinstance(value, list) or not BOX <= len(value) <= INSTANTS_MAX or value[0] != 0:
+        raise RejectedError(f"the instants of `{what}` are not as they should be")
+    if not all(type(t) is int for t in value) or any(a > b for a, b in pairwise(value)):
+        raise RejectedError(f"the instants of `{what}` are not as they should be")
+    return tuple(value)
+
+
+class _MatrixReader:
+    """Matrices of a certificate, for groups of n states."""
+
+    def __init__(self, certificate: Certificate, n: int) -> None:
+        self.certificate, self.n = certificate, n
+        self.weights = 0
+        """Multipliers that were asked for so far."""
+
+    def matrix(self, entry: Any, shape: tuple[int, ...] | None) -> Floats:  # noqa: ANN401
+        """Finite numbers, of a shape if one is given."""
+        given = tuple(entry["shape"])
+        if not all(type(k) is int and k >= 0 for k in given) or shape not in (None, given):
+            raise RejectedError(f"`{entry['file']}` has another shape than it should have")
+        data = self.certificate.plain(entry["file"])
+        if len(data) != 8 * math.prod(given):
+            raise RejectedError(f"`{entry['file']}` is not the size of its matrix")
+        numbers = np.frombuffer(data, dtype="<f8").reshape(given)
+        if not np.isfinite(numbers).all():
+            raise RejectedError(f"`{entry['file']}` holds numbers that are not finite")
+        return numbers
+
+    def box(self, entry: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:  # noqa: ANN401
+        low, high = self.matrix(entry, (BOX, self.n)).tolist()
+        return tuple(low), tuple(high)
+
+    def half_spaces(self, entry: Any) -> HalfSpaces:  # noqa: ANN401
+        if set(entry) != {"box", "faces"}:
+            raise RejectedError("a polytope is a box with faces")
+        low, high = self.box(entry["box"])
+        rows = self.matrix(entry["faces"], None)
+        if rows.ndim != BOX or rows.shape[1] != self.n + 1:
+            raise RejectedError("the faces of a polytope are not over the states of its group")
+        if len(rows) > FACES_MAX:
+            raise RejectedError(f"a polytope of more than {FACES_MAX:,} half-spaces: not looked at")
+        faces = rows.tolist()
+        return HalfSpaces(
+            low, high, tuple(tuple(f[:-1]) for f in faces), tuple(f[-1] for f in faces)
+        )
+
+    def triples(self, entry: Any) -> Triples:  # noqa: ANN401
+        """Multipliers: none is negative, and each belongs to a row and a half-space."""
+        count, width = (_whole(k, 1 << 24, "the size of multipliers") for k in entry["of"])
+        given = self.matrix(entry, None)
+        self.weights += count + len(given)
+        if self.weights > TRIPLES_MAX:
+            raise RejectedError(f"more than {TRIPLES_MAX:,} multipliers: not looked at")
+        triples: Triples = [[] for _ in range(count)]
+        if given.ndim != BOX or given.shape[1] != TRIPLE:
+            raise RejectedError("multipliers are not triples")
+        for row, face, value in given.tolist():
+            i, k = int(row), int(face)
+            if (i, k) != (row, face) or not (0 <= i < count and 0 <= k < width):
+                raise RejectedError("a multiplier belongs to no half-space")
+            if not value >= 0.0:
+                raise RejectedError("a multiplier is negative")
+            triples[i].append((k, value))
+        return triples

@@ -1,0 +1,324 @@
+"""What a linear flow does to half-spaces: holds of SC, and phases of any command; in balls.
+
+Purpose: for rows c and times t, `HoldImage` and `FreeImage` give (row, loss) with c x(t) <= row
+x(0) + loss.
+Non-goals: reading programs (`law.py`, `linear_flows.py`); sets (`case.py`).
+
+x' = A x + B u + b + W w with |w| <= 1 measurable, u in U, x in the box of C: D bounds
+|A x + B u + b| there. For one row c:
+
+- *noise*: int |c e^{As} W| ds. On [m - r, m + r] f(s) = c e^{As} W is f(m) + f'(m) (s - m) up to
+  (s - m)^2/2 |c e^{Am} A^2| e^{|A| r} |W|; |f(m) + f'(m) s| is integrated exactly.
+- *sag*: between instants h apart phi(t) = c x(t) of one held u (without w) exceeds the greater of
+  its ends by at most h^2/8 sup |phi''|, phi'' = c A e^{At} (A x + B u + b).
+- *a hold*. n_k = a_0 + k delta, a_0 the instant at which SC's first output acts with all
+  components. Outputs k act in [t_0 + k delta, t_0 + k delta + j], and a_0 does for k = 0: so at
+  n_k - p + [0, j] with one p in [0, j] for all of a run. Before, component i is still that of
+  k - 1, and from n_(k+1) - p on it may be that of k + 1: for at most j - p and p, in all j;
+  2 j <= delta keeps others out. |u_i - u_k,i| <= other_i moves c x by at most
+  j sup over [0, delta] of |c e^{As} B| other.
+- *its read* is of n_k + s, s in [-d - p, j - p]. From x = x(n_k) on, backwards too, K x' is
+  K (A x + b + B u_c) (on the set at most `rate`) up to |K B| u_r + |K W| and
+  |K A| |x(n_k + s) - x|, and |x(n_k + s) - x| <= |s| e^{|A| |s|} (D + |W| 1). Integrated, with s
+  within d/2 + j of -d/2, that is the spread of a read.
+- *other*: reads of neighbours lie in t_0 + k delta + [-d, j] and the same a period off: within
+  delta + d + j of each other and of n_k. That u_(k+1) is linear although n_(k+1) is not reached: if
+  no component of it acted before n_(k+1) the state would be in K there, and its read is older.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from flint import arb, arb_mat
+
+from soter.certificate.reading.linear_flows import integral
+from soter.certificate.terms.arb_balls import HALF, ZERO, exact, magnitude
+from soter.certificate.terms.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.certificate.polytope.linear_law import CommandLaw
+    from soter.certificate.reading.linear_flows import LinearFlow
+
+    Rows = Sequence[Sequence[arb]]
+    Moved = tuple[list[list[arb]], list[arb]]
+    """Rows and losses."""
+
+NS = Fraction(1, 10**9)
+PIECES = 2
+"""Pieces between two instants where noise and sag are bounded."""
+PIECES_OF_EXCHANGE = 8
+"""The same for commands that act too early or too late."""
+
+
+def sizes(m: arb_mat) -> arb_mat:
+    """No entry is larger in absolute value."""
+    return arb_mat([[magnitude(x) for x in row] for row in m.tolist()])
+
+
+def column(values: Sequence[arb]) -> arb_mat:
+    """A vector."""
+    return arb_mat([[x] for x in values])
+
+
+def first(m: arb_mat) -> list[arb]:
+    """The first column."""
+    return [row[0] for row in m.tolist()]
+
+
+class BallFlow:
+    """A group's flow with the controls `acting` on it, on the box of C; all that one row needs."""
+
+    def __init__(
+        self, flow: LinearFlow, box: Sequence[tuple[float, float]], acting: Sequence[int]
+    ) -> None:
+        n = len(flow.members)
+        unused = [k for k in range(len(flow.ranges)) if k not in acting]
+        if any(not row[k].is_zero() for row in flow.b for k in unused):
+            raise NotRecheckedError("a command moves a polytope group that its law leaves out")
+        self.n, self.exact_a = n, flow.a
+        self.a, self.size_a = arb_mat(flow.a), sizes(arb_mat(flow.a))
+        self.b = arb_mat([[row[k] for k in acting] for row in flow.b])
+        self.w = arb_mat([row or [ZERO] for row in flow.noise])
+        ranges = [flow.ranges[k] for k in acting]
+        self.control_centre = [(low + high) * HALF for low, high in ranges]
+        self.control_radius = [(high - low) * HALF for low, high in ranges]
+        ends = [(exact(low), exact(high)) for low, high in box]
+        centre = column([(low + high) * HALF for low, high in ends])
+        radius = column([(high - low) * HALF for low, high in ends])
+        self.constant = column(flow.constant) + self.b * column(self.control_centre)
+        """b + B u_c."""
+        self.calm = sizes(self.a * centre + self.constant) + self.size_a * radius
+        """|A x + b + B u_c|."""
+        self.speed = self.calm + sizes(self.b) * column(self.control_radius)
+        """D."""
+        ones = column([arb(1)] * self.w.ncols())
+        self.shaken = sizes(self.w) * ones
+        """|W| 1."""
+        self._exponentials: dict[Fraction, arb_mat] = {}
+        self._growths: dict[Fraction, arb_mat] = {}
+
+    def at(self, time: Fraction) -> arb_mat:
+        """e^{At}."""
+        if time not in self._exponentials:
+            self._exponentials[time] = (self.a * exact(time)).exp()
+        return self._exponentials[time]
+
+    def growth(self, time: Fraction) -> arb_mat:
+        """e^{|A| t}: bounds every entry of e^{As}, |s| <= t."""
+        if time not in self._growths:
+            self._growths[time] = sizes((self.size_a * exact(time)).exp())
+        return self._growths[time]
+
+    def summed(self, time: Fraction) -> arb_mat:
+        """The integral of e^{As} over [0, t]."""
+        return arb_mat(integral(self.exact_a, time))
+
+    # ------------------------------------------------------------ between instants
+
+    def _pieces(
+        self, rows: arb_mat, start: Fraction, end: Fraction, count: int
+    ) -> Iterator[tuple[arb, Fraction, arb_mat]]:
+        """(r, r, c e^{Am}) of each piece [m - r, m + r]."""
+        r = (end - start) / (2 * count)
+        for k in range(count):
+            yield exact(r), r, rows * self.at(start + (2 * k + 1) * r)
+
+    def _lines(
+        self, at: arb_mat, r: Fraction, columns: arb_mat
+    ) -> Iterator[tuple[list[arb], list[arb], list[arb]]]:
+        """Per row |f(m)|, |f'(m)| and a bound of |f''| on the piece, for every column."""
+        bend = sizes(at * self.a * self.a) * self.growth(r) * sizes(columns)
+        three = (sizes(at * columns), sizes(at * self.a * columns), sizes(bend))
+        yield from zip(*(m.tolist() for m in three), strict=True)
+
+    def noise(self, rows: arb_mat, columns: arb_mat, times: Sequence[Fraction]) -> list[list[arb]]:
+        """At every time the integral of |c e^{As} columns| 1 from 0 on."""
+        total = [ZERO] * rows.nrows()
+        integrals = [total]
+        for start, end in pairwise(times):
+            for r, exact_r, at in self._pieces(rows, start, end, PIECES):
+                lines = self._lines(at, exact_r, columns)
+                total = [t + _area(*line, r) for t, line in zip(total, lines, strict=True)]
+            integrals.append(total)
+        return integrals
+
+    def greatest(self, rows: arb_mat, columns: arb_mat, end: Fraction) -> list[list[arb]]:
+        """No |c e^{As} columns| exceeds it for s in [0, end]."""
+        maxima: list[list[arb]] = [[ZERO] * columns.ncols() for _ in range(rows.nrows())]
+        for r, exact_r, at in self._pieces(rows, Fraction(0), end, PIECES_OF_EXCHANGE):
+            for k, (p, q, bend) in enumerate(self._lines(at, exact_r, columns)):
+                here = [a + r * b + r * r * HALF * c for a, b, c in zip(p, q, bend, strict=True)]
+                maxima[k] = [x.max(y) for x, y in zip(maxima[k], here, strict=True)]
+        return maxima
+
+    def sag(self, rows: arb_mat, speed: arb_mat, start: Fraction, end: Fraction) -> list[arb]:
+        """h^2/8 sup |phi''| between two instants; `speed` bounds |A x + B u + b|."""
+        suprema = [ZERO] * rows.nrows()
+        h = exact(end - start)
+        for _, r, at in self._pieces(rows, start, end, PIECES):
+            here = first(sizes(at * self.a) * self.growth(r) * speed)
+            suprema = [x.max(y) for x, y in zip(suprema, here, strict=True)]
+        return [x * h * h / 8 for x in suprema]
+
+    def sags(self, rows: arb_mat, speed: arb_mat, times: Sequence[Fraction]) -> list[list[arb]]:
+        """At every instant the larger one of the two beside it."""
+        steps = [self.sag(rows, speed, a, b) for a, b in pairwise(times)]
+        sides = zip([steps[0], *steps], [*steps, steps[-1]], strict=True)
+        return [[x.max(y) for x, y in zip(a, b, strict=True)] for a, b in sides]
+
+
+def _area(p: list[arb], q: list[arb], bend: list[arb], r: arb) -> arb:
+    """The integral of |p + q s| + bend s^2/2 over [-r, r], summed; it does not fall with p, q."""
+    total = ZERO
+    for a, b, c in zip(p, q, bend, strict=True):
+        total += 2 * r * a if a >= b * r else (a * a + b * b * r * r) / b
+        total += r * r * r / 3 * c
+    return total
+
+
+class FreeImage:
+    """Any command of U acts."""
+
+    def __init__(self, flow: BallFlow, instants_ns: Sequence[int]) -> None:
+        self.flow = flow
+        self.times = [t * NS for t in instants_ns]
+        push = [
+            [x * r for x, r in zip(row, flow.control_radius, strict=True)]
+            for row in flow.b.tolist()
+        ]
+        self.columns = arb_mat([a + b for a, b in zip(push, flow.w.tolist(), strict=True)])
+
+    def everywhere(self, rows: Rows) -> list[Moved]:
+        """For every instant (row, loss): the greatest of them bounds c x in between, too."""
+        flow, c = self.flow, arb_mat(rows)
+        noise = flow.noise(c, self.columns, self.times)
+        sags = flow.sags(c, flow.calm, self.times)
+        bounds = []
+        for k, t in enumerate(self.times):
+            later = noise[min(k + 1, len(noise) - 1)]
+            loss = first(c * flow.summed(t) * flow.constant)
+            loss = [x + y + z for x, y, z in zip(loss, later, sags[k], strict=True)]
+            bounds.append(((c * flow.at(t)).tolist(), loss))
+        return bounds
+
+
+class HoldImage:
+    """One hold of SC: from one nominal time to the next."""
+
+    def __init__(
+        self,
+        flow: BallFlow,
+        law: CommandLaw,
+        rate: Sequence[float],
+        instants_ns: Sequence[int],
+        delays_ns: tuple[int, int],
+    ) -> None:
+        """`delays_ns`: d and j."""
+        if 2 * delays_ns[1] > instants_ns[-1]:
+            raise NotRecheckedError("polytopes where SC acts later than half its period")
+        self.flow, self.law = flow, law
+        self.times = [t * NS for t in instants_ns]
+        self.delay, self.jitter = (t * NS for t in delays_ns)
+        self.timed = any(delays_ns)
+        self.rate = [exact(float(x)) for x in rate]
+        self.k = arb_mat(law.gain)
+        self.rate_rows = self.k * flow.a
+        self.rate_offset = first(self.k * flow.constant)
+        half = exact(self.delay / 2)
+        self.gain = self.k - self.rate_rows * half
+        self.offset = [a - b * half for a, b in zip(law.offset, self.rate_offset, strict=True)]
+        self.spread = [a + b for a, b in zip(law.spread, self._read(), strict=True)]
+
+    @cached_property
+    def push(self) -> list[arb]:
+        """|K (B (u - u_c) + W w)|."""
+        flow = self.flow
+        by_u = first(sizes(self.k * flow.b) * column(flow.control_radius))
+        by_w = first(sizes(self.k * flow.w) * column([arb(1)] * flow.w.ncols()))
+        return [a + b for a, b in zip(by_u, by_w, strict=True)]
+
+    def _bend(self, time: Fraction) -> list[arb]:
+        """|K A (x(n + s) - x(n))| / |s|."""
+        flow = self.flow
+        away = flow.growth(time) * (flow.speed + flow.shaken)
+        return first(sizes(self.rate_rows) * away)
+
+    def _read(self) -> list[arb]:
+        """What the age of a read changes beside d / 2."""
+        if not self.timed:
+            return [ZERO] * len(self.rate)
+        far, off = exact(self.delay + self.jitter), exact(self.delay / 2 + self.jitter)
+        bend = self._bend(self.delay + self.jitter)
+        return [
+            off * r + far * p + far * far * HALF * b
+            for r, p, b in zip(self.rate, self.push, bend, strict=True)
+        ]
+
+    @cached_property
+    def other(self) -> list[arb]:
+        """|u_(k+-1) - u_k|."""
+        span = self.times[-1] + self.delay + self.jitter
+        apart = exact(span)
+        bend = self._bend(span)
+        return [
+            apart * (r + p + apart * b) + 2 * s
+            for r, p, b, s in zip(self.rate, self.push, bend, self.law.spread, strict=True)
+        ]
+
+    def _exchanged(self, c: arb_mat) -> list[arb]:
+        if self.jitter == 0:
+            return [ZERO] * c.nrows()
+        steer = self.flow.greatest(c, self.flow.b, self.times[-1])
+        j = exact(self.jitter)
+        return [
+            j * sum((a * b for a, b in zip(row, self.other, strict=True)), ZERO) for row in steer
+        ]
+
+    def _mapped(self, c: arb_mat, time: Fraction) -> tuple[arb_mat, list[arb]]:
+        flow = self.flow
+        through = c * flow.summed(time)
+        steer = through * flow.b
+        # b + B u = (b + B u_c) + B (u - u_c), u = gain x + offset up to the spread
+        held = [a - b for a, b in zip(self.offset, flow.control_centre, strict=True)]
+        loss = through * flow.constant + steer * column(held)
+        loss = loss + sizes(steer) * column(self.spread)
+        return c * flow.at(time) + steer * self.gain, first(loss)
+
+    def everywhere(self, rows: Rows) -> list[Moved]:
+        """For every instant (row, loss): the greatest of them bounds c x during the hold."""
+        flow, c = self.flow, arb_mat(rows)
+        noise = flow.noise(c, flow.w, self.times)
+        sags, more = flow.sags(c, flow.speed, self.times), self._exchanged(c)
+        bounds = []
+        for k, t in enumerate(self.times):
+            row, loss = self._mapped(c, t)
+            later = noise[min(k + 1, len(noise) - 1)]
+            parts = zip(loss, later, sags[k], more, strict=True)
+            bounds.append((row.tolist(), [sum(p, ZERO) for p in parts]))
+        return bounds
+
+    def after(self, rows: Rows) -> Moved:
+        """(row, loss): when the hold ends."""
+        c = arb_mat(rows)
+        noise = self.flow.noise(c, self.flow.w, self.times)[-1]
+        row, loss = self._mapped(c, self.times[-1])
+        parts = zip(loss, noise, self._exchanged(c), strict=True)
+        return row.tolist(), [sum(p, ZERO) for p in parts]
+
+    def linear(self) -> list[Moved]:
+        """(rows, limits) that a state must satisfy for the law to be linear, and for `rate`."""
+        rows, minus = self.gain.tolist(), (-self.gain).tolist()
+        ends = zip(self.law.low, self.law.high, self.offset, self.spread, strict=True)
+        both = [(high - o - s, o - s - low) for low, high, o, s in ends]
+        constraints = [(rows, [a for a, _ in both]), (minus, [b for _, b in both])]
+        if self.timed:
+            pairs = list(zip(self.rate, self.rate_offset, strict=True))
+            constraints.append((self.rate_rows.tolist(), [r - o for r, o in pairs]))
+            constraints.append(((-self.rate_rows).tolist(), [r + o for r, o in pairs]))
+        return constraints

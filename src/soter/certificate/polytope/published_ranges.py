@@ -1,0 +1,118 @@
+"""What plants publish of states that SC keeps on polytopes.
+
+Purpose: that a topic's declared set holds all of it: in K, where AC has control and where SC begins
+a hold, and at all times of such a hold (`docs/verification.md`, section 10).
+Non-goals: states on grids (`inclusions/predicates.py`); what is not affine in the states.
+
+Of an affine leaf a x + r, r within what is no state of a polytope: a x(t) <= a' x(0) + loss for one
+of the instants (`half_space_images.py`), and a' x <= b on K by weak duality (`bounds.py`).
+Multipliers are HiGHS's where it is installed; any are right, and without them only the box of K is
+counted with.
+"""
+
+from __future__ import annotations
+
+from itertools import chain
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.certificate.terms.arb_balls import ZERO, exact
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flint import arb
+
+    from soter.certificate.polytope.certificate_tables import HalfSpaces
+    from soter.certificate.polytope.polytope_check import PolytopeCheck
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.terms.terms import Linear, Terms
+
+INPUTS = ("state", "box")
+"""Kinds of atoms that are affine in the states, and whose ranges are theirs."""
+
+
+def all_published(model: CaseModel, checks: Sequence[PolytopeCheck], topic: int) -> bool:
+    """Whether a topic's set surely holds what is published of all states that SC keeps.
+
+    Only of leaves that read states of the polytopes; other states are anywhere in their grids.
+    `model.extents` of the polytopes are their boxes of C. False: it is not known.
+    """
+    terms, states = model.new_terms()
+    limits = model.limits(terms, states, topic)
+    if terms.obligations:
+        return False
+    atoms = [next(iter(x.terms)) for x in states]
+    own = {atoms[s] for check in checks for s in check.tables.states}
+    for value, low, high in limits:
+        if any(terms.atoms[atom].kind not in INPUTS for atom in value.terms):
+            return False
+        if own.isdisjoint(value.terms):
+            continue
+        for sign, limit in ((1, exact(high)), (-1, -exact(low))):
+            if not _greatest(terms, value, sign, atoms, checks) <= limit:
+                return False
+    return True
+
+
+def _greatest(
+    terms: Terms, value: Linear, sign: int, atoms: Sequence[int], checks: Sequence[PolytopeCheck]
+) -> arb:
+    """A number that sign * value does not exceed."""
+    total = sign * value.const + value.radius
+    left = {atom: sign * factor for atom, factor in value.terms.items()}
+    for check in checks:
+        row = [left.pop(atoms[s], ZERO) for s in check.tables.states]
+        if not all(x.is_zero() for x in row):
+            total += _on_the_way(check, row)
+    for atom, factor in left.items():
+        ends = terms.atoms[atom].low, terms.atoms[atom].high
+        total += (factor * ends[0]).max(factor * ends[1])
+    return total
+
+
+def _on_the_way(check: PolytopeCheck, row: list[arb]) -> arb:
+    """No row x(t) is greater: in K, and while SC holds what it commanded there."""
+    hints = _Multipliers(check.tables.core)
+    bound = check.core.bound(row, hints.of(row))
+    moved = check.hold_of_core.everywhere([row])
+    for own, loss in chain.from_iterable(zip(*pair, strict=True) for pair in moved):
+        bound = bound.max(check.core.bound(own, hints.of(own)) + loss)
+    return bound
+
+
+class _Multipliers:
+    """The hints of HiGHS for rows over one set of half-spaces; none where it is not installed."""
+
+    def __init__(self, p: HalfSpaces) -> None:
+        self.solver: Any = None
+        try:
+            import highspy  # noqa: PLC0415 - an extra
+        except ImportError:
+            return
+        self.n, self.faces, self.optimal = (
+            len(p.low),
+            len(p.rows),
+            highspy.HighsModelStatus.kOptimal,
+        )
+        self.solver = highspy.Highs()  # type: ignore[no-untyped-call]
+        self.solver.setOptionValue("output_flag", False)
+        self.solver.setOptionValue("threads", 1)
+        self.solver.addVars(self.n, np.array(p.low), np.array(p.high))
+        self.columns = np.arange(self.n, dtype=np.int32)
+        for row, limit in zip(p.rows, p.bounds, strict=True):
+            entries = np.array(row, dtype=np.float64)
+            self.solver.addRow(-highspy.kHighsInf, limit, self.n, self.columns, entries)
+
+    def of(self, row: Sequence[arb]) -> list[tuple[int, float]]:
+        """(half-space, weight >= 0), so that `Bounded.bound` of the row is small."""
+        if self.solver is None:
+            return []
+        self.solver.changeColsCost(self.n, self.columns, -np.array([float(x) for x in row]))
+        self.solver.run()
+        if self.solver.getModelStatus() != self.optimal:
+            return []
+        duals = list(self.solver.getSolution().row_dual)[: self.faces]
+        return [(k, -d) for k, d in enumerate(duals) if isfinite(d) and d < 0.0]

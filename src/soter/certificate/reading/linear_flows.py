@@ -1,0 +1,411 @@
+"""Linear flows, solved: x' = A x + B u + c + W w with |w| <= 1, over any span of time.
+
+Purpose: read A, B, c, W off the derivatives of a group of states; enclose e^{At}, its integrals and
+what measurable disturbances can add; the scheme's own error, as one more disturbance.
+Non-goals: flows that are not linear (refused), which sets to check (`sc_chains.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from flint import arb, arb_mat
+
+from soter.certificate.reading.case_model import control_inputs
+from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact, magnitude
+from soter.certificate.terms.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.certificate.reading.case_model import CaseModel
+
+    Matrix = list[list[arb]]
+
+PIECES = 16
+"""Into how many pieces a span of time is cut where a kernel may change its sign."""
+TAYLOR = 24
+ORDERS = {"euler": 1, "rk4": 4}
+"""Schemes whose step `_scheme` knows, with their order p: those of p stages, for which the step is
+the series of the solution up to h^p and no other polynomial. Others are not rechecked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """States at a time t within a span, from those at time 0.
+
+    x(t) in state x + control u + constant +- noise, the coefficients being balls over the span.
+    """
+
+    state: Matrix
+    control: Matrix
+    constant: list[arb]
+    noise: list[arb]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFlow:
+    """One group. `members`: its states; `noise`: columns W; `controls` with their ranges."""
+
+    members: tuple[int, ...]
+    a: Matrix
+    b: Matrix
+    constant: list[arb]
+    noise: Matrix
+    ranges: tuple[tuple[arb, arb], ...]
+
+    def free(self) -> LinearFlow:
+        """The same with every control an arbitrary measurable function into its set."""
+        constant = list(self.constant)
+        noise = [list(row) for row in self.noise]
+        for k, (low, high) in enumerate(self.ranges):
+            for i, row in enumerate(self.b):
+                constant[i] += row[k] * (low + high) * HALF
+                noise[i].append(row[k] * (high - low) * HALF)
+        empty: Matrix = [[] for _ in self.members]
+        return LinearFlow(self.members, self.a, empty, constant, noise, ())
+
+    def motion(self, start: Fraction, end: Fraction) -> Motion:
+        """For all times in [start, end], in s; both may be negative."""
+        n, m = len(self.members), len(self.ranges)
+        size = n + m + 1
+        full = [[ZERO] * size for _ in range(size)]
+        # the last column of e^{At} is linear in the constants: large ones make no long series
+        largest = max((float(abs(c).upper()) for c in self.constant), default=0.0)
+        unit = exact(2.0 ** math.frexp(largest)[1])
+        for i in range(n):
+            full[i][:n] = self.a[i]
+            full[i][n : n + m] = self.b[i]
+            full[i][n + m] = self.constant[i] / unit
+        e = exponential(full, start, end)
+        longest = max(abs(start), abs(end))
+        backwards = start < 0
+        if backwards and end > 0:
+            sides = [self._noise(-start, backwards=True), self._noise(end, backwards=False)]
+            noise = [x.max(y) for x, y in zip(*sides, strict=True)]
+        else:
+            noise = self._noise(longest, backwards=backwards)
+        return Motion(
+            [row[:n] for row in e[:n]],
+            [row[n : n + m] for row in e[:n]],
+            [row[n + m] * unit for row in e[:n]],
+            noise,
+        )
+
+    def _noise(self, time: Fraction, *, backwards: bool) -> list[arb]:
+        """The integral of |e^{As} W| over [0, time], for each state."""
+        n = len(self.members)
+        if time == 0:
+            return [ZERO] * n
+        a = [[-x for x in row] for row in self.a] if backwards else self.a
+        count = len(self.noise[0])
+        if count == 0:
+            return [ZERO] * n
+        whole = integral(a, time)
+        pieces = [exponential(a, time * k / PIECES, time * (k + 1) / PIECES) for k in range(PIECES)]
+        noise_integrals = []
+        for i in range(n):
+            total = ZERO
+            for k in range(count):
+                column = [row[k] for row in self.noise]
+                over = [_dot(piece[i], column) for piece in pieces]
+                total += _absolute_integral(_dot(whole[i], column), over, exact(time) / PIECES)
+            noise_integrals.append(arb(total.upper()))
+        return noise_integrals
+
+
+def _absolute_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
+    """A bound on the integral of |f| from that of f and its ranges over equal pieces of time.
+
+    |f| = f + 2 max(-f, 0) = -f + 2 max(f, 0).
+    """
+    below_zero, above_zero, size = ZERO, ZERO, ZERO
+    for x in over:
+        below_zero += ZERO.max(arb((-x).upper()))
+        above_zero += ZERO.max(arb(x.upper()))
+        size += magnitude(x)
+    bounds = (whole + 2 * share * below_zero, 2 * share * above_zero - whole, share * size)
+    return min((arb(b.upper()) for b in bounds), key=float)
+
+
+def _dot(a: Sequence[arb], b: Sequence[arb]) -> arb:
+    total = ZERO
+    for x, y in zip(a, b, strict=True):
+        total += x * y
+    return total
+
+
+# ---------------------------------------------------------------- matrices
+
+
+def _reach(a: Matrix) -> list[list[bool]]:
+    """Which entries of e^{At} can differ from the identity's: paths of the graph of A."""
+    n = len(a)
+    closure = [[not a[i][j].is_zero() for j in range(n)] for i in range(n)]
+    for k in range(n):
+        for i in range(n):
+            if closure[i][k]:
+                for j in range(n):
+                    closure[i][j] = closure[i][j] or closure[k][j]
+    return closure
+
+
+def _cleaned(a: Matrix, e: Matrix) -> Matrix:
+    """What is 0 or 1 by structure is exactly that."""
+    reach = _reach(a)
+    return [
+        [x if reach[i][j] else (ONE if i == j else ZERO) for j, x in enumerate(row)]
+        for i, row in enumerate(e)
+    ]
+
+
+def _times(a: Matrix, b: Matrix) -> Matrix:
+    return (arb_mat(a) * arb_mat(b)).tolist()
+
+
+def exponential(a: Matrix, start: Fraction, end: Fraction) -> Matrix:
+    """e^{At} for all t in [start, end]: exact in the middle, a Taylor series around it.
+
+    NotRecheckedError where the span is too long for the series.
+    """
+    middle, half = exact((start + end) / 2), exact((end - start) / 2)
+    n = len(a)
+    at_middle = (arb_mat(a) * middle).exp().tolist()
+    if start == end:
+        return _cleaned(a, at_middle)
+    around = [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]
+    power, absolute = a, [[magnitude(x) for x in row] for row in a]
+    reached = absolute
+    factor = ONE
+    for k in range(1, TAYLOR + 1):
+        factor = factor * half / k
+        # t^k over [-half, half]: all of [-1, 1] for odd k, [0, 1] for even k
+        span = arb(0, 1) if k % 2 else arb(0.5, 0.5)
+        for i in range(n):
+            for j in range(n):
+                around[i][j] += power[i][j] * (factor * span)
+        power = _times(power, a)
+        reached = _times(reached, absolute)
+    size = max((float(sum(row, ZERO).upper()) for row in absolute), default=0.0)
+    ratio = exact(size) * half / (TAYLOR + 2)
+    if not ratio < HALF:
+        raise NotRecheckedError("a span of time too long for these rates")
+    tail = factor * half / (TAYLOR + 1) * 2
+    for i in range(n):
+        for j in range(n):
+            # later powers: |A|^(K+1) h^(K+1)/(K+1)! (1 + |A| h/(K+2) + ...), bounded by row sums
+            bound = arb(sum(reached[i], ZERO).upper())
+            around[i][j] += bound * tail * arb(0, 1)
+    return _cleaned(a, _times(at_middle, around))
+
+
+def integral(a: Matrix, time: Fraction) -> Matrix:
+    """The integral of e^{As} over [0, time]."""
+    return integrals(a, time, time)
+
+
+def integrals(a: Matrix, start: Fraction, end: Fraction) -> Matrix:
+    """The integral of e^{As} over [0, t] for all t in [start, end]."""
+    n = len(a)
+    full = [[ZERO] * (2 * n) for _ in range(2 * n)]
+    for i in range(n):
+        full[i][:n] = a[i]
+        full[i][n + i] = ONE
+    e = exponential(full, start, end)
+    return [row[n:] for row in e[:n]]
+
+
+# ---------------------------------------------------------------- reading
+
+
+def is_linear(model: CaseModel, members: Sequence[int]) -> bool:
+    """Whether the rates of these states are linear in everything they depend on."""
+    rows = _whole(model)
+    return all(rows[i] is not None for i in members)
+
+
+def linear_flow(model: CaseModel, members: Sequence[int], *, as_stepped: bool = True) -> LinearFlow:
+    """The flow of a group; what other groups do to it counts as a disturbance.
+
+    Where all that moves the group has a linear flow, one step of the simulator's scheme is a
+    solution, too (`_scheme`): with `as_stepped` it is one of what is found; otherwise that it is
+    one is a printed assumption. NotRecheckedError where a state of the group has no linear flow.
+    """
+    rows = _whole(model)
+    if any(rows[i] is None for i in members):
+        raise NotRecheckedError("a flow that is not linear is not solved at once")
+    moving = _moving(rows, members)
+    whole = all(row is not None for row in rows)
+    known = whole or all(c.plant.method in ORDERS for c in model.facts.plants if c.plant)
+    if as_stepped and known and all(rows[i] is not None for i in moving):
+        stepped = _as_stepped(model, rows, moving)
+        rows = [stepped.get(i, row) for i, row in enumerate(rows)]
+    inside = set(members)
+    noises: Matrix = []
+    constants = []
+    for at, i in enumerate(members):
+        row = rows[i]
+        assert row is not None
+        c = row.constant
+        outside = [ZERO] * len(model.extents)
+        for j, (low, high) in enumerate(model.extents):
+            if j not in inside and not row.a[j].is_zero():
+                x, y = exact(low), exact(high)
+                c += row.a[j] * (x + y) * HALF
+                outside[j] = row.a[j] * (y - x) * HALF
+        alone = [row.error if k == at else ZERO for k in range(len(members))]
+        noises.append([*row.noise, *outside, *alone])
+        constants.append(c)
+    member_rows = [rows[i] for i in members]
+    used = [k for k in range(len(noises[0])) if not all(r[k].is_zero() for r in noises)]
+    return LinearFlow(
+        tuple(members),
+        [[row.a[j] for j in members] for row in member_rows if row is not None],
+        [list(row.b) for row in member_rows if row is not None],
+        constants,
+        [[r[k] for k in used] for r in noises],
+        tuple((exact(c.low), exact(c.high)) for c in model.facts.controls),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FlowRow:
+    """x_i' = a x + b u + constant + noise w +- error, |w| <= 1."""
+
+    a: list[arb]
+    b: list[arb]
+    constant: arb
+    noise: list[arb]
+    error: arb = ZERO
+
+
+def _whole(model: CaseModel) -> list[FlowRow | None]:
+    """The rows of all states; None where a rate is not linear."""
+    terms, states = model.new_terms()
+    controls = control_inputs(model.facts, terms)
+    rates, disturbances = model.rates(terms, states, controls)
+
+    def index(x: object) -> int:
+        (atom,) = x.terms  # type: ignore[attr-defined]
+        return int(atom)
+
+    columns = [[index(x) for x in group] for group in (states, controls, disturbances)]
+    known = {k for group in columns for k in group}
+    optional_rows: list[FlowRow | None] = []
+    for rate in rates:
+        if not set(rate.terms) <= known or not rate.radius.is_zero():
+            optional_rows.append(None)
+            continue
+        c, row = rate.const, []
+        for k in columns[2]:
+            low, high = terms.atoms[k].low, terms.atoms[k].high
+            factor = rate.terms.get(k, ZERO)
+            c += factor * (low + high) * HALF
+            row.append(factor * (high - low) * HALF)
+        a = [rate.terms.get(k, ZERO) for k in columns[0]]
+        b = [rate.terms.get(k, ZERO) for k in columns[1]]
+        optional_rows.append(FlowRow(a, b, c, row))
+    return optional_rows
+
+
+def _moving(rows: Sequence[FlowRow | None], members: Sequence[int]) -> list[int]:
+    """The states on which those of a group depend, themselves included: a system of its own.
+
+    A step of a scheme on all states is one on these alone: no other state occurs in their rates.
+    """
+    states = set(members)
+    todo = list(members)
+    while todo:
+        row = rows[todo.pop()]
+        more = set() if row is None else {j for j, x in enumerate(row.a) if not x.is_zero()}
+        todo += sorted(more - states)
+        states |= more
+    return sorted(states)
+
+
+def _scheme(model: CaseModel, a: Matrix, states: Sequence[int]) -> tuple[Matrix, Matrix]:
+    """E_x and E_v: the extra rate E_x x + E_v v turns the exact solution into the scheme's step.
+
+    One step of the scheme is P x + Q v, the solution Phi x + Gamma v, with the state x at its
+    beginning and v = B u + c + W w held. The rate r, constant over the step, solves Gamma r =
+    (P - Phi) x + (Q - Gamma) v. All are series in A: E_x has entries only along paths of A, E_v
+    these and the diagonal. NotRecheckedError for plants with several schemes, or one that is not
+    in ORDERS.
+    """
+    n = len(a)
+    owners = {model.facts.states[i].owner for i in states}
+    schemes = {
+        (c.plant.method, c.period_ns, c.substeps)
+        for c in model.facts.plants
+        if c.plant is not None and c.index in owners
+    }
+    if len(schemes) != 1:
+        raise NotRecheckedError("plants with different schemes or periods")
+    method, period_ns, substeps = schemes.pop()
+    order = ORDERS.get(method)
+    if order is None:
+        raise NotRecheckedError(f"plants that are integrated by `{method}`")
+    machine = Fraction(float(period_ns) / 1e9 / substeps)
+    true = Fraction(period_ns, 10**9 * substeps)
+    phi, gamma = exponential(a, true, true), integral(a, true)
+    h = exact(machine)
+    p = [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]
+    q = [[h if i == j else ZERO for j in range(n)] for i in range(n)]
+    power = [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]
+    factor = ONE
+    for k in range(1, order + 1):
+        power = _times(power, a)
+        factor = factor * h / k
+        for i in range(n):
+            for j in range(n):
+                p[i][j] += power[i][j] * factor
+                if k < order:
+                    q[i][j] += power[i][j] * factor * h / (k + 1)
+    back = arb_mat(gamma).inv().tolist()
+    of_x = _times(back, [[p[i][j] - phi[i][j] for j in range(n)] for i in range(n)])
+    of_v = _times(back, [[q[i][j] - gamma[i][j] for j in range(n)] for i in range(n)])
+    paths = _reach(a)
+    for i in range(n):
+        for j in range(n):
+            if not paths[i][j]:
+                of_x[i][j] = ZERO
+                of_v[i][j] = of_v[i][j] if i == j else ZERO
+    return of_x, of_v
+
+
+def _as_stepped(
+    model: CaseModel, rows: Sequence[FlowRow | None], states: Sequence[int]
+) -> dict[int, FlowRow]:
+    """The rows of a system of its own with the extra rate of the scheme."""
+    own = {i: row for i in states if (row := rows[i]) is not None}
+    scheme = _scheme(model, [[own[i].a[j] for j in states] for i in states], states)
+    return {i: _row_as_stepped(model, own, scheme, at) for at, i in enumerate(states)}
+
+
+def _row_as_stepped(
+    model: CaseModel, rows: dict[int, FlowRow], scheme: tuple[Matrix, Matrix], at: int
+) -> FlowRow:
+    """One row with its extra rate: r_i = sum E_v v + sum E_x x, x in the grid.
+
+    What v_i itself adds goes with B, c and W, v being held with the command: a state that no
+    command and nothing else moves stands still for the scheme, too. The rest counts as a
+    disturbance.
+    """
+    of_x, of_v = (m[at] for m in scheme)
+    first = list(rows.values())[at]
+    own = ONE + of_v[at]
+    error = ZERO
+    for k, (j, row) in enumerate(rows.items()):
+        low, high = (exact(end) for end in model.extents[j])
+        error += magnitude(of_x[k]) * magnitude(low).max(magnitude(high))
+        if k != at and not of_v[k].is_zero():
+            rate = abs(row.constant) + sum((abs(x) for x in row.noise), ZERO)
+            for x, c in zip(row.b, model.facts.controls, strict=True):
+                rate += abs(x) * magnitude(exact(c.low)).max(magnitude(exact(c.high)))
+            error += magnitude(of_v[k]) * rate
+    b = [own * x for x in first.b]
+    noise = [own * x for x in first.noise]
+    return FlowRow(first.a, b, own * first.constant, noise, arb(error.upper()))

@@ -1,0 +1,228 @@
+"""What the re-checker understands of a program: a positive list.
+
+Purpose: `check_supported`: every construct of SC, module, plants and the functions they call is on
+the list, with every field that it has; whatever is not, is not rechecked. A construct or field that
+is added to the language is refused until somebody puts it here.
+Non-goals: what the constructs mean (`symbolic_reading.py`, `problem.py`); AC, of which nothing is
+assumed but what the gate enforces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.reading.other_modes import only_modes_of_others
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.program.model import typed as t
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.certificate.reading.facts import Facts
+    from soter.program.model.system import Component
+
+_EXPR = "type span"
+CODE: dict[type, str] = {
+    t.Literal: f"{_EXPR} value name",
+    t.ParamRead: f"{_EXPR} param",
+    t.VarRead: f"{_EXPR} variable",
+    t.TopicRead: f"{_EXPR} topic",
+    t.PeriodRead: _EXPR,
+    t.ModeRead: f"{_EXPR} module",
+    t.TypedUnary: f"{_EXPR} op operand",
+    t.TypedBinary: f"{_EXPR} op left right",
+    t.Vector: f"{_EXPR} op left right",
+    t.Conditional: f"{_EXPR} condition then otherwise",
+    t.TypedCall: f"{_EXPR} fun arguments",
+    t.Builtin: f"{_EXPR} name arguments",
+    t.TypedField: f"{_EXPR} target index",
+    t.Index: f"{_EXPR} target index",
+    t.TypedLength: f"{_EXPR} target",
+    t.Aggregate: f"{_EXPR} elements order",
+    t.Narrow: f"{_EXPR} operand",
+    t.Place: "variable path type span",
+    t.TypedDeclare: "span variable value",
+    t.TypedAssign: "span place value",
+    t.TypedPublish: "span topic value limit",
+    t.TypedReturn: "span value",
+    t.Assert: "span condition message",
+    t.TypedIf: "span arms otherwise",
+    t.ForRange: "span variable low high body",
+    t.ForEach: "span variable sequence body",
+    t.FunSymbol: "name span parameters result body extern source prelude",
+    t.Variable: "name type kind span used",
+}
+"""Expressions, statements and functions, each with its fields.
+
+Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age`, `truth`,
+`choose`, `push`. `mode` is that of another module, and stands in SC, `ttf` and `safer` alone
+(`modes.py`).
+"""
+DECLARATIONS: dict[type, str] = {
+    t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "
+    "initial assumes guarantees takeover step bursts takes wcet jitter",
+    t.Subscribed: "topic queue policy span",
+    t.TopicSymbol: "name span type input values default max_age",
+    t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
+    "sc_span over contract failsafe wcet jitter",
+    t.TypedVerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
+    "response_sc acts recover stays late_of response_of dropout views induction lemmas progress "
+    "enters span",
+    t.ViewSymbol: "name block span",
+    t.AbstractionLink: "instance name plant value span",
+    t.TypedAxisGroup: "kind axes span",
+    t.TypedGridAxis: "topic path low high cells span instance plant open",
+    t.PlantSymbol: "name span period extern source reads drives states initial initial_range "
+    "disturbances lets der next method substeps measured truth read_spans",
+    t.DisturbanceSymbol: "variable low high hold",
+    t.MeasuredSymbol: "topic path within span",
+}
+"""What they are declared with; each field is read by this room, judged below, or without effect on
+a state: names, spans, hints (`core`, `commands`), and what only a simulator does (`method`,
+`substeps`, `hold`: an assumption)."""
+ROLES = ("plant", "dm", "sc", "ac", "node")
+
+
+def check_supported(facts: Facts) -> None:
+    """`NotRecheckedError` for the first thing that is not on the list."""
+    for declared in (*CODE, *DECLARATIONS):
+        _only_known_fields(declared)
+    module = facts.flying_module
+    if module.forced is not None:
+        raise NotRecheckedError(
+            f"`{module.name}` is forced to {module.forced}: its DM never decides"
+        )
+    if module.over is not None or any(m.over == module.index for m in facts.flying.modules):
+        raise NotRecheckedError(f"`{module.name}` stands above or below another module")
+    assert facts.sc.node is not None
+    _safe_controller(facts.sc.node)
+    only_modes_of_others(facts)
+    _topics(facts)
+    for expr in facts.symbol.predicates:
+        _code(expr, "the predicates of the module")
+    for c in facts.plants:
+        _plant(c)
+    for c in facts.flying.components:
+        if c.plant is not None and _chooses(c.plant):
+            raise NotRecheckedError(f"the plant `{c.name}` chooses")
+        if c.role not in ROLES:
+            raise NotRecheckedError(f"`{c.name}` is a {c.role}, which is not known here")
+
+
+def _only_known_fields(of: type) -> None:
+    known = {**CODE, **DECLARATIONS}.get(of)
+    field_names = {f.name for f in fields(of)} if is_dataclass(of) else set()
+    if known is None or field_names - set(known.split()):
+        raise NotRecheckedError(f"`{of.__name__}` is not known here as this language has it")
+
+
+# ---------------------------------------------------------------- declarations
+
+
+def _safe_controller(sc: t.NodeSymbol) -> None:
+    """Its step is all it does: nothing else may fault, latch it, or change what it publishes."""
+    if sc.extern:
+        raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
+    if sc.takeover:
+        raise NotRecheckedError("an SC with `on takeover` is not rechecked yet")
+    for subscribed in sc.subscribes:
+        if subscribed.queue is not None:
+            raise NotRecheckedError(f"SC has a queue of `{subscribed.topic.name}`")
+    if sc.bursts:
+        raise NotRecheckedError("SC publishes several messages a step")
+    for s in sc.step:
+        _code(s, "SC")
+
+
+def _topics(facts: Facts) -> None:
+    """Nobody but the module publishes its outputs, and nothing that it reads is a queue."""
+    module, outputs = facts.flying_module, set(facts.flying_module.outputs)
+    for c in facts.flying.components:
+        if c.index in (module.ac, module.sc):
+            continue
+        written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
+        for topic in written:
+            if c.scope.topics[topic] in outputs:
+                raise NotRecheckedError(f"`{topic.name}` is not published by the module alone")
+    if outputs & {drawn.topic for drawn in facts.flying.inputs}:
+        raise NotRecheckedError("an output of the module is drawn as an input, too")
+    component = facts.flying.components[facts.flying_module.sc]
+    for index in component.scope.topics.values():
+        if facts.flying.topics[index].queue_of is not None:
+            raise NotRecheckedError(f"`{facts.flying.topics[index].name}` is a queue")
+
+
+def _plant(c: Component) -> None:
+    plant = c.plant
+    assert plant is not None
+    if plant.extern:
+        raise NotRecheckedError(f"the plant `{c.name}` is extern")
+    if c.phase_ns != 0:
+        raise NotRecheckedError(f"the plant `{c.name}` does not publish at the start")
+    roots: list[object] = [e for _, e in plant.drives]
+    roots += [e for _, e in plant.lets]
+    roots += [*plant.der.values(), *plant.next.values()]
+    for root in roots:
+        _code(root, f"the plant `{c.name}`")
+
+
+def _chooses(plant: t.PlantSymbol) -> bool:
+    """Whether a plant leaves something open besides its disturbances."""
+    roots = [*plant.lets, *plant.next.items(), *plant.der.items(), *plant.drives]
+    todo: list[object] = [e for _, e in roots]
+    while todo:
+        part = todo.pop()
+        if isinstance(part, t.TypedChoose):
+            return True
+        todo += _parts(part)
+    return False
+
+
+# ---------------------------------------------------------------- code
+
+
+def _code(root: object, where: str) -> None:
+    """Every part of a piece of code, and of every function that it calls."""
+    seen: set[int] = set()
+    todo: list[object] = [root]
+    while todo:
+        part = todo.pop()
+        if id(part) in seen:
+            continue
+        seen.add(id(part))
+        if type(part) not in CODE:
+            name = _SAID.get(type(part), type(part).__name__.removeprefix("Typed").lower())
+            raise NotRecheckedError(f"`{name}` in {where} is not rechecked yet")
+        if isinstance(part, t.FunSymbol):
+            if part.extern or part.body is None:
+                raise NotRecheckedError(
+                    f"`{part.name}` is an extern function: its values are unknown"
+                )
+            todo += part.body
+            continue
+        todo += _parts(part)
+
+
+def _parts(part: object) -> Iterator[object]:
+    """What a piece of code is made of: of types, values and spans nothing is asked."""
+    for f in fields(part):  # type: ignore[arg-type]  # those of CODE are dataclasses
+        if f.name in ("type", "span"):
+            continue
+        stack: list[Any] = [getattr(part, f.name)]
+        while stack:
+            v = stack.pop()
+            if isinstance(v, tuple) and not isinstance(part, t.Literal):
+                stack.extend(v)
+            elif isinstance(v, (t.TypedExpr, t.TypedStmt, t.Place, t.FunSymbol)):
+                yield v
+
+
+_SAID: dict[type, str] = {
+    t.InControl: "in_control",
+    t.TimeRead: "time",
+    t.AgeRead: "age",
+    t.TruthRead: "truth",
+    t.TypedChoose: "choose",
+    t.TypedPush: "push",
+}

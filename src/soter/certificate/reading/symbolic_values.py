@@ -1,0 +1,106 @@
+"""What code means on paper: values, with numbers where known and terms where not.
+
+Purpose: the parts of a value: its leaves, its type, whether it is whole or decided.
+Non-goals: operations on values (`operations.py`), terms themselves (`certificate/terms/`).
+
+A value is a bool, int or float, a `Linear` (float or int), a `Proposition` (bool), or a tuple of
+values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from soter.certificate.terms.terms import TRUE, Linear, NotRecheckedError, Proposition, negation
+from soter.program.model.types import default_value
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.program.model.types import Type
+
+Value: TypeAlias = Any
+NOT_HERE = "is not rechecked yet"
+
+
+@dataclass(eq=False)
+class SymbolicInt(Linear):
+    """An int that depends on inputs."""
+
+
+@dataclass(eq=False)
+class Rows:
+    """A row of numbers out of several, at an index that depends on inputs."""
+
+    elements: Sequence[tuple[Value, ...]]
+    index: Linear
+
+
+def truth_of(x: bool | Proposition) -> Proposition:
+    """A bool as a proposition; NotRecheckedError for any other value."""
+    if isinstance(x, Proposition):
+        return x
+    if not isinstance(x, bool):
+        raise NotRecheckedError(f"such a bool {NOT_HERE}")
+    return TRUE if x else negation(TRUE)
+
+
+def plain(x: Proposition) -> bool | Proposition:
+    """A bool where it is decided."""
+    return x.value if x.kind == "constant" else x
+
+
+def identical(a: Value, b: Value) -> bool:
+    """Whether two known numbers are the same, sign of zero and type included."""
+    return bool(a == b) and repr(a) == repr(b)
+
+
+def replaced(whole: Value, keys: Sequence[int], new: Value) -> Value:
+    """A value with the part at these indices made new; NotRecheckedError where it has none."""
+    if not keys:
+        return new
+    at, rest = keys[0], keys[1:]
+    if not 0 <= at < len(whole):
+        raise NotRecheckedError("an index outside its array")
+    return (*whole[:at], replaced(whole[at], rest, new), *whole[at + 1 :])
+
+
+def mapped(f: Callable[[Value], Value], x: Value) -> Value:
+    """A function of every scalar leaf."""
+    return tuple(mapped(f, v) for v in x) if isinstance(x, tuple) else f(x)
+
+
+def zipped(f: Callable[[Value, Value], Value], a: Value, b: Value) -> Value:
+    """A function of the scalar leaves of two values of one shape."""
+    if isinstance(a, tuple):
+        return tuple(zipped(f, x, y) for x, y in zip(a, b, strict=True))
+    return f(a, b)
+
+
+def flat(x: Value) -> list[Value]:
+    """The scalar leaves of a value without lists, in declared order."""
+    return [leaf for v in x for leaf in flat(v)] if isinstance(x, tuple) else [x]
+
+
+def filled(of: Type, values: Sequence[Value]) -> Value:
+    """The value of a type without lists that has these scalar leaves.
+
+    NotRecheckedError where leaves are left over.
+    """
+    left = list(values)
+
+    def build(template: Value) -> Value:
+        if isinstance(template, tuple):
+            return tuple(build(x) for x in template)
+        return left.pop(0)
+
+    value = build(default_value(of))
+    if left:
+        raise NotRecheckedError(f"a list on a topic or in a state {NOT_HERE}")
+    return value
+
+
+def whole(x: Linear) -> Linear:
+    """A term that is a whole number."""
+    return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)

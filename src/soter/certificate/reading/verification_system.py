@@ -1,0 +1,132 @@
+"""Where a module is proved: its verification system, beside the one that runs.
+
+Purpose: the plants beside the module, or those that abstract them; that the module itself is the
+same in both.
+Non-goals: what the plants do (`problem.py`, `model.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.reading.facts import Facts, read_by_sc
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.program.elaborate.derived_systems import at_once
+from soter.program.elaborate.elaborator import Elaborator
+from soter.program.model import typed
+from soter.program.model.tree_walk import topic_reads
+
+if TYPE_CHECKING:
+    from soter.program.model.system import Component, Module, System
+
+
+def verification_system_of(
+    system: System, module: Module
+) -> tuple[System, Module, tuple[Component, ...]]:
+    """The system to prove in, and its verification plants.
+
+    SoterError where a system of the module and its `abstracts` plants cannot be elaborated.
+    """
+    symbol = module.symbol
+    sc = system.components[module.sc]
+    links = symbol.verify.abstracts
+    if links:
+        ac = system.components[module.ac].node
+        assert ac is not None
+        assert sc.node is not None
+        span = symbol.span
+        parts: list[tuple[str, Any]] = [(link.name, link.plant) for link in links]
+        own = _with_controllers(symbol, ac, sc.node)
+        instances = tuple(
+            typed.InstanceSymbol(n, what, {}, {}, span) for n, what in [*parts, (symbol.name, own)]
+        )
+        made = typed.SystemSymbol(
+            name="recheck",
+            span=span,
+            default=False,
+            instances=instances,
+            until=None,
+            properties=(),
+            forces=(),
+            replaces=(),
+            sets=_own_parameters(module, instances),
+            inputs=(),
+        )
+        diagnostics = Diagnostics()
+        around = {p.name: v for p, v in module.around.items()}
+        elaborator = Elaborator(system.program, made, around, diagnostics)
+        elaborator.partial = True
+        flattened = elaborator.run()
+        if flattened is None or diagnostics.has_errors:
+            raise SoterError(diagnostics.items)
+        flattened = at_once(flattened)
+        plants = tuple(c for c in flattened.components if c.role == "plant")
+        return flattened, flattened.modules[0], plants
+    wanted = {sc.scope.topics[t] for t in read_by_sc(sc)}
+    wanted |= {module.scope.topics[t] for t in topic_reads(*symbol.predicates)}
+    named = {a.instance for g in symbol.verify.groups for a in g.axes if a.instance}
+    for group in symbol.verify.groups:
+        for axis in group.axes:
+            scopes = (module.scope.topics, sc.scope.topics)
+            wanted |= {s[axis.topic] for s in scopes if axis.topic is not None and axis.topic in s}
+    home = module.name.rpartition(".")[0]
+    names = {f"{home}.{n}" if home else n for n in named}
+    plants = tuple(
+        c
+        for c in system.components
+        if c.plant is not None
+        and (c.name in names or any(c.scope.topics[t] in wanted for t, _ in c.plant.drives))
+    )
+    return system, module, plants
+
+
+def _own_parameters(
+    module: Module, instances: tuple[typed.InstanceSymbol, ...]
+) -> tuple[typed.SetSymbol, ...]:
+    """What is set for the module itself holds for the plants of its proof, too.
+
+    Its topics are not its own: they keep what is set around it.
+    """
+    own = [(p, v) for p, v in module.scope.params.items() if repr(module.around[p]) != repr(v)]
+    return tuple(typed.SetSymbol(i.name, p, v, i.span) for i in instances for p, v in own)
+
+
+def _with_controllers(
+    symbol: typed.ModuleSymbol, ac: typed.NodeSymbol, sc: typed.NodeSymbol
+) -> typed.ModuleSymbol:
+    if symbol.ac is ac and symbol.sc is sc:
+        return symbol
+    values = {**vars(symbol), "ac": ac, "sc": sc}
+    return typed.ModuleSymbol(**values)
+
+
+def as_it_runs(facts: Facts) -> None:
+    """An abstraction is proved with the topics and periods that the running system has.
+
+    NotRecheckedError where it is not.
+    """
+    system, flying = facts.system, facts.flying
+    module, running = facts.module, facts.flying_module
+    pairs = [(module.scope, running.scope)]
+    for part in ("dm", "ac", "sc"):
+        a = system.components[getattr(module, part)]
+        b = flying.components[getattr(running, part)]
+        if (a.period_ns, a.phase_ns) != (b.period_ns, b.phase_ns) or a.node is not b.node:
+            raise NotRecheckedError(f"`{b.name}` is another one where the module is proved")
+        pairs.append((a.scope, b.scope))
+    for proved, runs in pairs:
+        for symbol, index in proved.topics.items():
+            if symbol not in runs.topics:
+                raise NotRecheckedError(f"`{symbol.name}` is no topic of `{flying.name}`")
+            at = runs.topics[symbol]
+            one, other = system.topics[index], flying.topics[at]
+            same = one.bounds == other.bounds and one.max_age_ns == other.max_age_ns
+            if not same or repr(one.default) != repr(other.default):
+                raise NotRecheckedError(
+                    f"`{other.name}` has another set, default or `max_age` than `{one.name}`"
+                )
+            if facts.running.setdefault(index, at) != at:
+                raise NotRecheckedError(f"`{one.name}` stands for two topics of `{flying.name}`")
+    if {facts.running[i] for i in module.outputs} != set(running.outputs):
+        raise NotRecheckedError("the module has other outputs where it is proved")

@@ -1,0 +1,137 @@
+"""One view of a module: the parts of its predicates that its plants show.
+
+Purpose: `seen` (the module with those parts), `entered` (those of `enters`), `left_out` (what no
+view of a certificate shows).
+Non-goals: sharing code with `program/elaborate/views.py`, which the prover goes by.
+
+A part is what must hold beside the others: of `safe` and `safer` as they are, of "not `ttf`". A
+view shows a part if its plants drive every topic in it. Dropping a part of what the DM finds makes
+the hypothesis of P3 weaker, so what is shown is shown of more states; a part of `safe` or of
+`safer` that is dropped here must be shown elsewhere, or nothing is said about it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.program.model import typed
+from soter.program.model.tree_walk import topic_reads
+from soter.program.model.types import BOOL
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+    from soter.program.model.system import Module
+
+    Part = tuple[typed.TypedExpr, bool]
+    """What must hold: the expression, or (False) that it does not."""
+
+
+def seen(module: Module, name: str) -> Module:
+    """The module with the parts that view `name` shows; `NotRecheckedError` where it has none."""
+    symbol = module.symbol
+    named = [v for v in symbol.verify.views if v.name == name]
+    if len(named) != 1:
+        raise NotRecheckedError(f"module `{module.name}` has no view `{name}`")
+    if symbol.ttf is None or symbol.safer is None:
+        raise NotRecheckedError("predicates that are computed, in several views")
+    block = named[0].block
+    shown = _shown(block)
+    values = {
+        **vars(symbol),
+        "verify": block,
+        "safe": _of(symbol.safe, shown, wanted=True),
+        "safer": _of(symbol.safer, shown, wanted=True),
+        "ttf": _not(_of(symbol.ttf, shown, wanted=False)),
+    }
+    return dataclasses.replace(module, symbol=typed.ModuleSymbol(**values))
+
+
+def entered(symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock) -> typed.TypedExpr | None:
+    """What `enters` of a module says of what the plants of a view drive; None: there is none.
+
+    All of `enters` implies it. True where nothing of it speaks of them alone.
+    """
+    if symbol.verify.enters is None:
+        return None
+    return _of(symbol.verify.enters, _shown(block), wanted=True)
+
+
+def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
+    """What these views of a module do not show of it together, in words; empty: nothing."""
+    for view in symbol.verify.views:
+        if view.name not in views:
+            return f"view `{view.name}` of module `{symbol.name}` is not there"
+    every = [_shown(view.block) for view in symbol.verify.views]
+    for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
+        if predicate is None:
+            return f"module `{symbol.name}` has views and no `{name}`"
+        for part in _parts(predicate, wanted=True):
+            if not any(_in(part, shown) for shown in every):
+                return f"no view of module `{symbol.name}` shows a part of `{name}`"
+    return ""
+
+
+def _shown(block: typed.TypedVerifyBlock) -> set[typed.TopicSymbol]:
+    return {topic for link in block.abstracts for topic, _ in link.plant.drives}
+
+
+def _in(part: Part, shown: set[typed.TopicSymbol]) -> bool:
+    return all(topic in shown for topic in topic_reads(part[0]))
+
+
+def _parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
+    """What must hold for `e` to be `wanted`."""
+    if isinstance(e, typed.TypedUnary) and e.op == "!":
+        yield from _parts(e.operand, wanted=not wanted)
+    elif isinstance(e, typed.TypedBinary) and e.op == ("&&" if wanted else "||"):
+        yield from _parts(e.left, wanted=wanted)
+        yield from _parts(e.right, wanted=wanted)
+    elif isinstance(e, typed.TypedCall) and (body := _body(e)) is not None:
+        parts = list(_parts(body, wanted=wanted))
+        yield from parts if len(parts) > 1 else [(e, wanted)]
+    else:
+        yield e, wanted
+
+
+def _body(call: typed.TypedCall) -> typed.TypedExpr | None:
+    """What a function returns, with the arguments in it, if that is all that it does."""
+    steps = call.fun.body or ()
+    only = steps[0] if len(steps) == 1 else None
+    if not isinstance(only, typed.TypedReturn):
+        return None
+    expansion: typed.TypedExpr = _filled(
+        only.value, {id(p): a for p, a in zip(call.fun.parameters, call.arguments, strict=True)}
+    )
+    return expansion
+
+
+def _filled(e: Any, arguments: dict[int, typed.TypedExpr]) -> Any:  # noqa: ANN401 - any field
+    if isinstance(e, tuple):
+        return tuple(_filled(x, arguments) for x in e)
+    if isinstance(e, typed.VarRead) and id(e.variable) in arguments:
+        return arguments[id(e.variable)]
+    if not isinstance(e, typed.TypedExpr):
+        return e
+    inside = {
+        f.name: _filled(getattr(e, f.name), arguments)
+        for f in dataclasses.fields(e)
+        if isinstance(getattr(e, f.name), (typed.TypedExpr, tuple))
+    }
+    return dataclasses.replace(e, **inside)
+
+
+def _of(e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool) -> typed.TypedExpr:
+    """That all parts hold which are shown; true where there are none."""
+    conjunction: typed.TypedExpr = typed.Literal(BOOL, e.span, value=True)
+    for part in _parts(e, wanted=wanted):
+        if _in(part, shown):
+            own = part[0] if part[1] else _not(part[0])
+            conjunction = typed.TypedBinary(BOOL, e.span, "&&", conjunction, own)
+    return conjunction
+
+
+def _not(e: typed.TypedExpr) -> typed.TypedExpr:
+    return typed.TypedUnary(BOOL, e.span, "!", e)

@@ -1,0 +1,442 @@
+"""Check a certificate: hashes, then the problem, then every claim.
+
+Purpose: `recheck(folder)`: from the bytes of a certificate to a `Report`: accepted, or the reason
+why not. Whatever this room does not know how to confirm is rejected, never accepted.
+Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, static_claims
+from soter.certificate.assumptions import assumptions_of, confirmed_of
+from soter.certificate.case_check import CaseCheck
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.folder import Certificate, read_certificate
+from soter.certificate.format.source import hexadecimal, program_of
+from soter.certificate.handover import jumps_of
+from soter.certificate.inclusions.dm_tables import compare_tables
+from soter.certificate.inclusions.group_claims import GroupTables
+from soter.certificate.inclusions.tables import Cells, Grid
+from soter.certificate.induction.check_claims import recheck_induction
+from soter.certificate.polytope.certificate_tables import PolytopeTables, read_polytope
+from soter.certificate.polytope.dm_half_spaces import compare_half_spaces
+from soter.certificate.polytope.predicates import narrowed
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.failsafe_law import law_of
+from soter.certificate.reading.problem import DiffersError, Facts, read_facts
+from soter.certificate.reading.supported import check_supported
+from soter.certificate.reading.views import left_out
+from soter.certificate.report import RecheckedModule, Report
+from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.time.unpublished_reads import survives_the_start
+from soter.diagnostics.current_phase import phase
+from soter.diagnostics.diagnostic import SoterError
+from soter.program.evaluate.arithmetic import StepFault
+from soter.program.front_end import system_to_prove
+from soter.report.printable_text import visible
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from soter.certificate.induction.facts import InductionFacts
+    from soter.program.front_end import CheckResult
+
+DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
+"""Times that stand in the program, and in the manifest as they are there."""
+DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
+"""Times that follow: a manifest may claim more schedules than there are, never fewer."""
+TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
+BEYOND, BEYOND_NS = 4, 1_000_000_000
+"""More than so many times what there is, and so much: no claim, but a way to keep this busy."""
+BEGINS = ("P1c", "P2a", "P3", "start")
+"""What says that the fail-safe law begins in K; P1c may rest on assumed times, as it may for SC."""
+CASES_MAX = 4096
+"""Combinations of parameter values."""
+
+MODULE_KEYS = (
+    "system",
+    "module",
+    "plants",
+    "parameters",
+    "times",
+    "inputs",
+    "cases",
+    "claims",
+    "assumptions",
+    "recover_ns",
+)
+
+__all__ = ["TIME_KEYS", "RecheckedModule", "Report", "recheck"]
+
+
+def recheck(
+    folder: Path, progress: Callable[[float], None] | None = None, workers: int | None = None
+) -> Report:
+    """Check the certificate in a folder; `NotACertificateError` where there is none.
+
+    `progress` is called with the share that is done; `workers`: processes, by default one for
+    each processor.
+    """
+    started = time.perf_counter()
+    report = Report(accepted=False)
+    try:
+        certificate = read_certificate(folder)
+        _check(certificate, report, progress or (lambda _: None), workers or os.cpu_count() or 1)
+        report.accepted = True
+    except (RejectedError, DiffersError) as error:
+        report.reason = str(error)
+    except NotRecheckedError as error:
+        report.reason = f"not rechecked: {error}"
+    except (TypeError, AttributeError, LookupError, AssertionError) as error:
+        what = f"{type(error).__name__}: {error}"
+        report.reason = f"not rechecked: the re-checker itself failed ({what})"
+    except SoterError as error:
+        if any(d.code == "D007" for d in error.diagnostics):
+            raise  # nothing is known of the certificate
+        report.reason = f"the program of the certificate: {error}"
+    except StepFault as error:
+        report.reason = f"not rechecked: a step that faults whatever it reads ({error})"
+    except (BrokenExecutor, OSError) as error:
+        report.reason = f"not rechecked: the system ended a part of it: {error}"
+    except (ArithmeticError, RecursionError, ValueError, MemoryError) as error:
+        report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
+    report.reason = visible(report.reason)
+    report.seconds = time.perf_counter() - started
+    return report
+
+
+def _check(
+    certificate: Certificate, report: Report, progress: Callable[[float], None], workers: int
+) -> None:
+    manifest = certificate.manifest
+    _keys(
+        manifest,
+        ("schema", "soter", "files", "main", "params", "modules", "program_sha256"),
+        "the manifest",
+    )
+    checked, overrides = program_of(certificate)
+    assert checked.program is not None
+    report.program_sha256 = checked.program.sha256
+    report.program = visible(str(manifest["main"]))
+    modules = manifest["modules"]
+    if not isinstance(modules, list) or not modules:
+        raise RejectedError("the manifest has no modules")
+    covered: list[Facts | InductionFacts] = []
+    for k, entry in enumerate(modules):
+        share = partial(_share, progress, k, len(modules))
+        phase(f"checking module {k + 1} of {len(modules)}")
+        facts: Facts | InductionFacts
+        if isinstance(entry, dict) and "induction" in entry:
+            facts, module_report = _by_induction(checked, overrides, entry)
+        else:
+            facts = _facts(checked, overrides, entry)
+        if any(_key(f) == _key(facts) for f in covered):
+            raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
+        covered.append(facts)
+        if isinstance(facts, Facts):
+            module_report = _module(certificate, facts, entry, share, workers)
+        module_report.parameters = parameters_of(facts.flying)
+        module_report.otherwise, module_report.contradicted = otherwise_in_program(
+            checked, facts.flying
+        )
+        report.modules.append(module_report)
+    for facts in covered:
+        _in_all_views(facts, covered)
+    report.not_covered = uncovered(checked, overrides, covered)
+    unused = {n for n in certificate.contents if n.startswith("sets/")} - certificate.used
+    for name in sorted(unused):
+        raise RejectedError(f"no claim rests on `{name}`")
+
+
+def _key(facts: Facts | InductionFacts) -> tuple[str, str, str]:
+    view = facts.view if isinstance(facts, Facts) else ""
+    return facts.flying.name, facts.flying_module.name, view
+
+
+def _in_all_views(facts: Facts | InductionFacts, covered: list[Facts | InductionFacts]) -> None:
+    """A module that is proved in views is proved in all of them, or not at all."""
+    if not isinstance(facts, Facts) or not facts.view:
+        return
+    views = [f.view for f in covered if isinstance(f, Facts) and _key(f)[:2] == _key(facts)[:2]]
+    assert facts.whole is not None
+    why = left_out(facts.whole, views)
+    if why:
+        raise RejectedError(why)
+
+
+def _share(progress: Callable[[float], None], k: int, count: int, done: float) -> None:
+    progress((k + done) / count)
+
+
+@contextmanager
+def _understood(what: str) -> Iterator[None]:
+    """What is no list, text or number where one belongs is the fault of the manifest."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        raise RejectedError(f"{what} of the manifest is not as it should be: {error}") from None
+
+
+def _keys(entry: object, names: tuple[str, ...], what: str) -> None:
+    if not isinstance(entry, dict):
+        raise RejectedError(f"{what} is not as it should be")
+    for name in sorted(entry.keys() ^ set(names)):
+        raise RejectedError(f"{what} has {'no' if name in names else 'an unknown'} `{name}`")
+
+
+# ---------------------------------------------------------------- a module
+
+
+def _facts(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]) -> Facts:
+    """The problem of a module, which is the whole of what is understood of it."""
+    given = [k for k in ("tables", "view", "law") if isinstance(entry, dict) and k in entry]
+    _keys(entry, (*MODULE_KEYS, *given), "a module")
+    with _understood("a module"):
+        if entry["system"] not in checked.systems:
+            raise RejectedError(f"the program has no system `{entry['system']}`")
+        flat = system_to_prove(checked, entry["system"], overrides, exact=False)
+        facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
+    check_supported(facts)
+    survives_the_start(facts)
+    return facts
+
+
+def _by_induction(
+    checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]
+) -> tuple[InductionFacts, RecheckedModule]:
+    """A module that is proved by induction."""
+    with _understood("a module"):
+        if entry["system"] not in checked.systems:
+            raise RejectedError(f"the program has no system `{entry['system']}`")
+        flat = system_to_prove(checked, entry["system"], overrides, exact=False)
+        return recheck_induction(flat, entry)
+
+
+def _module(
+    certificate: Certificate,
+    facts: Facts,
+    entry: dict[str, Any],
+    progress: Callable[[float], None],
+    workers: int,
+) -> RecheckedModule:
+    claims = claimed_of(entry["claims"])
+    with _understood("a module"):
+        extents = _compare(facts, entry)
+        given = [c["parameter"] for c in entry["cases"]]
+    said = static_claims(facts, entry["claims"])
+    name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
+    report = RecheckedModule(name, said, system=entry["system"])
+    report.stays = facts.symbol.verify.stays is not None
+    if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
+        raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
+    cases = list(facts.cases())
+    if given != [list(c) for c in cases]:
+        raise RejectedError("the cases are not all combinations of the parameters' values")
+    tables, polytopes = [], []
+    for case in entry["cases"]:
+        _keys(case, ("parameter", "groups"), "a case")
+        with _understood("a group"):
+            grids, others = _groups(certificate, facts, extents, case["groups"])
+        tables.append(grids)
+        polytopes.append(others)
+    if ("tables" in entry) != facts.computed:
+        raise RejectedError("a module has tables of its DM where its predicates are computed")
+    if facts.computed:
+        with _understood("a table of the DM"):
+            count = len(tables[0])
+            compare_tables(certificate, facts, tables, entry["tables"][:count])
+            compare_half_spaces(certificate, facts, polytopes, entry["tables"][count:])
+    groups = list(zip(tables, polytopes, strict=True))
+    if ("law" in entry) != ("failsafe" in claims):
+        raise RejectedError("a module has sets of its law where `failsafe` is claimed")
+    if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
+        raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
+    law = _law(certificate, facts, extents, entry) if "law" in entry else None
+    try:
+        _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
+    except (RejectedError, NotRecheckedError):
+        if facts.times["d_ns"] == facts.own.delay:
+            raise
+        # older reads than there are may be too much for our bounds: those that there are count
+        facts.times["d_ns"] = facts.own.delay
+        _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
+    jumps = jumps_of(facts, groups, extents, claims)
+    report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
+    report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)
+    report.half_spaces = sum(len(p.core.bounds) for others in polytopes for p in others)
+    report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
+    report.confirmed = [c for c in CLAIMS if said.get(c) == "proved"]
+    return report
+
+
+def _cases(
+    facts: Facts,
+    tables: list[tuple[list[GroupTables], list[PolytopeTables]]],
+    extents: tuple[tuple[float, float], ...],
+    entry: dict[str, Any],
+    claims: set[str],
+    progress: Callable[[float], None],
+    workers: int,
+    law: Law | None,
+) -> None:
+    """Every claim, for every combination of parameter values; of the law that it keeps K_fs."""
+    cases = list(facts.cases())
+    for k, (values, (groups, others)) in enumerate(zip(cases, tables, strict=True)):
+        model = CaseModel(facts, values, narrowed(extents, others))
+        share = partial(_share, progress, k, len(cases))
+        case = CaseCheck(model, groups, claims, entry, share, workers, others)
+        if law is not None:
+            of_law, kept = law[0], law[1][k]
+            ruled = CaseModel(of_law, values, narrowed(extents, others))
+            CaseCheck(ruled, kept, {"P2a"}, entry, lambda _: None, workers).check()
+            case.lawful = [_of_law(g, kept) for g in groups]
+        case.check()
+
+
+Law = tuple[Facts, list[list[GroupTables]]]
+"""The problem of the fail-safe law, and the groups with their K_fs, for every case."""
+
+
+def _law(
+    certificate: Certificate,
+    facts: Facts,
+    extents: tuple[tuple[float, float], ...],
+    entry: dict[str, Any],
+) -> Law:
+    """What a certificate says of the fail-safe law."""
+    with _understood("a law"):
+        if [c["parameter"] for c in entry["law"]] != [list(c) for c in facts.cases()]:
+            raise RejectedError("the cases of the law are not those of the module")
+        tables = []
+        for case in entry["law"]:
+            _keys(case, ("parameter", "groups"), "a case of the law")
+            grids, others = _groups(certificate, facts, extents, case["groups"])
+            if others:
+                raise NotRecheckedError("a fail-safe law on polytopes is not rechecked")
+            tables.append(grids)
+    return law_of(facts), tables
+
+
+def _of_law(group: GroupTables, law: list[GroupTables]) -> Cells:
+    """K_fs on the cells of a group."""
+    for other in law:
+        if other.states == group.states and other.grid.edges == group.grid.edges:
+            return Cells(group.grid, other.core > 0)
+    raise RejectedError("the law is looked at on other cells than SC")
+
+
+def _compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], ...]:
+    """Every figure of the manifest against the program; gives back the extents of the grid."""
+    if entry["plants"] != [c.name for c in facts.plants]:
+        raise RejectedError("the verification plants are others in the program")
+    parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
+    if entry["parameters"] != parameters:
+        raise RejectedError("the parameters are others in the program")
+    _compare_times(facts, entry["times"])
+    inputs = entry["inputs"]
+    if not isinstance(inputs, list):
+        raise RejectedError("`inputs` is not as it should be")
+    others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
+    if len(inputs) != len(facts.states) + len(others):
+        raise RejectedError("the inputs are others in the program")
+    extents = []
+    for i, (given, known) in enumerate(zip(inputs, [*facts.states, *others], strict=True)):
+        _keys(given, ("name", "kind", "low", "high"), "an input")
+        if (given["name"], given["kind"]) != (known.name, known.kind):
+            raise RejectedError(f"input {given['name']} is {known.name} by the program")
+        low, high = (hexadecimal(given[k], known.name) for k in ("low", "high"))
+        if i < len(facts.states):
+            if facts.axes.get(i, (low, high)) != (low, high):
+                raise RejectedError(f"the grid of {known.name} is another one in the program")
+            extents.append((low, high))
+        elif (low, high) != (known.low, known.high):
+            raise RejectedError(f"the range of {known.name} is another one in the program")
+    return tuple(extents)
+
+
+def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
+    """Declared times are those of the program, derived ones no shorter; the longer ones count.
+
+    A claim about reads that are older, windows that are wider, a horizon that is longer is one
+    about more schedules: it implies ours.
+    """
+    _keys(given, TIME_KEYS, "`times`")
+    for key in TIME_KEYS:
+        value, own = given[key], facts.times[key]
+        if not isinstance(value, int) or isinstance(value, bool):
+            raise RejectedError(f"{key} is no time in the manifest")
+        fixed = key in DECLARED_KEYS or (key == "H_ns" and facts.symbol.verify.horizon is not None)
+        if value < own or (fixed and value != own):
+            raise RejectedError(f"{key} is {value} in the manifest, {own} by the program")
+        if value > BEYOND * own + BEYOND_NS:
+            raise RejectedError(f"{key} is {value} in the manifest, which no program needs")
+        facts.times[key] = value
+
+
+def _groups(
+    certificate: Certificate,
+    facts: Facts,
+    extents: tuple[tuple[float, float], ...],
+    entries: list[dict[str, Any]],
+) -> tuple[list[GroupTables], list[PolytopeTables]]:
+    names = {s.name: i for i, s in enumerate(facts.states)}
+    tables, polytopes, seen = [], [], []
+    inputs = [facts.controls, facts.disturbances, facts.errors, facts.others]
+    for entry in entries:
+        if entry.get("kind") not in ("grid", "polytope"):
+            raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
+        grid = entry["kind"] == "grid"
+        if grid:
+            _keys(entry, (*REQUIRED, *(k for k in OPTIONAL if k in entry)), "a group")
+        states, edges = [], []
+        for axis in entry["axes"]:
+            _keys(axis, ("state", "edges"), "an axis")
+            if axis["state"] not in names:
+                raise RejectedError(f"there is no state `{axis['state']}`")
+            state = names[axis["state"]]
+            states.append(state)
+            edges.append(certificate.edges(axis["edges"]))
+            if (edges[-1][0], edges[-1][-1]) != extents[state]:
+                raise RejectedError(f"the edges of {axis['state']} do not span its range")
+        seen += states
+        if grid:
+            certificate.count(tuple(len(e) - 1 for e in edges))
+            tables.append(_tables(certificate, entry, tuple(states), Grid(tuple(edges))))
+            continue
+        own, count = [extents[s] for s in states], len(extents) + sum(len(x) for x in inputs)
+        polytopes.append(read_polytope(certificate, entry, tuple(states), own, count))
+    if sorted(seen) != list(range(len(facts.states))):
+        raise RejectedError("the groups do not hold every state exactly once")
+    return tables, polytopes
+
+
+REQUIRED = ("kind", "axes", "K")
+OPTIONAL = ("R", "Q", "W", "W_N", "S")
+
+
+def _tables(
+    certificate: Certificate, entry: dict[str, Any], states: tuple[int, ...], grid: Grid
+) -> GroupTables:
+    shape = grid.shape
+    tables = GroupTables(states, grid, certificate.numbers(entry["K"], shape, "<u1"))
+    if "R" in entry:
+        tables.free = certificate.bits(entry["R"], shape)
+    if "Q" in entry:
+        tables.home = certificate.numbers(entry["Q"], shape, "<u1")
+    if "W" in entry:
+        tables.rank = certificate.numbers(entry["W"], shape, "<u2")
+        tables.rank_holds = certificate.numbers(entry.get("W_N"), shape, "<u1")
+    tables.levels = [certificate.bits(path, shape) for path in entry.get("S", [])]
+    return tables

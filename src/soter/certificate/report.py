@@ -1,0 +1,100 @@
+"""What was confirmed, about what, and what it does not say.
+
+Purpose: `Report` and `RecheckedModule`, the verdict of `rechecker.py` for people and programs.
+Non-goals: checking.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.certificate.allowed_claims import missing_of
+
+if TYPE_CHECKING:
+    from soter.certificate.assumptions import RecheckAssumption
+
+
+@dataclass
+class RecheckedModule:
+    """What was confirmed about a module of a system, for these values of the parameters."""
+
+    name: str
+    claims: dict[str, str]
+    cells: int = 0
+    half_spaces: int = 0
+    """Of K, of all polytope groups."""
+    confirmed: list[str] = field(default_factory=list)
+    stays: bool = False
+    """`recover never`: the program does not ask for P2b."""
+    system: str = ""
+    parameters: dict[str, str] = field(default_factory=dict)
+    """Of the program, each with the value that was checked."""
+    otherwise: dict[str, str] = field(default_factory=dict)
+    """Those to which the program by itself gives another value in that system, with that one."""
+    contradicted: bool = False
+    """Whether a `set` of the program does."""
+    times: dict[str, int] = field(default_factory=dict)
+    """In ns, by their names in a manifest: what the claims were held to."""
+    assumptions: list[RecheckAssumption] = field(default_factory=list)
+    shown: list[RecheckAssumption] = field(default_factory=list)
+    """What was confirmed beside the claims; where it is not it is one of the assumptions."""
+
+    @property
+    def other(self) -> list[str]:
+        """Properties that are not confirmed here, with what the certificate says."""
+        return [f"{n} ({v})" for n, v in self.claims.items() if n not in self.confirmed]
+
+    @property
+    def missing(self) -> list[str]:
+        """What safety needs and is not established; empty: the module is safe."""
+        return missing_of(self.claims, self.confirmed)
+
+    @property
+    def returns(self) -> bool:
+        """Whether P2b is confirmed: SC gives control back."""
+        return "P2b" in self.confirmed
+
+
+@dataclass
+class Report:
+    """`accepted`, or why not; `seconds` and cells for people.
+
+    Accepted says that what is claimed holds: whether that is safety, see `safe`. It is about
+    `program`, and the system, module and parameter values of each of `modules`; not about what
+    stands in `not_covered`. The assumptions are derived from the program: what the certificate
+    says about them is not read.
+    """
+
+    accepted: bool
+    reason: str = ""
+    modules: list[RecheckedModule] = field(default_factory=list)
+    program: str = ""
+    not_covered: list[RecheckAssumption] = field(default_factory=list)
+    program_sha256: str = ""
+    seconds: float = 0.0
+
+    @property
+    def said(self) -> list[RecheckAssumption]:
+        """The assumptions of all modules, each once."""
+        return list(dict.fromkeys(a for m in self.modules for a in m.assumptions))
+
+    @property
+    def assumptions(self) -> list[str]:
+        """The same in words."""
+        return [a.text for a in self.said]
+
+    @property
+    def safe(self) -> bool:
+        """Whether safety is established, for every module."""
+        return self.accepted and all(not m.missing for m in self.modules)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether it is about other values than a system of the program sets."""
+        return any(m.contradicted for m in self.modules)
+
+    @property
+    def returns(self) -> bool:
+        """Whether P2b is, too, wherever the program asks for it."""
+        return self.accepted and all(m.returns or m.stays for m in self.modules)

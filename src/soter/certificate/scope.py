@@ -1,0 +1,157 @@
+"""What a certificate is not about.
+
+Purpose: `parameters_of`, `uncovered`: the values that were checked; other systems that hold a
+module, other modules, other values, and what nothing here looks at.
+Non-goals: assumptions (`assumptions.py`), which are about what is covered.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.assumptions import RecheckAssumption
+from soter.certificate.reading.facts import Facts
+from soter.diagnostics.diagnostic import SoterError
+from soter.program.front_end import system_to_prove
+from soter.program.model.durations import show_ns
+from soter.program.model.types import DurationType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.certificate.induction.facts import InductionFacts
+    from soter.program.front_end import CheckResult
+    from soter.program.model.system import System
+    from soter.program.model.typed import TypedProgram
+    from soter.program.model.types import Value
+
+    Covered = Facts | InductionFacts
+
+
+def parameters_of(system: System) -> dict[str, str]:
+    """Every parameter of the program with the value that it has in a system."""
+    return {name: _said(system.program, name, value) for name, value in system.params.items()}
+
+
+def _said(program: TypedProgram, name: str, value: Value) -> str:
+    param = program.param(name)
+    assert param is not None
+    plain = show_ns(int(value)) if isinstance(param.type, DurationType) else str(value).lower()
+    return plain if isinstance(value, (bool, int)) else repr(value)
+
+
+def otherwise_in_program(checked: CheckResult, system: System) -> tuple[dict[str, str], bool]:
+    """Parameters that the program by itself gives another value in a system, with that value.
+
+    Whether for one of them the system, or a part of it, says so (`set`): then it is no default.
+    """
+    try:
+        own = system_to_prove(checked, system.name, {}, exact=False)
+    except SoterError:
+        return {}, False  # with its own values it is no program
+    program, value_by_name, contradicted = system.program, {}, False
+    for name, value in system.params.items():
+        param = program.param(name)
+        assert param is not None
+        default = getattr(param.default, "value", None)
+        said = own.params.get(name, own.params.get(param.name))
+        if repr(said) != repr(value):
+            value_by_name[name] = _said(program, name, said)
+            contradicted |= repr(said) != repr(default)
+    return value_by_name, contradicted
+
+
+def uncovered(
+    checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
+) -> list[RecheckAssumption]:
+    """Everything that a reader might think is covered, and is not."""
+    gaps = [*_modules(checked, overrides, covered)]
+    values = {n: v for f in covered for n, v in parameters_of(f.flying).items()}
+    if values:
+        shown = ", ".join(f"{n} = {v}" for n, v in values.items())
+        gaps.append(RecheckAssumption("parameters", f"values of parameters other than {shown}"))
+    for facts in covered:
+        gaps += _of(facts)
+    gaps += _plants_of_no_claim(covered)
+    gaps.append(RecheckAssumption("compiled", "the code that a decision module is compiled to"))
+    return list(dict.fromkeys(gaps))
+
+
+def _modules(
+    checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
+) -> Iterator[RecheckAssumption]:
+    """Modules of any system of the program that the certificate is not about."""
+    known = {(f.flying.name, f.flying_module.name) for f in covered}
+    for name in checked.systems:
+        try:
+            system = system_to_prove(checked, name, overrides, exact=False)
+        except SoterError:
+            yield RecheckAssumption(
+                f"system {name}", f"system {name}, which has errors with these parameters"
+            )
+            continue
+        for module in system.modules:
+            if (name, module.name) not in known:
+                forced = f" (forced to {module.forced})" if module.forced else ""
+                yield RecheckAssumption(
+                    f"module {name} {module.name}", f"module {module.name} of system {name}{forced}"
+                )
+
+
+def _plants_of_no_claim(covered: Sequence[Covered]) -> Iterator[RecheckAssumption]:
+    """Plants that a value outside of a declared set stops, and that no claim is about."""
+    for system in dict.fromkeys(f.flying for f in covered):
+        modelled = {name for f in covered if f.flying is system for name in _modelled(f)}
+        for c in system.components:
+            if c.plant is None or c.name in modelled:
+                continue
+            topics = [system.topics[c.scope.topics[t]] for t, _ in c.plant.drives]
+            names = ", ".join(t.name for t in topics if t.set_declared)
+            if names:
+                yield RecheckAssumption(
+                    f"plant {system.name} {c.name}",
+                    f"plant {c.name} of system {system.name}, which stops where what it drives "
+                    f"leaves its declared set: {names}",
+                )
+
+
+def _modelled(facts: Covered) -> set[str]:
+    """Names in the system that flies of plants that claims, or abstractions of them, are about."""
+    around = facts.flying_module.name.rpartition(".")[0]
+    names = {link.instance for link in facts.symbol.verify.abstracts}
+    if isinstance(facts, Facts):
+        names |= {c.name for c in facts.plants}
+    return {*names, *(f"{around}.{name}" for name in names if around)}
+
+
+def _of(facts: Covered) -> Iterator[RecheckAssumption]:
+    """What is left open about a module that is covered."""
+    name, system = facts.flying_module.name, facts.flying
+    for link in facts.symbol.verify.abstracts:
+        yield RecheckAssumption(
+            f"conformance {system.name} {link.instance}",
+            f"whether {link.instance} of system {system.name} conforms to {link.plant.name}",
+        )
+    if facts.symbol.verify.dropout is None and facts.symbol.verify.induction is None:
+        yield RecheckAssumption(f"dropout {name}", f"runs of {name} in which a sensor drops out")
+    if facts.symbol.contract:
+        yield RecheckAssumption(
+            f"contract of {name}", f"the contract of {name}: assumes, guarantees"
+        )
+    sc = facts.sc.node
+    if sc is not None and (sc.assumes or sc.guarantees):
+        yield RecheckAssumption(
+            f"contracts {sc.name}", f"the contracts of {sc.name}: assumes, guarantees"
+        )
+    if any(p.component is None for p in system.properties):
+        yield RecheckAssumption(
+            f"properties {system.name}",
+            f"what system {system.name} says under `always` and `never`: "
+            f"only `safe` of {name} is covered",
+        )
+    said = system.program.systems.get(system.name)
+    if said is not None and said.faults:
+        yield RecheckAssumption(
+            f"faults {system.name}",
+            f"runs of system {system.name} in which its `faults` go wrong",
+        )

@@ -1,0 +1,300 @@
+"""Arb balls: the only arithmetic of this room, and the linear enclosures of single functions.
+
+Purpose: precision, outward conversion to doubles, and for each function that a program may use a
+line with a remainder that encloses it over an interval: f(x) in slope x + offset +- spread for
+every x in [low, high], and f(x) in [least, most].
+Non-goals: knowing about programs (`symbolic_reading.py`) or sets (`tables.py`).
+
+Everything here is an `arb`: a midpoint and a radius, operations rounded outwards by Arb. Bounds
+such as `low` are balls themselves, so that comparing them is only true where it is certain. The
+precision is far above that of doubles: sums of doubles of like size are exact, so that a set which
+ends at the edge of a cell still ends there.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import TYPE_CHECKING, TypeAlias
+
+import flint
+from flint import arb, fmpq
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PRECISION = 128
+"""Bits; doubles have 53."""
+flint.ctx.prec = PRECISION
+
+ZERO = arb(0)
+ONE = arb(1)
+HALF = arb(0.5)
+UNIT = arb(0, 1)
+"""The ball [-1, 1]."""
+UNIT_ROUNDOFF = arb(2) ** -53
+TINIEST = arb(2) ** -1074
+
+Line: TypeAlias = "tuple[arb, arb, arb, arb, arb]"
+"""slope, offset, spread, least, most."""
+
+
+def exact(value: float | Fraction) -> arb:
+    """The number as a ball: without radius for a double."""
+    if isinstance(value, Fraction):
+        return arb(fmpq(value.numerator, value.denominator))
+    return arb(value)
+
+
+def below(x: arb) -> float:
+    """A double that is no larger than anything in the ball; -inf where there is none."""
+    near = float(x)
+    if x >= near:
+        return near
+    near = math.nextafter(near, -math.inf)
+    if x >= near:
+        return near
+    far = math.nextafter(float(x.lower()), -math.inf)
+    return far if x >= far else -math.inf
+
+
+def greatest_below(bound: float, added: float) -> float:
+    """The greatest double whose rounded sum with `added` does not exceed the bound."""
+    step = 4 * max(math.ulp(bound), math.ulp(added), math.ulp(bound - added))
+    low, high = bound - added - step, bound - added + step
+    while (middle := low / 2 + high / 2) not in (low, high):
+        low, high = (middle, high) if middle + added <= bound else (low, middle)
+    return high if high + added <= bound else low
+
+
+def above(x: arb) -> float:
+    """A double that is no smaller than anything in the ball; inf where there is none."""
+    near = float(x)
+    if x <= near:
+        return near
+    near = math.nextafter(near, math.inf)
+    if x <= near:
+        return near
+    far = math.nextafter(float(x.upper()), math.inf)
+    return far if x <= far else math.inf
+
+
+def key_of(x: arb) -> object:
+    """What is equal for equal balls only."""
+    if not x.is_finite():
+        return (arb, id(x))
+    return (arb, *map(str, (*x.mid().man_exp(), *x.rad().man_exp())))
+
+
+def magnitude(x: arb) -> arb:
+    """The largest absolute value in the ball, without radius."""
+    return arb(abs(x).upper())
+
+
+def hull(low: arb, high: arb) -> arb:
+    """The ball over everything between."""
+    return low.union(high)
+
+
+def larger(a: arb, b: arb) -> arb:
+    """One of two lower bounds: the better one where that is certain, else the second."""
+    return max(b, a)
+
+
+def smaller(a: arb, b: arb) -> arb:
+    """One of two upper bounds, likewise."""
+    return min(b, a)
+
+
+# ---------------------------------------------------------------- lines over functions
+
+
+def line_max0(low: arb, high: arb) -> Line:
+    """max(x, 0): convex, so its distance above any line through 0 is largest at an end."""
+    if low >= 0:
+        return ONE, ZERO, ZERO, low, high
+    if high <= 0:
+        return ZERO, ZERO, ZERO, ZERO, ZERO
+    slope = (high / (high - low)).mid()
+    if not (slope >= 0 and slope <= 1):
+        slope = HALF
+    most = (-slope * low).max((ONE - slope) * high).max(ZERO)
+    half = most * HALF
+    return slope, half, half, ZERO, high.max(ZERO)
+
+
+def range_max0(low: arb, high: arb) -> tuple[arb, arb]:
+    """max(x, 0) for x in [low, high], as `line_max0` has it."""
+    if low >= 0:
+        return low, high
+    return ZERO, ZERO if high <= 0 else high.max(ZERO)
+
+
+def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
+    """max(x + n, 0) for x in [low, high] and |n| <= noise, as slope x + offset +- spread.
+
+    Above, the chord of the convex max(x + noise, 0); below, max(x - noise, 0), which is nearest to
+    a line of that slope at x = noise. Tighter than a line over x + n where x alone decides.
+    """
+    if high + noise <= 0:
+        return ZERO, ZERO, ZERO
+    if low - noise >= 0:
+        return ONE, ZERO, noise
+    first, last = (low + noise).max(ZERO), (high + noise).max(ZERO)
+    slope = ((last - first) / (high - low)).mid() if high > low else ZERO
+    if not (slope >= 0 and slope <= 1):
+        slope = HALF
+    over = (first - slope * low).max(last - slope * high)
+    nearest = noise.max(low).min(high)
+    under = (nearest - noise).max(ZERO) - slope * nearest
+    return slope, (over + under) * HALF, (over - under) * HALF
+
+
+def line_or_range(offset: arb, spread: arb, low: arb, high: arb) -> tuple[arb, arb, arb]:
+    """The less spread of a line and a range: a weight for the slopes, an offset, a spread.
+
+    What is in slope x + offset +- spread and in [low, high] is in weight slope x + the rest.
+    """
+    half = (high - low) * HALF
+    if half < spread:
+        return ZERO, (low + high) * HALF, half
+    return ONE, offset, spread
+
+
+def line_abs(low: arb, high: arb) -> Line:
+    """|x| = 2 max(x, 0) - x."""
+    if low >= 0:
+        return ONE, ZERO, ZERO, low, high
+    if high <= 0:
+        return -ONE, ZERO, ZERO, -high, -low
+    slope, offset, spread, _, _ = line_max0(low, high)
+    return 2 * slope - 1, 2 * offset, 2 * spread, ZERO, (-low).max(high)
+
+
+def line_square(low: arb, high: arb) -> Line:
+    """x^2."""
+    middle = ((low + high) * HALF).mid()
+    far = abs(high - middle).max(abs(low - middle))
+    half = far * far * HALF
+    both = (low * low, high * high)
+    least = ZERO
+    if low >= 0:
+        least = both[0]
+    elif high <= 0:
+        least = both[1]
+    return 2 * middle, half - middle * middle, half, least, both[0].max(both[1])
+
+
+def line_floor(low: arb, high: arb) -> Line:
+    """floor(x)."""
+    first, last = low.lower().floor(), high.upper().floor()
+    if first == last:
+        return ZERO, first, ZERO, first, last
+    return ONE, -HALF, HALF, first, last
+
+
+def _tangent(
+    low: arb, high: arb, f: Callable[[arb], arb], slope: Callable[[arb], arb], curve: arb
+) -> tuple[arb, arb, arb, arb]:
+    """slope, offset, spread and the range of f: a tangent in the middle and its remainder.
+
+    `curve` encloses f''/2 over the interval: f(x) - tangent is curve (x - middle)^2.
+    """
+    middle = ((low + high) * HALF).mid()
+    far = abs(high - middle).max(abs(low - middle))
+    s = slope(middle).mid()
+    off_slope = (slope(middle) - s) * far * UNIT
+    rest = curve * (far * far) * arb(0.5, 0.5) + off_slope
+    offset = f(middle) - s * middle + rest.mid()
+    return s, offset, arb(rest.rad()), f(hull(low, high))
+
+
+def _smooth(
+    low: arb, high: arb, f: Callable[[arb], arb], slope: Callable[[arb], arb], curve: arb
+) -> Line:
+    s, offset, spread, value = _tangent(low, high, f, slope, curve)
+    if not (spread.is_finite() and offset.is_finite()):
+        return ZERO, value.mid(), arb(value.rad()), value.lower(), value.upper()
+    return s, offset, spread, arb(value.lower()), arb(value.upper())
+
+
+def line_inverse(low: arb, high: arb) -> Line:
+    """1 / x; infinite where 0 is not certainly outside."""
+    if not (low > 0 or high < 0):
+        return _nothing_known()
+    x = hull(low, high)
+    return _smooth(low, high, lambda v: 1 / v, lambda v: -1 / (v * v), 1 / (x * x * x))
+
+
+def line_sqrt(low: arb, high: arb) -> Line:
+    """sqrt(x) for the x >= 0 of the interval."""
+    low = larger(low, ZERO)
+    if high <= 0:
+        return ZERO, ZERO, ZERO, ZERO, ZERO
+    if not low > 0:
+        top = high.upper().sqrt()
+        half = top * HALF
+        return ZERO, half, half, ZERO, top
+    root = low.sqrt()
+    top = high.sqrt()
+    # between chord (below, as sqrt is concave) and the parallel tangent (above)
+    slope = (1 / (root + top)).mid()
+    under = (root - slope * low).min(top - slope * high)
+    over = 1 / (4 * slope)
+    return slope, (under + over) * HALF, (over - under) * HALF, root, top
+
+
+def _line_sin(low: arb, high: arb) -> Line:
+    x = hull(low, high)
+    return _smooth(low, high, arb.sin, arb.cos, -x.sin() * HALF)
+
+
+def _line_cos(low: arb, high: arb) -> Line:
+    x = hull(low, high)
+    return _smooth(low, high, arb.cos, lambda v: -v.sin(), -x.cos() * HALF)
+
+
+def _line_exp(low: arb, high: arb) -> Line:
+    x = hull(low, high)
+    return _smooth(low, high, arb.exp, arb.exp, x.exp() * HALF)
+
+
+def _line_log(low: arb, high: arb) -> Line:
+    if not low > 0:
+        return _nothing_known()
+    x = hull(low, high)
+    return _smooth(low, high, arb.log, lambda v: 1 / v, -1 / (2 * x * x))
+
+
+def _line_tanh(low: arb, high: arb) -> Line:
+    x = hull(low, high)
+    t = x.tanh()
+    return _smooth(low, high, arb.tanh, lambda v: 1 - v.tanh() ** 2, -t * (1 - t * t))
+
+
+def _line_atan(low: arb, high: arb) -> Line:
+    x = hull(low, high)
+    return _smooth(low, high, arb.atan, lambda v: 1 / (1 + v * v), -x / (1 + x * x) ** 2)
+
+
+def _nothing_known() -> Line:
+    far = arb.pos_inf()
+    return ZERO, ZERO, far, -far, far
+
+
+UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {
+    "max0": line_max0,
+    "abs": line_abs,
+    "square": line_square,
+    "floor": line_floor,
+    "inverse": line_inverse,
+    "sqrt": line_sqrt,
+    "sin": _line_sin,
+    "cos": _line_cos,
+    "exp": _line_exp,
+    "log": _line_log,
+    "tanh": _line_tanh,
+    "atan": _line_atan,
+}
+"""Exact functions of one variable; the prelude's errors are added by `symbolic_reading.py`."""
+PRELUDE = ("sin", "cos", "exp", "log", "tanh", "atan")

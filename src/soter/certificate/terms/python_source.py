@@ -1,0 +1,158 @@
+"""Straight Python code as text, line by line, and the function that it is.
+
+Purpose: names for values and constants, sums and products of named balls. What needs no input is
+computed once, at once; what is written twice, too; what nothing depends on is left out.
+Non-goals: what is to be computed (`forms.py`, `atom_code.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+from flint import arb
+
+from soter.certificate.terms.arb_balls import (
+    HALF,
+    UNIVARIATE,
+    ZERO,
+    above,
+    below,
+    key_of,
+    larger,
+    line_noisy_max0,
+    line_or_range,
+    range_max0,
+    smaller,
+)
+from soter.certificate.terms.runtime_calls import corners, pick, swept
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+"""A name in our own code; `.max` is none."""
+PLAIN = {"abs", "if", "else", "return", "None"}
+
+
+class PythonSource:
+    """The lines of one function."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.names: dict[str, Any] = {
+            "HALF": HALF,
+            "line_noisy_max0": line_noisy_max0,
+            "line_or_range": line_or_range,
+            "range_max0": range_max0,
+            "ZERO": ZERO,
+            "larger": larger,
+            "smaller": smaller,
+            "below": below,
+            "above": above,
+            "pick": pick,
+            "swept": swept,
+            "corners": corners,
+            "NOT": (0, 2, 1, 3),
+            **{f"line_{name}": f for name, f in UNIVARIATE.items()},
+        }
+        self.count = 0
+        self.written: dict[str, list[str]] = {}
+        """Code -> the names of its values."""
+        self.numbers: dict[object, str] = {key_of(ZERO): "ZERO", key_of(HALF): "HALF"}
+        """Constant -> its name."""
+
+    def new(self, code: str) -> str:
+        """A name for a value."""
+        if code.isidentifier():
+            return code
+        return self.values(code, 1)[0]
+
+    def values(self, code: str, count: int) -> list[str]:
+        """Names for the values of some code: constants where no input is in it."""
+        if code in self.written:
+            return self.written[code]
+        if all(w in self.names or w in PLAIN for w in WORD.findall(code)):
+            value = eval(code, self.names)  # noqa: S307  our own text
+            names = [self.constant(v) for v in (value if count > 1 else (value,))]
+        else:
+            names = []
+            for _ in range(count):
+                self.count += 1
+                names.append(f"v{self.count}")
+            self.lines.append(f"{', '.join(names)} = {code}")
+        self.written[code] = names
+        return names
+
+    def constant(self, x: Any) -> str:  # noqa: ANN401  a ball, a truth, a pair of balls
+        """The name of a number; equal ones have one name."""
+        key: object = key_of(x) if isinstance(x, arb) else (type(x), id(x))
+        if key not in self.numbers:
+            self.count += 1
+            name = f"K{self.count}"
+            self.names[name] = x
+            self.numbers[key] = name
+        return self.numbers[key]
+
+    def absolute(self, code: str) -> str:
+        """The absolute value of a name, computed at once where it is a constant."""
+        return self.constant(abs(self.names[code])) if code in self.names else f"abs({code})"
+
+    def product_of(self, a: str, b: str) -> str:
+        """A * b."""
+        for one, other in ((a, b), (b, a)):
+            if one in self.names and self.names[one] == 1 and isinstance(self.names[one], arb):
+                return other
+        return f"{a}*{b}"
+
+    def times(self, factor: arb | str, code: str) -> str | None:
+        """`factor * code`; None for zero."""
+        if isinstance(factor, str):
+            return None if "ZERO" in (factor, code) else self.product_of(factor, code)
+        if factor.is_zero() or code == "ZERO":  # what is unbounded is finite all the same
+            return None
+        if factor == 1:
+            return code
+        if factor == -1:
+            return f"(-{code})"
+        return f"{self.constant(factor)}*{code}"
+
+    def sum(self, parts: Sequence[str | None], offset: arb = ZERO) -> str | None:
+        """A name for the sum; None for zero."""
+        kept = [p for p in parts if p is not None and p != "ZERO"]
+        if not offset.is_zero() or not kept:
+            if not kept and offset.is_zero():
+                return None
+            kept.insert(0, self.constant(offset))
+        return self.new(" + ".join(kept))
+
+    def code(self, factor: arb | str) -> str:
+        """A coefficient as a name."""
+        return factor if isinstance(factor, str) else self.constant(factor)
+
+    def function(self, arguments: Sequence[str]) -> Any:  # noqa: ANN401  made from text
+        """The function of a form of these names that the lines are."""
+        head = [f"{tuple_of(arguments)} = form"] if arguments else []
+        body = "\n    ".join(head + _used(self.lines))
+        exec(f"def run(form):\n    {body}\n", self.names)  # noqa: S102  our own text
+        return self.names["run"]
+
+
+def tuple_of(parts: Sequence[str]) -> str:
+    """A tuple of these."""
+    return f"({', '.join(parts)},)" if parts else "()"
+
+
+def _used(lines: Sequence[str]) -> list[str]:
+    """The lines on which the last one, or one that may return, depends."""
+    needed: set[str] = set()
+    kept = []
+    for line in reversed(lines):
+        names, separator, code = line.partition(" = ")
+        if not separator or line.startswith(("return", "if ")):
+            code = line
+        elif needed.isdisjoint(WORD.findall(names)):
+            continue
+        needed.update(WORD.findall(code))
+        kept.append(line)
+    return kept[::-1]

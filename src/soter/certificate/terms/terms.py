@@ -1,0 +1,453 @@
+"""Terms: what a piece of a program computes, as linear forms over inputs and nonlinear atoms.
+
+Purpose: `Linear` (a linear form with a radius for the rounding of the program), `Proposition` (a
+proposition about linear forms), and `Terms`, which builds them. Linear combinations cancel here,
+once, before any cell is looked at.
+Non-goals: reading programs (`symbolic_reading.py`), evaluating over cells (`compiled.py`).
+
+A term stands for the number the *machine* computes: every operation of the program adds
+|result| 2^-53 + 2^-1074 to the radius, the result being bounded over the whole domain. Plants are
+built with `rounded=False`: they are exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from soter.certificate.terms.arb_balls import (
+    HALF,
+    ONE,
+    TINIEST,
+    UNIT,
+    UNIT_ROUNDOFF,
+    UNIVARIATE,
+    ZERO,
+    exact,
+    hull,
+    larger,
+    magnitude,
+    smaller,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flint import arb
+
+LARGEST = exact(2.0**1023)
+"""Numbers of a program stay below: what a machine rounds to infinity is no number here."""
+
+
+class NotRecheckedError(Exception):
+    """The certificate may be right, but uses something that the re-checker does not know."""
+
+
+@dataclass(eq=False)
+class Linear:
+    """const + sum terms[a] * atom a, +- radius; over the whole domain in [low, high]."""
+
+    const: arb
+    terms: dict[int, arb]
+    radius: arb
+    low: arb
+    high: arb
+    nonnegative: bool = False
+    """Known not to be negative although rounding hides it: a sum of squares."""
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether no input matters."""
+        return not self.terms
+
+
+@dataclass(eq=False)
+class Atom:
+    """Something that is not linear, or an input.
+
+    kind: "state", "box" (an input with fixed range), a function of `UNIVARIATE`, "product",
+    "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
+    "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
+    numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
+    by arguments[1] where that is chosen), "any" (one of several alternatives; behind them the gaps
+    between the first and each of the others). `values`: the table, in C order over `shape`.
+    """
+
+    kind: str
+    arguments: tuple[Linear, ...] = ()
+    condition: Proposition | None = None
+    low: arb = ZERO
+    high: arb = ZERO
+    weights: tuple[arb, ...] = ()
+    values: tuple[float, ...] = ()
+    shape: tuple[int, ...] = ()
+    extra: arb = ZERO
+    """Spread added to the line of the function: the error of a prelude function."""
+    name: str = ""
+
+
+@dataclass(eq=False)
+class Proposition:
+    """A proposition. kind: "constant", "below" (argument < 0), "not", "and", "or", "choice"."""
+
+    kind: str
+    parts: tuple[Proposition, ...] = ()
+    argument: Linear | None = None
+    value: bool = False
+    strict: bool = True
+
+
+TRUE = Proposition("constant", value=True)
+FALSE = Proposition("constant", value=False)
+
+
+def negation(a: Proposition) -> Proposition:
+    """Not a."""
+    if a.kind == "constant":
+        return FALSE if a.value else TRUE
+    if a.kind == "not":
+        return a.parts[0]
+    return Proposition("not", (a,))
+
+
+def both(a: Proposition, b: Proposition) -> Proposition:
+    """A and b."""
+    if a.kind == "constant":
+        return b if a.value else a
+    if b.kind == "constant":
+        return a if b.value else b
+    return Proposition("and", (a, b))
+
+
+def either(a: Proposition, b: Proposition) -> Proposition:
+    """A or b."""
+    if a.kind == "constant":
+        return a if a.value else b
+    if b.kind == "constant":
+        return b if b.value else a
+    return Proposition("or", (a, b))
+
+
+def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposition:
+    """C ? a : b."""
+    if c.kind == "constant":
+        return a if c.value else b
+    if a.kind == "constant":
+        return either(c, b) if a.value else both(negation(c), b)
+    if b.kind == "constant":
+        return either(negation(c), a) if b.value else both(c, a)
+    return either(both(c, a), both(negation(c), b))
+
+
+def conjuncts(a: Proposition) -> list[Proposition]:
+    """The propositions that together say the same."""
+    if a.kind == "and":
+        return [c for p in a.parts for c in conjuncts(p)]
+    if a.kind == "not" and a.parts[0].kind == "or":
+        return [c for p in a.parts[0].parts for c in conjuncts(negation(p))]
+    if a.kind == "constant" and a.value:
+        return []
+    return [a]
+
+
+@dataclass(eq=False)
+class Terms:
+    """Builds terms over one list of atoms; `domain` of an input is where it may lie at all."""
+
+    atoms: list[Atom] = field(default_factory=list)
+    obligations: list[Proposition] = field(default_factory=list)
+    """What must hold so that no step fault and no NaN arises."""
+    path: Proposition = TRUE
+    """Under which condition the code being read runs."""
+    limit: int = 20_000
+
+    def oblige(self, what: Proposition) -> None:
+        """Demand `what` wherever the code being read runs."""
+        demand = either(negation(self.path), what)
+        if demand.kind != "constant" or not demand.value:
+            self.obligations.append(demand)
+
+    # ------------------------------------------------------------ atoms
+
+    def input(self, kind: str, name: str, low: arb, high: arb) -> Linear:
+        """A new input."""
+        return self._atom(Atom(kind, low=low, high=high, name=name))
+
+    def made(self, atom: Atom) -> Linear:
+        """A new atom of any other kind."""
+        return self._atom(atom)
+
+    def _atom(self, atom: Atom, *, nonnegative: bool = False) -> Linear:
+        if len(self.atoms) >= self.limit:
+            raise NotRecheckedError("the step is too large to be read as one formula")
+        self.atoms.append(atom)
+        index = len(self.atoms) - 1
+        return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, nonnegative)
+
+    def function(self, name: str, x: Linear, *, nonnegative: bool = False) -> Linear:
+        """An exact function of one variable."""
+        low = larger(x.low, ZERO) if x.nonnegative else x.low
+        _, _, _, least, most = UNIVARIATE[name](low, x.high)
+        return self._atom(Atom(name, (x,), low=least, high=most), nonnegative=nonnegative)
+
+    # ------------------------------------------------------------ linear operations
+
+    def constant(self, value: float) -> Linear:
+        """A number of the program."""
+        x = exact(value)
+        return Linear(x, {}, ZERO, x, x, nonnegative=value >= 0)
+
+    def rounded(self, x: Linear) -> Linear:
+        """`x` as a machine rounds it to the nearest double.
+
+        NotRecheckedError where it is bounded, but may leave the range of doubles.
+        """
+        largest = magnitude(x.low).max(magnitude(x.high))
+        if not largest.is_finite():  # bounded where it is used, or not at all
+            for sign in (ONE, -ONE):  # a double, neither infinite nor undefined
+                self.oblige(self.below(self.combine(((sign, x),), -LARGEST)))
+            relative = self.spread([UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)], [x])
+            enclosure = self.combine(((ONE, x), (ONE, relative)))
+            return replace(enclosure, radius=enclosure.radius + TINIEST, nonnegative=x.nonnegative)
+        if not largest < LARGEST:
+            raise NotRecheckedError("a number that may leave the range of doubles")
+        error = largest * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF) + TINIEST
+        return Linear(
+            x.const, x.terms, x.radius + error, x.low - error, x.high + error, x.nonnegative
+        )
+
+    def combine(self, parts: Sequence[tuple[arb, Linear]], offset: arb = ZERO) -> Linear:
+        """Sum factor * part + offset, exactly."""
+        const, radius, low, high = offset, ZERO, offset, offset
+        terms: dict[int, arb] = {}
+        for factor, x in parts:
+            const += factor * x.const
+            radius += abs(factor) * x.radius
+            ends = (factor * x.low, factor * x.high)
+            low += ends[0].min(ends[1])
+            high += ends[0].max(ends[1])
+            for atom, coefficient in x.terms.items():
+                terms[atom] = terms.get(atom, ZERO) + factor * coefficient
+        terms = {a: c for a, c in terms.items() if not c.is_zero()}
+        combination = Linear(const, terms, radius, low, high)
+        if len(parts) > 1:
+            self._tighten(combination)
+        return combination
+
+    def _tighten(self, x: Linear) -> None:
+        """Bounds from the atoms, where they cancelled."""
+        low, high = x.const - x.radius, x.const + x.radius
+        for index, coefficient in x.terms.items():
+            atom = self.atoms[index]
+            ends = (coefficient * atom.low, coefficient * atom.high)
+            low += ends[0].min(ends[1])
+            high += ends[0].max(ends[1])
+        x.low, x.high = larger(low, x.low), smaller(high, x.high)
+
+    def add(self, a: Linear, b: Linear) -> Linear:
+        """A + b."""
+        total = self.combine(((ONE, a), (ONE, b)))
+        total.nonnegative = a.nonnegative and b.nonnegative
+        return total
+
+    def subtract(self, a: Linear, b: Linear) -> Linear:
+        """A - b."""
+        return self.combine(((ONE, a), (-ONE, b)))
+
+    def multiply(self, a: Linear, b: Linear) -> Linear:
+        """A * b; what is not negative, times such a number, is not, also once it is rounded."""
+        kept = a.nonnegative and b.nonnegative
+        if a.is_constant and a.radius.is_zero():
+            return replace(self.combine(((a.const, b),)), nonnegative=kept)
+        if b.is_constant and b.radius.is_zero():
+            return replace(self.combine(((b.const, a),)), nonnegative=kept)
+        if same(a, b):
+            return self.function("square", a, nonnegative=True)
+        x = hull(a.low, a.high) * hull(b.low, b.high)
+        return self._atom(Atom("product", (a, b), low=x.lower(), high=x.upper()), nonnegative=kept)
+
+    def divide(self, a: Linear, b: Linear) -> Linear:
+        """A / b; that b is not 0 becomes an obligation."""
+        if b.is_constant and b.radius.is_zero() and not b.const.is_zero():
+            return self.combine(((1 / b.const, a),))
+        self.oblige(either(self.below(b), self.below(self.combine(((-ONE, b),)))))
+        return self.multiply(a, self.function("inverse", b))
+
+    def minimum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
+        """min(a, b) = b - max(b - a, 0): exact, as the machine's is, and never above a number b.
+
+        `tight`: also never above a. What is read costs more then.
+        """
+        if a.is_constant:
+            a, b = b, a
+        rest = self.function("max0", self.subtract(b, a))
+        difference = self.combine(((ONE, b), (-ONE, rest)))
+        if not tight:
+            return difference
+        low = larger(a.low.min(b.low), difference.low)
+        high = smaller(a.high.min(b.high), difference.high)
+        return self._atom(Atom("min", (b, rest, a), low=low, high=high))
+
+    def maximum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
+        """max(a, b) = b + max(a - b, 0); `tight`: never below a, either."""
+        if a.is_constant:
+            a, b = b, a
+        rest = self.function("max0", self.subtract(a, b))
+        total = self.combine(((ONE, b), (ONE, rest)))
+        total.nonnegative = a.nonnegative or b.nonnegative
+        if not tight:
+            return total
+        low = larger(a.low.max(b.low), total.low)
+        high = smaller(a.high.max(b.high), total.high)
+        atom = Atom("max", (b, rest, a), low=low, high=high)
+        return self._atom(atom, nonnegative=total.nonnegative)
+
+    def choose(self, c: Proposition, a: Linear, b: Linear) -> Linear:
+        """C ? a : b."""
+        if c.kind == "constant":
+            return a if c.value else b
+        if same(a, b):
+            return a
+        difference = self.subtract(a, b)
+        low, high = a.low.min(b.low), a.high.max(b.high)
+        return self._atom(
+            Atom("choice", (a, b, difference), c, low, high),
+            nonnegative=a.nonnegative and b.nonnegative,
+        )
+
+    def spread(self, weights: Sequence[arb], arguments: Sequence[Linear]) -> Linear:
+        """Anything in [-1, 1] times sum weight |argument|; 0 where nothing has weight."""
+        kept = [(w, x) for w, x in zip(weights, arguments, strict=True) if not w.is_zero()]
+        if not kept:
+            return self.constant(0.0)
+        size = ZERO
+        for w, x in kept:
+            size += magnitude(w) * magnitude(x.low).max(magnitude(x.high))
+        atom = Atom("spread", tuple(x for _, x in kept), low=-size, high=size)
+        atom.weights = tuple(magnitude(w) for w, _ in kept)
+        return self._atom(atom)
+
+    def blurred(self, coefficients: Sequence[arb], arguments: Sequence[Linear]) -> Linear:
+        """Sum coefficient * argument for coefficients that are anything in wide balls."""
+        middle = self.combine(
+            [(c.mid(), x) for c, x in zip(coefficients, arguments, strict=True) if not c.is_zero()]
+        )
+        wide = self.spread([c.rad() for c in coefficients], arguments)
+        return self.combine(((ONE, middle), (ONE, wide)))
+
+    def lookup(
+        self, values: Sequence[float], indices: Sequence[Linear], shape: Sequence[int]
+    ) -> Linear:
+        """values[index, ..]; that the element exists becomes an obligation.
+
+        NotRecheckedError where a value is not finite.
+        """
+        if not all(isfinite(v) for v in values):
+            raise NotRecheckedError("a table with a number that is not finite")
+        for index, size in zip(indices, shape, strict=True):
+            self.oblige(negation(self.below(index)))
+            self.oblige(self.below(self.combine(((ONE, index),), exact(float(-size)))))
+        atom = Atom("table", tuple(indices), low=exact(min(values)), high=exact(max(values)))
+        atom.values, atom.shape = tuple(values), tuple(shape)
+        return self._atom(atom)
+
+    def widened(self, x: Linear, error: arb, low: arb, high: arb) -> Linear:
+        """`x`, a function of the prelude: off by at most `error`, never outside [low, high]."""
+        (index,) = x.terms
+        atom = self.atoms[index]
+        atom.extra = error
+        atom.low, atom.high = larger(atom.low - error, low), smaller(atom.high + error, high)
+        return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high)
+
+    # ------------------------------------------------------------ propositions
+
+    def below(self, x: Linear, *, strict: bool = True) -> Proposition:
+        """X < 0, or x <= 0."""
+        if x.high < 0 or (not strict and x.high <= 0):
+            return TRUE
+        if x.low > 0 or (strict and x.low >= 0):
+            return FALSE
+        if strict and x.nonnegative:
+            return FALSE
+        return Proposition("below", argument=x, strict=strict)
+
+    def compare(self, op: str, a: Linear, b: Linear) -> Proposition:
+        """A op b of two machine numbers."""
+        if op in (">", ">="):
+            return self.compare({">": "<", ">=": "<="}[op], b, a)
+        if op == "!=":
+            return negation(self.compare("==", a, b))
+        difference = self.subtract(a, b)
+        if op == "==":
+            return both(
+                self.below(difference, strict=False),
+                self.below(self.combine(((-ONE, difference),)), strict=False),
+            )
+        return self.below(difference, strict=op == "<")
+
+
+def same(a: Linear, b: Linear) -> bool:
+    """Whether two forms certainly are the same number; rounded ones are only alike."""
+    if a is b:
+        return True
+    if not (a.radius.is_zero() and b.radius.is_zero() and a.const == b.const):
+        return False
+    return a.terms.keys() == b.terms.keys() and all(c == b.terms[i] for i, c in a.terms.items())
+
+
+def half_sum(terms: Terms, a: Linear, b: Linear) -> Linear:
+    """(a + b) / 2, exactly."""
+    return terms.combine(((HALF, a), (HALF, b)))
+
+
+def inputs_of(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
+    """Indices of the inputs that the terms depend on."""
+    needed = closure(terms, roots)
+    return {i for i in needed if terms.atoms[i].kind in ("state", "box")}
+
+
+def influence(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
+    """Roughly how much inputs move what is compared in a proposition; a guide, no bound."""
+    moved: dict[int, arb] = {}
+
+    def of(x: Linear) -> arb:
+        return sum((abs(f) * moved.get(a, ZERO) for a, f in x.terms.items()), ZERO)
+
+    for index in sorted(closure(terms, [root])):
+        atom = terms.atoms[index]
+        if atom.arguments:
+            moved[index] = sum((of(x) for x in atom.arguments), ZERO)
+        elif index in inputs:
+            moved[index] = atom.high - atom.low
+
+    def compared(x: Proposition) -> arb:
+        total = sum((compared(p) for p in x.parts), ZERO)
+        return total if x.argument is None else total + of(x.argument)
+
+    return compared(root)
+
+
+def closure(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
+    """Indices of every atom below the roots."""
+    indices: set[int] = set()
+    todo: list[Linear | Proposition] = list(roots)
+    while todo:
+        x = todo.pop()
+        if isinstance(x, Proposition):
+            todo.extend(x.parts)
+            if x.argument is not None:
+                todo.append(x.argument)
+            continue
+        for index in x.terms:
+            if index in indices:
+                continue
+            indices.add(index)
+            atom = terms.atoms[index]
+            todo.extend(atom.arguments)
+            if atom.condition is not None:
+                todo.append(atom.condition)
+    return indices
+
+
+__all__ = ["UNIT", "Atom", "Linear", "NotRecheckedError", "Proposition", "Terms"]

@@ -1,0 +1,400 @@
+"""Ages, delays and waiting of a module, from the definitions alone.
+
+Purpose: `derive`: A, A_sc, d, j, H*, h_0 and what else the claims count on, by going through the
+releases of a hyperperiod, with intervals for lateness, response and latency.
+Non-goals: who stands between plant and module (`sensor_paths.py`); formulas in closed form, and
+anything that the prover computes: this is written from the definitions so that no mistake is made
+twice.
+
+All times are whole ns. A release k of X is at phase + k period. What is asked is always the worst
+schedule: a start is late or not, a publication is seen or not seen where both may be, each
+independently of the others: every node runs by itself, its runs neither overlap nor overtake.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import lcm
+from typing import TYPE_CHECKING
+
+from soter.certificate.terms.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+RELEASES_MAX = 200_000
+"""So many releases are gone through; beyond, the times are not rechecked."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Something periodic: starts `late` after its release at most, publishes `response` later."""
+
+    name: str
+    period: int
+    phase: int = 0
+    late: int = 0
+    response: int = 0
+
+    @property
+    def slow(self) -> int:
+        """How long after its release a publication may come."""
+        return self.late + self.response
+
+    def next_at(self, time: int) -> int:
+        """The first release at or after a time; there is none before the first one."""
+        return max(self.phase, time + (self.phase - time) % self.period)
+
+    def last_at(self, time: int) -> int:
+        """The last release at or before a time, releases before the first one included."""
+        return time - (time - self.phase) % self.period
+
+
+@dataclass(frozen=True)
+class TopicPath:
+    """How a topic that the module reads comes from a sensor, over nodes that follow each other."""
+
+    sensor: Clock
+    nodes: tuple[Clock, ...] = ()
+
+    @property
+    def periods(self) -> tuple[int, ...]:
+        """For hyperperiods."""
+        return (self.sensor.period, *(n.period for n in self.nodes))
+
+    def stamp(self, time: int) -> int:
+        """The oldest stamp that a read at this time may show, long after the start.
+
+        A sensor publishes at its release and first of all: what it publishes at `time` is seen. A
+        node's publication of release t is certainly seen at a time after t + slow, not before:
+        in the same instant either order is possible, and a reader of the module comes first. So the
+        oldest that may be seen is the last release t with t + slow < time; it was published at t at
+        the earliest.
+        """
+        if not self.nodes:
+            return self.sensor.last_at(time)
+        node = self.nodes[-1]
+        return node.last_at(time - node.slow - 1)
+
+    def state(self, time: int) -> int:
+        """The oldest state time that a read at this time may show, long after the start.
+
+        What may be seen of a node does not get older with time, so that its read is oldest where
+        its step starts at its release.
+        """
+        shown = self.stamp(time)
+        return shown if not self.nodes else self._before.state(shown)
+
+    @property
+    def _before(self) -> TopicPath:
+        return TopicPath(self.sensor, self.nodes[:-1])
+
+    def turns(self, start: int, end: int) -> Iterator[int]:
+        """The times in [start, end] at which the age of a read is greatest: before it falls."""
+        node = self.nodes[-1] if self.nodes else None
+        late, period = (node.slow, node.period) if node else (-1, self.sensor.period)
+        phase = (node or self.sensor).phase
+        at = start + (phase + late - start) % period
+        while at < end:
+            yield at
+            at += period
+        yield end
+
+    def lag(self) -> int:
+        """P: from the state to its publication, at most; 0 for a sensor."""
+        if not self.nodes:
+            return 0
+        node, before = self.nodes[-1], self._before
+        worst = 0
+        for t in releases(node, self.periods):
+            for s in before.turns(t, t + node.late):
+                worst = max(worst, s + node.response - before.state(s))
+        return worst
+
+    def certain_from(self, silent: int = 0) -> int:
+        """The first time at which a read certainly shows a state, `silent` added by the sensor.
+
+        F is one less where the last publisher is a node: seen is what was published before.
+        """
+        if not self.nodes:
+            return self.sensor.phase + silent
+        return self.first_certain(silent) + self.nodes[-1].slow + 1
+
+    def first_certain(self, silent: int = 0) -> int:
+        """The release of the last node from which on it certainly publishes a state."""
+        return self.nodes[-1].next_at(self._before.certain_from(silent))
+
+    def may_publish_nothing(self, silent: int = 0) -> bool:
+        """Whether a fresh publication may show the default of a topic before: no state at all."""
+        return bool(self.nodes) and self.first_certain(silent) > self.nodes[-1].phase
+
+
+@dataclass(frozen=True)
+class Effect:
+    """How an output of the module comes to act: over nodes, `least` to `most` after the last."""
+
+    nodes: tuple[Clock, ...] = ()
+    least: int = 0
+    most: int = 0
+
+    def first(self, published: int) -> int:
+        """The earliest it may act."""
+        at = published
+        for node in self.nodes:
+            # the first release whose start may be as late as that; in one instant it is seen
+            t = at - node.late + (node.phase - at + node.late) % node.period
+            at = max(t, at)
+        return at + self.least
+
+    def last(self, published: int, *, at_once: bool) -> int:
+        """The latest it may act. `at_once`: a node that starts at that very time sees it.
+
+        The release in whose interval it is published may start before and see nothing; the first
+        one after that sees it, and may start and publish as late as it may.
+        """
+        at, seen = published, at_once
+        for node in self.nodes:
+            at = node.next_at(at if seen else at + 1) + node.slow
+            seen = False
+        return at + self.most
+
+
+@dataclass(frozen=True)
+class TopicReading:
+    """A topic that DM or SC reads: all ways from a sensor to it, and its `max_age`."""
+
+    name: str
+    paths: tuple[TopicPath, ...]
+    max_age: int
+
+
+@dataclass(frozen=True)
+class TimingSetting:
+    """Everything that a module's times depend on. `silent`: the drop-out that is allowed for."""
+
+    dm: Clock
+    sc: Clock
+    by_dm: tuple[TopicReading, ...]
+    by_sc: tuple[TopicReading, ...]
+    effects: tuple[Effect, ...] = (Effect(),)
+    silent: int = 0
+    instants: bool = False
+    """A map: DM, SC and plant act in one instant, and what is read then has age 0."""
+
+    @cached_property
+    def periods(self) -> tuple[int, ...]:
+        """Of everything that SC has to do with."""
+        periods = [self.dm.period, self.sc.period]
+        for read in self.by_sc:
+            periods += [p for path in read.paths for p in path.periods]
+        return (*periods, *(n.period for e in self.effects for n in e.nodes))
+
+    # ------------------------------------------------------------ SC
+
+    def starts_by(self, release: int) -> int:
+        """The latest start of SC: late, or waiting for every DM due at or before its release.
+
+        Verdicts of earlier DMs are in force before the next one is due.
+        """
+        due = self.dm.last_at(release)
+        waited = due + self.dm.slow if due >= self.dm.phase else release
+        return max(release + self.sc.late, waited)
+
+    def acts_by(self, release: int) -> int:
+        """The latest instant at which every component of this output acts."""
+        return self.last_effect(release, self.starts_by(release))
+
+    def last_effect(self, release: int, start: int) -> int:
+        """The same for a start.
+
+        In the instant of its release SC comes before other nodes. Late, it is taken to be in no
+        order with them: what it publishes in an instant may be missed by a step of that instant.
+        """
+        published = start + self.sc.response
+        return max(e.last(published, at_once=published == release) for e in self.effects)
+
+    def steady(self) -> Iterator[int]:
+        """Releases of SC over a hyperperiod, after everything has started."""
+        return releases(self.sc, self.periods, after=self.settled)
+
+    @cached_property
+    def settled(self) -> int:
+        """A time from which on every release has its neighbours on both sides."""
+        clocks = [self.dm, self.sc, *(n for e in self.effects for n in e.nodes)]
+        for read in (*self.by_sc, *self.by_dm):
+            clocks += [c for path in read.paths for c in (path.sensor, *path.nodes)]
+        return sum(c.phase + 2 * c.period + c.slow for c in clocks)
+
+    def first_available(self, after: int, reads: Sequence[TopicReading]) -> int:
+        """SC's first release at or after a time at which these reads certainly show a state."""
+        known = [p.certain_from(self.silent) for r in reads for p in r.paths]
+        return self.sc.next_at(max([after, *known]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DerivedTimes:
+    """The quantities, in ns; each the greatest over all schedules."""
+
+    age: int
+    """A."""
+    age_sc: int
+    """A_sc."""
+    delay: int
+    """d: from the state that is read to the instant at which a component acts."""
+    jitter: int
+    """j: length of the window in which a component acts."""
+    h_star: int
+    h_0: int
+    start: int
+    """h_0 with drop-outs, and with every "AC" that is said on no state at all."""
+    stamps: dict[str, int] = field(default_factory=dict)
+    """Greatest stamp age of what SC reads, by topic."""
+
+
+def releases(of: Clock, periods: Sequence[int], after: int = 0) -> Iterator[int]:
+    """The releases in one hyperperiod; NotRecheckedError beyond `RELEASES_MAX`."""
+    count = lcm(of.period, *periods) // of.period
+    if count > RELEASES_MAX:
+        raise NotRecheckedError(f"`{of.name}` meets the others in a new way for {count:,} releases")
+    first = of.next_at(after)
+    return (first + k * of.period for k in range(count))
+
+
+def derive(setting: TimingSetting) -> DerivedTimes:
+    """All of them; `NotRecheckedError` where the definitions do not apply."""
+    check_runs(setting)
+    if setting.instants:
+        age = age_sc = 0
+        stamps: dict[str, int] = {}
+    else:
+        age = max((_enforced(setting, r) for r in setting.by_dm), default=0)
+        age_sc, stamps = _read_by_sc(setting)
+    delay = 0 if setting.instants else _delay(setting)
+    h_0 = setting.acts_by(_first_output(setting))
+    return DerivedTimes(
+        age=age,
+        age_sc=age_sc,
+        delay=delay,
+        jitter=0 if setting.instants else _jitter(setting),
+        h_star=age + _handed_over(setting),
+        h_0=h_0,
+        start=max(h_0, _without_state(setting)),
+        stamps=stamps,
+    )
+
+
+def check_runs(setting: TimingSetting) -> None:
+    """Runs of one node neither overlap nor overtake; NotRecheckedError where they may."""
+    clocks = {setting.dm, *(n for e in setting.effects for n in e.nodes)}
+    for read in (*setting.by_dm, *setting.by_sc):
+        clocks |= {n for path in read.paths for n in path.nodes}
+    for c in sorted(clocks, key=lambda c: c.name):
+        if c.slow > c.period:
+            raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
+    if setting.sc.period > setting.dm.period:
+        raise NotRecheckedError("SC is slower than its DM")
+    if setting.instants:
+        return
+    for t in setting.steady():
+        if setting.starts_by(t) + setting.sc.response > t + setting.sc.period:
+            raise NotRecheckedError("SC may not be done when its next step is due")
+
+
+def _enforced(setting: TimingSetting, read: TopicReading) -> int:
+    """How old a state is that the DM may still say "AC" on.
+
+    The stamp is no older than `max_age`, and that is enforced; what was published then is as old
+    as its path makes it, and as a silent sensor makes what a node goes on publishing.
+    """
+    worst = 0
+    for path in read.paths:
+        silent = setting.silent if path.nodes else 0
+        worst = max(worst, read.max_age + path.lag() + silent)
+    return worst
+
+
+def _read_by_sc(setting: TimingSetting) -> tuple[int, dict[str, int]]:
+    """Greatest age of a state that SC reads, drop-outs included; of stamps, without."""
+    age, stamps = 0, dict.fromkeys((r.name for r in setting.by_sc), 0)
+    for t in setting.steady():
+        for read in setting.by_sc:
+            for path in read.paths:
+                for s in path.turns(t, setting.starts_by(t)):
+                    age = max(age, s - path.state(s) + setting.silent)
+                    stamps[read.name] = max(stamps[read.name], s - path.stamp(s))
+    return age, stamps
+
+
+def _delay(setting: TimingSetting) -> int:
+    """From a state to the instant at which the command that answers it acts."""
+    worst = 0
+    for t in setting.steady():
+        end = setting.starts_by(t)
+        worst = max(worst, setting.last_effect(t, end) - end)  # an SC that reads no state
+        for read in setting.by_sc:
+            for path in read.paths:
+                for s in path.turns(t, end):
+                    acts = setting.last_effect(t, s)
+                    worst = max(worst, acts - path.state(s) + setting.silent)
+    return worst
+
+
+def _jitter(setting: TimingSetting) -> int:
+    """The window around k delta that holds every instant at which output k acts."""
+    early: int | None = None
+    late: int | None = None
+    for t in setting.steady():
+        first = min(e.first(t) for e in setting.effects) - t
+        last = setting.acts_by(t) - t
+        early = first if early is None else min(early, first)
+        late = last if late is None else max(late, last)
+    assert early is not None
+    assert late is not None
+    return late - early
+
+
+def _handed_over(setting: TimingSetting) -> int:
+    """From the release of a DM that says "AC", and then not again, to the first output of SC.
+
+    What SC publishes before the next verdict is in force is dropped; an output of a step released
+    before that DM may come before it. The first one that certainly passes is that of SC's first
+    release at or after it, since this waits. The DM read a state; SC does where it reads the same.
+    """
+    known = {r.name for r in setting.by_dm}
+    others = [r for r in setting.by_sc if r.name not in known]
+    periods = setting.periods
+    count = lcm(*periods) // setting.dm.period
+    count += (setting.first_available(0, others) + setting.settled) // setting.dm.period + 1
+    if count > 2 * RELEASES_MAX:
+        raise NotRecheckedError("the DM has too many releases to go through")
+    worst = 0
+    for k in range(count):
+        t = setting.dm.phase + k * setting.dm.period
+        taken = setting.first_available(t + setting.dm.period, others)
+        worst = max(worst, setting.acts_by(taken) - t)
+    return worst
+
+
+def _first_output(setting: TimingSetting) -> int:
+    """SC's release whose reads are all there, whatever is late, if the DM never says "AC"."""
+    plain = [p.certain_from() for r in setting.by_sc for p in r.paths]
+    return setting.sc.next_at(max([0, *plain]))
+
+
+def _without_state(setting: TimingSetting) -> int:
+    """When an output of SC acts for good, drop-outs and "AC" on default values included.
+
+    A node that has read nothing publishes what it makes of a default, with a fresh stamp: the DM
+    may say "AC" on it. Its last release that may see this is followed by one that does not.
+    """
+    start = setting.first_available(0, setting.by_sc)
+    for read in setting.by_dm:
+        for path in read.paths:
+            if not path.may_publish_nothing(setting.silent):
+                continue
+            last = path.certain_from(setting.silent) - 1
+            if last >= setting.dm.phase:
+                after = setting.dm.last_at(last) + setting.dm.period
+                start = max(start, setting.first_available(after, setting.by_sc))
+    return setting.acts_by(start)

@@ -1,0 +1,138 @@
+"""The times of one module, read off the program and derived by `derived_times.py`.
+
+Purpose: declared delays, what DM and SC read and its `max_age`, the `TimingSetting` with the nodes
+on the way, and from it every time of the manifest.
+Non-goals: the derivation (`derived_times.py`), the nodes (`sensor_paths.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.certificate.reading.facts import (
+    DiffersError,
+    Facts,
+    driven_topics,
+    number_of,
+    read_by_sc,
+)
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.time.derived_times import derive
+from soter.certificate.time.sensor_paths import ModulePaths, setting_of
+from soter.certificate.time.trusted_thread import check_thread
+from soter.program.model.durations import show_ns
+from soter.program.model.tree_walk import topic_reads
+
+if TYPE_CHECKING:
+    from soter.certificate.time.derived_times import TimingSetting
+
+DELAYS = {
+    "J_dm_ns": ("late dm", "late_dm"),
+    "J_sc_ns": ("late sc", "late_sc"),
+    "R_dm_ns": ("response dm", "response_dm"),
+    "R_sc_ns": ("response sc", "response_sc"),
+    "L_ns": ("acts within", "acts"),
+}
+"""Name in the manifest -> how the program says it, and where the `verify` block has it."""
+
+
+def read_times(facts: Facts) -> None:
+    """Every time in ns, by its name in the manifest: declared ones, and what follows from them.
+
+    DiffersError where what is declared contradicts the program, NotRecheckedError where times are
+    none that are read here.
+    """
+    verify = facts.symbol.verify
+    time_by_name = {"Delta_ns": facts.module.period_ns, "delta_ns": facts.sc.period_ns}
+    for key, (_, name) in DELAYS.items():
+        time_by_name[key] = number_of(facts, getattr(verify, name))
+    by_dm, by_sc = read_by(facts)
+    if facts.kind == "map":
+        _check_map(facts, time_by_name, {*by_dm, *by_sc})
+    if not verify.abstracts:
+        driven = driven_topics(facts)
+        for together in (by_dm, by_sc):
+            if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
+                raise DiffersError("what is read together is published at different times")
+    facts.ways = ModulePaths(facts.flying, facts.flying_module, lambda e: int(number_of(facts, e)))
+    more = {"silent_ns": number_of(facts, verify.dropout), "instants": int(facts.kind == "map")}
+    setting = setting_of(
+        facts.ways,
+        _ages(facts, by_dm),
+        _ages(facts, by_sc),
+        {**time_by_name, **more},
+    )
+    if verify.abstracts:
+        _seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
+    if facts.kind == "map" and _has_nodes(setting):
+        raise NotRecheckedError("nodes between a map and its module")
+    own = derive(setting)
+    for read in setting.by_sc:
+        oldest = own.stamps.get(read.name, 0)
+        if oldest > read.max_age:
+            raise DiffersError(
+                f"R011: what SC reads of `{read.name}` may be {show_ns(oldest)} old, "
+                f"and `max_age` says {show_ns(read.max_age)}"
+            )
+    time_by_name |= {"A_ns": own.age, "A_sc_ns": own.age_sc, "d_ns": own.delay, "j_ns": own.jitter}
+    time_by_name |= {"h0_ns": own.h_0, "H_star_ns": own.h_star, "H_ns": own.h_star}
+    if verify.horizon is not None:
+        time_by_name["H_ns"] = int(number_of(facts, verify.horizon))
+    in_step = [name for kind, name in facts.ways.notes if kind == "in step"]
+    facts.thread = check_thread(facts.flying, facts.flying_module, setting, in_step)
+    facts.times, facts.own, facts.setting = time_by_name, own, setting
+
+
+def _seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
+    """A topic has to come from the plant whose abstraction drives it, and not from another one."""
+    outer = facts.flying_module.name.rpartition(".")[0]
+    driven = driven_topics(facts)
+    for index in topics:
+        model = driven[index][0].name
+        real = next(n.instance for n in facts.symbol.verify.abstracts if n.name == model)
+        real = f"{outer}.{real}" if outer else real
+        paths = facts.ways.to(facts.running[index])
+        if not any(p.sensor.name == real for p in paths):
+            name = facts.system.topics[index].name
+            raise DiffersError(f"`{name}` is said to show `{real}`, which is not behind it")
+
+
+def _has_nodes(setting: TimingSetting) -> bool:
+    paths = [p for r in (*setting.by_dm, *setting.by_sc) for p in r.paths]
+    return any(p.nodes for p in paths) or any(e.nodes for e in setting.effects)
+
+
+def read_by(facts: Facts) -> tuple[list[int], list[int]]:
+    """The topics that plants drive and the DM reads, and those that SC reads."""
+    driven = driven_topics(facts)
+    predicates = [p for p in (facts.symbol.ttf, facts.symbol.safer) if p is not None]
+    by_dm = [facts.module.scope.topics[t] for t in topic_reads(*predicates)]
+    by_sc = [facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)]
+    if not predicates:  # computed predicates read what carries the axes
+        by_dm = [topic for topic, _ in facts.leaves.values()] or list(driven)
+    return [list(dict.fromkeys(i for i in of if i in driven)) for of in (by_dm, by_sc)]  # type: ignore[return-value]
+
+
+def _ages(facts: Facts, topics: list[int]) -> dict[int, int]:
+    """Topics as the system that runs knows them, with their `max_age`."""
+    age_by_topic = {}
+    for index in topics:
+        topic = facts.system.topics[index]
+        if topic.max_age_ns is None:
+            raise NotRecheckedError("a topic that the module reads has no `max_age`")
+        age_by_topic[facts.running[index]] = topic.max_age_ns
+    return age_by_topic
+
+
+def _check_map(facts: Facts, times: dict[str, int], topics: set[int]) -> None:
+    step = facts.plants[0].period_ns
+    if any(c.period_ns != step for c in facts.plants):
+        raise NotRecheckedError("maps with different periods")
+    if times["Delta_ns"] % step or times["delta_ns"] % step or facts.sc.phase_ns % step:
+        raise NotRecheckedError("a module that does not step together with its map")
+    if any(times[k] for k in ("J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")):
+        raise NotRecheckedError("delays beside a map")
+    for index in topics:
+        age = facts.system.topics[index].max_age_ns
+        if age is None or age >= step:
+            raise NotRecheckedError("beside a map `max_age` must be shorter than its period")

@@ -1,0 +1,158 @@
+"""Whether the thread of the trusted part keeps the times that a certificate counts with.
+
+Purpose: `check_thread`: from the execution times that the flying system declares, by itself, that
+nobody in the thread starts or ends later than the `TimingSetting` of the module says.
+Non-goals: the times that follow (`derived_times.py`).
+
+Own derivation. The thread takes the releases of the calendar one after the other, those of one
+instant in the deployed order. Let W(k) be the work of the first k of them. Release k cannot have
+ended later than at the greatest, over i <= k, of r(i) + J(i) + W(k) - W(i - 1): the thread is not
+idle from the begin of the last one i that it had to wait for. If the work of a hyperperiod T is
+at most T, an i one hyperperiod earlier gives no more: r falls by T, and W(i - 1) by no more. So all
+that matters of release k lies in the hyperperiod before it, and what is true of one hyperperiod in
+which that is over for all releases, and of those before, is true of all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import lcm
+from typing import TYPE_CHECKING
+
+from soter.certificate.reading.facts import DiffersError
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.time.derived_times import RELEASES_MAX
+from soter.program.model.durations import show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.certificate.time.derived_times import Clock, TimingSetting
+    from soter.program.model.system import Component, Module, System
+
+
+@dataclass(frozen=True)
+class ThreadRelease:
+    """One release: who, when, and when it begins and ends at the latest; times in ns."""
+
+    who: Component
+    release: int
+    begins: int
+    ends: int
+
+
+def check_thread(
+    system: System, module: Module, setting: TimingSetting, in_step: Iterable[str]
+) -> str:
+    """DiffersError where a time of the setting does not hold in the thread; else what is assumed.
+
+    Nothing is assumed where nobody in the thread says an execution time, or how late its release
+    may be. A time that is not said is counted as nothing: what does not hold even then is a miss.
+    `in_step`: nodes behind SC in its instant, by name. NotRecheckedError where there are too many
+    releases.
+    """
+    thread = [c for c in system.components if _there(c)]
+    if all(c.wcet_ns is None and not c.jitter_ns for c in thread):
+        return ""
+    turns = _turns(thread)
+    clocks = {c.name: c for c in _nodes(setting)}
+    dm, sc = system.components[module.dm], system.components[module.sc]
+    for t in turns:
+        if t.ends > t.release + t.who.period_ns:
+            raise DiffersError(f"`{t.who.name}` may not be done when it is released again")
+        if t.who.index == dm.index:
+            _held(t, t.release + setting.dm.late, setting.dm.response)
+        elif t.who.index == sc.index:
+            _held(t, setting.starts_by(t.release), setting.sc.response)
+        elif t.who.name in clocks:
+            clock = clocks[t.who.name]
+            _held(t, t.release + clock.late, clock.response)
+    for name in in_step:
+        node = system.component(name)
+        if _there(node) and _after(turns, sc, node) > setting.sc.response:
+            raise DiffersError(f"`{name}` may end later behind SC than its response says")
+    absent = [c.name for c in thread if c.wcet_ns is None]
+    if absent:
+        return f"execution times are not declared of {', '.join(absent)}: lateness is assumed"
+    return (
+        "declared execution times and jitters hold, in one thread that works in order; "
+        "externs are in no thread but their own unless declared inline"
+    )
+
+
+def delayed(system: System, followed: Iterable[Component]) -> str:
+    """Who of some components may start or end after its release in the thread; "" if nobody.
+
+    DiffersError, NotRecheckedError where the thread has too much to do, or too many releases.
+    """
+    thread = [c for c in system.components if _there(c)]
+    own = {c.index for c in followed}
+    apart = [c.name for c in followed if c not in thread and c.jitter_ns]
+    late = [t.who.name for t in _turns(thread) if t.who.index in own and t.ends > t.release]
+    return next(iter([*apart, *late]), "")
+
+
+def _there(c: Component) -> bool:
+    """Whatever is written in Soter is in the thread; of externs those that the system takes in."""
+    if c.node is None:
+        return c.role == "dm"
+    return c.inline or not c.extern
+
+
+def _nodes(setting: TimingSetting) -> Iterable[Clock]:
+    for read in (*setting.by_dm, *setting.by_sc):
+        for path in read.paths:
+            yield from path.nodes
+    for effect in setting.effects:
+        yield from effect.nodes
+
+
+def _turns(thread: list[Component]) -> list[ThreadRelease]:
+    """Every release until all have begun and two hyperperiods have gone by."""
+    hyper = lcm(*(c.period_ns for c in thread))
+    work = sum(hyper // c.period_ns * (c.wcet_ns or 0) for c in thread)
+    if work > hyper:
+        raise DiffersError("the thread has more to do than there is time")
+    end = max(c.phase_ns for c in thread) + 2 * hyper
+    if sum(end // c.period_ns + 1 for c in thread) > RELEASES_MAX:
+        raise NotRecheckedError("the thread has too many releases to go through")
+    releases = [
+        (at, place) for place, c in enumerate(thread) for at in range(c.phase_ns, end, c.period_ns)
+    ]
+    releases.sort()
+    turns: list[ThreadRelease] = []
+    done = 0
+    ahead = -(1 << 62)
+    for at, place in releases:
+        c = thread[place]
+        ahead = max(ahead, at + c.jitter_ns - done)
+        done += c.wcet_ns or 0
+        turns.append(ThreadRelease(c, at, ahead + done - (c.wcet_ns or 0), ahead + done))
+    return turns
+
+
+def _held(turn: ThreadRelease, start: int, response: int) -> None:
+    if turn.begins > start:
+        late = show_ns(turn.begins - turn.release)
+        raise DiffersError(f"`{turn.who.name}` may start {late} after a release in the thread")
+    if turn.ends - turn.begins > response:
+        took = show_ns(turn.ends - turn.begins)
+        raise DiffersError(f"`{turn.who.name}` may take {took} in the thread")
+
+
+def _after(turns: list[ThreadRelease], sc: Component, node: Component) -> int:
+    """From the begin of SC to the end of a node behind it in the same instant, at most.
+
+    The thread may wait in between for the release of one of them, no earlier than the instant.
+    """
+    worst, instant, between = 0, -1, list[ThreadRelease]()
+    for t in turns:
+        if t.who.index == sc.index:
+            instant, between = t.release, [t]
+        elif t.release == instant and between:
+            between.append(t)
+        if t.who.index == node.index and t.release == instant and between:
+            for i, first in enumerate(between):
+                waits = 0 if i == 0 else first.who.jitter_ns
+                worst = max(worst, waits + sum(x.who.wcet_ns or 0 for x in between[i:]))
+    return worst

@@ -1,0 +1,87 @@
+"""What SC does before anything was published: it must not fault, or it never steps again.
+
+Purpose: `survives_the_start`: SC's step on the default values of its topics, and on what a node
+makes of a default, publishes values in their sets and cannot fault.
+Non-goals: which of its outputs count (`derived_times.py`: the first one on a state does).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.inclusions.predicates import both_all
+from soter.certificate.reading.facts import read_by_sc
+from soter.certificate.reading.other_modes import any_mode
+from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
+from soter.certificate.reading.symbolic_values import filled, flat
+from soter.certificate.terms.arb_balls import ONE, exact
+from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.terms import NotRecheckedError, Terms, inputs_of, negation
+from soter.program.evaluate import arithmetic
+from soter.program.model.types import FloatType, leaves
+
+if TYPE_CHECKING:
+    from soter.certificate.reading.facts import Facts
+    from soter.program.model.system import Topic
+
+CERTAIN = 2
+
+
+def survives_the_start(facts: Facts) -> None:
+    """`NotRecheckedError` where it is not certain that the first steps are harmless."""
+    setting = facts.setting
+    if setting.first_available(0, setting.by_sc) == setting.sc.phase:
+        return  # every read of SC shows a state
+    sc = facts.sc
+    assert sc.node is not None
+    if sc.node.locals:
+        raise NotRecheckedError("an SC with locals that may step before anything was published")
+    paths = {r.name: r.paths for r in setting.by_sc}
+    terms, known = Terms(), {}
+    for symbol in read_by_sc(sc):
+        topic = facts.system.topics[sc.scope.topics[symbol]]
+        running = facts.flying.topics[facts.running[topic.index]].name
+        empty = any(p.may_publish_nothing(setting.silent) for p in paths.get(running, ()))
+        known[symbol] = _anything(terms, topic, default=running in paths and not empty)
+    seconds, modes = arithmetic.seconds(sc.period_ns), any_mode(terms, sc.node.step)
+    reader = SymbolicReader(terms, Surroundings(sc.scope.params, known, seconds, modes=modes))
+    published = {
+        sc.scope.topics[topic]: value for topic, value in reader.step(sc.node.step, {}).items()
+    }
+    for control in facts.controls:
+        if control.owner not in published:
+            raise NotRecheckedError(f"SC does not publish `{control.name}` in every step")
+        value = flat(published[control.owner])[control.leaf]
+        command = terms.constant(value) if isinstance(value, float) else value
+        low = terms.combine(((ONE, command),), -exact(control.low))
+        high = terms.combine(((-ONE, command),), exact(control.high))
+        terms.oblige(negation(terms.below(low)))
+        terms.oblige(negation(terms.below(high)))
+    fine = both_all(terms.obligations)
+    places = sorted(inputs_of(terms, [fine]))
+    box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]
+    decided = compile_truths(terms, places, [fine], {})(form_of_box(box, symbols=False))
+    if decided[0] != CERTAIN:
+        raise NotRecheckedError(
+            "SC may step before anything was published, and fault on what it then reads"
+        )
+
+
+def _anything(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
+    """Any value of the set of a topic; just its default where that is all there may be."""
+    bounded = all(
+        b is not None and isinstance(of, FloatType)
+        for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True)
+    )
+    if default or not bounded:
+        if not default:
+            raise NotRecheckedError(
+                f"SC may read of `{topic.name}` what a node made of a default, and it has no set"
+            )
+        return topic.default
+    parts = [
+        terms.input("box", topic.name, exact(b.low), exact(b.high))
+        for b in topic.bounds
+        if b is not None
+    ]
+    return filled(topic.type, parts)

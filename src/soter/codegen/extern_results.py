@@ -1,0 +1,99 @@
+"""What a linked C function wrote, made into values of their types before anything reads them.
+
+Purpose: an enum, int or length that its type does not have is the step fault `extern`; bools
+become 0 or 1, unused tails and padding become zero, so that a state is still its bytes.
+Non-goals: value sets of topics (`types.py`): they come after.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name
+from soter.codegen.c.types import FAULT, int_number
+from soter.lower.layout import INT_KINDS, scalar, struct_of
+from soter.program.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    IntType,
+    ListType,
+    RecordType,
+)
+
+if TYPE_CHECKING:
+    from soter.program.model.types import Type
+
+EXTERN = c.Name("SOTER_EXTERN_FAULT")
+ZERO = c.Number("0")
+
+
+def received(t: Type, e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
+    """Statements that make the stored value `e` one of type `t`; they may raise `extern`."""
+    if isinstance(t, BoolType):
+        return [c.Assign(e, c.Ternary(c.Binary("!=", e, ZERO), c.Number("1"), ZERO))]
+    if isinstance(t, EnumType):
+        return _within(e, 0, len(t.members) - 1, unsigned=True)
+    if isinstance(t, IntType):
+        return _int(t, e)
+    if isinstance(t, RecordType):
+        statements: list[c.CStmt] = []
+        for name, field in t.fields:
+            statements += received(field, c.Member(e, field_name(name)), depth)
+        return [*statements, *_padding(t, e, depth)]
+    counter = f"k{depth}"
+    if isinstance(t, ArrayType):
+        inner = received(t.element, c.IndexExpr(c.Member(e, "at"), c.Name(counter)), depth + 1)
+        return [c.For(counter, ZERO, c.Number(str(t.size)), tuple(inner))] if inner else []
+    if isinstance(t, ListType):
+        return [*_list(t, e, counter, depth), *_padding(t, e, depth)]
+    return []
+
+
+def _within(e: c.CExpr, low: int, high: int, *, unsigned: bool) -> list[c.CStmt]:
+    fits = c.Binary("<=", e, int_number(high))
+    if not unsigned or low > 0:
+        fits = c.Binary("&&", c.Binary(">=", e, int_number(low)), fits)
+    return [c.Do(c.CallExpr("soter_guard", (fits, EXTERN, FAULT)))]
+
+
+def _int(t: IntType, e: c.CExpr) -> list[c.CStmt]:
+    """Nothing where the storage holds no other values than the type."""
+    storage = scalar(t)
+    assert storage is not None
+    low, high = next((k[2], k[3]) for k in INT_KINDS if k[4] == storage.c_type)
+    if (t.low, t.high) == (low, high):
+        return []
+    if t.high == high:
+        fits: c.CExpr = c.Binary(">=", e, int_number(t.low))
+        return [c.Do(c.CallExpr("soter_guard", (fits, EXTERN, FAULT)))]
+    return _within(e, t.low, t.high, unsigned=t.low == low)
+
+
+def _list(t: ListType, e: c.CExpr, counter: str, depth: int) -> list[c.CStmt]:
+    length = c.Member(e, "len")
+    element = c.IndexExpr(c.Member(e, "items"), c.Name(counter))
+    capacity = c.Number(str(t.capacity))
+    outside = c.Binary("||", c.Binary("<", length, ZERO), c.Binary(">", length, capacity))
+    inner = received(t.element, element, depth + 1)
+    statements: list[c.CStmt] = [
+        c.IfStmt(
+            outside,
+            (c.Do(c.CallExpr("soter_raise", (FAULT, EXTERN))), c.Assign(length, ZERO)),
+        )
+    ]
+    if inner:
+        statements.append(c.For(counter, ZERO, length, tuple(inner)))
+    size = c.CallExpr("sizeof", (element,))
+    zero = c.Do(c.Cast("void", c.CallExpr("memset", (c.Unary("&", element), ZERO, size))))
+    return [*statements, c.For(counter, length, capacity, (zero,))]
+
+
+def _padding(t: RecordType | ListType, e: c.CExpr, depth: int) -> list[c.CStmt]:
+    padding = struct_of(t).padding
+    if not padding:
+        return []
+    counter = f"k{depth}"
+    byte = c.IndexExpr(c.Member(e, "pad_"), c.Name(counter))
+    return [c.For(counter, ZERO, c.Number(str(padding)), (c.Assign(byte, ZERO),))]

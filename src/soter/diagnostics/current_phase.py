@@ -1,0 +1,33 @@
+"""What is being done just now, for whoever waits for it.
+
+Purpose: `phase("P2b of Cart")` where something that takes long begins; a progress line shows it.
+Non-goals: how far it is: those who know call their `progress`.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_listener: ContextVar[Callable[[str, bool], None] | None] = ContextVar("listener", default=None)
+
+
+def phase(name: str, *, anew: bool = False) -> None:
+    """Say what begins; `anew`: shares that are told from here on begin at nothing."""
+    listener = _listener.get()
+    if listener is not None:
+        listener(name, anew)
+
+
+@contextmanager
+def listening_to_phases(listener: Callable[[str, bool], None]) -> Iterator[None]:
+    """Let `listener(name, anew)` know of the phases of this block, in this thread."""
+    before = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(before)

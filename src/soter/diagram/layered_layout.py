@@ -1,0 +1,329 @@
+"""Where everything stands: in layers, top to bottom, arrows downwards where they can be.
+
+Purpose: a layered drawing after Sugiyama, small and repeatable: arrows that would close a circle
+are turned round (Eades, Lin and Smyth), layers by longest path and drawn together, crossings
+reduced by sweeps of medians, and x by isotonic regression: what the neighbours of a box wish is met
+as well as the order and the widths allow (pool adjacent violators, exact for one layer).
+Non-goals: shapes, text (`drawing.py`). Arrows with one source share the way as far as they can.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+GAP_PX = 22.0
+"""Between two boxes of a layer."""
+BEND_PX = 12.0
+"""The room that an arrow takes where it passes a layer."""
+UPWARDS_PX = 14.0
+"""From where downward arrows meet a box to where upward ones do."""
+SWEEPS = 24
+SHIFTS = 30
+STRAIGHT = 6.0
+"""How much more a straight way counts than a box right below another."""
+
+
+@dataclass(eq=False)
+class Spot:
+    """A box, or the place where an arrow passes a layer: then `width` is small and `box` None."""
+
+    width: float
+    height: float
+    box: int | None = None
+    layer: int = 0
+    x: float = 0.0
+    """Left edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A line from the lower edge of one spot to the upper edge of one in the next layer.
+
+    `up`: the arrow flows upwards. `ends`: whether its head is here. The x are from the left edges.
+    """
+
+    above: Spot
+    above_x: float
+    below: Spot
+    below_x: float
+    up: bool
+    ends: bool
+    source: str
+    target: str
+
+
+@dataclass(frozen=True)
+class Link:
+    """An arrow between boxes (indices), with where on them it begins and ends."""
+
+    source: int
+    source_x: float
+    target: int
+    target_x: float
+    names: tuple[str, str]
+
+
+@dataclass(eq=False)
+class GraphLayout:
+    """The layers, each from left to right, and the pieces of all arrows."""
+
+    layers: list[list[Spot]]
+    pieces: list[Piece] = field(default_factory=list)
+
+
+def lay_out(
+    sizes: Sequence[tuple[float, float]], links: Sequence[Link], first: frozenset[int]
+) -> GraphLayout:
+    """Place boxes of these widths and heights (px); those in `first` stand at the top if they can.
+
+    Loops of one box are left out: nothing is to be seen of them in a drawing.
+    """
+    links = [link for link in links if link.source != link.target]
+    order = _sequence(len(sizes), links, first)
+    layer = _layers(len(sizes), links, order, first)
+    spots = [Spot(w, h, i, layer[i]) for i, (w, h) in enumerate(sizes)]
+    layout = GraphLayout([[] for _ in range(max(layer, default=0) + 1)])
+    for i in sorted(range(len(spots)), key=lambda i: order[i]):
+        layout.layers[layer[i]].append(spots[i])
+    _connect(layout, spots, links)
+    _sort(layout)
+    _shift(layout)
+    return layout
+
+
+# ---------------------------------------------------------------- layers
+
+
+def _sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> list[int]:
+    """Position of each box in a sequence in which few arrows go back; those of `first` begin it."""
+    left = dict.fromkeys(i for i in range(count) if i not in first)
+    head, tail = [i for i in range(count) if i in first], list[int]()
+    while left:
+        sinks = [i for i in left if not any(k.source == i and k.target in left for k in links)]
+        sources = [i for i in left if not any(k.target == i and k.source in left for k in links)]
+        if sinks:
+            tail[:0] = sinks
+            removed = sinks
+        elif sources:
+            head += sources
+            removed = sources
+        else:
+            removed = [max(left, key=lambda i: (_surplus(i, left, links), -i))]
+            head += removed
+        for i in removed:
+            del left[i]
+    position = {i: k for k, i in enumerate((*head, *tail))}
+    return [position[i] for i in range(count)]
+
+
+def _surplus(i: int, left: dict[int, None], links: Sequence[Link]) -> int:
+    out = sum(k.source == i and k.target in left for k in links)
+    return out - sum(k.target == i and k.source in left for k in links)
+
+
+def _layers(
+    count: int, links: Sequence[Link], order: Sequence[int], first: frozenset[int]
+) -> list[int]:
+    """The layer of each box: longest path, then as near to its neighbours as they allow."""
+    down = {
+        (k.source, k.target) if order[k.source] < order[k.target] else (k.target, k.source)
+        for k in links
+    }
+    above = [[a for a, b in sorted(down) if b == i] for i in range(count)]
+    below = [[b for a, b in sorted(down) if a == i] for i in range(count)]
+    layer = [0] * count
+    for i in sorted(range(count), key=lambda i: order[i]):
+        layer[i] = max((layer[a] + 1 for a in above[i]), default=0)
+    for _ in range(count):
+        before = list(layer)
+        for i in sorted(range(count), key=lambda i: -order[i]):
+            if i in first or len(below[i]) == len(above[i]) == 0:
+                continue
+            low = max((layer[a] + 1 for a in above[i]), default=0)
+            high = min((layer[b] - 1 for b in below[i]), default=low)
+            if len(below[i]) > len(above[i]):
+                layer[i] = high
+            elif len(below[i]) < len(above[i]):
+                layer[i] = low
+        if layer == before:
+            break
+    least = min(layer, default=0)
+    return [n - least for n in layer]
+
+
+def _connect(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[Link]) -> None:
+    """Make the pieces of all links, and the spots where they pass a layer."""
+    passing: dict[tuple[int, float, bool, int], Spot] = {}
+    drawn: set[tuple[int, int, float, float]] = set()
+    for k in links:
+        up = spots[k.source].layer > spots[k.target].layer
+        start, end = spots[k.source].layer, spots[k.target].layer
+        step = -1 if up else 1
+        at, at_x = spots[k.source], _beside(spots[k.source], k.source_x, up=up)
+        end_x = _beside(spots[k.target], k.target_x, up=up)
+        for n in range(start + step, end, step):
+            key = (k.source, k.source_x, up, n)
+            if key not in passing:
+                passing[key] = Spot(BEND_PX, 0.0, None, n)
+                layout.layers[n].append(passing[key])
+            _piece(layout, drawn, (at, at_x, passing[key], BEND_PX / 2), k, up=up, ends=False)
+            at, at_x = passing[key], BEND_PX / 2
+        _piece(layout, drawn, (at, at_x, spots[k.target], end_x), k, up=up, ends=True)
+
+
+def _beside(spot: Spot, x: float, *, up: bool) -> float:
+    """Where on a box an arrow meets it: upward ones beside the others, whose heads end there."""
+    return min(x + UPWARDS_PX, spot.width - BEND_PX / 2) if up else x
+
+
+def _piece(
+    layout: GraphLayout,
+    drawn: set[tuple[int, int, float, float]],
+    way: tuple[Spot, float, Spot, float],
+    link: Link,
+    *,
+    up: bool,
+    ends: bool,
+) -> None:
+    """Add a piece, unless it was drawn for another arrow that shares it."""
+    source, source_x, target, target_x = way
+    key = (id(source), id(target), source_x, target_x)
+    if key in drawn:
+        return
+    drawn.add(key)
+    ordered = (target, target_x, source, source_x) if up else way
+    layout.pieces.append(
+        Piece(*ordered, up=up, ends=ends, source=link.names[0], target=link.names[1])
+    )
+
+
+# ---------------------------------------------------------------- order
+
+
+def _sort(layout: GraphLayout) -> None:
+    """Order every layer so that few pieces cross."""
+    best, least = [list(layer) for layer in layout.layers], _crossings(layout)
+    for sweep in range(SWEEPS):
+        downwards = sweep % 2 == 0
+        count = len(layout.layers)
+        for n in range(1, count) if downwards else range(count - 2, -1, -1):
+            _by_medians(layout, n, downwards=downwards)
+        _swap(layout)
+        now = _crossings(layout)
+        if now < least:
+            best, least = [list(layer) for layer in layout.layers], now
+        if not least:
+            break
+    layout.layers = best
+
+
+def _places(layer: Sequence[Spot]) -> dict[Spot, float]:
+    return {spot: float(i) for i, spot in enumerate(layer)}
+
+
+def _share(spot: Spot, x: float) -> float:
+    """Where on a spot a line meets it, 0 to less than 1."""
+    return 0.98 * x / max(spot.width, 1e-9)
+
+
+def _by_medians(layout: GraphLayout, n: int, *, downwards: bool) -> None:
+    other = _places(layout.layers[n - 1 if downwards else n + 1])
+    wish: dict[Spot, float] = {}
+    met: dict[Spot, list[float]] = {}
+    for p in layout.pieces:
+        if downwards:
+            mine, its, x = p.below, p.above, p.above_x
+        else:
+            mine, its, x = p.above, p.below, p.below_x
+        if mine.layer == n:
+            met.setdefault(mine, []).append(other[its] + _share(its, x))
+    for i, spot in enumerate(layout.layers[n]):
+        wish[spot] = sum(met[spot]) / len(met[spot]) if spot in met else float(i)
+    layout.layers[n].sort(key=lambda spot: wish[spot])
+
+
+def _swap(layout: GraphLayout) -> None:
+    """Exchange neighbours where fewer pieces cross then."""
+    for n, layer in enumerate(layout.layers):
+        for i in range(len(layer) - 1):
+            before = _around(layout, n)
+            layer[i], layer[i + 1] = layer[i + 1], layer[i]
+            if _around(layout, n) >= before:
+                layer[i], layer[i + 1] = layer[i + 1], layer[i]
+
+
+def _around(layout: GraphLayout, n: int) -> int:
+    above = _between(layout, n - 1) if n else 0
+    return above + (_between(layout, n) if n + 1 < len(layout.layers) else 0)
+
+
+def _crossings(layout: GraphLayout) -> int:
+    return sum(_between(layout, n) for n in range(len(layout.layers) - 1))
+
+
+def _between(layout: GraphLayout, n: int) -> int:
+    """How many pairs of pieces between the layers n and n + 1 cross."""
+    upper, lower = _places(layout.layers[n]), _places(layout.layers[n + 1])
+    lines = sorted(
+        (upper[p.above] + _share(p.above, p.above_x), lower[p.below] + _share(p.below, p.below_x))
+        for p in layout.pieces
+        if p.above in upper and p.below in lower
+    )
+    return sum(a[0] < b[0] and a[1] > b[1] for i, a in enumerate(lines) for b in lines[i + 1 :])
+
+
+# ---------------------------------------------------------------- places
+
+
+def _shift(layout: GraphLayout) -> None:
+    """Give every spot its x: as its neighbours wish, as well as the widths allow."""
+    for layer in layout.layers:
+        x = 0.0
+        for spot in layer:
+            spot.x = x
+            x += spot.width + GAP_PX
+    joined: dict[Spot, list[tuple[float, Spot, float]]] = {}
+    for p in layout.pieces:
+        joined.setdefault(p.above, []).append((p.above_x, p.below, p.below_x))
+        joined.setdefault(p.below, []).append((p.below_x, p.above, p.above_x))
+    for turn in range(SHIFTS):
+        for layer in layout.layers if turn % 2 == 0 else reversed(layout.layers):
+            wishes = [_wish(spot, joined.get(spot, [])) for spot in layer]
+            for spot, x in zip(layer, _isotonic(layer, wishes), strict=True):
+                spot.x = x
+    least = min((spot.x for layer in layout.layers for spot in layer), default=0.0)
+    for layer in layout.layers:
+        for spot in layer:
+            spot.x -= least
+
+
+def _wish(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[float, float]:
+    """Where a spot would stand by itself, and how much that counts."""
+    total = weight = 0.0
+    for own_x, other, other_x in joined:
+        w = STRAIGHT if spot.box is None and other.box is None else 1.0
+        total += w * (other.x + other_x - own_x)
+        weight += w
+    return (total / weight, weight) if weight else (spot.x, 0.1)
+
+
+def _isotonic(layer: Sequence[Spot], wishes: Sequence[tuple[float, float]]) -> list[float]:
+    """The x next to the wishes, by weight, that keep the order and the gaps (least squares)."""
+    starts = [0.0]
+    for spot, other in pairwise(layer):
+        gap = GAP_PX if spot.box is not None and other.box is not None else BEND_PX
+        starts.append(starts[-1] + spot.width + gap)
+    pools: list[tuple[float, float, int]] = []
+    for (x, w), start in zip(wishes, starts, strict=True):
+        mean, weight, count = x - start, w, 1
+        while pools and pools[-1][0] > mean:
+            m, v, c = pools.pop()
+            mean, weight, count = (m * v + mean * weight) / (v + weight), v + weight, c + count
+        pools.append((mean, weight, count))
+    means = [mean for mean, _, count in pools for _ in range(count)]
+    return [mean + start for mean, start in zip(means, starts, strict=True)]

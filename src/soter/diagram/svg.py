@@ -1,0 +1,309 @@
+"""A graph as SVG: one file that needs nothing else, in light and dark, with text as text.
+
+Purpose: sizes of boxes from their texts, the layout, and lines, arrow heads, legend and style.
+Everything that a page may want to light up has `data-component`, `data-module` or `data-topics`.
+Non-goals: what stands where (`layered_layout.py`), what there is (`from_system.py`). Lengths are
+pixels.
+"""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+from soter.diagram.graph import DiagramBox, ModuleFrame
+from soter.diagram.layered_layout import Link, lay_out
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.diagram.graph import DiagramGraph, Part
+    from soter.diagram.layered_layout import GraphLayout, Piece, Spot
+
+LINE_PX, CAPTION_PX, PAD_X, PAD_Y = 17.0, 14.0, 11.0, 7.0
+FRAME_PAD, TITLE_PX, INSIDE_GAP = 10.0, 20.0, 10.0
+BETWEEN_PX = 44.0
+"""From layer to layer."""
+MARGIN_PX = 14.0
+LEGEND_WIDTH_PX = 400.0
+"""At least; a phone is about as wide."""
+MONO_PX = 6.7
+"""A letter of a value."""
+NARROW, WIDE = set("iljtfrI.,:;'|()[] "), set("mwMW@")
+LEGEND = (
+    ("plant", "plant"),
+    ("node", "node"),
+    ("ac", "advanced controller"),
+    ("sc", "safe controller"),
+    ("dm", "decision module"),
+    ("topic", "topic"),
+    ("input", "input from outside"),
+)
+UPWARDS = ("up", "leads upwards")
+"""Only where there is one."""
+STYLE = """
+.sd { --ink: #1a1f24; --muted: #5b646d; --paper: #fcfcfa; --panel: #ffffff;
+  --rule: #9aa3ab; --line: #6d767e;
+  --ac: #b85c00; --sc: #0a6ebd; --plant: #e6e2d6; --topic: #eceff1;
+  --frame: #f3f6f8; --back: #8a5a9e; --flash: #ffe08a;
+  font-family: system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", Arial, sans-serif; }
+@media (prefers-color-scheme: dark) {
+  .sd { --ink: #eceef0; --muted: #a3acb4; --paper: #14171a; --panel: #1f2429;
+    --rule: #5d666e; --line: #8a939b;
+    --ac: #f28e2b; --sc: #5aaeee; --plant: #3a372e; --topic: #2a3036;
+    --frame: #1a1f24; --back: #b98acb; --flash: #6b5400; } }
+.sd text { font-size: 13px; fill: var(--ink); text-anchor: middle; }
+.sd .caption { font-size: 11px; fill: var(--muted); }
+.sd .frame-title { font-weight: 600; text-anchor: start; }
+.sd rect, .sd path.shape { fill: var(--panel); stroke: var(--rule); stroke-width: 1.2; }
+.sd .back { fill: var(--paper); stroke: none; }
+.sd .frame > rect { fill: var(--frame); stroke: var(--muted); }
+.sd .plant > rect { fill: var(--plant); stroke-width: 2; }
+.sd .ac > rect { stroke: var(--ac); stroke-width: 2; }
+.sd .sc > rect { stroke: var(--sc); stroke-width: 2; stroke-dasharray: 7 3; }
+.sd .dm > path { stroke: var(--ink); }
+.sd .topic > rect, .sd .input > rect { fill: var(--topic); stroke: none; }
+.sd .input > rect { stroke: var(--muted); stroke-dasharray: 2 3; }
+.sd .wire { fill: none; stroke: var(--line); stroke-width: 1.2; }
+.sd .wire.up { stroke: var(--back); }
+.sd .head { fill: var(--line); stroke: none; }
+.sd .head.up { fill: var(--back); }
+.sd .step > rect, .sd .step > path { stroke: var(--ink); stroke-width: 4; stroke-dasharray: none; }
+.sd .step:not(.on) > rect, .sd .step > path { fill: var(--flash); }
+.sd .on > rect { fill: var(--ac); } .sd .sc.on > rect { fill: var(--sc); }
+.sd .on > text { fill: var(--paper); }
+.sd text.value { font-size: 11px; font-family: ui-monospace, "DejaVu Sans Mono", monospace; }
+"""
+
+
+def draw(graph: DiagramGraph) -> str:
+    """The SVG of a graph; the same graph gives the same text."""
+    sizes = [_size(part) for part in graph.parts]
+    at = {key: (i, x) for i, part in enumerate(graph.parts) for key, x in _anchors(part).items()}
+    links = [
+        Link(*at[a.source], *at[a.target], names=(a.source, a.target))
+        for a in graph.arrows
+        if a.source in at and a.target in at
+    ]
+    first = frozenset(at[key][0] for key in graph.first)
+    layout = lay_out(sizes, links, first)
+    tops = _tops(layout)
+    upwards = any(piece.up for piece in layout.pieces)
+    inner = max(_width(layout), LEGEND_WIDTH_PX)
+    legend = _legend(inner, upwards=upwards)
+    width = inner + 2 * MARGIN_PX
+    height = tops[-1] + legend[1] + MARGIN_PX
+    inside = [
+        f'<rect class="back" width="{width:.0f}" height="{height:.0f}"/>',
+        f'<g transform="translate({MARGIN_PX:g} {MARGIN_PX:g})">',
+        *_wires(layout, tops),
+        *(line for layer in layout.layers for spot in layer for line in _box(graph, spot, tops)),
+        f'<g class="legend" transform="translate(0 {tops[-1]:.1f})">{legend[0]}</g>',
+        "</g>",
+    ]
+    name = escape(graph.title)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="sd" '
+        f'viewBox="0 0 {width:.0f} {height:.0f}" '
+        f'width="{width:.0f}" height="{height:.0f}" role="img" aria-label="{name}">\n'
+        f"<title>{name}</title>\n<style>{STYLE}</style>\n" + "\n".join(inside) + "\n</svg>\n"
+    )
+
+
+# ---------------------------------------------------------------- sizes
+
+
+def text_width(text: str, size: float = 13.0) -> float:
+    """About how wide a text is in a sans-serif letter of `size` px, rather more than less."""
+    ems = sum(
+        0.33 if c in NARROW else 0.92 if c in WIDE else 0.7 if c.isupper() else 0.6 for c in text
+    )
+    return ems * size
+
+
+def _size(part: Part) -> tuple[float, float]:
+    if isinstance(part, ModuleFrame):
+        inner = [_size(p) for p in part.inside]
+        wide = sum(w for w, _ in inner) + INSIDE_GAP * (len(inner) - 1) + 2 * FRAME_PAD
+        high = max(h for _, h in inner) + TITLE_PX + 2 * FRAME_PAD
+        return max(wide, text_width(part.title) + 2 * FRAME_PAD), high
+    rows = [row for rows in part.values for row in rows]
+    widest = max(*(text_width(line) for line in part.lines), text_width(part.caption, 11.0))
+    widest = max([widest, *(MONO_PX * row.letters for row in rows)])
+    high = LINE_PX * len(part.lines) + (CAPTION_PX if part.caption else 0.0) + 2 * PAD_Y
+    return max(widest + 2 * PAD_X, 46.0), high + CAPTION_PX * len(rows)
+
+
+def _anchors(part: Part, left: float = 0.0) -> dict[str, float]:
+    """Where arrows meet a part and what is inside it: x by key, from the left of the outermost."""
+    width, _ = _size(part)
+    x_by_key = {part.key: left + width / 2}
+    if isinstance(part, ModuleFrame):
+        x = left + FRAME_PAD
+        for inner in part.inside:
+            x_by_key |= _anchors(inner, x)
+            x += _size(inner)[0] + INSIDE_GAP
+    return x_by_key
+
+
+def _tops(layout: GraphLayout) -> list[float]:
+    """The upper edge of each layer, and of what comes below the last."""
+    tops = [0.0]
+    for layer in layout.layers:
+        high = max((spot.height for spot in layer), default=0.0)
+        tops.append(tops[-1] + high + BETWEEN_PX)
+    tops[-1] -= BETWEEN_PX / 2
+    return tops
+
+
+def _width(layout: GraphLayout) -> float:
+    return max((s.x + s.width for layer in layout.layers for s in layer), default=0.0)
+
+
+# ---------------------------------------------------------------- boxes
+
+
+def _box(graph: DiagramGraph, spot: Spot, tops: Sequence[float]) -> Iterator[str]:
+    """A part in the middle of its layer."""
+    if spot.box is not None:
+        yield from _part(graph.parts[spot.box], spot.x, _top(spot, tops))
+
+
+def _top(spot: Spot, tops: Sequence[float]) -> float:
+    """The upper edge of a spot; boxes hang from the top of their layer."""
+    return tops[spot.layer]
+
+
+def _part(part: Part, x: float, y: float) -> Iterator[str]:
+    width, height = _size(part)
+    if isinstance(part, DiagramBox):
+        yield _cell(part, (x, y, width, height))
+        return
+    name = escape(part.key.removeprefix("m:"), quote=True)
+    yield (
+        f'<g class="frame" data-module="{name}"><rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" '
+        f'height="{height:.1f}" rx="8"/><text class="frame-title" x="{x + FRAME_PAD:.1f}" '
+        f'y="{y + 19:.1f}">{escape(part.title)}</text>'
+    )
+    left = x + FRAME_PAD
+    for inner in part.inside:
+        high = _size(inner)[1]
+        lowest = y + TITLE_PX + FRAME_PAD + max(_size(p)[1] for p in part.inside) - high
+        yield from _part(inner, left, lowest)
+        left += _size(inner)[0] + INSIDE_GAP
+    yield "</g>"
+
+
+def _cell(cell: DiagramBox, place: tuple[float, float, float, float]) -> str:
+    x, y, width, _ = place
+    what = "topics" if cell.kind in {"topic", "input"} else "component"
+    names = escape(" ".join(cell.names), quote=True)
+    middle, base, texts = x + width / 2, y + PAD_Y + 12.5, []
+    for i, line in enumerate(cell.lines):
+        texts.append(f'<text x="{middle:.1f}" y="{base:.1f}">{escape(line)}</text>')
+        last = i + 1 == len(cell.lines)
+        if cell.caption and last:
+            base += CAPTION_PX + 1
+            texts.append(_small("caption", middle, base, cell.caption))
+        for row in cell.values[i] if cell.values else ():
+            base += CAPTION_PX
+            named = f'data-value="{escape(row.key, quote=True)}"' if row.paths or row.words else ""
+            texts.append(_small("value", middle, base, "" if named else row.label, named))
+        base += LINE_PX
+    return (
+        f'<g class="{cell.kind}" data-{what}="{names}">{_shape(cell.kind, place)}'
+        f"{''.join(texts)}</g>"
+    )
+
+
+def _small(kind: str, x: float, y: float, text: str, named: str = "") -> str:
+    return f'<text class="{kind}" {named} x="{x:.1f}" y="{y:.1f}">{escape(text)}</text>'
+
+
+def _shape(kind: str, place: tuple[float, float, float, float]) -> str:
+    """Kinds differ in shape as well as in colour."""
+    x, y, width, height = place
+    if kind == "dm":
+        c = min(10.0, height / 3)
+        return (
+            f'<path class="shape" d="M{x + c:.1f} {y:.1f}H{x + width - c:.1f}L{x + width:.1f} '
+            f"{y + height / 2:.1f}L{x + width - c:.1f} {y + height:.1f}H{x + c:.1f}L{x:.1f} "
+            f'{y + height / 2:.1f}Z"/>'
+        )
+    radius = {"topic": 12.0, "input": 12.0, "plant": 0.0}.get(kind, 5.0)
+    return (
+        f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" '
+        f'rx="{min(radius, height / 2):g}"/>'
+    )
+
+
+def _legend(width: float, *, upwards: bool) -> tuple[str, float]:
+    """What shapes and colours mean, in rows of this width; and how high that is."""
+    parts, x, y = [], 0.0, 18.0
+    for kind, text in (*LEGEND, *((UPWARDS,) if upwards else ())):
+        wide = 34 + text_width(text, 11.0) + 16
+        if x and x + wide > width:
+            x, y = 0.0, y + 22
+        shape = _upward(x + 13, y) if kind == "up" else _shape(kind, (x + 1, y - 8, 24, 14))
+        parts.append(
+            f'<g class="{kind}">{shape}<text class="caption" style="text-anchor:start" '
+            f'x="{x + 32:.1f}" y="{y + 3:.1f}">{escape(text)}</text></g>'
+        )
+        x += wide
+    return "".join(parts), y + 20
+
+
+def _upward(x: float, y: float) -> str:
+    """An arrow as those that lead upwards are drawn."""
+    return (
+        f'<path class="wire up" d="M{x:.1f} {y + 8:.1f}V{y - 2:.1f}"/>'
+        f'<path class="head up" d="M{x:.1f} {y - 9:.1f}L{x - 4:.1f} {y - 1.5:.1f}H{x + 4:.1f}Z"/>'
+    )
+
+
+# ---------------------------------------------------------------- arrows
+
+
+def _wires(layout: GraphLayout, tops: Sequence[float]) -> Iterator[str]:
+    """The lines, and the heads where they end."""
+    yield from (
+        _passing(spot, layout, tops)
+        for layer in layout.layers
+        for spot in layer
+        if spot.box is None
+    )
+    for piece in layout.pieces:
+        yield from _wire(piece, tops)
+
+
+def _passing(spot: Spot, layout: GraphLayout, tops: Sequence[float]) -> str:
+    """The straight line beside the boxes of a layer."""
+    up = any(p.up for p in layout.pieces if spot in (p.above, p.below))
+    x = spot.x + spot.width / 2
+    end = tops[spot.layer] + _deep(layout, spot.layer)
+    return f'<path class="wire{" up" * up}" d="M{x:.1f} {tops[spot.layer]:.1f}V{end:.1f}"/>'
+
+
+def _deep(layout: GraphLayout, n: int) -> float:
+    return max((spot.height for spot in layout.layers[n]), default=0.0)
+
+
+def _wire(p: Piece, tops: Sequence[float]) -> Iterator[str]:
+    x0, x1 = p.above.x + p.above_x, p.below.x + p.below_x
+    y1 = _top(p.below, tops)
+    bottom = tops[p.below.layer] - BETWEEN_PX
+    y0 = _top(p.above, tops) + p.above.height if p.above.box is not None else bottom
+    up = " up" * p.up
+    head = 7.0 if p.ends else 0.0
+    start, end = (y0 + head, y1) if p.up else (y0, y1 - head)
+    half = max((y1 - bottom) / 2, 8.0)
+    names = f'data-from="{escape(p.source, quote=True)}" data-to="{escape(p.target, quote=True)}"'
+    yield (
+        f'<path class="wire{up}" {names} d="M{x0:.1f} {start:.1f}V{max(bottom, start):.1f}'
+        f"C{x0:.1f} {bottom + half:.1f} {x1:.1f} {y1 - half:.1f} {x1:.1f} {end:.1f}" + '"/>'
+    )
+    if p.ends:
+        x, y, back = (x0, y0, 7.5) if p.up else (x1, y1, -7.5)
+        yield (
+            f'<path class="head{up}" d="M{x:.1f} {y:.1f}L{x - 4:.1f} {y + back:.1f}H{x + 4:.1f}Z"/>'
+        )

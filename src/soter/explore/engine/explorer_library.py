@@ -1,0 +1,482 @@
+"""The explorer as a shared library: a system's generated C, its model and `soter_explore*.c`.
+
+Purpose: compile them together, once for each content, and reach the explorer through cffi: plain
+numbers in, plain numbers out. A search runs in a thread of its own, so that Ctrl-C, or whoever else
+wants it to end, ends it in order, with what it has found until then.
+Non-goals: names of actors and streams, verdicts, reports (`search.py`, `command.py`).
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+
+from soter.explore.engine.coverage_counters import coverage_of, empty_counters
+from soter.explore.engine.progress import progress_of
+from soter.explore.engine.symmetry_reduction import SymmetricInstances
+from soter.explore.methods import REDUCTIONS, STATUSES, STEPS_MAX, constant
+from soter.explore.model.actors import plan_of
+from soter.explore.model.explorer_model import generate_model
+from soter.explore.model.independent_parts import IndependentPart, loose_parts_of, parts_of
+from soter.explore.results import Options
+from soter.lower.steps import lower
+from soter.native.build import RUNTIME, library
+from soter.native.cffi_interface import address, declarations, interface, opened
+from soter.native.own_files import files_below
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from soter.explore.checkpoint.saver import Saver
+    from soter.explore.engine.observations import Observations
+    from soter.explore.engine.progress import EngineProgress
+    from soter.explore.model.symmetric_blocks import Family
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import System
+
+    Bytes = npt.NDArray[np.uint8]
+    Words = npt.NDArray[np.uint64]
+
+HERE = Path(__file__).parent / "c"
+FLAGS = ("-pthread", "-DSOTER_CHECKED")
+NAMED = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
+soter_explore_coverage *, soter_trace_step[], soter_broken[], soter_field[], soter_family[],
+uint64_t *, uint8_t *, double *"""
+"""Types that a search has: cffi reads each name once, which takes 15 ms that are no search."""
+LOOK_S = 0.1
+"""Seconds between two looks at how far a search is."""
+
+S = TypeVar("S")
+"""A step of a trace."""
+
+
+def sources() -> tuple[Path, ...]:
+    """The explorer's C, headers included."""
+    return tuple(files_below(HERE, "*.[ch]"))
+
+
+def ffi() -> Any:  # noqa: ANN401 - cffi has no types
+    """The explorer's declarations."""
+    headers = (RUNTIME / "soter.h", HERE / "soter_explore.h")
+    return interface(*(declarations(header) for header in headers))
+
+
+@dataclass(frozen=True)
+class RawChoice:
+    """An answered choice: hash of the stream's name (FNV-1a), alternatives, which one."""
+
+    stream: int
+    count: int
+    pick: int
+
+
+@dataclass(frozen=True)
+class RawStep:
+    """A step of a trace; `actor` counts in `Engine.actors`, -1 at the birth of the world.
+
+    `kind`: 0 step, 1 lost release, 2 start of an overrunning step, 3 it takes effect, 4 birth.
+    """
+
+    actor: int
+    kind: int
+    release_ns: int
+    time_ns: int
+    choices: tuple[RawChoice, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineSettings(Options):
+    """How the engine searches: what a person may say, and what only tests and `Search` do.
+
+    `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep
+    the stored worlds for `Engine.worlds`. `closes`: end where whatever comes later was there
+    before, if the plan is one that `repeats`.
+    """
+
+    keep: bool = False
+    plainly: bool = False
+    go_on: bool = False
+    closes: bool = False
+    part: IndependentPart | None = None
+    """Only this part of the system; None: all of it."""
+    known: tuple[tuple[int, int], ...] = ()
+    """Violations (what, index) at which a search does not stop: it looks for others."""
+    noted: Observations | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchResult(Generic[S]):
+    """What a search found: `status` is one of STATUSES, `broken` (what, index) of soter_broken.
+
+    `steps` of one kind: as the engine counts (`Searched`), or with names (`search.Found`).
+    """
+
+    status: str
+    broken: tuple[int, int] | None
+    steps: tuple[S, ...]
+    states: int = 0
+    transitions: int = 0
+    runs: int = 0
+    table_bytes: int = 0
+    frontier_bytes: int = 0
+    depth: int = 0
+    seconds: float = 0.0
+    covered_ns: int = 0
+    """All that is observed before was judged, at least `TIME_MAX`: all there is; 0: sampling."""
+    closed_ns: int = 0
+    """Whatever comes after this time was there before; 0: that is not known."""
+    closable: bool = False
+    """That was looked for, or would be before a later horizon."""
+    stopped: str = ""
+    """What ended it before its end: "interrupted" (Ctrl-C), "time" (its time was over)."""
+    total_bytes: int = 0
+    """Of tables, frontiers and remembered steps, all that `memory` bounds."""
+    needed_bytes: int = 0
+    """Status "no_memory": what the first tables take."""
+    threads: int = 1
+    """That searched."""
+    chooser: int = -1
+    """Status "choices": the actor that asks for too many, -1: the start."""
+    apart: bool = False
+    """Its steps are of one part of the system, and no execution of the whole was made of them."""
+
+
+Searched = SearchResult[RawStep]
+
+
+class Engine:
+    """The explorer on one system that was flattened for a test."""
+
+    def __init__(
+        self, system: System, lowered: CoreSystem | None = None, extra: tuple[str, ...] = ()
+    ) -> None:
+        """`extra`: more compiler flags (tests)."""
+        assert system.test is not None, f"{system.name} is no test"
+        lowered = lowered or lower(system)
+        self.system = system
+        self.plan = plan_of(system, lowered)
+        self.parts = parts_of(system, lowered, self.plan)
+        self.loose = loose_parts_of(system, lowered, self.plan)
+        self.generated = generate_model(system, lowered, self.plan)
+        self.actors = self.plan.actors
+        self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), sources())
+        self.ffi = ffi()
+        self.lib = opened(self.ffi, self.path)
+        for name in NAMED.split(","):
+            self.ffi.typeof(name.strip())
+        self.model = address(self.ffi, self.path, self.generated.symbol, "const soter_model *")
+        self.bits = int(self.model.bits)
+        self.words = int(self.model.words)
+        self.world_size = int(self.model.world_size)
+        self._kept = self.ffi.NULL
+        self.wanted: Callable[[], bool] = lambda: False
+        """Whether somebody wants searches to end; asked ten times a second."""
+        self.seen = empty_counters(system, self.generated)
+        self.equal = SymmetricInstances(system, lowered, self.generated)
+
+    def close(self) -> None:
+        """Give back the memory of kept worlds."""
+        if self._kept != self.ffi.NULL:
+            self.lib.soter_explore_free(self._kept)
+            self._kept = self.ffi.NULL
+
+    def take_stored(self) -> Any:  # noqa: ANN401 - cdata
+        """What the last search kept: whoever takes it gives it back (`soter_explore_free`)."""
+        kept, self._kept = self._kept, self.ffi.NULL
+        return kept
+
+    # ------------------------------------------------------------ searching
+
+    def explore(
+        self,
+        settings: EngineSettings,
+        look: Callable[[EngineProgress], None] | None = None,
+        patience_s: float = math.inf,
+        saver: Saver | None = None,
+    ) -> Searched:
+        """Search until the end, a bound or Ctrl-C. `look` is told ten times a second.
+
+        After `patience_s` seconds the search ends. `saver` writes it down, and may let it go on
+        from there: `SoterError` D006, D012, D014.
+        """
+        coverage = self.coverage()
+
+        def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
+            self.lib.soter_explore(
+                self.model, options, progress, coverage, result, trace, STEPS_MAX
+            )
+
+        search_result = self._run(settings, look, search, patience_s, saver)
+        self.equal.spread(self.families(settings), self.seen)
+        return search_result
+
+    def least(
+        self,
+        settings: EngineSettings,
+        broken: tuple[int, int],
+        look: Callable[[EngineProgress], None] | None = None,
+        patience_s: float = math.inf,
+    ) -> Searched:
+        """The least trace to a violation of the same thing; its status is then `violated`.
+
+        After `patience_s` seconds the search ends.
+        """
+        what = self.ffi.new("soter_broken *", {"what": broken[0], "index": broken[1]})
+
+        def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
+            self.lib.soter_explore_least(
+                self.model, options, what[0], progress, result, trace, STEPS_MAX
+            )
+
+        return self._run(settings, look, search, patience_s)
+
+    def _run(
+        self,
+        settings: EngineSettings,
+        look: Callable[[EngineProgress], None] | None,
+        search: Callable[[Any, Any, Any, Any], None],
+        patience_s: float = math.inf,
+        saver: Saver | None = None,
+    ) -> Searched:
+        self.close()
+        options = self.options(settings)
+        if saver is not None:
+            saver.begin(self.ffi, options)
+        progress = self.ffi.new("soter_explore_progress *")
+        result = self.ffi.new("soter_explore_result *")
+        trace = self.ffi.new("soter_trace_step[]", STEPS_MAX)  # untouched pages cost nothing
+        began = time.perf_counter()
+        try:
+            stopped = self.apart(
+                lambda: search(options, progress, result, trace), progress, look, patience_s, saver
+            )
+            seconds = time.perf_counter() - began
+            if saver is not None:
+                saver.end(progress, result)
+        finally:
+            if saver is not None:
+                saver.close()
+        self._kept = result.kept
+        return replace(self._searched(result, trace, seconds), stopped=stopped)
+
+    def apart(
+        self,
+        do: Callable[[], object],
+        progress: Any,  # noqa: ANN401 - cdata
+        look: Callable[[EngineProgress], None] | None,
+        patience_s: float,
+        saver: Saver | None = None,
+    ) -> str:
+        """Do it in a thread of its own; what ended it before its end, "" where nothing did."""
+        failures: list[BaseException] = []
+        done = threading.Event()
+
+        def work() -> None:
+            try:
+                do()
+            except BaseException as error:  # noqa: BLE001 - raised again below
+                failures.append(error)
+            finally:
+                done.set()
+
+        threading.Thread(target=work, name="soter explorer").start()
+        stopped = self._watch(done, progress, look, patience_s, saver)
+        if failures:
+            raise failures[0]
+        return stopped
+
+    def _watch(
+        self,
+        done: threading.Event,
+        progress: Any,  # noqa: ANN401 - cdata
+        look: Callable[[EngineProgress], None] | None,
+        patience_s: float,
+        saver: Saver | None,
+    ) -> str:
+        """Wait for the search; whatever interrupts the waiting ends it in order. What ended it.
+
+        Not with `Thread.join`: after an interruption Python 3.11 takes the thread for ended, and
+        what it writes to would be given back under its hands.
+        """
+        failure: BaseException | None = None
+        stopped, began = "", time.perf_counter()
+        while not done.is_set():
+            try:
+                while not done.wait(max(min(LOOK_S, patience_s), 0.001)):
+                    seconds = time.perf_counter() - began
+                    if not progress.stop and (self.wanted() or seconds > patience_s):
+                        progress.stop, stopped = 1, "interrupted" if self.wanted() else "time"
+                    if saver is not None:
+                        saver.look(progress)
+                    if look is not None and not progress.stop:
+                        look(progress_of(progress, seconds))
+            except KeyboardInterrupt:
+                progress.stop, stopped = 1, "interrupted"
+            except BaseException as error:  # noqa: BLE001 - raised again when the search has ended
+                progress.stop = 1
+                failure = failure or error
+        if failure is not None:
+            raise failure
+        return stopped
+
+    def options(self, s: EngineSettings) -> Any:  # noqa: ANN401 - cdata
+        """`soter_explore_options`; what it points to lives until the next ones."""
+        known = [{"what": what, "index": index} for what, index in s.known]
+        self._known = self.ffi.new("soter_broken[]", known)  # lives as long as the options
+        return self.ffi.new(
+            "soter_explore_options *",
+            {
+                "strategy": getattr(self.lib, constant(s.strategy)),
+                "storage": getattr(self.lib, constant(s.storage)),
+                "reduce": REDUCTIONS[s.reduction],
+                "threads": s.threads,
+                "memory": s.memory,
+                "max_states": s.max_states,
+                "seed": s.seed & (2**64 - 1),
+                "runs": s.runs,
+                "bug_depth": s.bug_depth,
+                "actors": s.part.actors if s.part else 0,
+                "properties": s.part.properties if s.part else 0,
+                "timeds": s.part.timeds if s.part else 0,
+                "keep": s.keep,
+                "plainly": s.plainly,
+                "unguided": s.unguided,
+                "go_on": s.go_on,
+                "closes": s.closes and self.plan.repeats,
+                "known": self._known,
+                "knowns": len(s.known),
+                **(s.noted.options(self.ffi) if s.noted else {}),
+                **self.equal.options(self.ffi, self.families(s)),
+            },
+        )
+
+    def families(self, s: EngineSettings) -> tuple[Family, ...]:
+        """The equal instances that a search makes use of.
+
+        None where it looks for another violation than those that are known, as that may be of one
+        instance and not of the other; or notes what it sees for parts that a property joins.
+        """
+        return () if s.known or s.noted is not None else self.equal.of(s, s.part)
+
+    def coverage(self) -> Any:  # noqa: ANN401 - cdata
+        """`soter_explore_coverage`: what is seen is added to `seen`."""
+        return coverage_of(self.seen, self.ffi)
+
+    def _searched(self, r: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
+        status = STATUSES[int(r.status)]
+        broken = (int(r.broken.what), int(r.broken.index)) if status == "violated" else None
+        return Searched(
+            status=status,
+            broken=broken,
+            states=int(r.states),
+            transitions=int(r.transitions),
+            runs=int(r.runs),
+            table_bytes=int(r.table_bytes),
+            frontier_bytes=int(r.frontier_bytes),
+            depth=int(r.depth),
+            seconds=seconds,
+            covered_ns=max(int(r.covered_ns), 0),
+            closed_ns=int(r.closed_ns),
+            closable=bool(r.closable),
+            steps=tuple(self._step(trace[i]) for i in range(min(int(r.length), STEPS_MAX))),
+            total_bytes=int(r.table_bytes) + int(r.frontier_bytes) + int(r.memo_bytes),
+            needed_bytes=int(r.needed_bytes),
+            threads=int(r.threads),
+            chooser=int(r.chooser) if r.chooser < len(self.actors) else -1,
+        )
+
+    def _step(self, s: Any) -> RawStep:  # noqa: ANN401 - cdata
+        choices = tuple(
+            RawChoice(int(c.stream), int(c.count), int(c.pick)) for c in s.choice[0 : s.choices]
+        )
+        actor = int(s.actor) if s.actor < len(self.actors) else -1
+        return RawStep(actor, int(s.kind), int(s.release_ns), int(s.time_ns), choices)
+
+    # ------------------------------------------------------------ traces and worlds
+
+    def replay(
+        self, steps: Sequence[RawStep], seed: int = 0
+    ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
+        """How many steps of a trace are possible, and what the last one breaks.
+
+        And the world after each of them, (steps, world_size).
+        """
+        trace = self._raw(steps)
+        worlds = np.zeros((len(steps), self.world_size), dtype=np.uint8)
+        violates = self.ffi.new("bool *")
+        broken = self.ffi.new("soter_broken *")
+        possible = self.lib.soter_explore_replay(
+            self.model, seed, trace, len(steps), self._pointer(worlds), violates, broken
+        )
+        violation = (int(broken.what), int(broken.index)) if violates[0] else None
+        return int(possible), violation, worlds
+
+    def complete(self, settings: EngineSettings, steps: Sequence[RawStep]) -> Searched | None:
+        """An execution of the whole system from one of `settings.part`; None where it is none."""
+        whole = self.ffi.new("soter_trace_step[]", STEPS_MAX)
+        broken = self.ffi.new("soter_broken *")
+        options, part = self.options(settings), self._raw(steps)
+        length = self.lib.soter_explore_complete(
+            self.model, options, part, len(steps), whole, STEPS_MAX, broken
+        )
+        if length == 0:
+            return None
+        made = tuple(self._step(whole[i]) for i in range(length))
+        violation = (int(broken.what), int(broken.index))
+        return Searched(status="violated", broken=violation, depth=length, steps=made)
+
+    def violated_at_start(self, patience_s: float = math.inf) -> bool:
+        """Whether a start, before any step, violates a property, deadlines aside; True if stopped.
+
+        It is seen only where others step before the part that the property looks at: then parts
+        must not be explored alone.
+        """
+        progress = self.ffi.new("soter_explore_progress *")
+        verdicts: list[bool] = []
+
+        def look() -> None:
+            verdicts.append(bool(self.lib.soter_explore_starts_broken(self.model, progress)))
+
+        return bool(self.apart(look, progress, None, patience_s)) or verdicts[0]
+
+    def _raw(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
+        trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
+        for raw, s in zip(trace, steps, strict=False):
+            raw.actor = s.actor if s.actor >= 0 else 2**32 - 1
+            raw.kind, raw.release_ns, raw.time_ns = s.kind, s.release_ns, s.time_ns
+            raw.choices = len(s.choices)
+            for to, choice in zip(raw.choice, s.choices, strict=False):
+                to.stream, to.count, to.pick = choice.stream, choice.count, choice.pick
+        return trace
+
+    def worlds(self) -> Bytes:
+        """The worlds that the last search stored, (states, world_size), if it was to keep them."""
+        if self._kept == self.ffi.NULL:
+            return np.zeros((0, self.world_size), dtype=np.uint8)
+        count = int(self.lib.soter_explore_kept(self.model, self._kept, self.ffi.NULL))
+        worlds = np.zeros((count, self.world_size), dtype=np.uint8)
+        self.lib.soter_explore_kept(self.model, self._kept, self._pointer(worlds))
+        return worlds
+
+    def packed(self, world: Bytes) -> Words:
+        """A world as words. (world_size,) -> (words,)."""
+        words = np.zeros(self.words, dtype=np.uint64)
+        to = self.ffi.cast("uint64_t *", words.ctypes.data)
+        self.model.pack(self._pointer(world), to)
+        return words
+
+    def unpack(self, words: Words, world: Bytes) -> None:
+        """Read packed words back into a world that was started once. (words,) -> (world_size,)."""
+        of = self.ffi.cast("uint64_t *", words.ctypes.data)
+        self.model.unpack(of, self._pointer(world))
+
+    def _pointer(self, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
+        return self.ffi.cast("void *", array.ctypes.data)

@@ -1,0 +1,159 @@
+"""Which steps of a trace matter to its violation: a slice (docs/testing.md, "The slice").
+
+Purpose: from what the property reads back to the steps that may have changed it, by what steps of
+each actor read and write (`explore/model/actors.py`) and by what they did change. Whatever the
+choices of the other steps: it is violated all the same, unless something else is violated before.
+Non-goals: a smallest such set; finding traces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.explore.model.actors import Footprints
+from soter.explore.trace.trace import BEGIN, EFFECT, LOST, PROPERTY, START, TIMED, VIOLATION_KINDS
+from soter.lower.steps import lower
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import numpy.typing as npt
+
+    from soter.explore.engine.explorer_library import Engine, RawStep
+    from soter.explore.judge.replay import ReplayedStep
+    from soter.explore.model.exploration_plan import Label, PlannedActor
+
+CALENDAR = ("time", "done", "lost")
+"""What no choice of a step moves."""
+ALWAYS = ("stamp", "held", "due", "verdict")
+"""What is packed as an age, or as if it were: that it changed cannot be seen from its bits."""
+
+
+@dataclass(frozen=True)
+class _Effect:
+    """What one step may have written, and what that depends on."""
+
+    writes: frozenset[Label]
+    reads: frozenset[Label]
+
+
+class Slicer:
+    """Of the traces of one engine's system."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._system = engine.system
+        self._footprints = Footprints(engine.system, lower(engine.system))
+        self._bits: dict[Label, int] = {}
+        for label, at, width in engine.generated.fields:
+            mask = ((1 << width) - 1) << at
+            self._bits[label] = self._bits.get(label, 0) | mask
+
+    def matters(
+        self,
+        raw: Sequence[RawStep],
+        done: Sequence[ReplayedStep],
+        broken: tuple[int, int],
+        seed: int,
+    ) -> tuple[bool, ...]:
+        """For each step whether it matters; the last one does: there it is violated.
+
+        `raw` and `done` are the same steps, of the engine and as the interpreter made them.
+        """
+        possible, _, worlds = self._engine.replay(raw, seed)
+        if possible < len(raw) or not done or done[0].kind != START:
+            return (True,) * len(raw)
+        packed = np.array([self._engine.packed(w) for w in worlds])
+        from_ = self._seen_from(broken, raw, worlds)
+        seen = self._seen(broken)
+        marks = [False] * len(raw)
+        wanted: set[Label] = set()
+        for k in range(len(raw) - 1, 0, -1):
+            last = k == len(raw) - 1
+            if last or k >= from_:
+                wanted |= seen
+            actor = self._engine.actors[raw[k].actor]
+            if last and not seen:  # what is violated is the step itself
+                wanted |= actor.reads | actor.writes
+            effect = self._effect(actor, raw[k].actor, done[k])
+            touched = effect.writes & wanted
+            if touched:
+                changed = self._changed(packed[k - 1], packed[k])
+                open_ = bool(raw[k].choices) or done[k].kind == LOST
+                marks[k] = open_ or any(self._moved(label, changed) for label in touched)
+                if done[k].kind != LOST:
+                    wanted = (wanted - effect.writes) | effect.reads
+            marks[k] = marks[k] or last
+        marks[0] = bool(raw[0].choices) and any(label[0] == "cell" for label in wanted)
+        return tuple(marks)
+
+    # ------------------------------------------------------------ what is looked at
+
+    def _seen(self, broken: tuple[int, int]) -> set[Label]:
+        """What the property reads of a configuration; of a contract and a fault nothing."""
+        kind, index = VIOLATION_KINDS[broken[0]], broken[1]
+        labels: set[Label] = set()
+        if kind == PROPERTY:
+            labels = self._footprints.read_by(index)
+        elif kind == TIMED:
+            labels = self._footprints.read_by_timed(index)
+        return {label for label in labels if label[0] not in CALENDAR}
+
+    def _seen_from(
+        self, broken: tuple[int, int], raw: Sequence[RawStep], worlds: npt.NDArray[np.uint8]
+    ) -> int:
+        """The first step after which the property looks, where it looks more than once."""
+        if VIOLATION_KINDS[broken[0]] != TIMED:
+            return len(raw)
+        assert self._system.test is not None
+        prop = self._system.test.timed[broken[1]]
+        if prop.module is None:
+            due = self._clock(worlds, broken[1])
+            other = np.flatnonzero(due != due[-1])
+            return int(other[-1]) + 1 if len(other) else 0
+        verdict = int(self._clock(worlds, len(self._system.test.timed) + prop.module)[-1])
+        return max(next(k for k, s in enumerate(raw) if s.time_ns >= verdict) - 1, 0)
+
+    def _clock(self, worlds: npt.NDArray[np.uint8], number: int) -> npt.NDArray[np.int64]:
+        """The deadlines of the timed properties, then the last AC verdicts of the modules.
+
+        (steps, world_size) -> (steps,), ns; see `soter_explore.h`.
+        """
+        size = int(self._engine.model.program.state_size)
+        at = size + -size % 8 + 8 + 8 * number
+        clock_ns: npt.NDArray[np.int64] = worlds[:, at : at + 8].copy().view(np.int64)[:, 0]
+        return clock_ns
+
+    # ------------------------------------------------------------ what a step does
+
+    def _effect(self, actor: PlannedActor, number: int, done: ReplayedStep) -> _Effect:
+        """Without what the time and the calendar decide."""
+        topics = frozenset(label for label in actor.writes if label[0] in ("topic", "stamp"))
+        own = frozenset(self._own_queues(actor))
+        held: Label = ("held", number)
+        reads = frozenset(label for label in actor.reads if label[0] not in CALENDAR)
+        if done.kind == EFFECT:
+            return _Effect((topics - own) | {held}, reads | {held})
+        writes = actor.writes
+        if done.kind == BEGIN:
+            writes = (writes - topics) | own | {held}
+        elif done.gated:
+            writes = (writes - topics) | own
+        return _Effect(writes, reads)
+
+    def _own_queues(self, actor: PlannedActor) -> Iterator[Label]:
+        """Queues that it empties as it steps."""
+        for t in self._system.topics:
+            if t.queue_of is not None and t.name.startswith(f"{actor.name}."):
+                yield ("topic", t.index)
+                yield ("stamp", t.index)
+
+    def _changed(self, before: npt.NDArray[np.uint64], after: npt.NDArray[np.uint64]) -> int:
+        """The bits that differ. (words,), (words,) -> one number."""
+        return int.from_bytes((before ^ after).astype("<u8").tobytes(), "little")
+
+    def _moved(self, label: Label, changed: int) -> bool:
+        return label[0] in ALWAYS or bool(self._bits.get(label, 0) & changed)

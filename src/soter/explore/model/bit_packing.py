@@ -1,0 +1,369 @@
+"""Worlds as rows of bits: the bodies of `pack` and `unpack`, built field by field.
+
+Purpose: straight-line C with constant shifts; long arrays in loops. What one writes the other
+reads, because both are built by the same call.
+Non-goals: which fields there are (`model.py`).
+
+A field is never cut: its width comes from its type and from what is known of its values, and
+what cannot be bounded gets 64 bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name
+from soter.codegen.c.types import int_number
+from soter.lower.layout import scalar
+from soter.program.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    leaf_count,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from soter.explore.model.exploration_plan import Label
+    from soter.program.model.system import Bound
+    from soter.program.model.types import Type, Value
+
+    Hull = tuple[int, int] | None
+    """Smallest and largest value of an int leaf; None for other leaves."""
+
+UNROLLED = 16
+"""Arrays of more scalars are packed in a loop."""
+WORD = 64
+WORDS = c.Name("words")
+ALL = 2**64 - 1
+
+
+def word(value: int) -> c.CExpr:
+    """A constant of 64 bits."""
+    return c.Number(f"UINT64_C({value})" if value < 2**31 else f"UINT64_C(0x{value:x})")
+
+
+def short(value: int) -> c.CExpr:
+    """A constant beside which there are 64 bits already: a mask, an index, a shift."""
+    return c.Number(f"{value}U") if value < 2**31 else word(value)
+
+
+def unsigned(e: c.CExpr) -> c.CExpr:
+    """The value as a word."""
+    return c.Cast("uint64_t", e)
+
+
+# ---------------------------------------------------------------- what values a leaf has
+
+
+def hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> list[Hull]:
+    """Per leaf of `leaves(t)`: what an int in it may be, `values` and zeroed tails included."""
+    leaf_hulls: list[Hull] = []
+    for (path, leaf), bound in zip(leaves(t), bounds, strict=True):
+        if not isinstance(leaf, IntType):
+            leaf_hulls.append(None)
+            continue
+        low, high = leaf.low, leaf.high
+        if bound is not None:
+            low, high = max(low, math.ceil(bound.low)), min(high, math.floor(bound.high))
+        if "[]" in path:
+            low, high = min(low, 0), max(high, 0)
+        leaf_hulls.append((low, high))
+    for value in values:
+        leaf_hulls = [
+            h and (min([h[0], *given]), max([h[1], *given]))
+            for h, given in zip(leaf_hulls, leaf_values(t, value), strict=True)
+        ]
+    return leaf_hulls
+
+
+def leaf_values(t: Type, value: Value) -> list[list[Value]]:
+    """Per leaf of `leaves(t)`: what it is in `value`; of a list all that its elements are."""
+    if isinstance(t, RecordType):
+        return [x for (_, f), v in zip(t.fields, value, strict=True) for x in leaf_values(f, v)]
+    if isinstance(t, ArrayType):
+        return [x for v in value for x in leaf_values(t.element, v)]
+    if isinstance(t, ListType):
+        merged: list[list[Value]] = [[] for _ in leaves(t.element)]
+        for v in value:
+            for into, x in zip(merged, leaf_values(t.element, v), strict=True):
+                into.extend(x)
+        return merged
+    return [[value]]
+
+
+def _common(hulls_: Sequence[Hull], count: int) -> list[Hull]:
+    """The hulls of one element that are good for all elements of an array."""
+    element_hulls: list[Hull] = []
+    for i in range(count):
+        same = [h for h in hulls_[i::count] if h is not None]
+        element_hulls.append((min(h[0] for h in same), max(h[1] for h in same)) if same else None)
+    return element_hulls
+
+
+# ---------------------------------------------------------------- the two bodies
+
+
+class Packing:
+    """Builds `pack` and `unpack` together; `bits` is how many there are so far."""
+
+    def __init__(self) -> None:
+        self.pack: list[c.CStmt] = []
+        self.unpack: list[c.CStmt] = []
+        self.bits = 0
+        self.label: Label = ("", 0)
+        """Of the fields that follow."""
+        self.labelled: list[tuple[Label, int, int]] = []
+        """Label, first bit and width of every field so far."""
+        self._names = 0
+
+    def name(self, stem: str) -> str:
+        """A new temporary."""
+        self._names += 1
+        return f"{stem}{self._names}"
+
+    @property
+    def words(self) -> int:
+        """Words that the bits take."""
+        return -(-self.bits // WORD)
+
+    def field(self, value: c.CExpr, width: int) -> c.CExpr:
+        """Pack a word of which `width` low bits are in use; gives it as `unpack` reads it."""
+        if width == 0:
+            return word(0)
+        value = self._named(value) if self.bits % WORD + width > WORD else value
+        at = self.bits
+        self.labelled.append((self.label, at, width))
+        self._write(value, width)
+        return self._read(at, width)
+
+    def _named(self, value: c.CExpr) -> c.CExpr:
+        name = self.name("v")
+        self.pack.append(c.Declare("uint64_t", name, value, const=True))
+        return c.Name(name)
+
+    def _write(self, value: c.CExpr, width: int) -> None:
+        offset = self.bits % WORD
+        w = c.Name("w")
+        shifted = c.Binary("<<", value, short(offset)) if offset else value
+        self.pack.append(c.Assign(w, c.Binary("|", w, shifted) if offset else shifted))
+        index = self.bits // WORD
+        self.bits += width
+        if offset + width >= WORD:
+            self.pack.append(c.Assign(c.IndexExpr(WORDS, short(index)), w))
+        if offset + width > WORD:
+            self.pack.append(c.Assign(w, c.Binary(">>", value, short(WORD - offset))))
+
+    def _read(self, at: int, width: int) -> c.CExpr:
+        index, offset = divmod(at, WORD)
+        e: c.CExpr = c.IndexExpr(WORDS, short(index))
+        if offset:
+            e = c.Binary(">>", e, short(offset))
+        if offset + width > WORD:
+            rest = c.IndexExpr(WORDS, short(index + 1))
+            e = c.Binary("|", e, c.Binary("<<", rest, short(WORD - offset)))
+        masked = width < WORD and offset + width != WORD
+        return c.Binary("&", e, short((1 << width) - 1)) if masked else e
+
+    def align(self) -> None:
+        """Begin a new word."""
+        self._store_last()
+        self.bits += -self.bits % WORD
+
+    def mask(self, wanted: Callable[[Label], bool]) -> list[int]:
+        """Words with ones where a field with such a label is; asked for when all are packed."""
+        whole = 0
+        for label, at, width in self.labelled:
+            if wanted(label):
+                whole |= ((1 << width) - 1) << at
+        return [whole >> (WORD * i) & ALL for i in range(self.words)]
+
+    # ------------------------------------------------------------ values of a type
+
+    def value(
+        self, place: c.CExpr, t: Type, hulls_: Sequence[Hull], present: c.CExpr | None = None
+    ) -> None:
+        """Pack a stored value, and store it again; where `present` is no word of ones: zeros."""
+        if isinstance(t, RecordType):
+            at = 0
+            for n, f in t.fields:
+                count = sum(1 for _ in leaves(f))
+                self.value(c.Member(place, field_name(n)), f, hulls_[at : at + count], present)
+                at += count
+        elif isinstance(t, (ArrayType, ListType)):
+            self._sequence(place, t, hulls_, present)
+        else:
+            packed = self.field(_shown(place, t, hulls_[0], present), scalar_width(t, hulls_[0]))
+            self.unpack.append(c.Assign(place, _stored(packed, t, hulls_[0])))
+
+    def _sequence(
+        self,
+        place: c.CExpr,
+        t: ArrayType | ListType,
+        hulls_: Sequence[Hull],
+        present: c.CExpr | None,
+    ) -> None:
+        listed = isinstance(t, ListType)
+        if listed:
+            self.value(c.Member(place, "len"), _LENGTH, [(0, _size(t))], present)
+        items = c.Member(place, "items" if listed else "at")
+        count = sum(1 for _ in leaves(t.element))
+        if leaf_count(t) <= UNROLLED:
+            for i in range(_size(t)):
+                own = hulls_ if listed else hulls_[i * count : (i + 1) * count]
+                self.value(c.IndexExpr(items, c.Number(str(i))), t.element, own, present)
+            return
+        own = hulls_ if listed else _common(hulls_, count)
+        self.align()
+        first = self.bits // WORD
+        width = _width(t.element, own)
+        self.labelled.append((self.label, self.bits, width * _size(t)))
+        self.bits += width * _size(t)
+        k = self.name("k")
+        writes: list[c.CStmt] = []
+        reads: list[c.CStmt] = []
+        at = c.Binary("+", word(first * WORD), c.Binary("*", unsigned(c.Name(k)), word(width)))
+        element = c.IndexExpr(items, c.Name(k))
+        self._loop(element, t.element, own, at, 0, present=present, writes=writes, reads=reads)
+        low, size = c.Number("0"), c.Number(str(_size(t)))
+        zero = c.Assign(c.IndexExpr(WORDS, c.Name(k)), word(0))
+        self.pack.append(c.For(k, c.Number(str(first)), c.Number(str(self.words)), (zero,)))
+        self.pack.append(c.For(k, low, size, tuple(writes)))
+        self.unpack.append(c.For(k, low, size, tuple(reads)))
+        self.bits += -self.bits % WORD
+
+    def _loop(
+        self,
+        place: c.CExpr,
+        t: Type,
+        hulls_: Sequence[Hull],
+        base: c.CExpr,
+        at: int,
+        *,
+        present: c.CExpr | None,
+        writes: list[c.CStmt],
+        reads: list[c.CStmt],
+    ) -> int:
+        """The inside of a loop: a value at bit `base + at`; gives where the next one begins."""
+        if isinstance(t, RecordType):
+            first = 0
+            for n, f in t.fields:
+                count = sum(1 for _ in leaves(f))
+                inner, own = c.Member(place, field_name(n)), hulls_[first : first + count]
+                at = self._loop(
+                    inner, f, own, base, at, present=present, writes=writes, reads=reads
+                )
+                first += count
+            return at
+        if isinstance(t, (ArrayType, ListType)):
+            own = list(hulls_)
+            if isinstance(t, ListType):
+                length, size = c.Member(place, "len"), (0, _size(t))
+                at = self._loop(
+                    length, _LENGTH, [size], base, at, present=present, writes=writes, reads=reads
+                )
+            else:
+                own = _common(hulls_, sum(1 for _ in leaves(t.element)))
+            items = c.Member(place, "items" if isinstance(t, ListType) else "at")
+            width = _width(t.element, own)
+            k = self.name("k")
+            step = c.Binary("*", unsigned(c.Name(k)), word(width))
+            inside_w: list[c.CStmt] = []
+            inside_r: list[c.CStmt] = []
+            place = c.IndexExpr(items, c.Name(k))
+            start = c.Binary("+", base, step)
+            self._loop(
+                place, t.element, own, start, at, present=present, writes=inside_w, reads=inside_r
+            )
+            low, high = c.Number("0"), c.Number(str(_size(t)))
+            writes.append(c.For(k, low, high, tuple(inside_w)))
+            reads.append(c.For(k, low, high, tuple(inside_r)))
+            return at + width * _size(t)
+        width = scalar_width(t, hulls_[0])
+        if width == 0:
+            reads.append(c.Assign(place, _stored(word(0), t, hulls_[0])))
+            return at
+        where = c.Binary("+", base, word(at)) if at else base
+        shown = _shown(place, t, hulls_[0], present)
+        writes.append(c.Do(c.CallExpr("soter_put", (WORDS, where, short(width), shown))))
+        got = c.CallExpr("soter_get", (WORDS, where, short(width)))
+        reads.append(c.Assign(place, _stored(got, t, hulls_[0])))
+        return at + width
+
+    # ------------------------------------------------------------ done
+
+    def finish(self) -> None:
+        """Store the last word, which may not be full."""
+        self._store_last()
+
+    def _store_last(self) -> None:
+        if self.bits % WORD:
+            index = c.IndexExpr(WORDS, short(self.bits // WORD))
+            self.pack.append(c.Assign(index, c.Name("w")))
+
+
+_LENGTH = IntType(0, 2**31 - 1)
+
+
+def _size(t: ArrayType | ListType) -> int:
+    return t.size if isinstance(t, ArrayType) else t.capacity
+
+
+def scalar_width(t: Type, hull: Hull) -> int:
+    """Bits of a scalar."""
+    if isinstance(t, FloatType):
+        return WORD
+    if isinstance(t, BoolType):
+        return 1
+    if isinstance(t, EnumType):
+        return (len(t.members) - 1).bit_length()
+    assert hull is not None
+    return (hull[1] - hull[0]).bit_length()
+
+
+def _width(t: Type, hulls_: Sequence[Hull]) -> int:
+    """Bits of a value inside a loop."""
+    if isinstance(t, RecordType):
+        at, total = 0, 0
+        for _, f in t.fields:
+            count = sum(1 for _ in leaves(f))
+            total += _width(f, hulls_[at : at + count])
+            at += count
+        return total
+    if isinstance(t, ArrayType):
+        return t.size * _width(t.element, _common(hulls_, sum(1 for _ in leaves(t.element))))
+    if isinstance(t, ListType):
+        return scalar_width(_LENGTH, (0, t.capacity)) + t.capacity * _width(t.element, hulls_)
+    return scalar_width(t, hulls_[0])
+
+
+def _shown(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CExpr:
+    """A stored scalar as a word, counted from the low end of its hull."""
+    if isinstance(t, FloatType):
+        e: c.CExpr = c.CallExpr("soter_float_bits", (place,))
+    else:
+        e = unsigned(place)
+        if hull is not None and hull[0] != 0:
+            e = c.Binary("-", e, word(hull[0] & ALL))
+    return e if present is None else c.Binary("&", e, present)
+
+
+def _stored(packed: c.CExpr, t: Type, hull: Hull) -> c.CExpr:
+    """The word as it is stored."""
+    if isinstance(t, FloatType):
+        return c.CallExpr("soter_float_of", (packed,))
+    s = scalar(t)
+    assert s is not None
+    if hull is not None and hull[0] != 0:
+        if packed == word(0):
+            return c.Cast(s.c_type, int_number(hull[0]))
+        packed = c.Binary("+", packed, word(hull[0] & ALL))
+    return c.Cast(s.c_type, packed)

@@ -1,0 +1,428 @@
+"""The model of a system that the explorer runs: one more table after the generated program.
+
+Purpose: `<prefix>_model` (soter_explore.h): actors, timed properties, leaves for coverage, and
+how a world is packed.
+Non-goals: what the actors are (`explore/model/actors.py` says), searching
+(`explore/engine/c/soter_explore*.c`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.codegen import decisions
+from soter.codegen.c import tree as c
+from soter.codegen.c.types import float_number, int_number
+from soter.codegen.unit import Unit, UnitBuilder
+from soter.explore.methods import LEAVES_MAX
+from soter.explore.model.bit_packing import word
+from soter.explore.model.configurations import ConfigurationEmitter, within
+from soter.explore.model.robustness_functions import Guides
+from soter.lower.layout import scalar, size_of, struct_of
+from soter.program.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.explore.model.bit_packing import Packing
+    from soter.explore.model.configurations import AgeingField
+    from soter.explore.model.exploration_plan import ExplorationPlan, Label, PlannedActor
+    from soter.explore.model.robustness_functions import Aim
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import Bound, System, Topic
+    from soter.program.model.types import Type
+
+KINDS = {
+    "eventually": "SOTER_EVENTUALLY",
+    "leadsto": "SOTER_LEADSTO",
+    "invariant": "SOTER_INVARIANT",
+}
+
+
+@dataclass(frozen=True)
+class ExplorerModel:
+    """The generated unit with its model.
+
+    `world_size` in bytes; `leaves`: topic and path of the leaves for coverage, as numbered;
+    `fields`: of a packed world, what it is of, first bit and width; `aims`: what guides are of.
+    """
+
+    unit: Unit
+    plan: ExplorationPlan
+    symbol: str
+    world_size: int
+    bits: int
+    leaves: tuple[tuple[int, tuple[str, ...]], ...]
+    fields: tuple[tuple[Label, int, int], ...] = ()
+    aims: tuple[Aim, ...] = ()
+
+
+def generate_model(
+    system: System, core: CoreSystem, plan: ExplorationPlan, prefix: str | None = None
+) -> ExplorerModel:
+    """The C of a system with its model; its nodes tell which branches they take."""
+    builder = _ModelBuilder(system, core, plan, prefix)
+    builder.frame.branches = []
+    unit = builder.run()
+    return ExplorerModel(
+        unit,
+        plan,
+        builder.symbol,
+        builder.world_size,
+        builder.bits,
+        tuple((x.topic, x.path) for x in builder.leaves),
+        fields=builder.fields,
+        aims=builder.aims,
+    )
+
+
+@dataclass(frozen=True)
+class _ModelLeaf:
+    topic: int
+    path: tuple[str, ...]
+    offset: int
+    type: Type
+    low: float
+    high: float
+
+
+class _ModelBuilder(UnitBuilder):
+    def __init__(
+        self, system: System, core: CoreSystem, plan: ExplorationPlan, prefix: str | None
+    ) -> None:
+        super().__init__(system, core, prefix)
+        assert system.test is not None
+        self.plan = plan
+        self.test = system.test
+        self.world_size = 0
+        self.bits = 0
+        self.aims: tuple[Aim, ...] = ()
+        self.scales = 0
+        self.leaves: list[_ModelLeaf] = []
+        self.fields: tuple[tuple[Label, int, int], ...] = ()
+        self.held_at: dict[int, int] = {}
+        self.symbol = ""
+        self.world = ""
+
+    # ------------------------------------------------------------ everything
+
+    def more(self) -> list[c.CTop]:
+        """The model, after the tables."""
+        unique = self.types.unique
+        worlds = ConfigurationEmitter(
+            self.system, self.plan, self.types, self.frame, self.layout, self.prefix
+        )
+        struct, packing = worlds.struct(), worlds.packing
+        self.world = worlds.name
+        self.world_size, self.bits, self.held_at = worlds.size, packing.bits, worlds.held_at
+        self.fields = tuple(packing.labelled)
+        pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
+        predicates, timed = self._timed()
+        asked, premises = self._premises()
+        leaf = self._leaves()
+        guides = Guides(self.system, self.core, self.frame)
+        margins, rows = guides.emit()
+        guide = self._table("soter_aim", "guides", rows, [], "how far from a violation")
+        self.aims, self.scales = tuple(guides.aims), guides.sites
+        ageing = self._ageing(worlds.ageing)
+        parts = [self._actors(packing), timed, leaf, ageing, *self._masks(packing), guide, premises]
+        return [
+            c.Section("model of the explorer"),
+            c.Include("soter_explore_margin.h"),
+            c.Include("soter_explore_pack.h"),
+            struct,
+            *predicates,
+            *asked,
+            *margins,
+            worlds.pack(pack_name),
+            worlds.unpack(unpack_name),
+            *(x for tables, _ in parts for x in tables),
+            self._model([value for _, value in parts], worlds, pack_name, unpack_name),
+        ]
+
+    # ------------------------------------------------------------ tables
+
+    def _table(
+        self, type_: str, name: str, rows: list[c.CExpr], before: list[c.CTop], comment: str
+    ) -> tuple[list[c.CTop], c.CExpr]:
+        if not rows:
+            return before, c.Name("NULL")
+        own = self.types.unique(name)
+        value = c.Initializer(tuple((None, r) for r in rows))
+        table = c.VariableDef(type_, own, value, array=True, comment=comment)
+        return [*before, table], c.Name(own)
+
+    def _mask(
+        self, packing: Packing, name: str, wanted: Callable[[Label], bool], before: list[c.CTop]
+    ) -> tuple[list[c.CTop], c.CExpr]:
+        """A table of the words in which the wanted fields are ones."""
+        words = [word(x) for x in packing.mask(wanted)]
+        return self._table("uint64_t", name, words, before, "")
+
+    def _masks(self, packing: Packing) -> list[tuple[list[c.CTop], c.CExpr]]:
+        """The schedule's bits, those that properties read, and what is owed."""
+        observed = self.plan.observed
+
+        def mask(name: str, kinds: set[str]) -> tuple[list[c.CTop], c.CExpr]:
+            return self._mask(packing, name, lambda label: label[0] in kinds, [])
+
+        kinds = (
+            ("scheduled", {"time", "done", "lost"}),
+            ("clock", {"time"}),
+            ("dues", {"due"}),
+            ("verdicts", {"verdict"}),
+        )
+        return [
+            self._mask(packing, "observed", lambda label: label in observed, []),
+            *(mask(name, of) for name, of in kinds),
+        ]
+
+    def _first_leaf(self, topic: int) -> int:
+        """Where the leaves of a topic begin; how many there are in all where it has none."""
+        numbers = (i for i, x in enumerate(self.leaves) if x.topic == topic)
+        return next(numbers, len(self.leaves))
+
+    def _actors(self, packing: Packing) -> tuple[list[c.CTop], c.CExpr]:
+        rows: list[c.CExpr] = []
+        before: list[c.CTop] = []
+        for i, a in enumerate(self.plan.actors):
+            topics: list[c.CExpr] = [c.Number(f"{t}U") for t in a.outputs]
+            before, outputs = self._table(
+                "uint32_t", f"outputs_{i}", topics, before, f"outputs of {a.name}"
+            )
+            first: list[c.CExpr] = [c.Number(f"{self._first_leaf(t)}U") for t in a.outputs]
+            before, leaf = self._table("uint32_t", f"leaf_{i}", first, before, "")
+            clocks = self._clocks(a)
+            reads, writes = a.reads | clocks, a.writes | clocks
+            before, read = self._mask(packing, f"reads_{i}", reads.__contains__, before)
+            before, written = self._mask(packing, f"writes_{i}", writes.__contains__, before)
+            number = f"{a.component}U" if a.input is None else f"SOTER_INPUT | {a.input}U"
+            rows.append(
+                c.Initializer(
+                    (
+                        ("component", c.Name(number)),
+                        ("period_ns", int_number(a.period_ns)),
+                        ("phase_ns", int_number(a.phase_ns)),
+                        ("window_ns", int_number(a.window_ns)),
+                        ("overrun_ns", int_number(a.overrun_ns)),
+                        ("least_ns", int_number(a.least_ns)),
+                        ("skips", c.Number(f"{a.skips}U")),
+                        ("dependent", word(a.dependent)),
+                        ("visible", _truth(a.visible)),
+                        ("output", outputs),
+                        ("leaf", leaf),
+                        ("outputs", c.Number(f"{len(a.outputs)}U")),
+                        ("reads", read),
+                        ("writes", written),
+                        ("held", c.Number(f"{self.held_at.get(i, 0)}U")),
+                    )
+                )
+            )
+        return self._table(
+            "soter_actor",
+            "actors",
+            rows,
+            before,
+            "actors: inputs, then components in deployed order",
+        )
+
+    def _clocks(self, a: PlannedActor) -> set[Label]:
+        """What an invariant knows of the past, where the actor may change that."""
+        if a.component is None:
+            return set()
+        x = self.system.components[a.component]
+        if x.role not in {"dm", "sc"} or x.module is None:
+            return set()
+        return {("verdict", x.module)}
+
+    def _timed(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
+        functions: list[c.CTop] = []
+        rows: list[c.CExpr] = []
+        for t, lowered in zip(self.test.timed, self.core.timed, strict=True):
+            predicate_names = []
+            for what, predicate in (("premise", lowered.premise), ("condition", lowered.condition)):
+                name = self.types.unique(f"timed_{t.index}_{what}") if predicate else "NULL"
+                if predicate is not None:
+                    functions.append(
+                        decisions.predicate(
+                            self.frame,
+                            predicate,
+                            name,
+                            f"{what} of {t.kind} {t.text}",
+                            unsafe=False,
+                        )
+                    )
+                predicate_names.append(c.Name(name))
+            rows.append(
+                c.Initializer(
+                    (
+                        ("text", c.String(t.text)),
+                        ("kind", c.Name(KINDS[t.kind])),
+                        ("premise", predicate_names[0]),
+                        ("condition", predicate_names[1]),
+                        ("within_ns", int_number(within(self.system, t))),
+                        ("module", c.Number(f"{t.module or 0}U")),
+                    )
+                )
+            )
+        return functions, self._table("soter_timed", "timed", rows, [], "timed properties")
+
+    def _premises(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
+        """Of the properties that are implications; no table where none is."""
+        functions: list[c.CTop] = []
+        rows: list[c.CExpr] = []
+        for p, premise in zip(self.system.properties, self.core.premises, strict=True):
+            name = self.types.unique(f"premise_{p.index}") if premise else "NULL"
+            if premise is not None:
+                what = f"premise of {p.kind} {p.text}"
+                made = decisions.predicate(self.frame, premise, name, what, unsafe=False)
+                functions.append(made)
+            rows.append(c.Name(name))
+        if not functions:
+            return [], ([], c.Name("NULL"))
+        type_ = "soter_premise"
+        return functions, self._table(type_, "premises", rows, [], "premises of implications")
+
+    def _leaves(self) -> tuple[list[c.CTop], c.CExpr]:
+        for t in self.system.topics:
+            if t.queue_of is None:
+                offset = self.layout.topic_offset(t.index)
+                for (path, leaf, at), bound in zip(
+                    _placed(t.type, offset), _flat_bounds(t), strict=True
+                ):
+                    low, high = (bound.low, bound.high) if bound else _range(leaf)
+                    self.leaves.append(_ModelLeaf(t.index, path, at, leaf, low, high))
+        del self.leaves[LEAVES_MAX:]
+        rows: list[c.CExpr] = []
+        for x in self.leaves:
+            s = scalar(x.type)
+            assert s is not None
+            kind = 2 if isinstance(x.type, FloatType) else 1 if isinstance(x.type, IntType) else 0
+            rows.append(
+                c.Initializer(
+                    (
+                        ("topic", c.Number(f"{x.topic}U")),
+                        ("offset", c.Number(f"{x.offset}U")),
+                        ("kind", c.Number(f"{kind}U")),
+                        ("size", c.Number(f"{s.size}U")),
+                        ("is_signed", _truth(s.c_type.startswith("int"))),
+                        ("low", float_number(x.low)),
+                        ("high", float_number(x.high)),
+                    )
+                )
+            )
+        return self._table("soter_leaf", "leaves", rows, [], "scalars of topics")
+
+    def _ageing(self, fields: list[AgeingField]) -> tuple[list[c.CTop], c.CExpr]:
+        rows: list[c.CExpr] = [
+            c.Initializer(
+                (
+                    ("at", c.Number(f"{x.at}U")),
+                    ("width", c.Number(f"{x.width}U")),
+                    ("kind", c.Name(x.kind)),
+                    ("most", word(x.most)),
+                )
+            )
+            for x in fields
+        ]
+        return self._table("soter_ageing", "ageing", rows, [], "packed fields that grow older")
+
+    def _model(
+        self, tables: list[c.CExpr], worlds: ConfigurationEmitter, pack: str, unpack: str
+    ) -> c.VariableDef:
+        plan, packing = self.plan, worlds.packing
+        actor, timed, leaf, ageing, observed, scheduled, clock, dues, verdicts, guide, premise = (
+            tables
+        )
+        labels = {label[0] for label, _, width in packing.labelled if width}
+        plain = labels.isdisjoint({"stamp", "due", "verdict", "held"})
+        at, now = next((at, w) for label, at, w in packing.labelled if label == ("time", 0))
+        assert at == 1, at  # soter_time_of
+
+        def count(n: int) -> c.CExpr:
+            return c.Number(f"{n}U")
+
+        value = c.Initializer(
+            (
+                ("program", c.Unary("&", c.Name(f"{self.prefix}_program"))),
+                ("actor", actor),
+                ("timed", timed),
+                ("leaf", leaf),
+                ("guide", guide),
+                ("premise", premise),
+                ("actors", count(len(plan.actors))),
+                ("timeds", count(len(self.test.timed))),
+                ("leaves", count(len(self.leaves))),
+                ("branches", count(len(self.frame.branches or ()))),
+                ("guides", count(len(self.aims))),
+                ("scales", count(self.scales)),
+                ("tick_ns", int_number(plan.tick_ns)),
+                ("quantum_ns", int_number(plan.quantum_ns)),
+                ("horizon_ns", int_number(plan.horizon_ns)),
+                ("ordered", _truth(self.test.ordered)),
+                ("timely", _truth(plan.timely)),
+                ("now_mask", word((1 << now) - 1)),
+                ("sampled", _truth(plan.sampled)),
+                ("plain", _truth(plain)),
+                ("brief", _truth("held" not in labels)),
+                ("ageing", ageing),
+                ("ageings", count(len(worlds.ageing))),
+                ("scheduled", scheduled),
+                ("clock", clock),
+                ("calendar", count(worlds.calendar)),
+                ("observed", observed),
+                ("dues", dues),
+                ("verdicts", verdicts),
+                ("world_size", c.CallExpr("sizeof", (c.Name(self.world),))),
+                ("bits", count(packing.bits)),
+                ("words", count(packing.words)),
+                ("pack", c.Name(pack)),
+                ("unpack", c.Name(unpack)),
+            )
+        )
+        return c.VariableDef("soter_model", self.symbol, value, static=False)
+
+
+def _truth(value: bool) -> c.CExpr:
+    return c.Name("true" if value else "false")
+
+
+def _range(t: Type) -> tuple[float, float]:
+    """All values of a leaf's type."""
+    if isinstance(t, IntType):
+        return float(t.low), float(t.high)
+    if isinstance(t, FloatType):
+        return float("-inf"), float("inf")
+    return 0.0, float(len(t.members) - 1) if isinstance(t, EnumType) else 1.0
+
+
+def _placed(t: Type, offset: int) -> Iterator[tuple[tuple[str, ...], Type, int]]:
+    """Path, type and offset of the leaves that are always there, in the order of `leaves`."""
+    if isinstance(t, RecordType):
+        at = {m.index: m.offset for m in struct_of(t).members}
+        for i, (n, f) in enumerate(t.fields):
+            yield from (((n, *p), k, o) for p, k, o in _placed(f, offset + at[i]))
+    elif isinstance(t, ArrayType):
+        step = size_of(t.element)
+        for i in range(t.size):
+            inner = _placed(t.element, offset + i * step)
+            yield from (((f"[{i}]", *p), k, o) for p, k, o in inner)
+    elif isinstance(t, (BoolType, EnumType, IntType, FloatType)):
+        yield (), t, offset
+    else:
+        assert isinstance(t, ListType)
+
+
+def _flat_bounds(t: Topic) -> list[Bound | None]:
+    """The bounds of those leaves."""
+    return [b for (path, _), b in zip(leaves(t.type), t.bounds, strict=True) if "[]" not in path]

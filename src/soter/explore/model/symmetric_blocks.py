@@ -1,0 +1,301 @@
+"""Equal instances of a test: families of blocks of a packed configuration that may change places.
+
+Purpose: to propose renamings that swap two components and whatever then has to be swapped with
+them, to keep those that `symmetry.py` accepts, and to say which bits of a packed configuration
+they swap. Two swaps that share a block make a family of three, and so on: what swaps one block
+with each of the others generates all orders of the blocks.
+Non-goals: why that is sound (docs/testing.md, "Equal instances"), using it (`engine/c/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+from soter.explore.model.symmetry import Renaming, RenamingCheck
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from soter.explore.model.exploration_plan import ExplorationPlan, Label
+    from soter.explore.model.independent_parts import IndependentPart
+    from soter.explore.model.symmetry import Field
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import Component, System
+
+    Span = tuple[int, int]
+    """First bit and width of a field."""
+
+WORD = 64
+FIELDS_MAX = 4096
+"""Fields of all blocks of a family (`SOTER_WORDS`)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Equal instances: their names, and of each the fields, which stand for one another in order.
+
+    `swaps`: renamings that swap the first one with each of the others. `actors`, `properties`
+    and `timeds` are masks of what they rename.
+    """
+
+    names: tuple[str, ...]
+    blocks: tuple[tuple[Span, ...], ...]
+    swaps: tuple[Renaming, ...]
+    actors: int
+    properties: int
+    timeds: int
+
+    def is_of(self, part: IndependentPart | None) -> bool:
+        """Whether all that it renames is in this part of the system (None: all of it)."""
+        if part is None or part.actors == 0:
+            return True
+        judged = ((self.properties, part.properties), (self.timeds, part.timeds))
+        return not self.actors & ~part.actors and all(
+            not mine & ~own or not mine & own for mine, own in judged
+        )
+
+
+def families_of(
+    system: System, lowered: CoreSystem, plan: ExplorationPlan, fields: tuple[Field, ...]
+) -> tuple[Family, ...]:
+    """The families of a test, those of the smallest blocks first: they may be inside of others."""
+    judge = RenamingCheck(system, lowered, plan, fields)
+    places: dict[Label, list[Span]] = {}
+    for label, at, width in fields:
+        places.setdefault(label, []).append((at, width))
+    families: list[Family] = []
+    tried: set[tuple[int, int]] = set()
+    for x in system.components:
+        swaps: list[tuple[Component, Renaming]] = []
+        for y in system.components[x.index + 1 :]:
+            if not _alike(x, y) or (x.index, y.index) in tried:
+                continue
+            tried.add((x.index, y.index))
+            r = _proposed(judge, x, y)
+            if r is not None and judge.accepts(r):
+                tried |= set(r.components.items())
+                swaps.append((y, r))
+        for family in _families(system, places, x, swaps):
+            if not any(_includes(f, family) for f in families):
+                families.append(family)
+                tried |= _pairs(family)
+    return tuple(sorted(families, key=lambda f: len(f.blocks[0])))
+
+
+def _includes(family: Family, pair: Family) -> bool:
+    """Whether two blocks of a family are what the other one swaps."""
+    moved = {s for b in pair.blocks for s in b}
+    return any({*a, *b} == moved for a, b in combinations(family.blocks, 2))
+
+
+def _pairs(family: Family) -> set[tuple[int, int]]:
+    """Components that stand in the same place in two of its blocks."""
+    pairs = set()
+    for r, s in combinations(family.swaps, 2):
+        for i in r.components.keys() & s.components.keys():
+            pairs |= {(r.components[i], s.components[i]), (s.components[i], r.components[i])}
+    return pairs
+
+
+def _alike(x: Component, y: Component) -> bool:
+    """Whether it is worth a try."""
+    if x.node is not y.node or x.plant is not y.plant:
+        return False
+    return (x.role, x.period_ns, x.phase_ns) == (y.role, y.period_ns, y.phase_ns)
+
+
+# ---------------------------------------------------------------- what has to be swapped as well
+
+
+class _Swap:
+    """A renaming that is its own inverse, as it grows."""
+
+    def __init__(self, judge: RenamingCheck) -> None:
+        self.judge = judge
+        self.system = judge.system
+        self.made = Renaming()
+        self.waiting: list[tuple[str, int, int]] = []
+        self.fine = True
+
+    def add(self, kind: str, a: int, b: int) -> None:
+        """Two components, topics or modules change places (or stay)."""
+        of = {
+            "component": self.made.components,
+            "topic": self.made.topics,
+            "module": self.made.modules,
+        }[kind]
+        if of.get(a, b) != b or of.get(b, a) != a:
+            self.fine = False
+        elif a not in of and a != b:
+            of[a], of[b] = b, a
+            self.waiting.append((kind, a, b))
+
+    def grow(self) -> None:
+        """Until nothing more has to be swapped; topics come last, as code says more than they."""
+        while self.fine and self.waiting:
+            at = next((i for i, w in enumerate(self.waiting) if w[0] != "topic"), 0)
+            kind, a, b = self.waiting.pop(at)
+            {"component": self._component, "module": self._module, "topic": self._topic}[kind](a, b)
+
+    def _component(self, a: int, b: int) -> None:
+        x, y = self.system.components[a], self.system.components[b]
+        named, other = self.judge.reads(x), self.judge.reads(y)
+        self.fine = len(named) == len(other) and (x.module is None) == (y.module is None)
+        if not self.fine:
+            return
+        if x.module is not None and y.module is not None:
+            self.add("module", x.module, y.module)
+        for (kind, i), (same, j) in zip(named, other, strict=True):
+            self.fine = self.fine and kind == same
+            self.add(kind, i, j)
+
+    def _module(self, a: int, b: int) -> None:
+        m, n = self.system.modules[a], self.system.modules[b]
+        for i, j in ((m.dm, n.dm), (m.ac, n.ac), (m.sc, n.sc)):
+            self.add("component", i, j)
+        if m.over is not None and n.over is not None:
+            self.add("module", m.over, n.over)
+
+    def _topic(self, a: int, b: int) -> None:
+        """Who names the one has somebody like it who names the other; who names both stays."""
+        there, here = self._who(a), self._who(b)
+        stay = [i for i in there if i in here]
+        left = [i for i in there if i not in stay and i not in self.made.components]
+        right = [i for i in here if i not in stay and i not in self.made.components]
+        self.fine = len(left) == len(right)
+        for i in left:
+            x = self.system.components[i]
+            j = next((j for j in right if _alike(x, self.system.components[j])), None)
+            if j is None:
+                self.fine = False
+                return
+            right.remove(j)
+            self.add("component", i, j)
+        self._queues(a, b)
+
+    def _queues(self, a: int, b: int) -> None:
+        """Queues behind two topics, of one subscriber or of two that are swapped."""
+        topics = self.system.topics
+        of_a, of_b = topics[a].queue_of, topics[b].queue_of
+        if of_a is not None and of_b is not None:
+            self.add("topic", of_a, of_b)
+        for q in topics[a].queues:
+            if q in self.made.topics:
+                continue
+            of = {self.made.component(i) for i in self._who(q)}
+            same = [p for p in topics[b].queues if of & set(self._who(p))]
+            if same:
+                self.add("topic", q, same[0])
+
+    def _who(self, topic: int) -> list[int]:
+        """Components whose code names a topic, or a queue behind it."""
+        some = {("topic", t) for t in (topic, *self.system.topics[topic].queues)}
+        return [x.index for x in self.system.components if some & set(self.judge.reads(x))]
+
+
+def _proposed(judge: RenamingCheck, x: Component, y: Component) -> Renaming | None:
+    """What has to be swapped if these two are; None where that goes wrong."""
+    swap = _Swap(judge)
+    swap.add("component", x.index, y.index)
+    swap.grow()
+    return swap.made if swap.fine else None
+
+
+# ---------------------------------------------------------------- families
+
+
+def _families(
+    system: System,
+    places: dict[Label, list[Span]],
+    first: Component,
+    swaps: list[tuple[Component, Renaming]],
+) -> list[Family]:
+    """As many as fit together in one; each that fits with no other by itself."""
+    moved = [_moved(places, r) for _, r in swaps]
+    left, made = list(range(len(swaps))), []
+    while left:
+        some = max((_together(moved, left[0], j, left) for j in left), key=len)
+        row = sorted(set.intersection(*[set(moved[i]) for i in some]))
+        if len(some) == 1:
+            row = [x for x in row if x < moved[some[0]][x]]  # one of each two
+        blocks = [row, *([moved[i][x] for x in row] for i in some)]
+        made.append(_family(system, places, first, [swaps[i] for i in some], blocks))
+        left = [i for i in left if i not in some]
+    return [f for f in made if f is not None]
+
+
+def _together(
+    moved: list[dict[Label, Label]], first: int, second: int, others: list[int]
+) -> list[int]:
+    """Swaps of one block, what two of them have in common, with others: the first one at least."""
+    inside = set(moved[first]) & set(moved[second])
+    taken, swaps = set(inside), []
+    for i in dict.fromkeys((first, second, *others)):
+        block = {moved[i].get(x, x) for x in inside}
+        if set(moved[i]) == inside | block and not block & taken:
+            swaps.append(i)
+            taken |= block
+    return swaps if first in swaps else [first]
+
+
+def _moved(places: dict[Label, list[Span]], r: Renaming) -> dict[Label, Label]:
+    """The pieces of a configuration that change places."""
+    return {x: r.label(x) for x in places if r.label(x) != x}
+
+
+def _family(
+    system: System,
+    places: dict[Label, list[Span]],
+    first: Component,
+    swaps: Sequence[tuple[Component, Renaming]],
+    blocks: Sequence[Sequence[Label]],
+) -> Family | None:
+    """None where there is nothing to swap, or too much."""
+    spans = [[span for label in block for span in places[label]] for block in blocks]
+    own = _merged(spans)
+    if not own[0] or len(own) * len(own[0]) > FIELDS_MAX:
+        return None
+    renamed = [r for _, r in swaps]
+    return Family(
+        names=_names(system, [first.name, *(y.name for y, _ in swaps)], renamed),
+        blocks=tuple([tuple(b) for b in own]),
+        swaps=tuple(renamed),
+        actors=_mask(i for r in renamed for i, j in r.actors.items() if i != j),
+        properties=_mask(i for r in renamed for i, j in r.properties.items() if i != j),
+        timeds=_mask(i for r in renamed for i, j in r.timeds.items() if i != j),
+    )
+
+
+def _merged(blocks: list[list[Span]]) -> list[list[Span]]:
+    """The same bits in as few fields of at most a word as there can be."""
+    fields: list[list[Span]] = [[] for _ in blocks]
+    for row in sorted(zip(*blocks, strict=True)):
+        ends = [b[-1][0] + b[-1][1] if b else -1 for b in fields]
+        width = row[0][1]
+        wide = width + fields[0][-1][1] if fields[0] else WORD + 1
+        if wide <= WORD and all(e == at for e, (at, _) in zip(ends, row, strict=True)):
+            for b in fields:
+                b[-1] = (b[-1][0], wide)
+            continue
+        for b, (at, _) in zip(fields, row, strict=True):
+            b += [(at + k, min(WORD, width - k)) for k in range(0, width, WORD)]
+    return fields
+
+
+def _names(system: System, names: list[str], renamed: Sequence[Renaming]) -> tuple[str, ...]:
+    """`r[0]`, `r[1]` of `r[0].Go`, `r[1].Go`, if all that is in them is swapped."""
+    moved = {system.components[i].name for r in renamed for i in r.components}
+    still = [x.name for x in system.components if x.name not in moved]
+    parts = [n.split(".") for n in names]
+    while min(len(p) for p in parts) > 1 and len({p[-1] for p in parts}) == 1:
+        shorter = [p[:-1] for p in parts]
+        if any(n.startswith(".".join(p) + ".") for p in shorter for n in still):
+            break
+        parts = shorter
+    return tuple([".".join(p) for p in parts])
+
+
+def _mask(bits: Iterable[int]) -> int:
+    return sum(1 << b for b in set(bits))

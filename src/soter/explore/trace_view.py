@@ -1,0 +1,262 @@
+"""A replayed trace as the sequence view that the page, the log and the table show.
+
+Purpose: lanes, topics, modes, and what every step did, in words (`report/sequence/view.py`).
+Non-goals: drawing; running anything.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Literal, cast
+
+from soter.explore.trace.choice_names import ChoiceWords
+from soter.explore.trace.trace import BEGIN, EFFECT, START
+from soter.report.sequence.view import (
+    Lane,
+    ModeSwitch,
+    ModuleModes,
+    Pick,
+    Published,
+    SequenceStep,
+    SequenceView,
+    TopicFlow,
+    duration_text,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from soter.explore.judge.replay import Replayed, ReplayedStep
+    from soter.explore.trace.schedule import ScheduledActor
+    from soter.explore.trace.trace import Choice
+    from soter.program.model.system import Component, System
+    from soter.report.sequence.view import Kind, Mode, Role
+
+KINDS = {BEGIN: "overrun"}
+"""Kinds of steps that the view calls otherwise."""
+UNTOLD = "the file of the trace does not say; the output of `soter test` does"
+DROPS = {
+    "drop_oldest": "the oldest is dropped",
+    "drop_newest": "the new one is dropped",
+    "fault": "the new one is lost, a fault of its reader",
+}
+ORDER = ("dm", "sc", "ac")
+"""Of the lanes of a module."""
+
+
+def view_of(
+    replay: Replayed,
+    tool_version: str,
+    provenance: Mapping[str, str] | None = None,
+    program: str | None = None,
+) -> SequenceView:
+    """The view of a replayed trace; the violating step is the last, where it reproduces.
+
+    `program`: its path as a reader would type it; by default as the trace has it.
+    """
+    trace, system = replay.trace, replay.system
+    words = ChoiceWords(system)
+    durations = _durations(replay)
+    steps = [_step(s, replay, words, durations) for s in replay.steps]
+    if not steps or steps[0].kind != "start":
+        steps.insert(0, _start(replay))
+    return SequenceView(
+        program=program or trace.program,
+        system=trace.system,
+        test=trace.test,
+        property_text=property_text(trace.broken.text),
+        verdict=_sentence(replay),
+        remark=_remark(replay),
+        lanes=_lanes(system, replay.actors),
+        steps=tuple(steps),
+        topics=tuple(_topics(system)),
+        modes=tuple([_modes(replay, i, steps[0].number) for i in range(len(system.modules))]),
+        assumptions=trace.assumptions or (UNTOLD,),
+        program_sha256=trace.sha256,
+        seed=trace.seed,
+        tool_version=tool_version,
+        provenance=dict(provenance or {}),
+    )
+
+
+def property_text(text: str) -> str:
+    """`always x < 1`, with what is code in backquotes."""
+    kind, _, rest = text.partition(" ")
+    return f"{kind} `{rest}`" if kind in ("always", "never", "eventually") and rest else text
+
+
+def _sentence(replay: Replayed) -> str:
+    if not replay.reproduced:
+        return f"The trace does not reproduce: {replay.outcome}."
+    last = replay.steps[-1]
+    steps = len([s for s in replay.steps if s.kind != START])
+    return f"Violated after {_count(steps, 'step')}, at {duration_text(max(last.time_ns, 0))}."
+
+
+def _remark(replay: Replayed) -> str:
+    """Whether the trace is the shortest one."""
+    if not replay.reproduced:
+        return ""
+    if replay.trace.minimal:
+        return "No execution violates it in fewer steps; the interpreter has replayed it."
+    why = replay.trace.not_shortest or "the file of the trace does not say why"
+    perhaps = f"erhaps not the shortest execution: {why}; the interpreter has replayed it."
+    before, after = replay.trace.shrunk_from, len(replay.trace.steps)
+    if not before:
+        return f"P{perhaps}"
+    born = len([s for s in replay.trace.steps if s.kind == START])
+    return f"Shrunk from {before - born:,} steps to {after - born:,}; p{perhaps}"
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def _durations(replay: Replayed) -> dict[int, int]:
+    """Of steps that overrun and of their effects: number of the step, ns between the two."""
+    begun: dict[str, ReplayedStep] = {}
+    durations: dict[int, int] = {}
+    for s in replay.steps:
+        if s.kind == BEGIN:
+            begun[s.actor] = s
+        elif s.kind == EFFECT and s.actor in begun:
+            start = begun.pop(s.actor)
+            durations[start.number] = durations[s.number] = s.time_ns - start.time_ns
+    return durations
+
+
+def _start(replay: Replayed) -> SequenceStep:
+    return SequenceStep(number=0, time_ns=0, kind="start", published=_at_start(replay))
+
+
+def _at_start(replay: Replayed) -> tuple[Published, ...]:
+    """The first values of topics; queues, which are empty, aside."""
+    queues = {t.name for t in replay.system.topics if t.queue_of is not None}
+    return tuple([Published(n, shown(v)) for n, v in replay.start.items() if n not in queues])
+
+
+def _step(
+    s: ReplayedStep, replay: Replayed, words: ChoiceWords, durations: Mapping[int, int]
+) -> SequenceStep:
+    switch = None
+    if s.switch is not None:
+        module, before, after = s.switch
+        switch = ModeSwitch(module, cast("Mode", before), cast("Mode", after))
+    published = tuple([Published(n, shown(v)) for n, v in s.published.items()])
+    return SequenceStep(
+        number=s.number,
+        time_ns=max(s.time_ns, 0),
+        lane=s.actor,
+        kind=cast("Kind", KINDS.get(s.kind, s.kind)),
+        release_ns=None if s.kind in (START, EFFECT) else s.release_ns,
+        choices=tuple([_pick(c, words) for c in s.choices]),
+        published=_at_start(replay) if s.kind == START else published,
+        gated=s.gated,
+        switch=switch,
+        fault=s.fault,
+        dropped=tuple([f"queue `{d.queue}` is full: {DROPS[d.policy]}" for d in s.dropped]),
+        lasts_ns=durations.get(s.number),
+        observable=s.observable,
+        violates=replay.names(s.violated),
+        note=_note(s, replay),
+        matters=s.matters is not False or not replay.reproduced,
+    )
+
+
+def _pick(c: Choice, words: ChoiceWords) -> Pick:
+    value = f"alternative {c.pick} of {c.of}" if c.value is None else shown(c.value)
+    return Pick(words.what(c), value, c.pick == 0)
+
+
+def shown(value: object) -> str:
+    """A JSON value for people: records as `x = 1, y = 2`, floats with at most 9 digits."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{n}: {shown(v)}" for n, v in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(shown(v) for v in value) + "]"
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _note(s: ReplayedStep, replay: Replayed) -> str:
+    """What else is to be said of a step, one sentence."""
+    clauses = [r for b, r in zip(s.violated, s.reasons, strict=False) if r and replay.names([b])]
+    others = [f"`{b.text}`" for b in s.violated if not replay.names([b])]
+    if others:
+        clauses.append(
+            f"{', '.join(others)} {'is' if len(others) == 1 else 'are'} violated as well"
+        )
+    if clauses:
+        return "; ".join(clauses)
+    if s.decided is not None and s.switch is None:
+        seen = [n for n in ("ttf", "safer", "stale", "gate_fault") if s.decided[n]]
+        mode = s.decided["mode"]
+        return f"stays in {mode}" + (f" ({', '.join(seen)})" if seen else "")
+    return ""
+
+
+# ---------------------------------------------------------------- who is there
+
+
+def _lanes(system: System, actors: Iterable[ScheduledActor]) -> tuple[Lane, ...]:
+    """In the order of the actors, but those of a module together: DM, SC, AC."""
+    lanes = [_lane(system, a) for a in actors]
+    grouped: list[Lane] = []
+    for lane in lanes:
+        if lane.module is None:
+            grouped.append(lane)
+        elif lane not in grouped:
+            own = [other for other in lanes if other.module == lane.module]
+            grouped += sorted(own, key=lambda other: ORDER.index(other.role))
+    return tuple(grouped)
+
+
+def _lane(system: System, actor: ScheduledActor) -> Lane:
+    module = None
+    if actor.component is not None:
+        index = system.components[actor.component].module
+        module = None if index is None else system.modules[index].name
+    return Lane(actor.name, cast("Role", actor.role), module)
+
+
+def _topics(system: System) -> Iterable[TopicFlow]:
+    writers: dict[int, list[str]] = {t.index: [] for t in system.topics}
+    readers: dict[int, list[str]] = {t.index: [] for t in system.topics}
+    for c in system.components:
+        reads, writes = _flows(system, c)
+        for t in reads:
+            readers[t].append(c.name)
+        for t in writes:
+            writers[t].append(c.name)
+    for drive in system.inputs:
+        writers[drive.topic].append(f"input.{system.topics[drive.topic].name}")
+    for topic in system.topics:
+        for queue in topic.queues:
+            readers[topic.index] += [n for n in readers[queue] if n not in readers[topic.index]]
+        if topic.queue_of is None:
+            flows = tuple(writers[topic.index]), tuple(readers[topic.index])
+            yield TopicFlow(topic.name, *flows)
+
+
+def _flows(system: System, c: Component) -> tuple[list[int], list[int]]:
+    """Topics that a component reads and writes."""
+    named = c.scope.topics
+    if c.plant is not None:
+        return [named[t] for t in c.plant.reads], [named[t] for t, _ in c.plant.drives]
+    if c.node is not None:
+        reads = [named[s.topic] for s in c.node.subscribes]
+        return reads, [named[t] for t in c.node.publishes]
+    assert c.module is not None, c.name
+    return list(system.modules[c.module].inputs), []
+
+
+def _modes(replay: Replayed, module: int, first: int) -> ModuleModes:
+    m = replay.system.modules[module]
+    start: Literal["AC", "SC"] = "AC" if m.forced == "ac" else "SC"
+    changes = [
+        (s.number, cast("Mode", s.switch[2]))
+        for s in replay.steps
+        if s.switch is not None and s.switch[0] == m.name
+    ]
+    return ModuleModes(m.name, ((first, start), *changes))

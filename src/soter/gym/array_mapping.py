@@ -1,0 +1,252 @@
+"""Between Gymnasium's arrays and a program's values.
+
+Purpose: the default mappings: an observation is the plant's states, an action is the advanced
+controller's outputs, a command is what the plant reads; leaf by leaf, in declared order.
+Non-goals: units, frames, images: whatever is not leaf by leaf is a function of the user's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium import spaces
+
+from soter.gym.outside_roles import wrong_choice
+from soter.program.model.python_values import from_python
+from soter.program.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    import numpy.typing as npt
+
+    from soter.diagnostics.diagnostic import SoterError
+    from soter.gym.leaves import ObservedPart
+    from soter.program.model.system import Bound, Component, System, Topic
+    from soter.program.model.types import Type, Value
+
+    Shapes = Sequence[tuple[str, Type]]
+
+
+def shapes_of_states(plant: Component) -> list[tuple[str, Type]]:
+    """Names and types of a plant's states."""
+    assert plant.plant is not None
+    return [(v.name, v.type) for v in plant.plant.states]
+
+
+def topics_read(system: System, plant: Component) -> list[Topic]:
+    """The topics a plant reads, in declared order."""
+    assert plant.plant is not None
+    return [system.topics[plant.scope.topics[t]] for t in plant.plant.reads]
+
+
+def topics_published(system: System, node: Component) -> list[Topic]:
+    """The topics a node publishes, in declared order."""
+    assert node.node is not None
+    return [system.topics[node.scope.topics[t]] for t in node.node.publishes]
+
+
+# ---------------------------------------------------------------- values and flat arrays
+
+
+def assembled(shapes: Shapes, flat: object, what: str) -> list[Value]:
+    """One value per shape from the numbers of an array; SoterError U001 for another count."""
+    numbers = iter(np.asarray(flat, dtype=np.float64).reshape(-1).tolist())
+    needed = sum(1 for _, t in shapes for _ in leaves(t))
+    count = np.asarray(flat).size
+    if needed != count:
+        raise wrong_count(shapes, count, what)
+    return [_value(t, numbers) for _, t in shapes]
+
+
+def wrong_count(shapes: Shapes, count: int, what: str) -> SoterError:
+    """U001: so many numbers where shapes have others."""
+    names = ", ".join(f"`{n}`" for n, _ in shapes)
+    needed = sum(1 for _, t in shapes for _ in leaves(t))
+    message = f"{what} has {count} numbers, but {names} {needed}"
+    return wrong_choice(message, "give a function that maps them")
+
+
+def _value(t: Type, numbers: Iterator[float]) -> Value:
+    if isinstance(t, RecordType):
+        return tuple(_value(f, numbers) for _, f in t.fields)
+    if isinstance(t, ArrayType):
+        return tuple(_value(t.element, numbers) for _ in range(t.size))
+    if isinstance(t, ListType):
+        raise _no_list(t)
+    number = next(numbers)
+    if isinstance(t, FloatType):
+        return number
+    return from_python(t, _whole(t, number))
+
+
+def _whole(t: Type, number: float) -> object:
+    """An int, bool or enum as `from_python` takes it; anything else as it is, to be refused."""
+    if not math.isfinite(number) or number != int(number):
+        return number
+    if isinstance(t, EnumType):
+        return t.members[int(number)] if 0 <= number < len(t.members) else number
+    return bool(number) if isinstance(t, BoolType) else int(number)
+
+
+def flattened(shapes: Shapes, values: Sequence[Value]) -> npt.NDArray[np.float64]:
+    """The numbers of values, leaf by leaf, (leaves,); SoterError U001 for a list."""
+    numbers: list[float] = []
+    for (_, t), value in zip(shapes, values, strict=True):
+        _flatten(t, value, numbers)
+    return np.array(numbers)
+
+
+def _flatten(t: Type, value: Value, into: list[float]) -> None:
+    if isinstance(t, RecordType):
+        for (_, f), part in zip(t.fields, value, strict=True):
+            _flatten(f, part, into)
+    elif isinstance(t, ArrayType):
+        for part in value:
+            _flatten(t.element, part, into)
+    elif isinstance(t, ListType):
+        raise _no_list(t)
+    else:
+        into.append(float(value))
+
+
+def _no_list(t: Type) -> SoterError:
+    return wrong_choice(f"a `{t}` has no fixed number of numbers", "give a function that maps it")
+
+
+# ---------------------------------------------------------------- spaces
+
+
+def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
+    """Everything an agent may publish: a `Box` of floats, or for ints, bools and enums `Discrete`.
+
+    Several of them are `MultiDiscrete`. SoterError U001 for a mixture, for floats without a set,
+    and where no float32 lies in a set.
+    """
+    bounds = [b for t in topics for b in t.bounds]
+    kinds = [k for t in topics for _, k in leaves(t.type)]
+    if all(isinstance(k, FloatType) for k in kinds) and None not in bounds:
+        low = np.array([b.low for b in bounds if b is not None])
+        high = np.array([b.high for b in bounds if b is not None])
+        least, most = _inward(low, high), _inward(high, low)
+        if (least < low).any() or (most > high).any() or (least > most).any():
+            names = ", ".join(f"`{t.name}`" for t in topics)
+            raise wrong_choice(f"no float32 lies in a set of {names}", "give action_space=...")
+        return spaces.Box(least, most, dtype=np.float32)
+    if kinds and not any(isinstance(k, FloatType) for k in kinds):
+        subspaces = [_discrete(k, b) for k, b in zip(kinds, bounds, strict=True)]
+        if len(subspaces) == 1:
+            return subspaces[0]
+        return spaces.MultiDiscrete(
+            [int(x.n) for x in subspaces], start=np.array([int(x.start) for x in subspaces])
+        )
+    names = ", ".join(f"`{t.name}`" for t in topics)
+    raise wrong_choice(
+        f"{names} are neither floats in a set nor ints, bools and enums", "give action_space=..."
+    )
+
+
+def observation_space(system: System, seen: Sequence[ObservedPart], dtype: Any) -> spaces.Box:  # noqa: ANN401
+    """A `Box` of everything that topics and truths may hold; what has no bounds has none."""
+    bounds: list[Bound | None] = []
+    for x in seen:
+        if x.truth:
+            plant = system.components[x.index].plant
+            assert plant is not None
+            bounds += [None for v in plant.states for _ in leaves(v.type)]
+        else:
+            bounds += system.topics[x.index].bounds
+    low = np.array([-np.inf if b is None else b.low for b in bounds], dtype=dtype)
+    high = np.array([np.inf if b is None else b.high for b in bounds], dtype=dtype)
+    return spaces.Box(low, high, dtype=dtype)
+
+
+def _discrete(kind: Type, bound: Any) -> spaces.Discrete:  # noqa: ANN401 - Bound or None
+    if isinstance(kind, EnumType):
+        return spaces.Discrete(len(kind.members))
+    if isinstance(kind, BoolType):
+        return spaces.Discrete(2)
+    assert isinstance(kind, IntType)
+    low, high = (bound.low, bound.high) if bound is not None else (kind.low, kind.high)
+    return spaces.Discrete(int(high - low + 1), start=int(low))
+
+
+def _inward(
+    edge: npt.NDArray[np.float64], other: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float32]:
+    """Bounds as float32 that do not leave the set: rounded towards the other side."""
+    rounded = edge.astype(np.float32)
+    outside = np.where(edge < other, rounded < edge, rounded > edge)
+    return np.where(outside, np.nextafter(rounded, other.astype(np.float32)), rounded)
+
+
+def taker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[np.float64]], Any]:
+    """What makes elements of an environment's action space of arrays (count,).
+
+    SoterError U001 for a space without a default, or one with another number of numbers; the
+    function raises it for a fraction where whole numbers are wanted.
+    """
+    if isinstance(space, spaces.Discrete):
+        _of_size(space, 1, count)
+        return lambda numbers: _member(space, int(_whole_numbers(space, numbers)[0]))
+    if isinstance(space, (spaces.MultiDiscrete, spaces.MultiBinary)):
+        _of_size(space, int(np.prod(space.shape)), count)
+        return lambda numbers: _member(
+            space, _whole_numbers(space, numbers).astype(space.dtype).reshape(space.shape)
+        )
+    if not isinstance(space, spaces.Box):
+        raise wrong_choice(
+            f"an action space of type `{type(space).__name__}` has no default",
+            "give command=...",
+        )
+    _of_size(space, int(np.prod(space.shape)), count)
+    shape, dtype = space.shape, space.dtype
+    if not np.issubdtype(dtype, np.floating):
+        return lambda numbers: _whole_numbers(space, numbers).astype(dtype).reshape(shape)
+    if shape == (count,):
+        return lambda numbers: numbers.astype(dtype)
+    return lambda numbers: numbers.astype(dtype).reshape(shape)
+
+
+def as_action(space: spaces.Space[Any], numbers: npt.NDArray[np.float64]) -> Any:  # noqa: ANN401
+    """Numbers (n,) as an element of an environment's action space; SoterError U001 as `taker`."""
+    return taker(space, len(numbers))(numbers)
+
+
+def _of_size(space: spaces.Space[Any], wanted: int, count: int) -> None:
+    if wanted != count:
+        message = f"the plant reads {count} numbers, but an action of the environment has {wanted}"
+        raise wrong_choice(f"{message} (`{space}`)", "give command=...")
+
+
+def _whole_numbers(
+    space: spaces.Space[Any], numbers: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """The same numbers (n,), all of them whole."""
+    if not (np.isfinite(numbers).all() and (np.floor(numbers) == numbers).all()):
+        first = next(x for x in numbers.tolist() if not math.isfinite(x) or x != int(x))
+        raise wrong_choice(
+            f"{first!r} is no whole number, and the environment's actions are `{space}`",
+            "let the plant read an int or an enum, or give command=...",
+        )
+    return numbers
+
+
+def _member(space: spaces.Space[Any], action: Any) -> Any:  # noqa: ANN401 - an int or an array
+    """The same action, which is one of the space."""
+    if not space.contains(action):
+        raise wrong_choice(
+            f"{action} is no action of the environment's `{space}`", "give command=..."
+        )
+    return action

@@ -1,0 +1,228 @@
+"""A system with somebody outside, compiled once for all environments that step it.
+
+Purpose: `CompiledEnvironment`: the library, the C driver of `c/` on it, and where numbers lie;
+`compiled` keeps those of a loaded program, so that the next environment only needs a state.
+Non-goals: states (`session.py`, `vector.py`), what numbers mean to Gymnasium (`mapping.py`).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from soter.codegen.extern_interface import answer_fields
+from soter.codegen.unit import generate
+from soter.gym.leaves import LeafBuffer, is_flat, places
+from soter.lower.layout import arrange, state_dtype
+from soter.native.build import RUNTIME, library
+from soter.native.cffi_interface import address, declarations, interface, opened
+from soter.native.library import Library
+from soter.simulate.externs.bindings import Bindings, bind, callables
+from soter.simulate.externs.c_extern import linked_content, linked_symbols
+from soter.simulate.interrupt import StopRequest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import soter.api
+    from soter.gym.leaves import MemoryLeaf, ObservedPart
+    from soter.program.model.system import Component, System
+
+T = TypeVar("T")
+FOLDER = Path(__file__).resolve().parent / "c"
+ENGINE = tuple(
+    FOLDER / name
+    for name in ("soter_gym.c", "soter_gym_model.c", "soter_gym.h", "soter_gym_leaves.h")
+)
+NOBODY = 2**32 - 1
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Who is outside: the agent, the module whose AC it is, and perhaps a plant (indices)."""
+
+    agent: int
+    module: int | None = None
+    plant: int | None = None
+
+
+class CompiledEnvironment:
+    """A compiled system, who is outside of it, and `soter_view` of both."""
+
+    def __init__(
+        self,
+        system: System,
+        roles: Roles,
+        bound: Mapping[str, object],
+        observed: Sequence[ObservedPart] = (),
+    ) -> None:
+        """`observed`: what an observation is made of. SoterError as `bind` and the compiler.
+
+        `bound` has whatever answers the other externs: what is outside is never called.
+        """
+        self.system, self.roles = system, roles
+        outside = [i for i in (roles.agent, roles.plant) if i is not None]
+        silent = {system.components[i].name: refuse_call for i in outside}
+        self.bindings = bind(system, {**bound, **silent})
+        core = self.bindings.core
+        functions = [x for x in self.bindings.externs if x.kind == "function"]
+        callables(Bindings(system, core, functions), "native", StopRequest())
+        self.linked = any(text.startswith("c:") for text in self.bindings.texts().values())
+        self.linked_content = linked_content(system, core)
+        unit = generate(system, core)
+        self.layout = unit.layout
+        self.dtype = state_dtype(system, self.layout)
+        path = library(unit, engine=ENGINE)
+        owners = linked_symbols(system, core)
+        self.library = Library(path, unit.prefix, self.layout.size, owners)
+        self.ffi = interface(
+            declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_gym.h")
+        )
+        self.lib = opened(self.ffi, path, owners)
+        self.program = address(self.ffi, path, f"{unit.prefix}_program", "const soter_program *")
+        self.answers = {c.index: arrange(answer_fields(c)) for c in system.components if c.extern}
+        self.observed = tuple(observed)
+        self.view = self._view()
+
+    def _view(self) -> Any:  # noqa: ANN401 - cdata
+        system, roles = self.system, self.roles
+        agent = system.components[roles.agent]
+        plant = None if roles.plant is None else system.components[roles.plant]
+        self.moves_numbers = plant is not None and is_flat(self._states(plant))
+        self.acts_numbers = is_flat(t for _, t in answer_fields(agent))
+        self.commands_numbers = is_flat(system.topics[t].type for t in self._applied())
+        action, given = self._answer(agent) if self.acts_numbers else ([], [])
+        moved, _ = self._answer(plant) if plant is not None and self.moves_numbers else ([], [])
+        start: list[MemoryLeaf] = []
+        if plant is not None and self.moves_numbers:
+            start = self.truth(plant)
+        apply: list[MemoryLeaf] = []
+        if self.commands_numbers:
+            apply = [leaf for t in self._applied() for leaf in self.topic(t)]
+        observed = [
+            leaf
+            for x in self.observed
+            for leaf in (self.truth(system.components[x.index]) if x.truth else self.topic(x.index))
+        ]
+        sizes = {i: x.size for i, x in self.answers.items()}
+        self.given = {
+            "action": LeafBuffer(self.ffi, action, sizes[agent.index]),
+            "given": LeafBuffer(self.ffi, given, sizes[agent.index]),
+            "moved": LeafBuffer(self.ffi, moved, 0 if plant is None else sizes[plant.index]),
+            "start": LeafBuffer(self.ffi, start),
+            "observe": LeafBuffer(self.ffi, observed),
+            "apply": LeafBuffer(self.ffi, apply),
+        }
+        return self.ffi.new(
+            "soter_view *",
+            {
+                "program": self.program,
+                "module": -1 if roles.module is None else roles.module,
+                "agent": roles.agent,
+                "plant": NOBODY if roles.plant is None else roles.plant,
+                "answer_most": self.answer_most,
+                **{name: leaves.fields for name, leaves in self.given.items()},
+            },
+        )
+
+    @property
+    def answer_most(self) -> int:
+        """Bytes of the largest answer of an extern."""
+        return max([8, *(x.size for x in self.answers.values())])
+
+    @property
+    def room(self) -> int:
+        """Bytes that the driver needs beside a state."""
+        return self.layout.size + self.answer_most
+
+    def topic(self, index: int) -> list[MemoryLeaf]:
+        """The leaves of a topic, in the state."""
+        return list(places(self.system.topics[index].type, self.layout.topic_offset(index)))
+
+    def truth(self, plant: Component) -> list[MemoryLeaf]:
+        """The leaves of a plant's states, in the state."""
+        members = [self.layout.member(plant.index, i) for i in range(len(self._states(plant)))]
+        return [leaf for offset, t in members for leaf in places(t, offset)]
+
+    @staticmethod
+    def _states(plant: Component) -> list[Any]:
+        assert plant.plant is not None
+        return [v.type for v in plant.plant.states]
+
+    def _applied(self) -> Sequence[int]:
+        """Topics: what a plant outside reads, else what the agent and its module publish."""
+        if self.roles.plant is not None:
+            plant = self.system.components[self.roles.plant]
+            assert plant.plant is not None
+            return [plant.scope.topics[t] for t in plant.plant.reads]
+        agent = self.system.components[self.roles.agent]
+        assert agent.node is not None
+        return [agent.scope.topics[t] for t in agent.node.publishes]
+
+    def _answer(self, component: Component) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
+        """The leaves of what an extern answers, and of what says that it was given."""
+        members = sorted(self.answers[component.index].members, key=lambda m: m.index)
+        count = len(members) if component.plant is not None else len(members) // 2
+        values = [leaf for m in members[:count] for leaf in places(m.type, m.offset)]
+        return values, [leaf for m in members[count:] for leaf in places(m.type, m.offset)]
+
+
+def driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
+    """What calls a library that was built with `ENGINE`: cffi, its functions, its program."""
+    ffi = interface(declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_gym.h"))
+    program = address(ffi, path, f"{prefix}_program", "const soter_program *")
+    return ffi, opened(ffi, path), program
+
+
+def refuse_call(*_: object) -> None:
+    """What stands for somebody outside where externs are bound."""
+    raise AssertionError("an environment answers for its plant and its agent itself")
+
+
+# ---------------------------------------------------------------- kept
+
+_KEPT: OrderedDict[tuple[object, ...], Any] = OrderedDict()
+_LOCK = threading.RLock()
+KEPT_MAX = 16
+"""So many choices are kept; the one that was asked for longest ago goes first."""
+
+
+def compiled(
+    program: soter.api.Program, key: tuple[object, ...], make: Callable[[], CompiledEnvironment]
+) -> CompiledEnvironment:
+    """What `make` gives, or gave before for this program and key, with what is bound as it was.
+
+    C files of externs are looked at again. Python objects that are bound do not matter: `make` is
+    given those of the first call, and nobody calls them there.
+    """
+    texts = [(n, t if isinstance(t, str) else None) for n, t in program.bound.items()]
+    whole = (*key, *texts)
+    with _LOCK:
+        build = kept(program, whole, make)
+        if build.linked and build.linked_content != linked_content(
+            build.system, build.bindings.core
+        ):
+            build = kept(program, whole, make, again=True)
+    return build
+
+
+def kept(
+    program: soter.api.Program,
+    key: tuple[object, ...],
+    make: Callable[[], T],
+    *,
+    again: bool = False,
+) -> T:
+    """What `make` gives, or gave before for this key and a program of the same path and content."""
+    whole = (Path(program.path).resolve(), program.sha256, key)
+    with _LOCK:
+        entry: T | None = None if again else _KEPT.get(whole)
+        if entry is None:
+            entry = _KEPT[whole] = make()
+        _KEPT.move_to_end(whole)
+        while len(_KEPT) > KEPT_MAX:
+            _KEPT.popitem(last=False)
+        return entry

@@ -1,0 +1,129 @@
+"""What of a system is answered from outside: which module's controller, which plant.
+
+Purpose: the module and the plant that a caller names, or the only ones; what an agent observes.
+Non-goals: the system that is left (`program/elaborate/derived_systems.py`); stepping
+(`session.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.gym.leaves import ObservedPart, is_flat
+from soter.program.elaborate.derived_systems import with_components
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.program.model.system import Component, Module, System
+    from soter.program.model.types import Type
+
+
+def wrong_choice(message: str, *helps: str) -> SoterError:
+    """U001: an argument that names nothing, or not one thing."""
+    return SoterError((Diagnostic("U001", message, helps=tuple(h for h in helps if h)),))
+
+
+def chosen_module(system: System, name: str | None) -> Module:
+    """The module of that name, or the only one; SoterError U001."""
+    names = [m.name for m in system.modules]
+    return system.modules[_index("module", names, name, system.name)]
+
+
+def chosen_plant(system: System, name: str | None) -> Component:
+    """The plant of that name, or the only one; SoterError U001."""
+    plants = [c for c in system.components if c.plant is not None]
+    return plants[_index("plant", [c.name for c in plants], name, system.name)]
+
+
+def _index(kind: str, names: list[str], wanted: str | None, system: str) -> int:
+    shown = ", ".join(f"`{n}`" for n in names) or "none"
+    if wanted is None:
+        if len(names) == 1:
+            return 0
+        message = f"system `{system}` has {len(names)} {kind}s, so one has to be named"
+        raise wrong_choice(message, f"there are {shown}: {kind}=...")
+    if wanted not in names:
+        raise wrong_choice(f"system `{system}` has no {kind} `{wanted}`", f"there are {shown}")
+    return names.index(wanted)
+
+
+def observed_parts(
+    system: System, agent: Component, names: Sequence[str] | None
+) -> list[ObservedPart]:
+    """What an agent observes: topics and truths by name, by default the topics that it reads.
+
+    Where it reads none, the truths of all plants. SoterError U001.
+    """
+    plants = [c for c in system.components if c.plant is not None]
+    if names is None:
+        assert agent.node is not None
+        topics = [ObservedPart(agent.scope.topics[s.topic]) for s in agent.node.subscribes]
+        defaults = topics or [ObservedPart(c.index, truth=True) for c in plants]
+        names = [_named(system, x) for x in defaults]
+    if not names:
+        raise wrong_choice("an observation of nothing", "observe=[...] names topics and truths")
+    known = {
+        t.name: ObservedPart(t.index) for t in system.topics if t.queue_of is None and not t.held
+    }
+    known |= {f"{c.name}.truth": ObservedPart(c.index, truth=True) for c in plants}
+    for name in names:
+        if name not in known:
+            there = ", ".join(f"`{n}`" for n in known)
+            raise wrong_choice(f"there is nothing to observe called `{name}`", f"there are {there}")
+        if not is_flat(_types(system, known[name])):
+            message = f"`{name}` has no fixed number of numbers"
+            raise wrong_choice(message, "observe=[...] names topics and truths without lists")
+    return [known[name] for name in names]
+
+
+def _named(system: System, seen: ObservedPart) -> str:
+    place = system.components if seen.truth else system.topics
+    return f"{place[seen.index].name}{'.truth' if seen.truth else ''}"
+
+
+def _types(system: System, seen: ObservedPart) -> list[Type]:
+    if not seen.truth:
+        return [system.topics[seen.index].type]
+    plant = system.components[seen.index].plant
+    assert plant is not None
+    return [v.type for v in plant.states]
+
+
+def without_python(system: System, agent: int) -> None:
+    """SoterError U003 where more than the agent is outside, or linked C would be shared."""
+    for c in system.components:
+        if c.extern and c.index != agent:
+            kind = "node" if c.node is not None else "plant"
+            raise SoterError(
+                (
+                    Diagnostic(
+                        "U003",
+                        f"{kind} `{c.name}` is extern: many worlds step what is compiled",
+                        helps=(
+                            "replace it in the system by a node in Soter: `replace NODE by OTHER;`",
+                            "or step one world at a time: soter.gym.Protected",
+                        ),
+                    ),
+                )
+            )
+
+
+def measured_by(system: System, plant: Component, errors: bool | Sequence[str]) -> System:
+    """With errors of measurement of the program on these topics that a plant drives, or all.
+
+    An environment has sensors of its own; SoterError U001 for a topic that has no such errors.
+    """
+    if errors is True:
+        return system
+    names = {m.topic: system.topics[m.topic].name for m in plant.measured}
+    for name in errors or ():
+        if name not in names.values():
+            there = ", ".join(f"`{n}`" for n in dict.fromkeys(names.values())) or "none"
+            raise wrong_choice(
+                f"plant `{plant.name}` has no `measured` topic `{name}`", f"there are {there}"
+            )
+    kept = tuple(m for m in plant.measured if names[m.topic] in (errors or ()))
+    return with_components(system, (replace(plant, measured=kept),))

@@ -1,0 +1,90 @@
+"""What a log does not hold, from what it does: slopes, and values after the last sample.
+
+Purpose: both from samples up to then, as a monitor in flight would have them, with a measure of
+their error that comes from the same samples.
+Non-goals: filters; anything that has seen samples that came later.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+LEAST = 3
+"""A parabola needs so many points."""
+
+
+def slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
+    """Slope at each sample of the parabola of least squares over the window that ends there.
+
+    times_s, values: (n,), times ascending; gives (n,). Where the window holds fewer than three
+    samples it takes the last three, or the first two, whose slope is that of a line. NaN at the
+    first sample: it has none.
+    """
+    derivatives = np.full(len(times_s), np.nan)
+    first = np.searchsorted(times_s, times_s - window_s * (1 + 1e-9), side="left")
+    for i in range(1, len(times_s)):
+        a = min(int(first[i]), max(i + 1 - LEAST, 0))
+        derivatives[i] = _slope(times_s[a : i + 1] - times_s[i], values[a : i + 1])
+    return derivatives
+
+
+def _slope(d: Floats, y: Floats) -> float:
+    """Slope at d = 0 of the parabola, of the line where there are two points; d, y: (k,)."""
+    if len(d) < LEAST:
+        return float((y[1] - y[0]) / (d[1] - d[0]))
+    unit = float(np.abs(d).max())
+    e, y0 = d / unit, y - y[0]
+    s = [float(len(e)), *(float((e**k).sum()) for k in (1, 2, 3, 4))]
+    t0, t1, t2 = (float((e**k * y0).sum()) for k in (0, 1, 2))
+    whole = _determinant((s[0], s[1], s[2]), (s[1], s[2], s[3]), (s[2], s[3], s[4]))
+    part = _determinant((s[0], t0, s[2]), (s[1], t1, s[3]), (s[2], t2, s[4]))
+    return part / whole / unit
+
+
+def _determinant(
+    a: tuple[float, float, float], b: tuple[float, float, float], c: tuple[float, float, float]
+) -> float:
+    return (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        - a[1] * (b[0] * c[2] - b[2] * c[0])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+
+
+def slope_errors(times_s: Floats, values: Floats, window_s: float, derivatives: Floats) -> Floats:
+    """How far the slopes are from those over half the window; times_s, values, found: (n,).
+
+    Where both windows hold the same samples that says nothing and is left out.
+    """
+    half = slopes(times_s, values, window_s / 2)
+    gaps = np.abs(derivatives - half)
+    return gaps[gaps > 0.0]
+
+
+def ahead_errors(times_s: Floats, values: Floats, gap_s: float) -> Floats:
+    """How far samples are off the line through the two before them, (m,): times_s, values (n,).
+
+    That is as far as such a line is followed, so its error is hardly ever more. Only of samples
+    that follow one another within `gap_s`.
+    """
+    if len(times_s) < LEAST:
+        return np.zeros(0)
+    steps = np.diff(times_s)
+    near = (steps[:-1] <= gap_s) & (steps[1:] <= gap_s)
+    line = values[1:-1] + steps[1:] / steps[:-1] * np.diff(values)[:-1]
+    return np.asarray(np.abs(values[2:] - line)[near], dtype=np.float64)
+
+
+def quantiles(errors: Floats) -> tuple[float, float, float]:
+    """Half of the errors, 95 % of them and all are below; errors (n,). Zeros for none."""
+    if not len(errors):
+        return 0.0, 0.0, 0.0
+    low, high, most = np.quantile(errors, [0.5, 0.95, 1.0])
+    return float(low), float(high), float(most)

@@ -1,0 +1,377 @@
+"""The model monitor: whether some run of the verification plants fits what was recorded.
+
+Purpose: set-membership. X_k = image of X_(k-1) under the commands that acted, any disturbance
+within its bounds and the time that passed, met with what is known of x_k: the true state
+(error 0), or an estimate +-E. Where nothing is left the model is false: an alarm, and X_k starts
+anew.
+Non-goals: plants that are not affine; showing that a model is true: silence says that nothing has
+spoken against it. X_k is a box, so that it is never too small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.monitor.linear_model import (
+    AffineStep,
+    Plants,
+    driven_leaves,
+    leaf_of,
+    linear_model,
+    parameter_leaves,
+    step_of,
+)
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.monitor.linear_model import LinearModel
+    from soter.program.model.system import Module, System
+    from soter.program.model.typed import TopicSymbol
+    from soter.program.model.types import Value
+    from soter.reach.problem.problem import Problem
+    from soter.report.recorded_run import RecordedRun
+
+    Floats = NDArray[np.float64]
+
+ROUNDING = 1e-9
+"""Relative slack of every comparison: the recorded plant computes in binary64."""
+
+
+@dataclass
+class Judgement:
+    """One module on one record. Shares: how much of the declared disturbance a step needed."""
+
+    module: str
+    source: str
+    """"truth" or "estimates"."""
+    steps: int = 0
+    alarms: int = 0
+    first_alarm_s: float | None = None
+    share: float = 0.0
+    """Largest share of what disturbances can do that a step used; beyond 1 the model is false."""
+    state: str = ""
+    """The state that needed it."""
+    alarm_states: dict[str, int] = field(default_factory=dict)
+
+
+class _Models:
+    """Steps of the model by parameter and length."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self._models: dict[tuple[int, ...], LinearModel] = {}
+        self._steps: dict[tuple[tuple[int, ...], int], AffineStep] = {}
+        self._plants = Plants(problem)
+
+    def model(self, parameter: tuple[int, ...]) -> LinearModel:
+        if parameter not in self._models:
+            self._models[parameter] = linear_model(self.problem, parameter)
+        return self._models[parameter]
+
+    def step(self, parameter: tuple[int, ...], ns: int) -> AffineStep:
+        key = (parameter, ns)
+        if key not in self._steps:
+            self._steps[key] = step_of(self.model(parameter), ns / 1e9)
+        return self._steps[key]
+
+    def around(self, parameter: tuple[int, ...], ns: int, x: Floats, u: Floats) -> AffineStep:
+        """The same; of a map, which need not be affine but in its disturbances, at x and u."""
+        if self.problem.kind != "map":
+            return self.step(parameter, ns)
+        low = np.array([r.low for r in self.problem.disturbances])
+        high = np.array([r.high for r in self.problem.disturbances])
+        middle = low / 2 + high / 2
+        centre = self._plants.rates(x, u, middle, parameter)
+        reach = np.zeros(len(x))
+        for i in range(len(middle)):
+            ends = []
+            for d in (low, high):
+                moved = middle.copy()
+                moved[i] = d[i]
+                ends.append(np.abs(self._plants.rates(x, u, moved, parameter) - centre))
+            reach += np.maximum(*ends)
+        still = np.zeros((len(x), len(x)))
+        return AffineStep(still, np.zeros((len(x), len(u))), centre, reach)
+
+
+# ---------------------------------------------------------------- on true states
+
+
+class RecordReader:
+    """From a record to states, parameters and commands of the verification plants."""
+
+    def __init__(self, flat: System, module: Module, problem: Problem) -> None:
+        self.flat, self.problem = flat, problem
+        q = problem.quantities
+        self.states, self.controls, self.parameters = q.states, q.controls, q.parameters
+        self.links = module.symbol.verify.abstracts
+        home = module.name.rpartition(".")[0]
+        self.prefix = f"{home}." if home else ""
+        system = problem.system
+        self.names = topic_names(flat, module, problem)
+        self.plants = {c.name: c for c in system.components if c.plant is not None}
+        self.driven = [
+            flat.topics[c.scope.topics[t]].name
+            for c in flat.components
+            if c.plant is not None
+            for t, _ in c.plant.drives
+        ]
+        self._compiled = []
+        for link in self.links:
+            if link.value is not None:
+                scope = module.scope
+                flying = {self.prefix + link.instance: flat.component(self.prefix + link.instance)}
+                ((name, component),) = flying.items()
+                evaluator = Evaluator(
+                    module.scope.params,
+                    topics=_scope_topics(flat, module),
+                    plants={link.instance: component.index},
+                    modules=scope.modules,
+                )
+                self._compiled.append((link, name, component, evaluator.expression(link.value)))
+
+    def truth(
+        self, topics: Mapping[str, Value], truths: Mapping[str, Value]
+    ) -> tuple[Floats, tuple[int, ...]]:
+        """X, (states,), and the parameters of the true state."""
+        values: dict[str, Value] = {}
+        if self.links:
+            listed = [topics.get(t.name, t.default) for t in self.flat.topics]
+            for link, name, _component, compiled in self._compiled:
+                env = Environment(topics=listed, truth=lambda _i, n=name: truths[n])  # type: ignore[misc]
+                values[link.name] = compiled(env)
+        else:
+            values = {c.name: truths[n] for n, c in self.plants.items()}
+        return self._split(values)
+
+    def _split(self, values: Mapping[str, Value]) -> tuple[Floats, tuple[int, ...]]:
+        system = self.problem.system
+
+        def part(leaf: object) -> float:
+            c = system.components[leaf.owner]  # type: ignore[attr-defined]
+            assert c.plant is not None
+            whole = values[c.name]
+            at = [v.name for v in c.plant.states].index(leaf.member)  # type: ignore[attr-defined]
+            return leaf_of(c.plant.states[at].type, whole[at], leaf.path)  # type: ignore[attr-defined]
+
+        x = np.array([part(leaf) for leaf in self.states])
+        return x, tuple(int(part(leaf)) for leaf in self.parameters)
+
+    def before(self, record: RecordedRun, k: int) -> Mapping[str, Value]:
+        """Topics as they stand when plants have moved and no node has stepped yet."""
+        first = {t.name: t.default for t in self.flat.topics}
+        stood = record.topics[k - 1] if k else first
+        return {**stood, **{n: record.topics[k][n] for n in self.driven}}
+
+    def shown(
+        self, places: Sequence[tuple[int, tuple[str, ...]]], topics: Mapping[str, Value]
+    ) -> tuple[int, ...]:
+        """The parameters as driven topics show them (`parameter_leaves`)."""
+        known = self.problem.system.topics
+        return tuple(int(leaf_of(known[i].type, topics[self.names[i]], path)) for i, path in places)
+
+    def commands(self, topics: Mapping[str, Value]) -> Floats:
+        """U as it stands in the topics, (controls,)."""
+        system = self.problem.system
+        commands = []
+        for leaf in self.controls:
+            value = topics[self.names[leaf.owner]]
+            commands.append(leaf_of(system.topics[leaf.owner].type, value, leaf.path))
+        return np.array(commands)
+
+    def estimate(self, topics: Mapping[str, Value]) -> Floats:
+        """The driven float leaves as they stand in the topics, (leaves,)."""
+        system = self.problem.system
+        return np.array(
+            [
+                leaf_of(system.topics[t].type, topics[self.names[t]], path)
+                for t, path in driven_leaves(self.problem)
+            ]
+        )
+
+
+def _scope_topics(flat: System, module: Module) -> dict[TopicSymbol, int]:
+    index_by_topic: dict[TopicSymbol, int] = {}
+    for c in flat.components:
+        index_by_topic.update(c.scope.topics)
+    index_by_topic.update(module.scope.topics)
+    return index_by_topic
+
+
+def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str]:
+    """Topic of the verification system -> its name in the flying system, by declaration."""
+    symbols = {}
+    for c in problem.system.components:
+        symbols.update({i: s for s, i in c.scope.topics.items()})
+    symbols.update({i: s for s, i in problem.module.scope.topics.items()})
+    flying = _scope_topics(flat, module)
+    return {i: flat.topics[flying[s]].name for i, s in symbols.items() if s in flying}
+
+
+def needed_topics(flat: System, module: Module, problem: Problem) -> list[str]:
+    """What a record needs for a judgement on estimates without true states: full names."""
+    names = topic_names(flat, module, problem)
+    owners = [t for t, _ in driven_leaves(problem)] + [c.owner for c in problem.quantities.controls]
+    return list(dict.fromkeys(names[i] for i in owners))
+
+
+def judge(
+    flat: System,
+    module: Module,
+    problem: Problem,
+    record: RecordedRun,
+    *,
+    estimates: bool = False,
+    truths: bool = True,
+) -> Judgement:
+    """Follow a record. SoterError U001 where the plants are not affine.
+
+    `truths`: whether the record has true states; without them parameters are read off the topics.
+
+    Instants count at which a verification plant's flying counterpart has stepped: those whose
+    time is a multiple of the record's own spacing.
+    """
+    reader = RecordReader(flat, module, problem)
+    models = _Models(problem)
+    judgement = Judgement(module.name, "estimates" if estimates else "truth")
+    if estimates:
+        _on_estimates(reader, models, record, judgement, truths)
+    else:
+        _on_truth(reader, models, record, judgement)
+    return judgement
+
+
+def _alarm(judgement: Judgement, record: RecordedRun, k: int, states: Sequence[str]) -> None:
+    judgement.alarms += 1
+    if judgement.first_alarm_s is None:
+        judgement.first_alarm_s = record.times_ns[k] / 1e9
+    for name in states:
+        judgement.alarm_states[name] = judgement.alarm_states.get(name, 0) + 1
+
+
+def _on_truth(
+    reader: RecordReader, models: _Models, record: RecordedRun, judgement: Judgement
+) -> None:
+    last: tuple[Floats, tuple[int, ...], Floats, int] | None = None
+    names = [leaf.name for leaf in reader.states]
+    period = models.problem.plant_period_ns if models.problem.kind == "map" else 0
+    for k, now in enumerate(record.times_ns):
+        if period and now % period:
+            continue
+        x, parameter = reader.truth(reader.before(record, k), record.truths[k])
+        if last is not None and now > last[3]:
+            before, same, u, then = last
+            if same == parameter:
+                step = models.around(same, now - then, before, u)
+                _compare(step, before, u, x, judgement=judgement, record=record, k=k, names=names)
+        last = x, parameter, reader.commands(record.topics[k]), now
+
+
+def _compare(
+    step: AffineStep,
+    before: Floats,
+    u: Floats,
+    x: Floats,
+    *,
+    judgement: Judgement,
+    record: RecordedRun,
+    k: int,
+    names: list[str],
+) -> None:
+    gap = np.abs(x - (step.phi @ before + step.gamma @ u + step.c))
+    size = (
+        np.abs(step.phi) @ np.abs(before)
+        + np.abs(step.gamma) @ np.abs(u)
+        + np.abs(x)
+        + np.abs(step.c)
+    )
+    slack = ROUNDING * size
+    over = np.maximum(gap - slack, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.where(over > 0, over / step.reach, 0.0)
+    judgement.steps += 1
+    worst = int(np.argmax(shares))
+    if shares[worst] > judgement.share:
+        judgement.share, judgement.state = float(shares[worst]), names[worst]
+    wrong = [names[i] for i in np.flatnonzero(shares > 1.0)]
+    if wrong:
+        _alarm(judgement, record, k, wrong)
+
+
+# ---------------------------------------------------------------- on estimates
+
+
+@dataclass(frozen=True)
+class ObservationMap:
+    """x in inverse (y - offset) +- error, for the states that the driven topics determine."""
+
+    inverse: Floats
+    error: Floats
+
+
+def sight_of(problem: Problem, model: LinearModel) -> ObservationMap:
+    """How estimates bound the states; infinite error for states nobody sees."""
+    errors = np.zeros(len(model.drives))
+    at = {key: i for i, key in enumerate(driven_leaves(problem))}
+    for leaf, r in zip(problem.quantities.errors, problem.errors, strict=True):
+        errors[at[leaf.owner, leaf.path]] = r.high
+    inverse = np.asarray(np.linalg.pinv(model.drives), dtype=np.float64)
+    seen = np.abs(inverse @ model.drives - np.eye(len(model.a))).max(axis=1) < 1e-6
+    return ObservationMap(
+        inverse, np.asarray(np.where(seen, np.abs(inverse) @ errors, np.inf), dtype=np.float64)
+    )
+
+
+def _on_estimates(
+    reader: RecordReader, models: _Models, record: RecordedRun, judgement: Judgement, truths: bool
+) -> None:
+    shown = [] if truths else parameter_leaves(models.problem)
+    names = [leaf.name for leaf in reader.states]
+    box: tuple[Floats, Floats] | None = None
+    same: tuple[int, ...] = ()
+    u, then = np.zeros(0), 0
+    stamp: object = None
+    for k, now in enumerate(record.times_ns):
+        y = reader.estimate(record.topics[k])
+        if truths:
+            _, parameter = reader.truth(record.topics[k], record.truths[k])
+        else:
+            parameter = reader.shown(shown, record.topics[k])
+        if box is not None and now > then:
+            box = _image(models.step(same, now - then), box, u)
+        u, then = reader.commands(record.topics[k]), now
+        if stamp is not None and np.array_equal(y, stamp) and parameter == same:  # type: ignore[arg-type]
+            continue  # nothing new was published
+        stamp = y
+        model = models.model(parameter)
+        sight = sight_of(models.problem, model)
+        x = sight.inverse @ (y - model.offset)
+        slack = ROUNDING * (np.abs(sight.inverse) @ np.abs(y - model.offset) + 1.0)
+        seen = x - sight.error - slack, x + sight.error + slack
+        if box is None or parameter != same:
+            box, same = seen, parameter
+            continue
+        judgement.steps += 1
+        low, high = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
+        wrong = [names[i] for i in np.flatnonzero(low > high)]
+        if wrong:
+            _alarm(judgement, record, k, wrong)
+            low, high = seen
+        box = low, high
+
+
+def _image(step: AffineStep, box: tuple[Floats, Floats], u: Floats) -> tuple[Floats, Floats]:
+    mid, half = (box[0] + box[1]) / 2, (box[1] - box[0]) / 2
+    centre = step.phi @ mid + step.gamma @ u + step.c
+    finite = np.where(np.abs(step.phi) > 0, np.abs(step.phi) * half, 0.0).sum(axis=1)
+    radius = finite + step.reach
+    radius = radius * (1 + ROUNDING) + ROUNDING * np.abs(centre)
+    return centre - radius, centre + radius

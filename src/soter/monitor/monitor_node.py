@@ -1,0 +1,164 @@
+"""The model monitor as a trusted Soter node.
+
+Purpose: the membership recursion of `model_membership.py` on estimates as source text: one interval
+per state, bounded work, no heap; it publishes whether an alarm was raised at its last step. It is
+to be the last instance of a system, so that the command it sees is the one that acts until its next
+step.
+Non-goals: plants that are not affine, lateness (a step is one period after the last one), composing
+it into a system: the user does that, and lets `ttf` read the alarm.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
+from soter.monitor.model_membership import ROUNDING, sight_of
+from soter.program.model.durations import show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.reach.problem.problem import Problem
+
+    Floats = NDArray[np.float64]
+
+NODE = "ModelMonitor"
+
+
+def monitor_source(
+    problem: Problem, imported: str, names: dict[int, str], alarm: str | None
+) -> str:
+    """The text of a file with the node.
+
+    `imported`: path of the program, for the `import`; `names`: topic index -> its name with the
+    alias `watched.`; `alarm`: a bool topic of the program to publish, or None for one of its own.
+    SoterError U001 where no such node exists.
+    """
+    return "\n".join([*_head(problem, imported, alarm), *_node(problem, names, alarm), "}", ""])
+
+
+def _head(problem: Problem, imported: str, alarm: str | None) -> list[str]:
+    lines = [
+        "soter 1;",
+        f"// The model monitor of {problem.name}, made by `soter monitor --emit`. It is to be",
+        "// the last instance of a system. An alarm says that no disturbance and no error within",
+        "// the declared bounds explains what is seen.",
+        "",
+        f'import "{imported}" as watched;',
+        "",
+    ]
+    if alarm is None:
+        lines += ["topic modelAlarm: bool;", ""]
+    return lines
+
+
+def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[str]:
+    q, n = problem.quantities, len(problem.states)
+    driven = driven_leaves(problem)
+    watched = [names[i] for i in dict.fromkeys([t for t, _ in driven])]
+    acting = [names[i] for i in dict.fromkeys(c.owner for c in q.controls)]
+    topic = alarm or "modelAlarm"
+    cases = list(product(*(p.values for p in problem.parameters)))
+    lines = [
+        f"node {NODE} period {show_ns(problem.plant_period_ns).replace(' ', '')} {{",
+        f"  subscribes {', '.join(dict.fromkeys(watched + acting))};",
+        f"  publishes {topic};",
+        f"  var low: float[{n}];",
+        f"  var high: float[{n}];",
+        f"  var acts: float[{max(1, len(q.controls))}];",
+        "  var begun: bool;",
+        "  var followed: int = 0;",
+        "  step {",
+        "    var alarmed = false;",
+        f"    let seen = {' && '.join(f'age({w}) <= 0.0' for w in watched)};",
+    ]
+    place = _parameter_places(problem, names)
+    for k, parameter in enumerate(cases):
+        tests = [f"{p} == {v}" for p, v in zip(place, parameter, strict=True)]
+        word = "if" if k == 0 else "} elseif"
+        if len(cases) > 1:
+            lines.append(f"    {word} {' && '.join(tests)} {{")
+        lines += _case(problem, parameter, k, names)
+    if len(cases) > 1:
+        lines.append("    }")
+    for i, c in enumerate(q.controls):
+        lines.append(f"    acts[{i}] = {'.'.join((names[c.owner], *c.path))};")
+    lines += [f"    publish {topic} = alarmed;", "  }"]
+    return lines
+
+
+def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, str]) -> list[str]:
+    model = linear_model(problem, parameter)
+    step = step_of(model, problem.plant_period_ns / 1e9)
+    sight = sight_of(problem, model)
+    y = [".".join((names[t], *path)) for t, path in driven_leaves(problem)]
+    n = len(problem.states)
+    lines = [f"      let known = begun && followed == {k};"]
+    for i in range(n):
+        lines += _state(i, step.phi[i], step.gamma[i], float(step.c[i]), float(step.reach[i]))
+        if np.isfinite(sight.error[i]):
+            row = sight.inverse[i]
+            centre = _sum([(row[j], y[j]) for j in range(len(y))], -float(row @ model.offset))
+            error = float(sight.error[i]) * (1 + ROUNDING) + ROUNDING * (
+                1 + abs(float(row @ model.offset))
+            )
+            lines += [
+                f"      let at{i} = {centre};",
+                f"      let least{i} = at{i} - {_number(error)};",
+                f"      let most{i} = at{i} + {_number(error)};",
+            ]
+        else:
+            lines += [f"      let least{i} = from{i};", f"      let most{i} = to{i};"]
+    empty = " || ".join(f"max(from{i}, least{i}) > min(to{i}, most{i})" for i in range(n))
+    lines += [f"      if known && seen && ({empty}) {{", "        alarmed = true;", "      }"]
+    for i in range(n):
+        lines += [
+            f"      low[{i}] = {_kept(f'from{i}', f'least{i}', 'max')};",
+            f"      high[{i}] = {_kept(f'to{i}', f'most{i}', 'min')};",
+        ]
+    lines += ["      begun = seen || known;", f"      followed = {k};"]
+    return lines
+
+
+def _kept(predicted: str, seen: str, meet: str) -> str:
+    """An end of the interval after a step: met with what is seen, or begun anew."""
+    return f"!seen ? {predicted} : known && !alarmed ? {meet}({predicted}, {seen}) : {seen}"
+
+
+def _state(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> list[str]:
+    """from, to: the interval one period later."""
+
+    def end(upper: bool) -> str:
+        terms = []
+        for j, f in enumerate(phi):
+            terms.append((float(f), f"{'high' if (f > 0) == upper else 'low'}[{j}]"))
+        terms += [(float(g), f"acts[{j}]") for j, g in enumerate(gamma)]
+        margin = reach * (1 + ROUNDING) + ROUNDING * (1 + abs(c))
+        return _sum(terms, c + (margin if upper else -margin))
+
+    return [f"      let from{i} = {end(False)};", f"      let to{i} = {end(True)};"]
+
+
+def _number(x: float) -> str:
+    text = repr(float(x))
+    return f"({text})" if x < 0 else text
+
+
+def _sum(terms: list[tuple[float, str]], constant: float) -> str:
+    parts = [name if f == 1.0 else f"{_number(float(f))} * {name}" for f, name in terms if f]
+    parts.append(_number(constant))
+    return " + ".join(parts)
+
+
+# ---------------------------------------------------------------- parameters
+
+
+def _parameter_places(problem: Problem, names: dict[int, str]) -> list[str]:
+    """For each parameter a driven leaf that equals it."""
+    return [".".join((names[index], *path)) for index, path in parameter_leaves(problem)]

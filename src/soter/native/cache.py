@@ -1,0 +1,281 @@
+"""The cache: what was made once, by content, and is loaded again only if it is whole and ours.
+
+Purpose: an entry is a folder NAME-CONTENT with its files and their seals. It is made beside and
+moved into place, so it is there whole or not at all; what is damaged, or could have been written by
+another user, is made again. The least recently used entries make room.
+Non-goals: what is in an entry; folders above the cache that others may write to.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+import stat
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.os_error_text import reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+LIMIT = "SOTER_CACHE_MB"
+LIMIT_MB = 2048
+"""What the cache may hold where neither $SOTER_CACHE_MB nor its file `limit` says it, MB."""
+LIMIT_LONGEST = 64
+"""Letters of that file that are read."""
+LIMIT_FILE = "limit"
+YOUNG_S = 600.0
+"""What was used as lately is never removed: another process may be about to load it."""
+SEALS = "seals"
+MAKING = ".soter-making-"
+MB = 1_000_000
+OTHERS = stat.S_IWGRP | stat.S_IWOTH
+
+_ours: set[Path] = set()
+"""Entries that this process has made or used."""
+
+
+def cache_dir() -> Path:
+    """$SOTER_CACHE, else the user's cache folder."""
+    chosen = os.environ.get("SOTER_CACHE")
+    if chosen:
+        return Path(chosen)
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "soter"
+
+
+def digest(parts: Iterable[str]) -> str:
+    """A hash of texts, one by one."""
+    told = hashlib.sha256()
+    for part in parts:
+        data = part.encode("utf-8", "surrogatepass")
+        told.update(len(data).to_bytes(8, "little"))
+        told.update(data)
+    return told.hexdigest()
+
+
+def cached(name: str, content: str, files: tuple[str, ...], make: Callable[[Path], None]) -> Path:
+    """The folder with `files`: from the cache, or made by `make` in an empty folder.
+
+    `content`: a hash of everything that they depend on. SoterError X006 where the cache cannot be
+    used, and whatever `make` raises.
+    """
+    return find_cached(name, content, files) or store(name, content, files, make)
+
+
+def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
+    """The folder with `files` if the cache has it; SoterError X006 where others could write it."""
+    folder = cache_dir()
+    _refuse_a_folder_of_others(folder)
+    entry = _entry(folder, name, content)
+    if not _is_whole(entry, content, files):
+        return None
+    with contextlib.suppress(OSError):  # a cache that may only be read is used all the same
+        os.utime(entry)
+    _ours.add(entry)
+    return entry
+
+
+def store(name: str, content: str, files: tuple[str, ...], make: Callable[[Path], None]) -> Path:
+    """Make the folder with `files` in the cache, in place of what is there; see `cached`.
+
+    SoterError X006 where the cache cannot be used, and whatever `make` raises.
+    """
+    folder = cache_dir()
+    entry = _entry(folder, name, content)
+    most, _ = limit()
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _refuse_a_folder_of_others(folder)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=MAKING) as work:
+            made = Path(work) / "made"
+            made.mkdir(mode=0o700)
+            make(made)
+            _seal(made, content, files)
+            _move(made, entry, Path(work) / "old", content, files)
+        _ours.add(entry)
+        _make_room(folder, most)
+    except OSError as error:
+        message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
+        raise _unusable(message) from error
+    return entry
+
+
+def _entry(folder: Path, name: str, content: str) -> Path:
+    return folder.absolute() / f"{name}-{content[:32]}"
+
+
+# ---------------------------------------------------------------- whole and ours
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _seals(folder: Path, content: str, files: tuple[str, ...]) -> str:
+    return "\n".join([content, *(_hash(folder / name) for name in files)])
+
+
+def _seal(made: Path, content: str, files: tuple[str, ...]) -> None:
+    """Only these files, in folders or not, which only we may write."""
+    wanted = {Path(name).parts[0] for name in files}
+    for path in made.iterdir():
+        if path.name not in wanted:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    (made / SEALS).write_text(_seals(made, content, files), encoding="utf-8")
+    for name in (*files, SEALS):
+        (made / name).chmod(0o600)
+
+
+def _is_whole(entry: Path, content: str, files: tuple[str, ...]) -> bool:
+    """Whether the entry is there, undamaged, and nobody else could have written any of it.
+
+    Loading half a library kills the process; loading somebody else's runs it.
+    """
+    try:
+        ours = stat.S_ISDIR(entry.lstat().st_mode) and is_ours(entry.lstat())
+        for name in (*files, SEALS):
+            status = (entry / name).lstat()
+            ours = ours and stat.S_ISREG(status.st_mode) and is_ours(status)
+        seals = (entry / SEALS).read_text(encoding="utf-8") if ours else ""
+        return ours and seals == _seals(entry, content, files)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def is_ours(status: os.stat_result) -> bool:
+    """Whether it belongs to this user (or root), and nobody else may write to it."""
+    return status.st_uid in {os.geteuid(), 0} and not status.st_mode & OTHERS
+
+
+def _refuse_a_folder_of_others(folder: Path) -> None:
+    try:
+        status = folder.stat()
+    except OSError:
+        return  # it is not there yet; making it says what is wrong
+    if not is_ours(status):
+        mine = status.st_uid in {os.geteuid(), 0}
+        what = "others may write to it" if mine else "it belongs to another user"
+        fix = (f"if nobody has: chmod go-w '{folder}'",) if mine else ()
+        message = f"the cache folder `{folder}` is not used: {what}"
+        note = "what is in it is loaded and run"
+        raise _unusable(message, (note,), fix)
+
+
+def _unusable(message: str, notes: tuple[str, ...] = (), helps: tuple[str, ...] = ()) -> SoterError:
+    other = "choose another with the environment variable SOTER_CACHE"
+    return SoterError((Diagnostic("X006", message, notes=notes, helps=(*helps, other)),))
+
+
+def _move(made: Path, entry: Path, old: Path, content: str, files: tuple[str, ...]) -> None:
+    """Into place, unless another process was faster."""
+    if _is_whole(entry, content, files):
+        return
+    try:
+        made.rename(entry)
+    except OSError:
+        if _is_whole(entry, content, files):
+            return
+        entry.rename(old)
+        made.rename(entry)
+
+
+# ---------------------------------------------------------------- room
+
+
+def limit() -> tuple[int, str]:
+    """Bytes that the cache may hold, and who says so; SoterError X006 where that is nonsense."""
+    text, where = os.environ.get(LIMIT, "").strip(), LIMIT
+    if not text:
+        file = cache_dir() / LIMIT_FILE
+        where = str(file)
+        with (
+            contextlib.suppress(OSError, UnicodeDecodeError),
+            file.open(encoding="ascii") as stream,
+        ):
+            text = stream.read(LIMIT_LONGEST).strip()
+    if text and not (text.isascii() and text.isdigit()):
+        help_ = f"give a number of megabytes, or unset it for {LIMIT_MB}"
+        if where != LIMIT:
+            help_ = "set it again: soter cache limit 2048"
+        message = f"{where} is `{text[:40]}`"
+        raise SoterError((Diagnostic("X006", message, helps=(help_,)),))
+    return (int(text) if text else LIMIT_MB) * MB, where if text else "by default"
+
+
+def set_limit(megabytes: int) -> None:
+    """Write down what the cache may hold, and keep to it now; SoterError X006."""
+    folder = cache_dir()
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _refuse_a_folder_of_others(folder)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=MAKING) as work:
+            made = Path(work) / LIMIT_FILE
+            made.write_text(f"{megabytes}\n", encoding="ascii")
+            made.replace(folder / LIMIT_FILE)
+    except OSError as error:
+        message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
+        raise _unusable(message) from error
+    _make_room(folder, limit()[0])
+
+
+def entries() -> list[tuple[float, int, Path]]:
+    """When each entry was used last (s since 1970), its bytes, its folder; the oldest first.
+
+    SoterError X006 where the folder cannot be read.
+    """
+    try:
+        return sorted(_used(cache_dir()))
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        message = f"cannot read the cache folder `{cache_dir()}`: {reason(error)}"
+        raise _unusable(message) from error
+
+
+def clear() -> tuple[int, int]:
+    """Remove every entry; how many and their bytes. SoterError X006 where one stays."""
+    _refuse_a_folder_of_others(cache_dir())
+    cache_entries = entries()
+    for _, _, entry in cache_entries:
+        try:
+            shutil.rmtree(entry)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            message = f"cannot remove `{entry}`: {reason(error)}"
+            raise _unusable(message) from error
+    return len(cache_entries), sum(size for _, size, _ in cache_entries)
+
+
+def _make_room(folder: Path, most: int) -> None:
+    """Remove the least recently used entries above `most` bytes; none of this process's."""
+    used = sorted(_used(folder))
+    size = sum(n for _, n, _ in used)
+    now = time.time()
+    for at, n, entry in used:
+        if size <= most or now - at < YOUNG_S:
+            return
+        if entry not in _ours:
+            size -= n
+            shutil.rmtree(entry, ignore_errors=True)
+
+
+def _used(folder: Path) -> list[tuple[float, int, Path]]:
+    """When each entry was used last, its bytes, its folder; what else lies there is not ours."""
+    used = []
+    for entry in folder.absolute().iterdir():
+        try:
+            if not entry.name.startswith(MAKING) and not (entry / SEALS).is_file():
+                continue
+            size = sum(p.lstat().st_size for p in entry.rglob("*"))
+            used.append((entry.lstat().st_mtime, size, entry))
+        except OSError:
+            continue  # another process removes it
+    return used

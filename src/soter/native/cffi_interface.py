@@ -1,0 +1,89 @@
+"""Reach compiled C from Python: declarations, opening a library, addresses in it.
+
+Purpose: the one place that knows cffi (ABI mode). Declarations are read from the headers
+themselves, so that Python and C cannot disagree.
+Non-goals: finding or making libraries (`native/cache.py`), what the functions mean.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.evaluate.floating_point_mode import require_plain
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+INLINE = re.compile(r"^SOTER_INLINE.*?^\}$", re.DOTALL | re.MULTILINE)
+CPLUSPLUS = re.compile(r"^#ifdef __cplusplus$.*?^#endif$", re.DOTALL | re.MULTILINE)
+DIRECTIVE = re.compile(r"^[ \t]*#(?:.*\\\n)*.*$", re.MULTILINE)
+NUMBER = re.compile(r"^#define ([A-Z_]+) (\d+)U?$")
+
+
+def declarations(header: Path) -> str:
+    """What a header of Soter declares: types, functions and numbers; no comments, no inline code.
+
+    What it includes is not read: give it before.
+    """
+
+    def kept(match: re.Match[str]) -> str:
+        number = NUMBER.match(match.group(0).rstrip())
+        return f"#define {number.group(1)} {number.group(2)}" if number else ""
+
+    text = COMMENT.sub("", header.read_text(encoding="utf-8"))
+    return DIRECTIVE.sub(kept, INLINE.sub("", CPLUSPLUS.sub("", text)))
+
+
+@lru_cache(maxsize=64)
+def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
+    """What calls C, given these declarations; the same object for the same texts."""
+    from cffi import FFI  # noqa: PLC0415 - only what is compiled pays for it
+
+    ffi = FFI()
+    for text in declared:
+        ffi.cdef(text)
+    return ffi
+
+
+def opened(
+    ffi: Any,  # noqa: ANN401 - cffi has no types
+    path: Path,
+    owners: Mapping[str, str] | None = None,
+) -> Any:  # noqa: ANN401 - the same
+    """The library; SoterError X004 where a function it needs is nowhere.
+
+    X012 where this thread does not compute as what is loaded takes for granted.
+
+    `owners`: the C file in which each linked function was to be found.
+    """
+    require_plain()
+    try:
+        return ffi.dlopen(str(path))
+    except OSError as error:
+        _, _, missing = str(error).partition("undefined symbol: ")
+        if missing:
+            symbol = missing.split()[0].rstrip(".")
+            file = (owners or {}).get(symbol)
+            message = (
+                f"`{file}` has no function `{symbol}`"
+                if file
+                else f"no C file of this program has the function `{symbol}`"
+            )
+            helps: tuple[str, ...] = (
+                "is its name right in `c:file.c:name`, and is it not static?",
+            )
+        else:
+            message, helps = f"the compiled program cannot be loaded: {error}", ()
+        raise SoterError((Diagnostic("X004", message, helps=helps),)) from error
+
+
+def address(ffi: Any, path: Path, symbol: str, type_: str) -> Any:  # noqa: ANN401 - cdata
+    """The address of a constant of the library, as a pointer of this type."""
+    own = interface(f"extern const char {symbol}[];")
+    held = own.dlopen(str(path))
+    return ffi.cast(type_, int(own.cast("uintptr_t", own.addressof(held, symbol))))

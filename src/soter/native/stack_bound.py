@@ -1,0 +1,240 @@
+"""How much stack a package's trusted part needs at most, from the compiler's own figures.
+
+Purpose: frames (`-fstack-usage`) and who calls whom (gcc: `-fcallgraph-info=su`; clang: the calls
+of its assembly), and the dearest way through them from the functions that a loop calls.
+Non-goals: stacks of interrupts, of the caller, of the C library and of externs: they are named.
+
+A call through a pointer may go to any function of the program's tables. What cannot be bounded (a
+frame that depends on data, a circle of calls, a compiler that says nothing) has no figure.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.native.cache import cached, digest
+from soter.native.compiler import STRICT, TIMEOUT_S, find
+from soter.native.watched import watched
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+OPTIMISE = "-O2"
+"""As the Makefile of a package compiles where nobody says otherwise."""
+INDIRECT = "__indirect_call"
+RETURNS_HERE = 16
+"""What a call itself may take where a compiler's figure is of the frame alone (clang)."""
+RED_ZONE = 128
+"""What the last function of a way may use below its frame (x86-64) and no compiler counts."""
+FOUND = "stack.json"
+SILENT = "this compiler tells no stack usage (gcc does, and clang for x86-64 and aarch64 of Linux)"
+QUIET = frozenset({"__assert_fail", "__assert_rtn", "abort", "__stack_chk_fail"})
+"""Do not come back."""
+ROLES = "step|failsafe|effect|exchange|happens|overrun|decide|violated|publish|init|order|self_test"
+TABLE = re.compile(rf"\.({ROLES}) = (\w+)")
+NODE = re.compile(r'^node: \{ title: "([^"]+)" label: "([^"]*)"')
+EDGE = re.compile(r'^edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
+BYTES = re.compile(r"\\n(\d+) bytes \((\w+(?:,\w+)*)\)")
+LABEL = re.compile(r"^([A-Za-z_][\w.$]*):")
+CALL = re.compile(r"^\s+(callq?|bl|blr|jmpq?|b|br)\s+(\S+)")
+READABLE = re.compile(r"^Target: (x86_64|aarch64)-\S*linux", re.MULTILINE)
+"""The targets of clang whose assembly is read here: what is not known is not guessed."""
+TAIL = frozenset({"jmp", "jmpq", "b", "br"})
+
+
+@dataclass
+class StackGraph:
+    """Functions as `file:name`, or `name` where everybody may call it."""
+
+    frames: dict[str, int] = field(default_factory=dict)
+    calls: dict[str, set[str]] = field(default_factory=dict)
+    unbounded: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class StackBound:
+    """`bytes`: None where there is no bound, and then `why`. `way`: the functions, outermost first.
+
+    `not_counted`: functions that are called and whose own stack comes on top.
+    """
+
+    bytes: int | None
+    compiler: str = ""
+    way: tuple[str, ...] = ()
+    not_counted: tuple[str, ...] = ()
+    why: str = ""
+
+
+def stack_of(files: Mapping[str, str], entries: str, left_out: Iterable[str] = ()) -> StackBound:
+    """The bound of C files (name -> text) for every function whose name begins with `entries`.
+
+    `left_out`: functions of the tables that are not the trusted part's, as the steps of plants.
+    """
+    try:
+        compiler = find()
+    except SoterError as error:
+        return StackBound(None, why=error.diagnostics[0].message)
+    flags = (*STRICT, OPTIMISE)
+    left = sorted(left_out)
+    rules = Path(__file__).read_text(encoding="utf-8")  # the figure depends on them, too
+    texts = [x for pair in files.items() for x in pair]
+    content = digest([compiler.identity, rules, entries, *left, *flags, *texts])
+
+    def make(work: Path) -> None:
+        stack = _measured(work, list(compiler.command), flags, files, entries, left)
+        (work / FOUND).write_text(json.dumps(vars(stack)), encoding="utf-8")
+
+    told = json.loads(
+        (cached("stack", content, (FOUND,), make) / FOUND).read_text(encoding="utf-8")
+    )
+    way, rest = tuple(told["way"]), tuple(told["not_counted"])
+    return StackBound(told["bytes"], told["compiler"], way, rest, told["why"])
+
+
+def _measured(
+    work: Path,
+    command: list[str],
+    flags: Sequence[str],
+    files: Mapping[str, str],
+    entries: str,
+    left_out: Sequence[str],
+) -> StackBound:
+    for name, text in files.items():
+        (work / name).write_text(text, encoding="utf-8")
+    sources = [name for name in files if name.endswith(".c")]
+    version = watched([*command, "--version"], work, TIMEOUT_S).text
+    said = (version.splitlines() or [""])[0]
+    graph: StackGraph | None = None
+
+    def done(*words: str) -> bool:
+        return watched([*command, *flags, *words, *sources], work, TIMEOUT_S).code == 0
+
+    if done("-fcallgraph-info=su", "-c"):
+        graph = _of_gcc(work)
+    elif READABLE.search(version) is None:
+        pass
+    elif done("-fstack-usage", "-S"):
+        graph = _of_clang(work)
+    for path in work.iterdir():
+        path.unlink()
+    if graph is None or not graph.frames:
+        return StackBound(None, said, why=SILENT)
+    pointed = {name for text in files.values() for _, name in TABLE.findall(text)}
+    return _bound(graph, said, entries, pointed - {"NULL", *left_out})
+
+
+# ---------------------------------------------------------------- what compilers say
+
+
+def _of_gcc(work: Path) -> StackGraph:
+    """Nodes and edges of every `.ci` file; a frame of gcc has the return address in it."""
+    graph = StackGraph()
+    for path in sorted(work.glob("*.ci")):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            edge = EDGE.match(line)
+            if edge is not None:
+                graph.calls.setdefault(edge[1], set()).add(edge[2])
+            node = NODE.match(line)
+            size = BYTES.search(node[2]) if node is not None else None
+            if node is None or size is None:
+                continue
+            graph.frames[node[1]] = int(size[1])
+            if "dynamic" in size[2] and "bounded" not in size[2]:
+                graph.unbounded.append(node[1])
+    return graph
+
+
+def _of_clang(work: Path) -> StackGraph:
+    """Frames of every `.su` file, calls of every `.s` file."""
+    graph = StackGraph()
+    for path in sorted(work.glob("*.su")):
+        own = path.with_suffix(".c").name
+        assembly = path.with_suffix(".s").read_text(encoding="utf-8")
+        open_ = set(re.findall(r"^\s+\.globl\s+(\S+)", assembly, re.MULTILINE))
+        here: dict[str, str] = {}
+        for line in path.read_text(encoding="utf-8").splitlines():
+            place, size, kind = line.rsplit("\t", 2)
+            name = place.rpartition(":")[2]
+            here[name] = name if name in open_ else f"{own}:{name}"
+            graph.frames[here[name]] = int(size) + RETURNS_HERE
+            if "dynamic" in kind:
+                graph.unbounded.append(here[name])
+        for name, called in _calls(assembly, set(here)):
+            graph.calls.setdefault(here[name], set()).add(here.get(called, called))
+    return graph
+
+
+def _calls(assembly: str, functions: set[str]) -> Iterable[tuple[str, str]]:
+    """Who calls whom; a jump through a register beside a jump table is one of a `switch`."""
+    parts: dict[str, list[str]] = {}
+    now = ""
+    for line in assembly.splitlines():
+        label = LABEL.match(line)
+        if label is not None and label[1] in functions:
+            now = label[1]
+        elif now:
+            parts.setdefault(now, []).append(line)
+    for name, lines in parts.items():
+        tables = any("LJTI" in line for line in lines)
+        for line in lines:
+            call = CALL.match(line)
+            if call is None:
+                continue
+            target = call[2].removesuffix("@PLT")
+            through = target.startswith(("*", "%")) or call[1] in {"blr", "br"}
+            if through and not (tables and call[1] in TAIL):
+                yield name, INDIRECT
+            elif not through and not target.startswith(".L"):
+                yield name, target
+
+
+# ---------------------------------------------------------------- the dearest way
+
+
+class _EndlessError(Exception):
+    """A circle of calls, or a frame without a bound."""
+
+
+def _bound(graph: StackGraph, compiler: str, entries: str, pointed: set[str]) -> StackBound:
+    by_name: dict[str, list[str]] = {}
+    for title in graph.frames:
+        by_name.setdefault(_plain(title), []).append(title)
+    graph.calls[INDIRECT] = {t for name in pointed for t in by_name.get(name, [])}
+    known: dict[str, tuple[int, tuple[str, ...]]] = {}
+    outside: set[str] = set()
+
+    def deepest(title: str, above: tuple[str, ...]) -> tuple[int, tuple[str, ...]]:
+        if title in above:
+            circle = " -> ".join((*above[above.index(title) :], title))
+            raise _EndlessError(f"calls run in a circle: {circle}")
+        if title in known:
+            return known[title]
+        if title != INDIRECT and title not in graph.frames:
+            outside.update({title} - QUIET)
+            return 0, ()
+        if title in graph.unbounded:
+            raise _EndlessError(f"the frame of `{_plain(title)}` depends on data")
+        below = [deepest(t, (*above, title)) for t in sorted(graph.calls.get(title, ()))]
+        most, way = max(below, default=(0, ()), key=lambda x: x[0])
+        own = () if title == INDIRECT else (_plain(title),)
+        known[title] = most + graph.frames.get(title, 0), (*own, *way)
+        return known[title]
+
+    starts = [t for t in graph.frames if ":" not in t and t.startswith(entries)]
+    if not starts:
+        return StackBound(None, compiler, why="no function of the interface was found")
+    try:
+        size, way = max((deepest(t, ()) for t in sorted(starts)), key=lambda x: x[0])
+    except _EndlessError as error:
+        return StackBound(None, compiler, why=str(error))
+    return StackBound(size + RED_ZONE, compiler, way, tuple(sorted(outside)))
+
+
+def _plain(title: str) -> str:
+    """`file.c:name.isra.0` without the file and what the compiler added."""
+    return title.rpartition(":")[2].partition(".")[0]

@@ -1,0 +1,116 @@
+"""Read files that people name: within bounds, and never from a device by accident.
+
+Purpose: one way to read programs, data, logs and what other commands wrote, with the reasons
+people need when it fails. Whatever is named, reading it ends.
+Non-goals: what stands there, diagnostics: whoever asked for the file says.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import stat
+from typing import TYPE_CHECKING, BinaryIO
+
+from soter.diagnostics.near import closest
+from soter.diagnostics.os_error_text import reason
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+MIB = 2**20
+TEXT_MAX = 64 * MIB
+"""Bytes of what other commands wrote as text: reports, mappings, times."""
+PIPE_MAX = 1024 * MIB
+"""Bytes that are read of a log that comes through a pipe."""
+NONBLOCK = getattr(os, "O_NONBLOCK", 0)
+
+
+class ReadError(OSError):
+    """A file that cannot be read; `missing` where there is none. The text says why."""
+
+    def __init__(self, why: str, *, missing: bool = False) -> None:
+        super().__init__(why)
+        self.missing = missing
+
+
+def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> bytes:
+    """The content of a file of at most `limit` bytes; raises `ReadError`.
+
+    Pipes and devices are read only where they are `special`ly allowed: an import of one would
+    wait for ever. Nobody waits for a pipe that nobody writes.
+    """
+    with opened(path, limit, pipes=special, devices=special) as file:
+        try:
+            data = file.read(limit + 1) if _size(file) <= limit else None
+        except OSError as error:
+            raise ReadError(reason(error)) from error
+    if data is None or len(data) > limit:
+        raise ReadError(f"it is too large: at most {limit // MIB} MiB are read")
+    return data
+
+
+def _size(file: BinaryIO) -> int:
+    """What its file says of its size; 0 of what has none."""
+    return 0 if isinstance(file, io.BytesIO) else os.fstat(file.fileno()).st_size
+
+
+def read_json_text(path: Path) -> str:
+    """The text of a file that another command wrote, UTF-8; raises `ReadError`, ValueError."""
+    return read_bytes(path, special=True).decode("utf-8")
+
+
+def opened(
+    path: Path, limit: int = PIPE_MAX, *, pipes: bool = True, devices: bool = False
+) -> BinaryIO:
+    """A file to read from, whose end comes; raises `ReadError`.
+
+    Of a pipe at most `limit` bytes and one are read, at once.
+    """
+    try:
+        _require(path.stat().st_mode, pipes=pipes, devices=devices)
+        handle = os.open(path, os.O_RDONLY | NONBLOCK | getattr(os, "O_CLOEXEC", 0))
+        if stat.S_ISFIFO(os.fstat(handle).st_mode):
+            return io.BytesIO(_piped(handle, limit + 1))
+    except ReadError:
+        raise
+    except (FileNotFoundError, NotADirectoryError):
+        raise ReadError("there is no such file", missing=True) from None
+    except OSError as error:
+        raise ReadError(reason(error)) from error
+    except (ValueError, RuntimeError) as error:
+        raise ReadError(f"its name is impossible: {error}") from error
+    os.set_blocking(handle, True)
+    return os.fdopen(handle, "rb")
+
+
+def _require(mode: int, *, pipes: bool, devices: bool) -> None:
+    if stat.S_ISDIR(mode):
+        raise ReadError("it is a folder")
+    allowed = stat.S_ISREG(mode) or (stat.S_ISFIFO(mode) and pipes)
+    if not allowed and not (stat.S_ISCHR(mode) and devices):
+        raise ReadError("it is no ordinary file")
+
+
+def _piped(handle: int, most: int) -> bytes:
+    """What comes through a pipe; its handle is closed."""
+    with os.fdopen(handle, "rb", buffering=0) as pipe:
+        first = pipe.read(most)  # None: there is nothing yet, and somebody who writes
+        if first == b"":
+            raise ReadError("nobody writes into this pipe")
+        content = bytearray(first or b"")
+        os.set_blocking(handle, True)
+        while len(content) < most and (part := pipe.read(most - len(content))):
+            content += part
+    return bytes(content)
+
+
+def near_names(path: Path) -> tuple[str, ...]:
+    """A help line about a file that is missing: one with a similar name, or the folder."""
+    try:
+        names = sorted(entry.name for entry in os.scandir(path.parent) if entry.is_file())
+    except (OSError, ValueError):
+        return (f"there is no folder `{path.parent}`",)
+    close = closest(path.name, names)
+    return (f"did you mean `{path.parent / close[0]}`?",) if close else ()

@@ -1,0 +1,233 @@
+"""What the simulator's integration scheme adds to a linear flow.
+
+Purpose: a bound w per state so that one step of the scheme is an exact solution of
+x' in A x + B u + c + [-w, w], for proofs about programs that are simulated (or run) that way.
+Non-goals: nonlinear flows, where it is a printed assumption.
+
+The state is that of all plants together: the scheme steps them at once, and only then is b, the
+commands and disturbances of one step, constant. One step of a Runge-Kutta scheme of order p
+(p stages, p <= 4) on x' = f = A x + b is x + h (1 + z/2! + ... + z^(p-1)/p!) f, z = h A; the exact
+one is x + h phi(z) f with phi(z) = (e^z - 1) / z. A constant w_e explains the difference when
+phi(z) w_e = T f, T = sum over k >= p of z^k / (k+1)!. Since 1 / phi = sum B_k z^k / k! with the
+Bernoulli numbers B_0 = 1, B_1 = -1/2, |B_k| / k! <= 4 / (2 pi)^k, entry by entry
+|w_e| <= (1 + |z|/2 + sum over k >= 2 of 4 (|z|/6.28)^k) (sum over k >= p of |z|^k / (k+1)!) |f|.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.float64]
+
+NS = 1e-9
+ORDER = 4
+UP = 1.0 + 1e-12
+"""Makes up for every rounding of the few sums of nonnegative numbers here."""
+UNIT = 2.0**-53
+TERMS = 24
+SIZES = (0.25, 0.5, 0.75, 0.95)
+LINEAR = 2.0**-40
+"""Remainders of this share of a rate are rounding: the flow is linear for the simulator, too."""
+FORM = 4
+"""low, high, centre, remainder of a form; then its coefficients."""
+ROOM = 1.01
+STIFF = (
+    "the error of the plant's scheme is not bounded: rate x step of {names} is {size:.3g}, at "
+    "{step:.3g} s a step"
+)
+STIFF_HINT = "shorter steps of the plant, rate x step below 1: `substeps`, or a shorter period"
+
+
+def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
+    """The matrix before |f| above, for `order` = p; shape (n, n).
+
+    inf where h |A| is so large (its spectral radius near 1 or more) that the bound says nothing.
+    Tails are bounded with d > 0 and z d <= size d: then z^k <= size^k d (1 / d)^T, entry by entry.
+    """
+    z = np.abs(a) * h * UP
+    scaled = _scale(z)
+    if scaled is None:
+        return np.full_like(z, np.inf)
+    d, size = scaled
+    power, inverse, rest = np.eye(len(z)), np.eye(len(z)), np.zeros_like(z)
+    factorial = 1.0
+    for k in range(1, TERMS):
+        power = power @ z
+        factorial *= k
+        inverse += power * (0.5 if k == 1 else 4.0 / 6.28**k)
+        if k >= order:
+            rest += power / (factorial * (k + 1))
+    ends = np.outer(d, 1.0 / d) if power.any() else 0.0
+    tail = 2.0 * size**TERMS / factorial * ends
+    beyond = 5.0 * (size / 6.28) ** TERMS * ends
+    return np.asarray(((inverse + beyond) @ (rest + tail) + 0.0) * UP)
+
+
+def _scale(z: Floats) -> tuple[Floats, float] | None:
+    """Weights d > 0 (n,) and a size < 1 with z d <= size d, z >= 0 (n, n); None: there are none.
+
+    Rows have units of their own: d makes up for them. It solves (1 - z / s) d = 1 for a few s.
+    """
+    for s in SIZES:
+        try:
+            d = np.linalg.solve(np.eye(len(z)) - z / s, np.ones(len(z)))
+        except np.linalg.LinAlgError:
+            continue
+        if np.all(np.isfinite(d)) and np.all(d > 0.5):
+            size = float((z @ d / d).max(initial=0.0)) * UP
+            if size < 1.0:
+                return np.asarray(d, dtype=np.float64), size
+    return None
+
+
+def largest_rates(model: dict[str, Floats], states: Floats, commands: Floats) -> Floats:
+    """Bounds of |x'| (n,) for |x| <= `states` (n,), |u| <= `commands` (m,), but for rounding."""
+    moved = np.abs(model["A"]) @ states + np.abs(model["B"]) @ commands
+    return np.asarray(moved + np.abs(model["c"]) + model["w"], dtype=np.float64)
+
+
+def scheme_error(
+    model: dict[str, Floats], states: Floats, commands: Floats, h: float, order: int = ORDER
+) -> Floats:
+    """W per state (n,): scheme and rounding of one step of `h` seconds, as a disturbance of x'.
+
+    `states`, `commands`: largest |x| and |u|, shapes (n,), (m,); `model`: of all states.
+    """
+    f = largest_rates(model, states, commands)
+    weight = scheme_weight(model["A"], h, order)
+    scheme = np.where(weight > 0, weight, 0.0) @ f
+    stages = 16 * (len(f) + model["B"].shape[1] + 8)
+    rounding = stages * UNIT * (states / h + f)
+    return np.asarray((scheme + rounding) * UP, dtype=np.float64)
+
+
+# ---------------------------------------------------------------- of one group
+
+
+@dataclass(frozen=True)
+class SchemeSolution:
+    """Whether the steps of the simulator are solutions of a group's model.
+
+    `error`: with so much more (n,) on each rate of its states they are; None: they are not shown
+    to be. `stiff`: why, where the flow is linear and nothing but its step stands against it.
+    """
+
+    error: Floats | None = None
+    stiff: str = ""
+
+
+@dataclass(frozen=True)
+class SimulatedFlow:
+    """What of a problem its simulation rests on.
+
+    `rates(low, high)`: forms of all rates over ranges of all inputs, (states, 4 + inputs), and the
+    radius of each input; None where a step fault is possible. `steps`: of each state the step in s
+    and the order of its scheme, and the number of its plant; a step of 0: commands do not fit it.
+    """
+
+    rates: Callable[[Floats, Floats], tuple[Floats, Floats] | None]
+    names: tuple[str, ...]
+    steps: tuple[tuple[float, int, int], ...]
+    controls: int
+
+
+def followed(of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]) -> SchemeSolution:
+    """For the states `own` of a group, all inputs within [low, high].
+
+    The states that drive them are stepped with them, so that their rates count, and the stages may
+    leave the ranges: there the flow has to be as linear.
+    """
+    n = len(of.names)
+    inside = _linear(of, low, high, own)
+    if inside is None:
+        return SchemeSolution()
+    states, model = inside
+    if not all(of.steps[s][0] > 0.0 for s in states):
+        return SchemeSolution()
+    errors = np.zeros(n)
+    for plant in dict.fromkeys(of.steps[s][2] for s in states):
+        at = [s for s in states if of.steps[s][2] == plant]
+        others = [s for s in states if s not in at]
+        step, order, _ = of.steps[at[0]]
+        a = model["A"][np.ix_(at, at)]
+        if model["A"][np.ix_(at, others)].any():
+            return SchemeSolution()  # plants read no states of each other
+        z = np.abs(a) * step
+        weight = scheme_weight(a, step, order)
+        if not np.all(np.isfinite(weight)):
+            return SchemeSolution(stiff=_too_fast([of.names[s] for s in at], z, step))
+        part = {"A": a, "B": model["B"][at], "c": model["c"][at], "w": model["w"][at]}
+        largest = np.maximum(np.abs(low), np.abs(high))
+        bounds = largest[at], largest[n : n + of.controls]
+        beyond = _stages(z, step * largest_rates(part, *bounds))
+        wider = low.copy(), high.copy()
+        wider[0][at] -= beyond
+        wider[1][at] += beyond
+        there = _linear(of, *wider, at)
+        if there is None:
+            return SchemeSolution()
+        moved = {k: v[at] if k != "A" else v[np.ix_(at, at)] for k, v in there[1].items()}
+        if np.any(step * largest_rates(moved, bounds[0] + beyond, bounds[1]) > beyond):
+            return SchemeSolution()
+        errors[at] = scheme_error(part, *bounds, step, order)
+    return SchemeSolution(errors[list(own)])
+
+
+def _too_fast(names: Sequence[str], z: Floats, step: float) -> str:
+    """Which states are too fast for a step, in words."""
+    every = range(len(z))
+    alone = [k for k in every if z[k, k] >= SIZES[-1]] or [*every]
+    size = float(np.abs(np.linalg.eigvals(z)).max())
+    return STIFF.format(names=", ".join(names[k] for k in alone), size=size, step=step)
+
+
+def _stages(z: Floats, first: Floats) -> Floats:
+    """How far the stages of a step may be from where it began: the series of z^k `first`."""
+    total, term = first.copy(), first.copy()
+    for _ in range(TERMS * 20):
+        term = z @ term
+        total += term
+        if np.all(term <= total * UNIT):
+            break
+    return np.asarray(total * ROOM)
+
+
+def _linear(
+    of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]
+) -> tuple[list[int], dict[str, Floats]] | None:
+    """The states that `own` depend on, and the model of all; None where one of them is not linear.
+
+    All controls are commands in it.
+    """
+    given = of.rates(low, high)
+    if given is None:
+        return None
+    rates, radius = given
+    n = len(of.names)
+    moving = n + of.controls
+    size = np.abs(rates[:, 2]) + np.abs(rates[:, FORM:]).sum(axis=1)
+    slopes = rates[:, FORM : FORM + moving] / np.where(radius[:moving] > 0, radius[:moving], 1.0)
+    todo, states = list(own), set()
+    while todo:
+        s = todo.pop()
+        if s in states:
+            continue
+        states.add(s)
+        if not rates[s, 3] <= LINEAR * size[s] + 1e-250:
+            return None
+        todo += [int(k) for k in np.flatnonzero(slopes[s, :n])]
+    middle = low[:moving] / 2 + high[:moving] / 2
+    return sorted(states), {
+        "A": slopes[:, :n],
+        "B": slopes[:, n:],
+        "c": rates[:, 2] - slopes @ middle,
+        "w": np.abs(rates[:, FORM + moving :]).sum(axis=1) + rates[:, 3],
+    }

@@ -1,0 +1,283 @@
+"""The argument of a safety case as a picture in the Goal Structuring Notation.
+
+Purpose: goals as boxes, strategies as parallelograms, solutions as circles, assumptions and
+contexts beside the goal they are of; an undeveloped goal has the diamond. Solutions that point to
+the same thing are one circle. Where a case is too wide for one picture the top goes down
+to the modules, and each module has a picture of its own.
+Non-goals: texts in full (the tables of `page.py`). Lengths are pixels.
+Source: GSN Community Standard, version 3, part 1.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass, field
+from html import escape
+from typing import TYPE_CHECKING
+
+from soter.report.assurance.safety_case import SUPPORTED
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.report.assurance.safety_case import CaseNode, SafetyCase
+
+COLUMN, BOX, GAP, LINE, MARGIN = 138, 126, 44, 15, 8
+LETTERS, LINES_MAX = 17, 6
+TOGETHER_MAX = 9
+"""So many columns of goals are one picture."""
+RADIUS, SIDE = 50, 54
+LEGEND = (
+    ("goal", "goal"),
+    ("strategy", "strategy"),
+    ("solution", "solution: the evidence"),
+    ("assumption", "assumptions"),
+    ("context", "context"),
+    ("diamond", "undeveloped"),
+)
+
+
+@dataclass
+class _Spot:
+    """A node on the picture, or several solutions in one: its place, what is below it."""
+
+    nodes: list[CaseNode]
+    x: float = 0.0
+    """The middle."""
+    y: float = 0.0
+    below: list[_Spot] = field(default_factory=list)
+
+    @property
+    def node(self) -> CaseNode:
+        return self.nodes[0]
+
+    @property
+    def lines(self) -> list[str]:
+        """The text, as much of it as there is room for."""
+        plain = self.node.text.replace("`", "")
+        lines = textwrap.wrap(plain, LETTERS) or [""]
+        if len(lines) > LINES_MAX:
+            lines = [*lines[: LINES_MAX - 1], f"{lines[LINES_MAX - 1][: LETTERS - 1]}…"]
+        return lines
+
+    @property
+    def height(self) -> float:
+        if self.node.kind == "solution":
+            return 2.0 * RADIUS
+        return LINE * (len(self.lines) + 1) + 14.0
+
+
+def pictures(case: SafetyCase) -> list[tuple[str, str]]:
+    """Titles (the first is empty) and SVGs: the top goal, what did not fit there, then others."""
+    below = {i for n in case.nodes for i in n.supported_by}
+    drawings: list[tuple[str, str]] = []
+    for root in (n for n in case.goals if n.id not in below):
+        spot = _spot(case, root, None)
+        title = "" if not drawings else root.id
+        if _leaves(spot) <= TOGETHER_MAX:
+            drawings.append((title, _svg(case, spot)))
+            continue
+        parts = _parts(case, root)
+        drawings.append((title, _svg(case, _spot(case, root, frozenset(p.id for p in parts)))))
+        drawings += [(p.id, _svg(case, _spot(case, p, None))) for p in parts]
+    return drawings
+
+
+def _parts(case: SafetyCase, root: CaseNode) -> list[CaseNode]:
+    """The goals below the first strategy, or else below the root."""
+    nodes = [case.node(i) for i in root.supported_by]
+    if [n.kind for n in nodes] == ["strategy"]:
+        nodes = [case.node(i) for i in nodes[0].supported_by]
+    return nodes
+
+
+def _spot(case: SafetyCase, node: CaseNode, ends: frozenset[str] | None) -> _Spot:
+    """A node with what is below it, without what is below `ends`."""
+    spot = _Spot([node])
+    if ends is not None and node.id in ends:
+        return spot
+    spot.below = [_spot(case, case.node(i), ends) for i in node.supported_by]
+    return spot
+
+
+def _leaves(spot: _Spot) -> int:
+    """How many columns of goals it takes."""
+    goals = [s for s in spot.below if s.node.kind != "solution"]
+    return max(sum(_leaves(s) for s in goals), len(spot.below) - len(goals), 1)
+
+
+def _rows(spot: _Spot) -> list[list[_Spot]]:
+    """The spots by layers; solutions that say the same stand once, below all that they support."""
+    rows = [[spot]]
+    while True:
+        row: list[_Spot] = []
+        same: dict[tuple[str, str, str, bool], _Spot] = {}
+        for above in rows[-1]:
+            for i, s in enumerate(above.below):
+                n = s.node
+                key = (n.text, n.path, n.sha256, n.checked)
+                if n.kind == "solution" and key in same:
+                    same[key].nodes.append(n)
+                    above.below[i] = same[key]
+                    continue
+                if n.kind == "solution":
+                    same[key] = s
+                row.append(s)
+        if not row:
+            return rows
+        rows.append(row)
+
+
+def _place(spot: _Spot, left: float) -> float:
+    """Columns from the left for goals; what is above stands in the middle. Where it ends."""
+    goals = [s for s in spot.below if s.node.kind != "solution"]
+    if not goals:
+        spot.x = left + COLUMN * _leaves(spot) / 2
+        return left + COLUMN * _leaves(spot)
+    end = left
+    for s in goals:
+        end = _place(s, end)
+    spot.x = (goals[0].x + goals[-1].x) / 2
+    return end
+
+
+def _svg(case: SafetyCase, root: _Spot) -> str:
+    beside = _beside(case, root.node)
+    width = max(_place(root, 0.0), 3.0 * COLUMN)
+    root_x = root.x
+    if beside:  # assumptions to the left of the top goal, contexts to its right
+        short = max(1.5 * COLUMN - root_x, 1.5 * COLUMN - (width - root_x), 0.0)
+        _move(root, short)
+        width += 2 * short
+    rows = _rows(root)
+    y = float(MARGIN)
+    for row in rows:
+        for s in row:
+            s.y = y
+            if s.node.kind == "solution":
+                above = [a for r in rows for a in r if any(b is s for b in a.below)]
+                s.x = sum(a.x for a in above) / len(above)
+        _apart([s for s in row if s.node.kind == "solution"])
+        y += max(s.height for s in row) + GAP
+    parts = [line for row in rows for s in row for below in s.below for line in _arrow(s, below)]
+    parts += [line for row in rows for s in row for line in _shape(case, s)]
+    parts += [line for k, (kind, ids) in enumerate(beside) for line in _side(root, kind, ids, k)]
+    parts.append(f'<g transform="translate({MARGIN} {y - 10:.0f})">{_legend()}</g>')
+    width = max(width, 700.0) + 2 * MARGIN
+    height = y + 30
+    name = escape(f"{root.node.id} {root.node.text}", quote=True)
+    return (
+        f'<svg class="gsn" xmlns="http://www.w3.org/2000/svg" viewBox="{-MARGIN} 0 {width:.0f} '
+        f'{height:.0f}" width="{width:.0f}" height="{height:.0f}" role="img" aria-label="{name}">'
+        + "".join(parts)
+        + "</svg>"
+    )
+
+
+def _move(spot: _Spot, by: float) -> None:
+    spot.x += by
+    for s in spot.below:
+        _move(s, by)
+
+
+def _apart(spots: Sequence[_Spot]) -> None:
+    """Circles of a row, in their order, so that none covers another."""
+    least = RADIUS + 0.0
+    for s in sorted(spots, key=lambda s: s.x):
+        s.x = max(s.x, least)
+        least = s.x + 2 * RADIUS + 12
+
+
+def _beside(case: SafetyCase, node: CaseNode) -> list[tuple[str, list[str]]]:
+    """Assumptions and contexts of a node, with their ids."""
+    near = [case.node(i) for i in node.in_context_of]
+    kinds = ("assumption", "context")
+    ids_by_kind = [(kind, [n.id for n in near if n.kind == kind]) for kind in kinds]
+    return [(kind, ids) for kind, ids in ids_by_kind if ids]
+
+
+# ---------------------------------------------------------------- shapes
+
+
+def _shape(case: SafetyCase, s: _Spot) -> Iterator[str]:
+    n, status = s.node, case.status(s.node)
+    left, top, high = s.x - BOX / 2, s.y, s.height
+    yield f'<a href="#{escape(n.id, quote=True)}"><g class="{n.kind} {status}">'
+    if n.kind == "solution":
+        yield f'<circle cx="{s.x:.1f}" cy="{top + RADIUS:.1f}" r="{RADIUS}"/>'
+        about = f"for {len(s.nodes)} goals" if len(s.nodes) > 1 else n.id
+        words = textwrap.wrap(n.text.split(",")[0].replace("`", ""), 13)[:3]
+        hash_ = [n.sha256[:12]] if n.sha256 else []
+        yield from _lines(
+            s.x, top + RADIUS - 7 * (len(words) + len(hash_)), [about, *words, *hash_]
+        )
+    else:
+        slant = 9 if n.kind == "strategy" else 0
+        yield (
+            f'<path d="M{left + slant:.1f} {top:.1f}H{left + BOX + slant:.1f}'
+            f'L{left + BOX - slant:.1f} {top + high:.1f}H{left - slant:.1f}Z"/>'
+        )
+        sign = "\N{CHECK MARK}" if status == SUPPORTED else ""
+        yield from _lines(s.x, top + 16, [f"{n.id} {sign}".strip(), *s.lines])
+        if n.kind == "goal" and not n.supported_by:
+            yield _diamond(s.x, top + high)
+    yield "</g></a>"
+
+
+def _lines(x: float, y: float, lines: Sequence[str]) -> Iterator[str]:
+    for i, line in enumerate(lines):
+        kind = ' class="id"' if i == 0 else ""
+        yield f'<text{kind} x="{x:.1f}" y="{y + LINE * i:.1f}">{escape(line)}</text>'
+
+
+def _diamond(x: float, y: float) -> str:
+    return (
+        f'<path class="diamond" d="M{x:.1f} {y:.1f}l8 9l-8 9l-8 -9Z">'
+        "<title>undeveloped</title></path>"
+    )
+
+
+def _arrow(above: _Spot, below: _Spot) -> Iterator[str]:
+    x0, y0, x1, y1 = above.x, above.y + above.height, below.x, below.y
+    half = (y1 - y0) / 2
+    yield (
+        f'<path class="wire" d="M{x0:.1f} {y0:.1f}C{x0:.1f} {y0 + half:.1f} {x1:.1f} '
+        f'{y1 - half:.1f} {x1:.1f} {y1 - 7:.1f}"/>'
+    )
+    yield f'<path class="head" d="M{x1:.1f} {y1:.1f}l-4 -8h8Z"/>'
+
+
+def _side(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]:
+    """The assumptions to the left, contexts to the right, each as one element."""
+    side = -1 if at == 0 and kind == "assumption" else 1
+    x, y = root.x + side * 1.05 * COLUMN, root.y + root.height / 2
+    edge, end = root.x + side * BOX / 2, x - side * SIDE
+    count = f"{len(ids)} {kind}{'s' if len(ids) > 1 else ''}"
+    span = ids[0] if len(ids) == 1 else f"{ids[0]}, …"
+    yield f'<path class="wire" d="M{edge:.1f} {y:.1f}H{end - side * 8:.1f}"/>'
+    yield f'<path class="head hollow" d="M{end:.1f} {y:.1f}l{-side * 8} -4v8Z"/>'
+    radius = 22 if kind == "assumption" else 10
+    yield f'<a href="#{kind}s"><g class="{kind}"><rect x="{x - SIDE:.1f}" y="{y - 22:.1f}" '
+    yield f'width="{2 * SIDE}" height="44" rx="{radius}"/>'
+    yield from _lines(x, y - 3, [span, count])
+    yield "</g></a>"
+
+
+def _legend() -> str:
+    """The symbols of the notation."""
+    shapes = {
+        "goal": '<g class="goal"><path d="M0 0H26V14H0Z"/></g>',
+        "strategy": '<g class="strategy"><path d="M4 0H30L26 14H0Z"/></g>',
+        "solution": '<g class="solution"><circle cx="14" cy="7" r="8"/></g>',
+        "assumption": '<g class="assumption"><rect width="26" height="14" rx="7"/></g>',
+        "context": '<g class="context"><rect width="26" height="14" rx="4"/></g>',
+        "diamond": '<g class="undeveloped">' + _diamond(14, -2) + "</g>",
+    }
+    parts, x = [], 0
+    for kind, text in LEGEND:
+        parts.append(
+            f'<g transform="translate({x} 0)">{shapes[kind]}'
+            f'<text class="legend" x="36" y="12">{text}</text></g>'
+        )
+        x += 52 + 7 * len(text)
+    return "".join(parts)

@@ -1,0 +1,81 @@
+"""Write a file so that it is either there in full or not there at all.
+
+Purpose: a full disk, a crash or an interrupt never leaves half a file, nor harms the one that
+stood there before.
+Non-goals: locking; of two writers of one path the last to finish wins.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+from contextlib import contextmanager, suppress
+from typing import IO, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+PART = ".part"
+"""Ending of a file that is being written."""
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[IO[bytes]]:
+    """Give a binary stream whose bytes stand at `path` once the block has ended without error.
+
+    The bytes go to a temporary name in the same folder, are synced to the disk and renamed over
+    `path`; a link is followed. Missing parent folders are made. Raises `OSError` as the system
+    reports it; the temporary file is removed on any error, an interrupt included. What exists
+    and is no regular file, such as `/dev/null`, is written to directly: it must not be replaced.
+    """
+    target = path.resolve()
+    if target.exists() and not target.is_file():
+        with target.open("wb") as stream:
+            yield stream
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = target.with_name(f".{target.name}.{os.getpid()}-{secrets.token_hex(4)}{PART}")
+    try:
+        with temporary.open("xb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(target)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def left_behind(folder: Path, process: int) -> list[tuple[Path, Path]]:
+    """What a process that is gone was writing into a folder, and where it was to stand."""
+    mark = f".{process}-"
+    return [
+        (part, part.with_name(part.name[1 : part.name.rindex(mark)]))
+        for part in sorted(folder.glob(f".*{mark}*{PART}"))
+    ]
+
+
+def unfinished(path: Path) -> list[Path]:
+    """What processes that are gone, and did not tidy up, had written of the file at `path`."""
+    target = path.resolve()
+    named = re.compile(rf"\.{re.escape(target.name)}\.([0-9]+)-[0-9a-f]{{8}}{re.escape(PART)}")
+    with suppress(OSError):
+        parts = [(p, named.fullmatch(p.name)) for p in sorted(target.parent.iterdir())]
+        return [p for p, match in parts if match and not _runs(int(match.group(1)))]
+    return []
+
+
+def _runs(process: int) -> bool:
+    """Whether there is such a process; what cannot be asked for is believed to run."""
+    if os.name != "posix":
+        return True  # there, 0 is a signal that ends it
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        pass
+    return True

@@ -1,0 +1,169 @@
+"""What the diagram of a program shows while a run or a log is replayed, as plain data.
+
+Purpose: `Live`: rows of values, when components step, who is in control and what the decision
+modules saw; and all of it as JSON, as small as a screen allows. Times are seconds.
+Non-goals: the diagram, the player (`assets/replay.js`), reading runs and logs.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.report.run.packed_json import numbers, packed
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+ALONE_MAX, BESIDE_MAX = 100_000, 4_000
+"""Numbers that a page may carry for its diagram, where it has no time lines and where it has."""
+POINTS_MIN = 180
+"""Of a row at least, however many there are."""
+CHANGES_MAX = 2000
+"""Changes of a module that a page knows; later ones are not shown."""
+STEPS_MAX = 2000
+"""Steps of a component that does not keep its calendar."""
+DIGITS_MAX = 4
+HALF_S = 5e-5
+"""Half of the last digit that times are written with."""
+SMALL = 0.01
+"""Numbers that stay below are written with an exponent."""
+
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """A row of a box: from `time_s` (N,) on it holds each of `values`, (N,) each.
+
+    `key`, `label`, `unit`, `words`: as the diagram's row has them; `names`: of the signals.
+    """
+
+    key: str
+    label: str
+    names: tuple[str, ...]
+    time_s: NDArray[np.float64]
+    values: tuple[NDArray[np.float64], ...]
+    unit: str = ""
+    words: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Steps:
+    """When a component steps: `period_ns` from `phase_ns` on, or, where it is late, `times_ns`.
+
+    `latched_ns`: since when it does not step any more.
+    """
+
+    component: str
+    period_ns: int
+    phase_ns: int
+    times_ns: tuple[int, ...] | None = None
+    latched_ns: int | None = None
+
+
+@dataclass(frozen=True)
+class Control:
+    """A module: components AC and SC; since when (s) who is in control, and what the DM saw."""
+
+    module: str
+    ac: str
+    sc: str
+    modes: tuple[tuple[float, bool], ...]
+    """True: AC."""
+    saw_key: str
+    saw: tuple[tuple[float, str], ...]
+
+
+@dataclass(frozen=True)
+class Live:
+    """Everything that moves on a diagram."""
+
+    end_s: float
+    values: tuple[Values, ...]
+    steps: tuple[Steps, ...]
+    control: tuple[Control, ...]
+
+
+def live_json(live: Live, drawn: Mapping[str, tuple[int, int]] | None = None) -> dict[str, object]:
+    """As the page's script reads it.
+
+    `drawn`: signals whose numbers stand on the page already: (figure, trace). They are taken from
+    there; rows that change oftener than the page has room for stand on a grid of times.
+    """
+    told = Counter(name for v in live.values for name in v.names)
+    drawn = {n: at for n, at in (drawn or {}).items() if told[n] < 2}  # else whose is it?
+    own = [v for v in live.values if any(n not in drawn for n in v.names)]
+    many = sum(len(v.values) + 1 for v in own)
+    points = max((BESIDE_MAX if drawn else ALONE_MAX) // max(many, 1), POINTS_MIN)
+    grid = np.linspace(0.0, live.end_s, points)
+    return {
+        "end": round(live.end_s, 6),
+        "grid": packed(numbers(grid, 4)),
+        "values": [_row(v, drawn, np.round(grid, 4)) for v in live.values],
+        "steps": [_steps(s) for s in live.steps],
+        "control": [
+            {
+                "module": c.module,
+                "ac": c.ac,
+                "sc": c.sc,
+                "modes": [[round(t, 4), int(ac)] for t, ac in c.modes[:CHANGES_MAX]],
+                "key": c.saw_key,
+                "saw": [[round(t, 4), text] for t, text in c.saw[:CHANGES_MAX]],
+            }
+            for c in live.control
+        ],
+    }
+
+
+def _row(
+    v: Values, drawn: Mapping[str, tuple[int, int]], grid: NDArray[np.float64]
+) -> dict[str, object]:
+    """A row as a list of its changes, or on the grid where that is shorter."""
+    row: dict[str, object] = {"key": v.key, "label": v.label, "unit": v.unit}
+    digits = 0 if v.words else _digits(v)
+    if v.words:
+        row["words"] = list(v.words)
+    else:
+        row["digits"] = digits
+    if all(n in drawn for n in v.names):
+        return {**row, "drawn": [list(drawn[n]) for n in v.names]}
+    chosen = _changes(v)
+    if len(chosen) > len(grid):
+        chosen = np.maximum(np.searchsorted(v.time_s, grid + HALF_S, side="right") - 1, 0)
+    else:
+        row["t"] = packed(numbers(v.time_s[chosen], 4))
+    written = 9 if digits is None else digits
+    return {**row, "v": [packed(numbers(each[chosen], written)) for each in v.values]}
+
+
+def _digits(v: Values) -> int | None:
+    """Digits behind the point for four that count; none of whole numbers; None for an exponent."""
+    finite = [np.abs(each[np.isfinite(each)]) for each in v.values]
+    if all(bool(np.all(each == np.rint(each))) for each in finite):
+        return 0
+    most = max((float(each.max()) for each in finite if each.size), default=0.0)
+    if 0 < most < SMALL:
+        return None
+    return int(np.clip(3 - np.floor(np.log10(most)), 0, DIGITS_MAX))
+
+
+def _changes(v: Values) -> NDArray[np.intp]:
+    """The samples in which a row changed, the first among them."""
+    changed = np.zeros(len(v.time_s), dtype=np.bool_)
+    changed[:1] = True
+    for each in v.values:
+        changed[1:] |= (each[1:] != each[:-1]) & ~(np.isnan(each[1:]) & np.isnan(each[:-1]))
+    return np.flatnonzero(changed)
+
+
+def _steps(s: Steps) -> dict[str, object]:
+    entry: dict[str, object] = {"of": s.component, "period": s.period_ns, "phase": s.phase_ns}
+    if s.times_ns is not None:
+        entry["at"] = list(s.times_ns[:STEPS_MAX])
+    if s.latched_ns is not None:
+        entry["until"] = s.latched_ns
+    return entry

@@ -1,0 +1,170 @@
+"""What observers keep beside a configuration.
+
+Purpose: what each transition had to say (`DecisionVerdict`, `StepOutcome`) and the sums over a run
+(`Record`): switches, gate faults, violations, time in AC.
+Non-goals: influence. No rule reads any of this; a run without a record is the same run.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.semantics.configuration import NEVER
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from soter.program.evaluate.arithmetic import StepFault
+    from soter.program.model.types import Value
+
+SC, AC = 0, 1
+"""The members of `types.MODE`."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionVerdict:
+    """What a DM step saw and decided; `gate_fault` as it was before the step cleared it."""
+
+    module: int
+    ttf: bool
+    safer: bool
+    stale: bool
+    gate_fault: bool
+    before: int
+    after: int
+
+
+@dataclass(frozen=True, slots=True)
+class StepOutcome:
+    """What a plant's or node's step did.
+
+    `published` holds what reached the topics, by topic index. `module` is set for a gate fault:
+    the module whose AC it was. `latched` says that this step latched the component. `judged` has
+    the contracts that were checked, by property index: whether each was violated. `bursts` has all
+    messages of topics of which a step may publish several; `published` the last.
+    """
+
+    component: int
+    published: Mapping[int, Value]
+    fault: StepFault | None = None
+    module: int | None = None
+    latched: bool = False
+    judged: Mapping[int, bool] = field(default_factory=dict)
+    bursts: Mapping[int, tuple[Value, ...]] = field(default_factory=dict)
+
+    @property
+    def broken(self) -> tuple[int, ...]:
+        """The contracts that this step violated, as property indices."""
+        return tuple([i for i, violated in self.judged.items() if violated])
+
+
+@dataclass(slots=True)
+class ModuleRecord:
+    """Of one module: what the last DM step saw, and sums."""
+
+    mode: int
+    ttf: bool = False
+    safer: bool = False
+    stale: bool = False
+    gate_fault: bool = False
+    switches_to_sc: int = 0
+    switches_to_ac: int = 0
+    gate_faults: int = 0
+    mode_since_ns: int = 0
+    """`ct` when the mode last changed; 0 at the start."""
+    ac_ns: int = 0
+    """Time spent in AC before `mode_since_ns`."""
+
+    def ac_ns_until(self, ct: int) -> int:
+        """Time spent in AC up to `ct`."""
+        return self.ac_ns + (max(ct, 0) - self.mode_since_ns if self.mode == AC else 0)
+
+
+@dataclass(slots=True)
+class ComponentRecord:
+    """Of one component: its step faults. `last_fault` is a `FaultKind` code, 0 for none."""
+
+    faults: int = 0
+    last_fault: int = 0
+    latched_ns: int = NEVER
+
+
+@dataclass(slots=True)
+class PropertyRecord:
+    """Of one property: `active` while violated; `count` of onsets; time of the first.
+
+    A contract is judged when its node steps, everything else at the end of instants.
+    """
+
+    active: bool = False
+    count: int = 0
+    first_ns: int = NEVER
+    contract: bool = False
+
+    def note(self, ct: int, *, violated: bool) -> None:
+        """Whether it is violated at `ct`."""
+        if violated and not self.active:
+            self.count += 1
+            if self.first_ns == NEVER:
+                self.first_ns = ct
+        self.active = violated
+
+
+@dataclass(slots=True)
+class Record:
+    """The sums over a run, by module, component and property index."""
+
+    modules: list[ModuleRecord]
+    components: list[ComponentRecord]
+    properties: list[PropertyRecord] = field(default_factory=list)
+
+    @property
+    def violations(self) -> int:
+        """Onsets of violated properties, and latched components."""
+        latched = sum(c.latched_ns != NEVER for c in self.components)
+        return sum(p.count for p in self.properties) + latched
+
+    def copy(self) -> Record:
+        """A record to fork a run with."""
+        return copy.deepcopy(self)
+
+    def note(self, event: DecisionVerdict | StepOutcome, ct: int) -> None:
+        """Add what a transition at `ct` said."""
+        if isinstance(event, DecisionVerdict):
+            self._note_verdict(event, ct)
+        else:
+            self._note_outcome(event, ct)
+
+    def note_properties(self, violated: Sequence[bool], ct: int) -> None:
+        """Add the properties' values at the end of the instant `ct`."""
+        for record, now in zip(self.properties, violated, strict=True):
+            if not record.contract:
+                record.note(ct, violated=now)
+
+    def _note_verdict(self, verdict: DecisionVerdict, ct: int) -> None:
+        module = self.modules[verdict.module]
+        module.ttf, module.safer = verdict.ttf, verdict.safer
+        module.stale, module.gate_fault = verdict.stale, verdict.gate_fault
+        if verdict.after == verdict.before:
+            return
+        if verdict.after == AC:
+            module.switches_to_ac += 1
+        else:
+            module.switches_to_sc += 1
+            module.ac_ns += ct - module.mode_since_ns
+        module.mode, module.mode_since_ns = verdict.after, ct
+
+    def _note_outcome(self, outcome: StepOutcome, ct: int) -> None:
+        for index, violated in outcome.judged.items():
+            self.properties[index].note(ct, violated=violated)
+        if outcome.fault is None:
+            return
+        component = self.components[outcome.component]
+        component.faults += 1
+        component.last_fault = int(outcome.fault.kind)
+        if outcome.latched:
+            component.latched_ns = ct
+        if outcome.module is not None:
+            self.modules[outcome.module].gate_faults += 1

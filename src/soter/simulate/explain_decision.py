@@ -1,0 +1,386 @@
+"""Why a decision module decided: which predicate, on which values.
+
+Purpose: `Explainer`: of a DM step in a trace which topic was how old, which part of `ttf` or
+`safer` was true on what, which fault of AC the gate refused. The checked predicates are evaluated
+once more on what the step read, so that the C records nothing but its facts.
+Non-goals: deciding; words for a change as such (`decisions.py`).
+
+What a DM read is put together from two states. A topic has its value of this instant where who
+publishes it steps before the DM in the deployed order (plants, inputs), else that of the instant
+before. Where that was not so (`order any`) the predicates come out differently from what the DM
+recorded; then nothing is said of them (`Why.known`).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from soter.lower.layout import COMPONENT, HEADER, MODULE, decode_from
+from soter.program.evaluate.arithmetic import FaultKind, StepFault
+from soter.program.evaluate.conjuncts import conjuncts, disjuncts
+from soter.program.evaluate.environment import Environment
+from soter.program.evaluate.statements import Evaluator
+from soter.program.model import typed
+from soter.program.model.python_values import to_json
+from soter.program.model.types import FLOAT, BoolType, EnumType, FloatType, IntType
+from soter.semantics.configuration import NEVER
+from soter.semantics.observer_records import AC
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.lower.layout import StateLayout
+    from soter.program.model.system import Component, Module, System
+    from soter.program.model.types import Value
+
+T = TypeVar("T")
+Number = float | int | bool | str
+COMPARED = {"<", "<=", ">", ">=", "==", "!="}
+SHOWN = 6
+"""Digits of a number, where these tell the two sides of a comparison apart."""
+
+
+@dataclass(frozen=True)
+class Operand:
+    """One side of a comparison: as it is written, and its value."""
+
+    text: str
+    value: Number
+
+
+@dataclass(frozen=True)
+class PredicatePart:
+    """A part of a predicate. `value` is None where it faulted: `fault` says how.
+
+    `operands`: of a comparison both sides; of computed predicates the estimate, and its `level`: 0
+    outside S_0, 1 in S_0, 2 in S_(m-2).
+    """
+
+    text: str
+    value: bool | None
+    operands: tuple[Operand, ...] = ()
+    fault: str = ""
+
+    def __str__(self) -> str:
+        if self.fault:
+            return f"{self.text}: step fault `{self.fault}`"
+        return self.text if self.value else f"not {self.text}"
+
+
+@dataclass(frozen=True)
+class Stale:
+    """A topic that was too old; `age_s` is None where nothing was ever published."""
+
+    topic: str
+    age_s: float | None
+    max_age_s: float
+
+    def __str__(self) -> str:
+        age = "never published" if self.age_s is None else f"{_short(self.age_s)} s old"
+        return f"{self.topic} is {age}, max_age {_short(self.max_age_s)} s"
+
+
+@dataclass(frozen=True)
+class DecisionReason:
+    """What a DM step went by.
+
+    `ttf`, `safer`: their parts, any and all of which decide; empty where they are not `known`.
+    `gate_fault`: the AC and the kind of its last fault. `owed`: outputs that AC owed.
+    """
+
+    known: bool
+    ttf: tuple[PredicatePart, ...]
+    safer: tuple[PredicatePart, ...]
+    stale: tuple[Stale, ...]
+    gate_fault: tuple[str, str] | None
+    owed: int
+
+    def words(self, before: str, after: str) -> list[str]:
+        """What made the step decide as it did, one phrase each; nothing where AC just stays."""
+        if after == "AC":
+            return [str(p) for p in self.safer] if before == "SC" else []
+        phrases = [str(s) for s in self.stale]
+        if before == "AC":
+            phrases += [str(p) for p in self.ttf if p.value or p.value is None]
+            if self.gate_fault is not None:
+                phrases.append("`{1}` of {0}".format(*self.gate_fault))
+            return phrases
+        phrases += [str(p) for p in self.safer if not p.value]
+        return phrases + ([f"AC owes {self.owed} clean outputs"] if self.owed else [])
+
+    def as_json(self) -> dict[str, object]:
+        """As `soter run --json` tells it (docs/json.md)."""
+        return {
+            "known": self.known,
+            "ttf": [_part_json(p) for p in self.ttf],
+            "safer": [_part_json(p) for p in self.safer],
+            "stale": [
+                {"topic": s.topic, "age_s": s.age_s, "max_age_s": s.max_age_s} for s in self.stale
+            ],
+            "gate_fault": None
+            if self.gate_fault is None
+            else {"node": self.gate_fault[0], "fault": self.gate_fault[1]},
+            "owed": self.owed,
+        }
+
+
+def _part_json(p: PredicatePart) -> dict[str, object]:
+    return {
+        "text": p.text,
+        "value": p.value,
+        "fault": p.fault or None,
+        "operands": [{"text": o.text, "value": _json(o.value)} for o in p.operands],
+    }
+
+
+def _json(value: Number) -> object:
+    return to_json(FLOAT, value) if isinstance(value, float) else value
+
+
+class Explainer:
+    """Explains DM steps of runs of one system; compiles each predicate when it is asked for."""
+
+    def __init__(self, system: System, layout: StateLayout) -> None:
+        self.system = system
+        self.layout = layout
+        self._readers: dict[int, _PredicateReader] = {}
+
+    def of(self, module: int, before: bytes | None, at: bytes) -> DecisionReason:
+        """Of the DM step of a module in the instant that ended in the state `at`.
+
+        `before`: the state at the end of the instant before, None at the first one.
+        """
+        if module not in self._readers:
+            self._readers[module] = _PredicateReader(
+                self.system, self.layout, self.system.modules[module]
+            )
+        return self._readers[module].explain(before, at)
+
+
+class _PredicateReader:
+    """The predicates of one module, compiled, and where their values lie."""
+
+    def __init__(self, system: System, layout: StateLayout, module: Module) -> None:
+        self.system, self.layout, self.module = system, layout, module
+        self._evaluator = Evaluator.of(module.scope)
+        self._early = _published_before(system, module.dm)
+        symbol = module.symbol
+        self._ttf = [] if symbol.ttf is None else self._parts(disjuncts(symbol.ttf))
+        self._safer = [] if symbol.safer is None else self._parts(conjuncts(symbol.safer))
+
+    def explain(self, before: bytes | None, at: bytes) -> DecisionReason:
+        """What the step went by."""
+        facts = self._module_of(at, self.module)
+        env = self._environment(before, at)
+        ttf: tuple[PredicatePart, ...] = ()
+        safer: tuple[PredicatePart, ...] = ()
+        if not self._evaluator.unbound:  # an extern function is asked once, by the run
+            ttf = tuple(part(env) for part in self._ttf)
+            safer = tuple(part(env) for part in self._safer)
+        known = bool(facts["ttf"]) == _any(ttf) and bool(facts["safer"]) == _all(safer)
+        stale = tuple(self._stale(env)) if facts["stale"] else ()
+        return DecisionReason(
+            known=known,
+            ttf=ttf if known else (),
+            safer=safer if known else (),
+            stale=stale,
+            gate_fault=self._gate_fault(before) if facts["saw_gate_fault"] else None,
+            owed=0 if before is None else self._module_of(before, self.module)["clean_needed"],
+        )
+
+    # ------------------------------------------------------------ what the step read
+
+    def _environment(self, before: bytes | None, at: bytes) -> Environment:
+        ct = HEADER.unpack_from(at, 0)["ct"]
+        layout, topics = self.layout, self.system.topics
+
+        def value(i: int) -> Value:
+            raw = at if i in self._early else before
+            if raw is None:
+                return topics[i].default
+            return decode_from(raw, layout.topic_offset(i), topics[i].type)
+
+        def stamp(i: int) -> int:
+            raw = at if i in self._early else before
+            if raw is None:
+                return NEVER
+            stamp_ns: int = struct.unpack_from("<q", raw, layout.stamp_offset + 8 * i)[0]
+            return stamp_ns
+
+        def mode(i: int) -> int:
+            other = self.system.modules[i]
+            raw = at if other.dm < self.module.dm else before
+            if raw is None:
+                return AC if other.forced == "ac" else 1 - AC
+            return self._module_of(raw, other)["mode"]
+
+        def margin_ns(i: int) -> int:
+            looked = self.system.modules[i].looked
+            assert looked is not None
+            if mode(i) != AC:
+                return 0
+            looks = value(looked)
+            assert isinstance(looks, int)
+            return self.system.modules[i].margin_ns(looks, ct - stamp(looked))
+
+        return Environment(
+            topics=_Lazy(value, len(topics)),
+            stamps=_Lazy(stamp, len(topics)),
+            time_ns=ct,
+            period_ns=self.module.period_ns,
+            mode=mode,
+            margin_ns=margin_ns,
+        )
+
+    def _module_of(self, raw: bytes, module: Module) -> dict[str, int]:
+        return MODULE.unpack_from(raw, self.layout.module_offset + module.index * MODULE.size)
+
+    def _stale(self, env: Environment) -> Iterator[Stale]:
+        for i in self.module.inputs:
+            topic = self.system.topics[i]
+            if topic.max_age_ns is None:
+                continue
+            age_ns = env.time_ns - env.stamps[i]
+            if age_ns > topic.max_age_ns:
+                age = None if env.stamps[i] == NEVER else age_ns / 1e9
+                yield Stale(topic.name, age, topic.max_age_ns / 1e9)
+
+    def _gate_fault(self, before: bytes | None) -> tuple[str, str] | None:
+        """AC steps after its DM: what the DM saw is of the instants before."""
+        if before is None:
+            return None
+        at = self.layout.component_offset + self.module.ac * COMPONENT.size
+        kind = COMPONENT.unpack_from(before, at)["last_fault"]
+        name = self.system.components[self.module.ac].name
+        return (name, FaultKind(kind).name.lower()) if kind else None
+
+    # ------------------------------------------------------------ parts of predicates
+
+    def _parts(self, parts: list[typed.TypedExpr]) -> list[Callable[[Environment], PredicatePart]]:
+        return [self._level(e) if self.module.computed else self._part(e) for e in parts]
+
+    def _part(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
+        whole = self._evaluator.expression(e)
+        sides: list[tuple[typed.TypedExpr, Any]] = []
+        if isinstance(e, typed.TypedBinary) and e.op in COMPARED:
+            sides = [(s, self._evaluator.expression(s)) for s in (e.left, e.right)]
+        scalar = (FloatType, IntType, BoolType, EnumType)
+        told = bool(sides) and all(isinstance(s.type, scalar) for s, _ in sides)
+        plain = _written(e)
+
+        def part(env: Environment) -> PredicatePart:
+            try:
+                value = bool(whole(env))
+                operands = [Operand(_written(s), _number(s, of(env))) for s, of in sides if told]
+            except StepFault as fault:
+                return PredicatePart(plain, None, (), fault.kind.name.lower())
+            if not operands:
+                return PredicatePart(plain, value)
+            assert isinstance(e, typed.TypedBinary)
+            return PredicatePart(
+                _compared(operands[0], e.op, operands[1], sides[1][0]), value, tuple(operands)
+            )
+
+        return part
+
+    def _level(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
+        """`level(x, ...) < 1` or `>= 2` of a computed predicate."""
+        assert isinstance(e, typed.TypedBinary)
+        assert isinstance(e.left, typed.TypedCall)
+        level = self._evaluator.expression(e.left)
+        arguments = [(_path(a), self._evaluator.expression(a)) for a in e.left.arguments]
+        for_ttf = e.op == "<"
+
+        def part(env: Environment) -> PredicatePart:
+            estimate = [Operand(name, float(of(env))) for name, of in arguments]
+            level_value = int(level(env))
+            where = ", ".join(f"{o.text} = {_short(o.value)}" for o in estimate)
+            text = f"{where} {'outside S_0' if for_ttf else 'deep inside S_0'}"
+            value = level_value < 1 if for_ttf else level_value > 1
+            return PredicatePart(text, value, (*estimate, Operand("level", level_value)))
+
+        return part
+
+
+# ---------------------------------------------------------------- reading two states
+
+
+class _Lazy(Sequence[T]):
+    """Values by index, asked for when they are needed."""
+
+    def __init__(self, of: Callable[[int], T], size: int) -> None:
+        self._of = of
+        self._size = size
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, i: Any) -> Any:  # noqa: ANN401 - an index, or a slice of them
+        if isinstance(i, slice):
+            return [self._of(k) for k in range(*i.indices(self._size))]
+        return self._of(i)
+
+
+def _published_before(system: System, dm: int) -> frozenset[int]:
+    """Topics whose publishers all step before a DM in the deployed order; inputs among them."""
+    late = {i for c in system.components if c.index >= dm for i in _publishes(c)}
+    looks = {m.looked for m in system.modules if m.dm >= dm and m.looked is not None}
+    return frozenset({t.index for t in system.topics} - late - looks)
+
+
+def _publishes(c: Component) -> Iterator[int]:
+    if c.plant is not None:
+        yield from (c.scope.topics[t] for t, _ in c.plant.drives)
+    elif c.node is not None:
+        yield from (c.scope.topics[t] for t in c.node.publishes)
+
+
+def _any(parts: tuple[PredicatePart, ...]) -> bool:
+    """As a DM takes `ttf`: left to right, a fault counts as true; true where there is none."""
+    return next((True for p in parts if p.value or p.value is None), not parts)
+
+
+def _all(parts: tuple[PredicatePart, ...]) -> bool:
+    return bool(parts) and all(p.value for p in parts)
+
+
+# ---------------------------------------------------------------- words
+
+
+def _written(e: typed.TypedExpr) -> str:
+    return " ".join(e.span.text.split())
+
+
+def _number(e: typed.TypedExpr, value: Value) -> Number:
+    if isinstance(e.type, EnumType):
+        assert isinstance(value, int)
+        return e.type.members[value]
+    assert isinstance(value, (bool, int, float))
+    return value
+
+
+def _compared(left: Operand, op: str, right: Operand, of: typed.TypedExpr) -> str:
+    """`Room(m) = 0.11 < LIMIT = 0.0`; a literal is told once."""
+    a, b = _short(left.value), _short(right.value)
+    if a == b and left.value != right.value:
+        a, b = repr(left.value), repr(right.value)
+    told = right.text if isinstance(of, typed.Literal) and not of.name else f"{right.text} = {b}"
+    return f"{left.text} = {a} {op} {told}"
+
+
+def _short(value: Number) -> str:
+    return f"{value:.{SHOWN}g}" if isinstance(value, float) else str(value)
+
+
+def _path(e: typed.TypedExpr) -> str:
+    """A leaf of a topic by its name: what a computed predicate reads."""
+    if isinstance(e, typed.TypedField):
+        assert hasattr(e.target.type, "fields")
+        return f"{_path(e.target)}.{e.target.type.fields[e.index][0]}"
+    if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
+        return f"{_path(e.target)}[{e.index.value}]"
+    assert isinstance(e, typed.TopicRead)
+    return e.topic.name

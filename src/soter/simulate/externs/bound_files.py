@@ -1,0 +1,104 @@
+"""Whether the files that a program binds its externs to hold what they should.
+
+Purpose: warnings (W007) for `soter check`, from a look at the text: nothing is run or compiled.
+Non-goals: refusing; `bindings.py` does that when a program runs.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from soter.diagnostics.diagnostic import Diagnostic, Label, Severity
+from soter.program.load.bounded_read import read_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from soter.diagnostics.span import Span
+    from soter.program.model.typed import NodeSymbol, TypedProgram
+
+COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
+
+
+def warnings_of(program: TypedProgram, bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
+    """W007 for every extern without its code; `bound` overrides what the program says."""
+    warnings: list[Diagnostic] = []
+    others = {name.rpartition(".")[2] for name in bound}
+    for name, source, span in _sources(program):
+        if name.rpartition(".")[2] not in others:
+            warnings += _problem(name, source, Label(span, "declared here"))
+    for name, target in bound.items():
+        if isinstance(target, str):
+            warnings += _problem(name, target, None)
+    return tuple(warnings)
+
+
+def _sources(program: TypedProgram) -> Iterator[tuple[str, str, Span]]:
+    for table in (program.nodes, program.plants, program.funs):
+        for symbol in cast("Mapping[str, NodeSymbol]", table).values():  # plants, funs: as nodes
+            if symbol.extern and symbol.source is not None:
+                yield symbol.name, symbol.source, symbol.span
+
+
+def _problem(name: str, source: str, where: Label | None) -> Iterator[Diagnostic]:
+    kind, _, rest = source.partition(":")
+    file, _, wanted = rest.rpartition(":")
+    reason = _missing(kind, Path(file), wanted)
+    if reason:
+        yield Diagnostic(
+            "W007",
+            f"extern `{name}` has no code: {reason}",
+            where,
+            helps=("`soter run` refuses it: write the code, or bind another with --bind",),
+            severity=Severity.WARNING,
+        )
+
+
+def _missing(kind: str, path: Path, wanted: str) -> str:
+    """Why the code cannot be there; "" where it may be."""
+    try:
+        text = read_bytes(path).decode("utf-8")
+    except (OSError, UnicodeDecodeError):
+        return f"there is no file `{path}`" if not path.is_file() else f"`{path}` cannot be read"
+    if kind == "c":
+        there = re.search(rf"\b{re.escape(wanted)}\s*\(", COMMENT.sub(" ", text)) is not None
+        # a macro or an included file may make any name
+        return "" if there or "##" in text or '.c"' in text else _not_in(path, wanted)
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):
+        return f"`{path}` is not valid Python"
+    names = set(_names(tree.body))
+    return "" if wanted.partition(".")[0] in names or "*" in names else _not_in(path, wanted)
+
+
+def _not_in(path: Path, wanted: str) -> str:
+    return f"`{path}` does not define `{wanted}`"
+
+
+def _names(body: Iterable[ast.stmt]) -> Iterator[str]:
+    """What the statements of a module may define; `*` where anything may come."""
+    for statement in body:
+        if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            yield statement.name
+        elif isinstance(statement, (ast.Import, ast.ImportFrom)):
+            yield from (a.asname or a.name.partition(".")[0] for a in statement.names)
+        elif isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
+            yield from _of_calls(statement.value)
+        else:
+            for node in ast.walk(statement):
+                if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                    yield node.id
+                elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                    yield node.name
+                elif isinstance(node, (ast.Import, ast.ImportFrom)):
+                    yield from (a.asname or a.name.partition(".")[0] for a in node.names)
+
+
+def _of_calls(call: ast.Call) -> Iterator[str]:
+    """`globals().update(...)` and its like may define anything."""
+    if any(isinstance(n, ast.Name) and n.id in ("globals", "exec") for n in ast.walk(call)):
+        yield "*"

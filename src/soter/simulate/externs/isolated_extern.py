@@ -1,0 +1,237 @@
+"""An extern node in Python, in a process of its own: runs in virtual time.
+
+Purpose: `soter run` asks a child for every step. The child loads the person's code, calls it and
+converts its answer; what it says is text with bounds, checked against the types here, so whatever
+happens in it is a step fault and nothing else. It is started again, `RESTARTS` times.
+Non-goals: extern plants and functions, which stay in the process of the engine; real time
+(`extern_server.py`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.program.model.types import (
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+from soter.report.printable_text import visible
+from soter.semantics.externs import Converted, converted
+from soter.simulate.externs.python_answers import PlainError, described
+from soter.simulate.externs.python_extern import PythonExtern
+from soter.simulate.interrupt import StopRequest
+from soter.workers.child_process import Child, DeadError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.diagnostics.span import Span
+    from soter.program.model.types import Type, Value
+
+    Shapes = Sequence[tuple[str, Type]]
+
+PATIENCE = "SOTER_EXTERN_PATIENCE_S"
+PATIENCE_S = 60.0
+"""How long one step may take where $SOTER_EXTERN_PATIENCE_S does not say it, s of the clock."""
+RESTARTS = 5
+TEXT_MAX = 2000
+LOADING = ("X002", "X003")
+
+
+class GoneError(PlainError):
+    """The process of an extern gave no answer."""
+
+
+class ForgedError(PlainError):
+    """The process of an extern answered what it could not have."""
+
+
+class ProcessExtern:
+    """As the engines call an extern: `step`, and `reset(seed)` before every run."""
+
+    def __init__(
+        self, name: str, load: Callable[[], object], shapes: Shapes, span: Span, stop: StopRequest
+    ) -> None:
+        """`load()`: the person's object, made in the child; SoterError as it raises."""
+        self._name, self._load, self._shapes, self._span = name, load, tuple(shapes), span
+        self._stop = stop
+        self._seed: int | None = None
+        self._left = RESTARTS
+        self._patience_s = _patience()
+        self._child: Child | None = self._started()
+
+    def step(self, inputs: object) -> object:
+        """One step; GoneError, ForgedError or, of what the extern raised, PlainError."""
+        if self._child is None:
+            self._child = self._again()
+        said = self._asked(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
+        values = said.get("values")
+        if not isinstance(values, list) or len(values) != len(self._shapes):
+            raise ForgedError("its process answered nothing that is an answer")
+        return Converted(
+            None if v is None else checked(t, v)
+            for (_, t), v in zip(self._shapes, values, strict=True)
+        )
+
+    def reset(self, seed: int) -> None:
+        """Start afresh where the object can; raises as `step` does."""
+        self._seed = seed
+        self._left = RESTARTS
+        if self._child is None:
+            self._child = self._started()
+        self._asked(self._child, b"r%d" % seed, None)
+
+    def close(self) -> None:
+        """End the process; `reset` starts another."""
+        if self._child is not None:
+            self._child.end()
+        self._child = None
+
+    def _started(self) -> Child:
+        shapes, load, name = self._shapes, self._load, self._name
+        child = Child(lambda: ServedExtern(name, load, shapes).answer)
+        try:
+            said = self._asked(child, b"l", None)
+        except GoneError as error:
+            text = f"extern `{self._name}` cannot be loaded: {error}"
+            label = Label(self._span, "its process ended while this was loaded")
+            raise SoterError((Diagnostic("X003", text, label),)) from error
+        problems = said.get("problems")
+        if problems:
+            child.end("told")
+            raise SoterError(tuple(_problem(p, self._span) for p in problems))
+        return child
+
+    def _again(self) -> Child:
+        if self._left == 0:
+            raise GoneError(f"its process is gone, and was started {RESTARTS} times again")
+        self._left -= 1
+        try:
+            child = self._started()
+        except SoterError as error:
+            raise GoneError(error.diagnostics[0].message) from error
+        if self._seed is not None:
+            self._asked(child, b"r%d" % self._seed, None)
+        return child
+
+    def _asked(self, child: Child, question: bytes, patience_s: float | None) -> dict[str, Any]:
+        """What the child said; a child that said no such thing is gone."""
+        self._stop.in_extern = True
+        try:
+            said = child.ask(question, patience_s)
+        except DeadError as error:
+            self._child = None
+            raise GoneError(str(error)) from error
+        finally:
+            self._stop.in_extern = False
+        try:
+            answer = json.loads(said)
+        except (ValueError, RecursionError) as error:
+            raise ForgedError("its process answered nothing that is an answer") from error
+        if not isinstance(answer, dict):
+            raise ForgedError("its process answered nothing that is an answer")
+        if "failed" in answer:
+            raise PlainError(str(answer["failed"])[:TEXT_MAX])
+        return answer
+
+
+def _patience() -> float:
+    try:
+        return max(float(os.environ.get(PATIENCE, "")), 0.001)
+    except ValueError:
+        return PATIENCE_S
+
+
+def _problem(given: object, span: Span) -> Diagnostic:
+    told: dict[str, Any] = given if isinstance(given, dict) else {}
+    code = told.get("code")
+    lines = [[str(x)[:TEXT_MAX] for x in told.get(k) or ()][:8] for k in ("notes", "helps")]
+    return Diagnostic(
+        code if code in LOADING else LOADING[1],
+        visible(str(told.get("message", "it cannot be loaded"))[:TEXT_MAX]),
+        Label(span, "declared here") if told.get("placed") else None,
+        notes=tuple(map(visible, lines[0])),
+        helps=tuple(map(visible, lines[1])),
+    )
+
+
+def checked(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
+    """`given`, read from text, as a value of the type; ForgedError where it is none."""
+    if isinstance(t, BoolType):
+        fits = isinstance(given, bool)
+    elif isinstance(t, FloatType):
+        fits = isinstance(given, float)
+    elif isinstance(t, IntType):
+        fits = type(given) is int and t.low <= given <= t.high
+    elif isinstance(t, DurationType):
+        fits = type(given) is int and -(2**63) <= given < 2**63
+    elif isinstance(t, EnumType):
+        fits = type(given) is int and 0 <= given < len(t.members)
+    else:
+        return _composed(t, given)
+    if not fits:
+        raise ForgedError("its process answered a value of another type")
+    return given
+
+
+def _composed(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
+    if isinstance(given, list):
+        if isinstance(t, RecordType) and len(given) == len(t.fields):
+            return tuple(checked(f, v) for (_, f), v in zip(t.fields, given, strict=True))
+        if isinstance(t, ArrayType) and len(given) == t.size:
+            return tuple(checked(t.element, v) for v in given)
+        if isinstance(t, ListType) and len(given) <= t.capacity:
+            return tuple(checked(t.element, v) for v in given)
+    raise ForgedError("its process answered a value of another type")
+
+
+# ---------------------------------------------------------------- the child
+
+
+class ServedExtern:
+    """What runs in the child: the person's object behind questions."""
+
+    def __init__(self, name: str, load: Callable[[], object], shapes: Shapes) -> None:
+        self._name, self._load, self._shapes = name, load, shapes
+        self._extern: PythonExtern | None = None
+
+    def answer(self, question: bytes) -> bytes:
+        """The answer to `l` (load), `r` (reset, with a seed) and `s` (step, with inputs)."""
+        try:
+            reply = self._answer(question[:1], question[1:])
+        except SoterError as error:
+            reply = {"problems": [_told(d) for d in error.diagnostics]}
+        except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
+            reply = {"failed": described(error)}
+        return json.dumps(reply).encode()
+
+    def _answer(self, what: bytes, rest: bytes) -> dict[str, Any]:
+        if what == b"l":
+            self._extern = PythonExtern(self._name, self._load(), StopRequest(), self._shapes)
+            return {}
+        assert self._extern is not None
+        if what == b"r":
+            self._extern.reset(int(rest))
+            return {}
+        inputs = pickle.loads(rest)  # noqa: S301 - our own parent's
+        return {"values": list(converted(self._shapes, self._extern.step(inputs)))}
+
+
+def _told(d: Diagnostic) -> dict[str, Any]:
+    return {
+        "code": d.code,
+        "message": d.message,
+        "placed": d.primary is not None,
+        "notes": list(d.notes),
+        "helps": list(d.helps),
+    }

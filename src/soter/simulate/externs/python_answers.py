@@ -1,0 +1,282 @@
+"""Answer extern steps of a compiled program with Python callables.
+
+Purpose: read inputs out of a state, call, write the answer struct; every mishap is the fault
+`extern`, never a traceback.
+Non-goals: finding callables (`bindings.py`), running them elsewhere (`workers/`).
+"""
+
+from __future__ import annotations
+
+import traceback
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.codegen.extern_interface import answer_fields
+from soter.lower.layout import arrange, decode_from, encode_into
+from soter.native.own_files import SOTER
+from soter.program.evaluate.arithmetic import FaultKind, StepFault
+from soter.program.model.python_values import ValueShapeError, inputs_to_python
+from soter.report.printable_text import visible
+from soter.semantics.externs import Converted, Stop, converted, message_of, step_of, visible_error
+from soter.semantics.gate import check_of, messages
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from soter.lower.layout import StateLayout
+    from soter.native.library import Bytes, Library
+    from soter.program.model.system import Component, System
+    from soter.program.model.typed import TopicSymbol
+    from soter.program.model.types import Type, Value
+
+
+OWN_FOLDER = str(SOTER)
+
+
+@dataclass
+class Tally:
+    """How often an extern answered from Python stepped, and in how many steps it said nothing."""
+
+    steps: int = 0
+    silent: int = 0
+
+    def count(self, values: Sequence[Value | None]) -> None:
+        """Add a step that ended well."""
+        self.silent += all(v is None for v in values)
+
+
+class ExternAnswers:
+    """The Python side of one run: which callable answers which component."""
+
+    def __init__(
+        self, system: System, layout: StateLayout, library: Library, bound: Mapping[str, object]
+    ) -> None:
+        self.system = system
+        self.layout = layout
+        self.library = library
+        self.failures: dict[str, str] = {}
+        """First failure of each extern, for the report."""
+        self.steps = {x.index: step_of(bound[x.name]) for x in system.components if x.name in bound}
+        self.tallies = {x.name: Tally() for x in system.components if x.name in bound}
+        self.gates = {x.index: _Gate(system, x) for x in system.components if x.name in bound}
+
+    def answer(self, state: Bytes, due: int) -> None:
+        """Compute and give the answer that is due; `state` (state_size,)."""
+        component = self.system.components[due]
+        self.tallies[component.name].steps += 1
+        try:
+            data = self._call(component, state)
+        except Stop:
+            raise
+        except BaseException as error:  # noqa: BLE001 - whatever an extern does is its fault
+            if component.name not in self.failures:
+                self.failures[component.name] = described(error)
+            self.library.answer(state, due, int(FaultKind.EXTERN), None)
+            return
+        self.library.answer(state, due, 0, data)
+
+    def _topic(
+        self, component: Component, topic: TopicSymbol, raw: memoryview
+    ) -> tuple[str, Type, Value]:
+        index = component.scope.topics[topic]
+        offset, t = self.layout.topic_offset(index), self.system.topics[index].type
+        return topic.name.rpartition(".")[2], t, decode_from(raw, offset, t)
+
+    def _call(self, component: Component, state: Bytes) -> bytes:
+        raw = memoryview(state.data)
+        if component.plant is not None:
+            return self._plant(component, raw)
+        node = component.node
+        assert node is not None
+        inputs = inputs_to_python([self._topic(component, s.topic, raw) for s in node.subscribes])
+        shapes = node.answers
+        values = converted(shapes, self.steps[component.index](inputs))
+        self.tallies[component.name].count(values)
+        self.gates[component.index].note(values, self.failures)
+        given = {n: v for (n, _), v in zip(shapes, values, strict=True) if v is not None}
+        present: dict[str, Value] = {f"has_{n}": n in given for n, _ in shapes}
+        return _encode(component, {**given, **present})
+
+    def _plant(self, component: Component, raw: memoryview) -> bytes:
+        plant = component.plant
+        assert plant is not None
+        inputs = inputs_to_python([self._topic(component, t, raw) for t in plant.reads])
+        old = [
+            decode_from(raw, self.layout.member(component.index, i)[0], v.type)
+            for i, v in enumerate(plant.states)
+        ]
+        shapes = [(v.name, v.type) for v in plant.states]
+        inputs.state = inputs_to_python(
+            [(n, t, value) for (n, t), value in zip(shapes, old, strict=True)]
+        )
+        new = converted(shapes, self.steps[component.index](inputs))
+        self.tallies[component.name].count(new)
+        moved = [a if b is None else b for a, b in zip(old, new, strict=True)]
+        return _encode(component, {n: v for (n, _), v in zip(shapes, moved, strict=True)})
+
+
+def _encode(component: Component, values: dict[str, Value]) -> bytes:
+    layout = arrange(answer_fields(component))
+    out = bytearray(max(layout.size, 1))
+    for member in layout.members:
+        if member.name in values:
+            encode_into(out, member.offset, member.type, values[member.name])
+    return bytes(out)
+
+
+# ---------------------------------------------------------------- failures in words
+
+
+class PlainError(Exception):
+    """A failure whose message says all; its type is no news to a person."""
+
+
+class MisuseError(PlainError):
+    """An extern that does not take what it is called with: said whole, up to `SAID_MAX`."""
+
+
+SAID_MAX = 600
+
+
+class _Gate:
+    """What the gate will refuse, noted with leaf, value and bound: a state only keeps the kind."""
+
+    def __init__(self, system: System, component: Component) -> None:
+        self.name = component.name
+        self.span = component.span
+        written = component.node.publishes if component.node is not None else ()
+        topics = [component.scope.topics[t] for t in written]
+        self.checks = [(t, check_of(system.topics[t])) for t in topics]
+        bursts = component.node.bursts if component.node is not None else ()
+        self.bursts = [component.scope.topics[t] for t in bursts]
+
+    def note(self, values: Sequence[Value | None], failures: dict[str, str]) -> None:
+        """Note the first value that is outside its topic's set."""
+        if self.name in failures:
+            return
+        for (topic, check), value in zip(self.checks, values, strict=False):
+            try:
+                for message in () if value is None else messages(topic, value, self.bursts):
+                    check(message, self.span)
+            except StepFault as fault:
+                failures[self.name] = fault.detail
+                return
+
+
+def described(error: BaseException, *, place: bool = True) -> str:
+    """A failure of an extern in one line, with the line of the person's own file."""
+    if isinstance(error, ValueShapeError):
+        return visible(f"its answer has the wrong shape: {message_of(error)}")
+    if isinstance(error, MisuseError):
+        return visible(str(error)[:SAID_MAX])
+    if isinstance(error, PlainError):
+        return visible(message_of(error))
+    where = _place(error) if place else ""
+    return f"{visible_error(error)} ({visible(where)})" if where else visible_error(error)
+
+
+def _place(error: BaseException) -> str:
+    """File and line of the innermost frame in the file whose code was called; "" if unknown."""
+    frames = [
+        (frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if not frame.f_code.co_filename.startswith((OWN_FOLDER, "<frozen"))
+    ]
+    if not frames:
+        return ""
+    home = frames[0][0]
+    line = next(n for file, n in reversed(frames) if file == home)
+    path = Path(home)
+    with suppress(ValueError, OSError):
+        path = path.relative_to(Path.cwd())
+    return f"{path}:{line}"
+
+
+def noting(
+    system: System,
+    bound: Mapping[str, object],
+    failures: dict[str, str],
+    tallies: dict[str, Tally],
+) -> dict[str, object]:
+    """`bound` with the first failure and the silences of each noted, for the interpreter.
+
+    Silences are those of Python: what C leaves out only its own engine could see.
+    """
+    wrapper_by_name: dict[str, object] = {}
+    components = {x.name: x for x in system.components}
+    for name, target in bound.items():
+        component = components.get(name)
+        if component is None:
+            wrapper_by_name[name] = _Noting(name, target, failures)
+            continue
+        tally = Tally()
+        if not getattr(target, "linked", False):
+            tallies[name] = tally
+        gate = _Gate(system, component)
+        wrapper_by_name[name] = _NotingComponent(
+            name, target, failures, _shapes(component), tally, gate
+        )
+    return wrapper_by_name
+
+
+def _shapes(component: Component) -> list[tuple[str, Type]]:
+    if component.plant is not None:
+        return [(v.name, v.type) for v in component.plant.states]
+    assert component.node is not None
+    return component.node.answers
+
+
+class _Noting:
+    def __init__(self, name: str, target: object, failures: dict[str, str]) -> None:
+        self.name = name
+        self.failures = failures
+        self._target = target
+        self._step: Callable[..., object] = step_of(target)
+
+    def step(self, *arguments: object) -> object:
+        try:
+            answer = self._look_at(self._step(*arguments))
+        except Stop:
+            raise
+        except BaseException as error:
+            if self.name not in self.failures:
+                self.failures[self.name] = described(error)
+            raise
+        return answer
+
+    def _look_at(self, answer: object) -> object:
+        """The answer of a function is the interpreter's business."""
+        return answer
+
+    def reset(self, seed: int) -> None:
+        start = getattr(self._target, "reset", None)
+        if callable(start):
+            start(seed)
+
+
+class _NotingComponent(_Noting):
+    def __init__(
+        self,
+        name: str,
+        target: object,
+        failures: dict[str, str],
+        shapes: list[tuple[str, Type]],
+        tally: Tally,
+        gate: _Gate,
+    ) -> None:
+        super().__init__(name, target, failures)
+        self.shapes = shapes
+        self.tally = tally
+        self.gate = gate
+
+    def step(self, *arguments: object) -> object:
+        self.tally.steps += 1
+        return super().step(*arguments)
+
+    def _look_at(self, answer: object) -> object:
+        values = Converted(converted(self.shapes, answer))
+        self.tally.count(values)
+        self.gate.note(values, self.failures)
+        return values

@@ -1,0 +1,131 @@
+"""A traced run, or a log, as recorded values.
+
+Purpose: what `monitor/model_membership.py` reads: topics and true states after every instant.
+Non-goals: modes and decisions; logs that `soter run --log` did not write.
+"""
+
+from __future__ import annotations
+
+import json
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.os_error_text import reason
+from soter.lower.layout import decode_from
+from soter.program.load.bounded_read import opened
+from soter.program.model.python_values import ValueShapeError, from_json
+from soter.program.model.types import RecordType
+from soter.report.mcap_log import METADATA_NAME
+from soter.report.recorded_run import RecordedRun
+from soter.simulate.outputs.figures import truth_value
+from soter.simulate.outputs.to_log import require_log_package
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from soter.program.model.system import System
+    from soter.program.model.types import Type
+    from soter.simulate.result import Run
+
+
+def recorded(run: Run) -> RecordedRun:
+    """The values of a traced run."""
+    trace = run.require_trace()
+    record = RecordedRun([], [], [])
+    plants = [c for c in run.system.components if c.plant is not None]
+    places = [(t.name, run.layout.topic_offset(t.index), t.type) for t in run.system.topics]
+    for row in trace:
+        raw = memoryview(row.tobytes())
+        record.times_ns.append(int(row["header"]["ct"]))
+        record.topics.append({n: decode_from(raw, offset, t) for n, offset, t in places})
+        record.truths.append({c.name: truth_value(run.layout, c, raw) for c in plants})
+    return record
+
+
+def read_log(path: Path, system: System) -> RecordedRun:
+    """The values of a log that `soter run --log` wrote of this system; SoterError D006."""
+    require_log_package()
+    types: dict[str, Type] = {t.name: t.type for t in system.topics}
+    truths = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
+    types.update({name: c.plant.truth for name, c in truths.items() if c.plant is not None})
+    record = RecordedRun([], [], [])
+    topics: dict[str, Any] = {t.name: t.default for t in system.topics}
+    states: dict[str, Any] = {}
+    for time_ns, channel, message in messages(path):
+        t = types.get(channel)
+        if t is None:
+            continue
+        try:
+            given = message if isinstance(t, RecordType) else message["value"]
+            value = from_json(t, given, channel)
+        except (ValueShapeError, LookupError, TypeError) as error:
+            raise unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
+        if not record.times_ns or time_ns > record.times_ns[-1]:
+            _keep(record, topics, states)
+            record.times_ns.append(time_ns)
+        if channel in truths:
+            states[truths[channel].name] = value
+        else:
+            topics[channel] = value
+    if not record.times_ns or len(states) < len(truths):
+        raise unreadable(path, f"it holds no true states of `{system.name}`")
+    _keep(record, topics, states)
+    return record
+
+
+def _keep(record: RecordedRun, topics: dict[str, Any], states: dict[str, Any]) -> None:
+    """What stood when the instant that was read last was over."""
+    if record.times_ns:
+        record.topics.append(dict(topics))
+        record.truths.append(dict(states))
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[Any]:
+    """A reader of the package `mcap`; what cannot be opened or read is SoterError D006."""
+    from mcap.reader import make_reader  # noqa: PLC0415 - an extra
+
+    try:
+        with opened(path) as file:
+            yield make_reader(file)
+    except OSError as error:
+        raise unreadable(path, reason(error)) from error
+    except SoterError:
+        raise
+    except Exception as error:
+        raise unreadable(path, damaged(error)) from error
+
+
+def metadata(path: Path) -> dict[str, str]:
+    """What a log says of its run, empty where it is none of `soter run`; SoterError D006."""
+    with _reader(path) as reader:
+        for record in reader.iter_metadata():
+            if record.name == METADATA_NAME:
+                return dict(record.metadata)
+    return {}
+
+
+def messages(path: Path) -> Iterator[tuple[int, str, Any]]:
+    """Time (ns), channel and message of all that is in a log, in order; SoterError D006."""
+    with _reader(path) as reader:
+        for _, channel, message in reader.iter_messages():
+            yield message.log_time, channel.topic, json.loads(message.data)
+
+
+def damaged(error: Exception) -> str:
+    """What is wrong with a log that the package `mcap` could not read, in words.
+
+    It unpacks what stands there without a look at it: a damaged file makes it raise anything.
+    """
+    from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
+
+    said = str(error)[:200] if isinstance(error, (McapError, ValueError)) else ""
+    return said or "it is no MCAP file, or damaged"
+
+
+def unreadable(path: Path, why: str) -> SoterError:
+    """Of a log that cannot be read as one of `soter run --log`."""
+    helps = ("a log of somebody else, or a CSV, needs `--map FILE`: docs/real-logs.md",)
+    return SoterError((Diagnostic("D006", f"cannot read the log `{path}`: {why}", helps=helps),))

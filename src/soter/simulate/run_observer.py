@@ -1,0 +1,210 @@
+"""What is kept of a run while it goes on.
+
+Purpose: every state after an instant passes here once, in blocks: hashed, kept where a trace is
+wanted, and looked through for what a summary names (mode changes, first faults). Both engines
+feed the same observer, so both give the same record.
+Non-goals: meaning; a run that nobody observes is the same run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.simulate.decided_instants import decided_at
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from typing import IO
+
+    import numpy.typing as npt
+
+    from soter.program.model.system import System
+    from soter.simulate.trace_parts import TraceParts
+
+    Rows = npt.NDArray[np.uint8]
+    Also = Callable[[npt.NDArray[Any], Sequence["ModeChange"]], None]
+
+IN_MEMORY_BYTES = 512 * 1024 * 1024
+"""A longer trace lies in a temporary file, which is gone with the process."""
+EXPLAINED_MAX = 1000
+EXPLAINED_BYTES = 64 * 1024 * 1024
+"""Of so many changes, in so many bytes of states, is kept what the decision module read."""
+
+
+@dataclass(frozen=True)
+class ModeChange:
+    """A DM step that changed the mode: when, whose, to AC or SC, and what the DM saw."""
+
+    time_ns: int
+    module: int
+    to: str
+    ttf: bool
+    safer: bool
+    stale: bool
+    gate_fault: bool
+    states: tuple[bytes | None, bytes] | None = field(default=None, repr=False, compare=False)
+    """The states after the instant before (None: there is none) and after its own; kept of the
+    first `EXPLAINED_MAX` changes."""
+
+
+@dataclass(frozen=True)
+class FirstFault:
+    """The first step fault of a component; `latched_ns` is None where it goes on."""
+
+    time_ns: int
+    latched: bool
+
+
+class Observer:
+    """Takes the states of one run, in order."""
+
+    def __init__(
+        self,
+        system: System,
+        dtype: np.dtype[Any],
+        *,
+        keep_trace: bool,
+        hash_trace: bool,
+        parts: TraceParts | None = None,
+        also: Also | None = None,
+    ) -> None:
+        """`parts`: what is kept of each state, all of it by default."""
+        self.instants = 0
+        self.changes: list[ModeChange] = []
+        self.first_faults: dict[int, FirstFault] = {}
+        self.last: Rows | None = None
+        """The last state seen, (size,) bytes."""
+        self._also = also
+        self._dtype = dtype
+        self._parts = parts
+        self._digest = hashlib.sha256() if hash_trace else None
+        self._kept: list[Rows] | None = [] if keep_trace else None
+        self._kept_bytes = 0
+        self._file: IO[bytes] | None = None
+        self._modes = np.array([m.forced == "ac" for m in system.modules], dtype=np.uint8)
+        self._system = system
+        self._decided = np.zeros((2, len(system.modules)), dtype=np.int64)
+
+    def see(self, rows: Rows) -> None:
+        """The next states, (n, size) bytes; the array may be reused afterwards."""
+        if len(rows) == 0:
+            return
+        self.instants += len(rows)
+        earlier = self.last
+        self.last = rows[-1].copy()
+        if self._digest is not None:
+            self._digest.update(np.ascontiguousarray(rows).data)
+        states = np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
+        if self._kept is not None:
+            self._keep(rows if self._parts is None else _bytes(self._parts.of(states)))
+        known = len(self.changes)
+        if len(self._modes):
+            self._see_modes(states, earlier)
+        self._see_faults(states)
+        if self._also is not None:
+            self._also(states, self.changes[known:])
+
+    @property
+    def decided(self) -> list[tuple[int, int]]:
+        """By module: DM steps, and those in which ttf and safer held both."""
+        return [(int(n), int(both)) for n, both in self._decided.T]
+
+    @property
+    def sha256(self) -> str | None:
+        """The hash of all states so far, None where it was not asked for."""
+        return self._digest.hexdigest() if self._digest is not None else None
+
+    def trace(self) -> npt.NDArray[Any] | None:
+        """All states, or their parts, as records, (instants,); None where they were not kept.
+
+        Asked for once, at the end.
+        """
+        if self._kept is None:
+            return None
+        dtype = self._dtype if self._parts is None else self._parts.dtype
+        if self._file is not None:
+            self._spill()
+            with self._file as file:  # a map keeps what it needs of a file
+                file.flush()
+                return np.memmap(file, dtype=dtype, mode="r", shape=(self.instants,))
+        rows = np.concatenate(self._kept) if self._kept else _no_rows(dtype)
+        return np.ascontiguousarray(rows).view(dtype).reshape(-1)
+
+    # ------------------------------------------------------------ keeping
+
+    def _keep(self, rows: Rows) -> None:
+        assert self._kept is not None
+        self._kept.append(rows.copy() if self._parts is None else rows)  # parts are copies
+        self._kept_bytes += rows.size
+        if self._kept_bytes > IN_MEMORY_BYTES:
+            self._spill()
+
+    def _spill(self) -> None:
+        """Move what is held in memory to the temporary file."""
+        assert self._kept is not None
+        if self._file is None:
+            self._file = tempfile.TemporaryFile(prefix="soter-trace-")  # noqa: SIM115 - lives on
+        for rows in self._kept:
+            self._file.write(rows.tobytes())
+        self._kept.clear()
+        self._kept_bytes = 0
+
+    # ------------------------------------------------------------ looking
+
+    def _see_modes(self, states: npt.NDArray[Any], earlier: Rows | None) -> None:
+        modules = states["modules"]
+        modes = modules["mode"]
+        before = np.vstack([self._modes, modes[:-1]])
+        for row, module in np.argwhere(modes != before):
+            m = modules[row, module]
+            self.changes.append(
+                ModeChange(
+                    int(states["header"]["ct"][row]),
+                    int(module),
+                    "AC" if m["mode"] else "SC",
+                    ttf=bool(m["ttf"]),
+                    safer=bool(m["safer"]),
+                    stale=bool(m["stale"]),
+                    gate_fault=bool(m["saw_gate_fault"]),
+                    states=self._explained(states, earlier, int(row)),
+                )
+            )
+        self._modes = modes[-1].copy()
+        due = decided_at(self._system, states)
+        together = due & (modules["ttf"] == 1) & (modules["safer"] == 1)
+        self._decided += np.array([due.sum(axis=0), together.sum(axis=0)])
+
+    def _explained(
+        self, states: npt.NDArray[Any], earlier: Rows | None, row: int
+    ) -> tuple[bytes | None, bytes] | None:
+        """The states before and after an instant, as long as there is room for them."""
+        known = len(self.changes)
+        if known >= EXPLAINED_MAX or 2 * known * states.dtype.itemsize > EXPLAINED_BYTES:
+            return None
+        if row:
+            return states[row - 1].tobytes(), states[row].tobytes()
+        return None if earlier is None else earlier.tobytes(), states[row].tobytes()
+
+    def _see_faults(self, states: npt.NDArray[Any]) -> None:
+        faults = states["components"]["faults"]
+        for component in np.flatnonzero(faults[-1]):
+            if int(component) not in self.first_faults:
+                row = int(np.argmax(faults[:, component] != 0))
+                latched = bool(states["components"]["latched"][row, component])
+                time_ns = int(states["header"]["ct"][row])
+                self.first_faults[int(component)] = FirstFault(time_ns, latched)
+
+
+def _bytes(records: npt.NDArray[Any]) -> Rows:
+    """The same memory, (n, size) bytes, of records, (n,)."""
+    return records.view(np.uint8).reshape(len(records), -1)
+
+
+def _no_rows(dtype: np.dtype[Any]) -> Rows:
+    """(0, size) bytes."""
+    return np.zeros((0, dtype.itemsize), dtype=np.uint8)

@@ -1,0 +1,175 @@
+"""What a person may set from outside: parameters and lengths of time, as text or as numbers.
+
+Purpose: `--set K=3`, `--until 30s` and their twins in Python become values of the program's
+types, or a diagnostic that says what would have been right (U001, U004).
+Non-goals: bounds of parameters (`program/elaborate/elaborator.py` knows them), bindings
+(`bindings.py`).
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.near import closest
+from soter.program.elaborate.parameter_values import has_param
+from soter.program.model.python_values import ValueShapeError, from_python
+from soter.program.model.types import BoolType, DurationType, EnumType, FloatType, IntType
+from soter.syntax.tokens import UNIT_NS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from soter.program.model.typed import TypedProgram
+    from soter.program.model.types import Type, Value
+
+DURATION_NS_MAX = 2**62
+"""About 146 years: the sum of a time and a period still fits 64 bits."""
+
+TEXT_MAX = 100
+"""No number needs more characters."""
+
+_DURATION = re.compile(r"([0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?)\s*([a-z]+)")
+_NUMBER = re.compile(r"[+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?")
+
+
+class WrongTextError(Exception):
+    """A text or number that is no value of what is asked for; the message says what is."""
+
+
+def usage_error(code: str, message: str, *helps: str) -> SoterError:
+    """A mistake on the command line or in an argument: it stands in no file."""
+    return SoterError((Diagnostic(code, message, helps=tuple(h for h in helps if h)),))
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """A help line with the closest known name, or all of them, or nothing."""
+    names = list(known)
+    near = closest(name, names)
+    if near:
+        return f"did you mean `{near[0]}`?"
+    shown = ", ".join(f"`{n}`" for n in names[:8])
+    return f"there are {shown}{' ...' if len(names) > 8 else ''}" if names else ""
+
+
+# ---------------------------------------------------------------- lengths of time
+
+
+def duration_ns(given: float | str) -> int:
+    """A length of time in ns: text with its unit (`"30s"`, `"1.5 min"`), or a number of seconds.
+
+    Exact: `"0.1s"` is 100,000,000 ns. Raises `WrongTextError`.
+    """
+    if isinstance(given, str):
+        ns = _duration_of_text(given.strip())
+    elif isinstance(given, bool) or not hasattr(given, "__float__"):
+        raise WrongTextError(f"expected a text such as '30s', or seconds, found {given!r}")
+    else:
+        seconds = float(given)
+        if not math.isfinite(seconds):
+            raise WrongTextError(f"{seconds} is no length of time")
+        ns = round(Fraction(repr(seconds)) * 10**9)
+    if abs(ns) > DURATION_NS_MAX:
+        raise WrongTextError("longer than 146 years")
+    return ns
+
+
+def _duration_of_text(text: str) -> int:
+    match = _DURATION.fullmatch(text) if len(text) <= TEXT_MAX else None
+    if match is None or match[2] not in UNIT_NS:
+        units = ", ".join(UNIT_NS)
+        raise WrongTextError(f"write a number with its unit ({units}), such as 30s or 1.5min")
+    ns = Fraction(match[1]) * UNIT_NS[match[2]]
+    if ns.denominator != 1:
+        raise WrongTextError("that is no whole number of nanoseconds")
+    return int(ns)
+
+
+def until_ns(given: float | str) -> int:
+    """The length of a run in ns; SoterError U001 unless it is a time longer than zero."""
+    try:
+        ns = duration_ns(given)
+    except WrongTextError as error:
+        raise usage_error("U001", f"`until` cannot be `{_short(given)}`: {error}") from error
+    if ns <= 0:
+        raise usage_error("U001", f"`until` cannot be `{_short(given)}`: a run takes time")
+    return ns
+
+
+def seed_value(given: object) -> int:
+    """A seed as an int, from anything that is a whole number; SoterError U001."""
+    try:
+        number = operator.index(given)  # type: ignore[arg-type]  # it checks
+    except TypeError:
+        number = -1
+    if not 0 <= number < 2**64:
+        help_ = "a seed is a whole number, 0 to 2^64 - 1"
+        raise usage_error("U001", f"`seed` cannot be `{_short(given)}`", help_)
+    return number
+
+
+# ---------------------------------------------------------------- parameters
+
+
+def param_values(program: TypedProgram, given: Mapping[str, object]) -> dict[str, Value]:
+    """The values of parameters by full name; SoterError U001, U004 with all mistakes at once."""
+    values: dict[str, Value] = {}
+    problems: list[Diagnostic] = []
+    for name, value in given.items():
+        param = program.param(name)
+        if param is not None and not has_param(program, program.systems.values(), name):
+            path = name[: -len(param.name) - 1]
+            text = f"no system has an instance `{path}`, whose `{param.name}` could be set"
+            problems.append(Diagnostic("U004", text))
+            continue
+        if param is None:
+            help_ = did_you_mean(name, program.params) or "the program declares no `param`"
+            problems.append(Diagnostic("U004", f"there is no parameter `{name}`", helps=(help_,)))
+            continue
+        try:
+            values[name] = _param_value(param.type, value)
+        except (WrongTextError, ValueShapeError) as error:
+            message = f"parameter `{name}` cannot be `{_short(value)}`: {error}"
+            problems.append(Diagnostic("U001", message))
+    if problems:
+        raise SoterError(tuple(problems))
+    return values
+
+
+def _param_value(t: Type, given: object) -> Value:
+    if isinstance(t, DurationType):
+        return duration_ns(given)  # type: ignore[arg-type]  # it checks
+    if isinstance(given, str) and not isinstance(t, EnumType):
+        return _value_of_text(t, given.strip())
+    if isinstance(t, EnumType) and not (isinstance(given, str) and given in t.members):
+        raise WrongTextError(f"it is one of {', '.join(t.members)}")
+    value = from_python(t, given)
+    if isinstance(t, FloatType) and not math.isfinite(value):
+        raise WrongTextError("a parameter is finite")
+    return value
+
+
+def _value_of_text(t: Type, text: str) -> Value:
+    if isinstance(t, BoolType):
+        if text in ("true", "false"):
+            return text == "true"
+        raise WrongTextError("it is true or false")
+    if len(text) > TEXT_MAX or not _NUMBER.fullmatch(text):
+        raise WrongTextError("a number is expected")
+    if isinstance(t, IntType):
+        if not text.lstrip("+-").isdigit():
+            raise WrongTextError("a whole number is expected")
+        return from_python(t, int(text))
+    value = float(text)
+    if not math.isfinite(value):
+        raise WrongTextError("the number is too large")
+    return value
+
+
+def _short(value: object) -> str:
+    text = str(value)
+    return text if len(text) <= 40 else text[:37] + "..."

@@ -1,0 +1,209 @@
+"""A child process that answers questions, and cannot do more than that.
+
+Purpose: fork, ask, wait no longer than patience allows; what comes back is bytes of a bounded
+length, and what they mean is the asker's business. It may hang, crash, exit, or flood: it is ended
+then, and `DeadError` says how.
+Non-goals: what is asked (`simulate/externs/isolated_extern.py`); being on time
+(`shared_memory_channel.py`); a child that means harm: it has this process's user, and so may send
+signals.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import select
+import signal
+import socket
+import struct
+import sys
+import threading
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+HEAD = struct.Struct("<Q")
+LONGEST = 64 * 2**20
+"""Bytes of a message; what says it is longer is not read."""
+LOOK_S = 0.5
+SLEEPY_S = 5.0
+MEMORY = 64 * 2**30
+"""Bytes that a child may map."""
+CLOSED_TO = 65_536
+PR_SET_PDEATHSIG = 1
+
+
+class DeadError(Exception):
+    """The child gives no answer any more; the message says why."""
+
+
+class Child:
+    """One child; `serve` runs in it: a function from a question to its answer."""
+
+    def __init__(self, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
+        """`serve()` is called in the child, first of all; whatever it raises ends the child."""
+        ours, theirs = socket.socketpair()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        parent = os.getpid()
+        self.process = os.fork()
+        if self.process == 0:
+            ours.close()
+            _live(theirs, parent, serve)
+        theirs.close()
+        ours.setblocking(False)
+        self._socket = ours
+
+    def ask(self, question: bytes, patience_s: float | None) -> bytes:
+        """The answer; DeadError where there is none in time, and then the child is gone."""
+        end = None if patience_s is None else time.monotonic() + patience_s
+        try:
+            self._send(HEAD.pack(len(question)) + question, end)
+            (length,) = HEAD.unpack(self._receive(HEAD.size, end))
+            if length > LONGEST:
+                raise DeadError(self.end("it answered with too much"))
+            return self._receive(length, end)
+        except TimeoutError:
+            raise DeadError(self.end(f"it did not answer for {patience_s:g} s: ended")) from None
+        except OSError:
+            raise DeadError(self.end("")) from None
+
+    def end(self, why: str = "") -> str:
+        """End the child, if it is there; why it is gone, in words."""
+        self._socket.close()
+        if self.process == 0:
+            return why
+        if why:
+            self._kill()
+        status = self._wait()
+        self.process = 0
+        code = os.waitstatus_to_exitcode(status)
+        if why:
+            return why
+        if code < 0:
+            return f"its process was ended by {signal.Signals(-code).name}"
+        return f"its process ended by itself, with exit status {code}"
+
+    def _wait(self) -> int:
+        """Its wait status; it may close its side and live on, and is killed then.
+
+        Whatever it has started ends with it, but for what has left its session.
+        """
+        end = time.monotonic() + LOOK_S
+        while not _has_ended(self.process) and time.monotonic() < end:
+            time.sleep(0.001)
+        self._kill()  # before it is waited for: until then the number of the group is its own
+        _, status = os.waitpid(self.process, 0)
+        return status
+
+    def _kill(self) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.kill(self.process, signal.SIGKILL)
+
+    def _send(self, data: bytes, end: float | None) -> None:
+        left = memoryview(data)
+        while left:
+            _ready(self._socket, end, write=True)
+            left = left[self._socket.send(left) :]
+
+    def _receive(self, count: int, end: float | None) -> bytes:
+        data = bytearray()
+        while len(data) < count:
+            _ready(self._socket, end, write=False)
+            part = self._socket.recv(min(count - len(data), 2**20))
+            if not part:
+                raise ConnectionResetError
+            data += part
+        return bytes(data)
+
+
+def _has_ended(process: int) -> bool:
+    """Whether a child has ended; it is not waited for where the system can look without."""
+    if not hasattr(os, "waitid"):
+        return False
+    status = os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    return status is not None
+
+
+def _ready(side: socket.socket, end: float | None, *, write: bool) -> None:
+    """Wait until a socket may be read or written; TimeoutError."""
+    while True:
+        left = SLEEPY_S if end is None else end - time.monotonic()
+        if left <= 0:
+            raise TimeoutError
+        able = select.select([] if write else [side], [side] if write else [], [], left)
+        if able[0] or able[1]:
+            return
+
+
+# ---------------------------------------------------------------- the child
+
+
+def _live(side: socket.socket, parent: int, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
+    """The whole life of a child: nothing of the parent's is open, and nothing of it goes on."""
+    status = 1
+    try:
+        _alone(side, parent)
+        answer = serve()
+        while True:
+            (length,) = HEAD.unpack(_exactly(side, HEAD.size))
+            said = answer(_exactly(side, length))
+            side.sendall(HEAD.pack(len(said)) + said)
+    except (EOFError, OSError):
+        status = 0
+    finally:
+        with suppress(BaseException):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(status)
+
+
+def _alone(side: socket.socket, parent: int) -> None:
+    os.setsid()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM, signal.SIGCHLD):
+        signal.signal(number, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_SETMASK, set())
+    end_with(parent)
+    with suppress(OSError, ValueError):
+        _, most = resource.getrlimit(resource.RLIMIT_AS)
+        wanted = MEMORY if most == resource.RLIM_INFINITY else min(MEMORY, most)
+        resource.setrlimit(resource.RLIMIT_AS, (wanted, wanted))
+    own = side.fileno()
+    os.closerange(3, own)
+    os.closerange(own + 1, CLOSED_TO)
+
+
+def end_with(parent: int) -> None:
+    """Have this process killed when its parent is gone, whatever it does then.
+
+    By the system on Linux; elsewhere by a thread that looks.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    else:
+        threading.Thread(target=_look_for, args=(parent,), daemon=True).start()
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def _look_for(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(LOOK_S)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _exactly(side: socket.socket, count: int) -> bytes:
+    data = bytearray()
+    while len(data) < count:
+        part = side.recv(count - len(data))
+        if not part:
+            raise EOFError
+        data += part
+    return bytes(data)
