@@ -43,7 +43,12 @@ PROFDATA = os.environ.get("LLVM_PROFDATA", "llvm-profdata-19")
 LOOP = ("soter_firmware.c", "soter_grant.c", "soter_lease.c")
 SOURCES = (*KERNEL, "soter_sha256.c", "soter_self_test.c", *LOOP)
 SHIPPED = (*SOURCES, "soter.h", "soter_faults.h")
-COVERAGE = ("-DNDEBUG", "-fprofile-instr-generate", "-fcoverage-mapping", "-fcoverage-mcdc")
+COVERAGE = (
+    "-DSOTER_UNCHECKED",
+    "-fprofile-instr-generate",
+    "-fcoverage-mapping",
+    "-fcoverage-mcdc",
+)
 WATCHED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 DRONE = ("motion_primitive", "corridor", "battery")
 SMALL = (

@@ -18,6 +18,7 @@ from long_tests import examples
 from processes import PIPE
 from soter.api.deploying import stack_bound
 from soter.lower.layout import state_layout
+from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, WARNINGS, find
 from soter.native.stack import SILENT
 from soter.program.meaning.arith import FaultKind
@@ -59,6 +60,7 @@ def linked(built: Path, compiler: list[str], source: Path, *flags: str) -> Path:
         *STRICT,
         f"-I{built}",
         str(source),
+        str(CHECK_FAILED),
         str(built / "libcart_firmware.a"),
     ]
     done = processes.run(
@@ -352,6 +354,7 @@ def test_the_stack_that_is_used_is_within_the_bound_and_not_far_from_it(
     target = tmp_path / "stack"
     words = [name, "-O1", "-w", f"-I{tmp_path / 'cart_c'}", str(FILES / "firmware_stack.c")]
     words += [
+        str(CHECK_FAILED),
         str(tmp_path / "cart_c" / "libcart_firmware.a"),
         "-lm",
         "-Wl,-z,now",
