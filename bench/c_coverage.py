@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.build import KERNEL, RUNTIME
+from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME
 from soter.native.compiler import STRICT
 from soter.program.build import check_file, system_of
 from soter.program.model.types import FloatType, leaves
@@ -110,7 +110,7 @@ def compiled(unit: Unit, floats: list[int], folder: Path, flags: tuple[str, ...]
             f'-DCOVERED_HEADER="{unit.prefix}.h"',
             f"-DCOVERED_PROGRAM={unit.prefix}_program",
             f"-DCOVERED_FLOATS={{{', '.join(map(str, (len(floats), *floats)))}}}",
-            *map(str, (*HARNESS, source, *(RUNTIME / s for s in SOURCES))),
+            *map(str, (*HARNESS, source, *(RUNTIME / s for s in SOURCES), CHECK_FAILED)),
             *("-o", str(program), "-lm"),
         ],
         check=True,
