@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.build import KERNEL, RUNTIME
+from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME
 from soter.native.compiler import STRICT
 from soter.program.front_end import check_file, system_of
 from soter.program.model.types import FloatType, leaves
@@ -43,7 +43,12 @@ PROFDATA = os.environ.get("LLVM_PROFDATA", "llvm-profdata-19")
 LOOP = ("soter_firmware.c", "soter_grant.c", "soter_lease.c")
 SOURCES = (*KERNEL, "soter_sha256.c", "soter_self_test.c", *LOOP)
 SHIPPED = (*SOURCES, "soter.h", "soter_faults.h")
-COVERAGE = ("-DNDEBUG", "-fprofile-instr-generate", "-fcoverage-mapping", "-fcoverage-mcdc")
+COVERAGE = (
+    "-DSOTER_UNCHECKED",
+    "-fprofile-instr-generate",
+    "-fcoverage-mapping",
+    "-fcoverage-mcdc",
+)
 WATCHED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 DRONE = ("motion_primitive", "corridor", "battery")
 SMALL = (
@@ -105,7 +110,7 @@ def compiled(unit: Unit, floats: list[int], folder: Path, flags: tuple[str, ...]
             f'-DCOVERED_HEADER="{unit.prefix}.h"',
             f"-DCOVERED_PROGRAM={unit.prefix}_program",
             f"-DCOVERED_FLOATS={{{', '.join(map(str, (len(floats), *floats)))}}}",
-            *map(str, (*HARNESS, source, *(RUNTIME / s for s in SOURCES))),
+            *map(str, (*HARNESS, source, *(RUNTIME / s for s in SOURCES), CHECK_FAILED)),
             *("-o", str(program), "-lm"),
         ],
         check=True,

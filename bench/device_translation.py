@@ -53,10 +53,7 @@ typedef unsigned long uintptr_t;
 #define DBL_MAX 0x1.fffffffffffffp1023
 #define DBL_MIN 0x1p-1022
 #define DBL_EPSILON 0x1p-52
-#undef assert
-#define assert(x) ((void)0)
 #else
-#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
@@ -64,6 +61,7 @@ typedef unsigned long uintptr_t;
 #include <string.h>
 #define SOTER_AT(type, member, at) (sizeof(char[offsetof(type, member) == at ? 1 : -1]) * at)
 #endif
+#define SOTER_CHECK(condition) ((void)0)
 """
 TAIL = """
 /* ------------------------------------------------------------------ a world a thread */

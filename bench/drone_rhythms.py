@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.codegen.unit import generate
-from soter.native.build import KERNEL, RUNTIME, texts
+from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME, texts
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
 from soter.program.front_end import check_file, system_of
@@ -81,7 +81,7 @@ def compiled(name: str) -> Path:
     unit = generate(system_of(check_file(str(VEHICLE)), name.capitalize()))
     compiler = find()
     flags = (*STRICT, "-O3", "-march=native", "-fPIC", "-shared", f"-D{name.upper()}")
-    sources = [str(LOOP), *(str(RUNTIME / k) for k in KERNEL)]
+    sources = [str(LOOP), *(str(RUNTIME / k) for k in KERNEL), str(CHECK_FAILED)]
     content = digest([unit.source, unit.header, compiler.identity, *flags, *texts(*sources)])
 
     def make(work: Path) -> None:

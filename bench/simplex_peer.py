@@ -27,6 +27,7 @@ import numpy as np
 
 import soter
 from soter.gym import Protected
+from soter.native.build import CHECK_FAILED
 from soter.native.compiler import STRICT, find
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -120,8 +121,8 @@ def built(folder: Path) -> Path:
     files = [str(f) for f in sorted(folder.glob("*.c")) if f.name not in left]
     program = folder / "peer"
     flags = [*STRICT, "-D_POSIX_C_SOURCE=199309L", "-O2", f"-I{folder}"]
-    command = [*find().command, *flags, str(source), *files, "-lm", "-o", str(program)]
-    subprocess.run(command, check=True)
+    command = [*find().command, *flags, str(source), *files, str(CHECK_FAILED)]
+    subprocess.run([*command, "-lm", "-o", str(program)], check=True)
     return program
 
 

@@ -74,7 +74,7 @@ def analysed(program: str) -> tuple[list[str], float]:
         done = subprocess.run(
             [
                 *("frama-c", "-eva", "-eva-precision", "1", "-warn-special-float", "none"),
-                f"-cpp-extra-args=-I{folder / 'c'} -DNDEBUG",
+                f"-cpp-extra-args=-I{folder / 'c'} -DSOTER_UNCHECKED",
                 *map(str, (harness, *(folder / "c" / s for s in sources))),
             ],
             capture_output=True, text=True, check=False,

@@ -18,6 +18,7 @@ from long_tests import examples
 from processes import PIPE
 from soter.api.deploying import stack_bound
 from soter.lower.layout import state_layout
+from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, WARNINGS, find
 from soter.native.stack_bound import SILENT
 from soter.program.evaluate.arithmetic import FaultKind
@@ -59,6 +60,7 @@ def linked(built: Path, compiler: list[str], source: Path, *flags: str) -> Path:
         *STRICT,
         f"-I{built}",
         str(source),
+        str(CHECK_FAILED),
         str(built / "libcart_firmware.a"),
     ]
     done = processes.run(
@@ -352,6 +354,7 @@ def test_the_stack_that_is_used_is_within_the_bound_and_not_far_from_it(
     target = tmp_path / "stack"
     words = [name, "-O1", "-w", f"-I{tmp_path / 'cart_c'}", str(FILES / "firmware_stack.c")]
     words += [
+        str(CHECK_FAILED),
         str(tmp_path / "cart_c" / "libcart_firmware.a"),
         "-lm",
         "-Wl,-z,now",
@@ -380,7 +383,13 @@ def test_the_trusted_drone_needs_no_more_than_eight_kibibytes(tmp_path: Path) ->
 
 def test_the_page_names_what_there_is(tmp_path: Path) -> None:
     page = (EXAMPLES.parent / "docs" / "deploy.md").read_text(encoding="utf-8")
-    names = ("Vehicle_firmware.h", "soter_firmware.h", "soter.h", "shuttle_firmware.h")
+    names = (
+        "Vehicle_firmware.h",
+        "soter_firmware.h",
+        "soter.h",
+        "soter_check.h",
+        "shuttle_firmware.h",
+    )
     package(SHUTTLE, tmp_path)
     headers = "".join((tmp_path / name).read_text() for name in names)
     there = set(re.findall(r"\w+", headers)) | {"SOTER_CC"}

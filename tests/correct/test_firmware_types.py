@@ -12,6 +12,7 @@ import pytest
 import processes
 import soter
 from generators.c_packages import make
+from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, WARNINGS, find
 
 if TYPE_CHECKING:
@@ -156,7 +157,15 @@ def test_every_type_is_taken_checked_and_read_as_it_was(built: Path, cpp: bool) 
     words = [*compiler, "-std=c++17" if cpp else "-std=c99", *MEANING]
     words += ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsanitize=address,undefined"]
     words += [str(built / ("own.cpp" if cpp else "own.c")), f"-I{built}"]
-    words += [str(built / "libtypes.a"), "-lm", "-o", str(built / f"own_{cpp}")]
+    checks = [*find().command, f"-I{built}", "-c", str(CHECK_FAILED), "-o", "checks.o"]
+    assert processes.run(checks, cwd=built).returncode == 0
+    words += [
+        str(built / "checks.o"),
+        str(built / "libtypes.a"),
+        "-lm",
+        "-o",
+        str(built / f"own_{cpp}"),
+    ]
     done = processes.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     ran = processes.run([built / f"own_{cpp}"], capture_output=True, text=True)

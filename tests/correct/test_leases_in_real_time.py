@@ -242,7 +242,7 @@ def test_the_sensor_of_the_page_is_heard_and_hears(tmp_path: Path) -> None:
     built(examples / "stop_vehicle.soter", tmp_path / "vehicle")
     vehicle = tmp_path / "vehicle" / "stop_vehicle"
     sources = [examples / "firmware" / "sensor.c", *vehicle.parent.glob("soter_outside.c")]
-    sources += vehicle.parent.glob("soter_channel.c")
+    sources += (vehicle.parent / name for name in ("soter_channel.c", "soter_posix_check.c"))
     flags = ["-std=c99", *WARNINGS, f"-I{vehicle.parent}"]
     processes.run(["cc", *flags, "-o", tmp_path / "sensor", *sources, "-lm"], check=True)
     with (

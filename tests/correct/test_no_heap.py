@@ -30,7 +30,7 @@ malloc calloc realloc reallocarray free aligned_alloc posix_memalign memalign va
 strndup asprintf vasprintf getline alloca brk sbrk mmap munmap
 """
 _ALLOWED = """
-memset memcpy memmove sqrt floor fabs __assert_fail __stack_chk_fail _GLOBAL_OFFSET_TABLE_
+memset memcpy memmove sqrt floor fabs __stack_chk_fail _GLOBAL_OFFSET_TABLE_
 """
 HEAP, ALLOWED = frozenset(_HEAP.split()), frozenset(_ALLOWED.split())
 

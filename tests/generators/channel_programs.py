@@ -104,8 +104,9 @@ def library(folder: Path) -> ctypes.CDLL:
     """`soter_outside.c`, to be called from here."""
     posix = RUNTIME / "posix"
     made = folder / "outside.so"
-    sources: list[str | Path] = [posix / "soter_outside.c", posix / "soter_channel.c"]
-    flags = ["-O1", "-shared", "-fPIC", f"-I{posix}", "-o", str(made)]
+    names = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
+    sources: list[str | Path] = [posix / name for name in names]
+    flags = ["-O1", "-shared", "-fPIC", f"-I{posix}", f"-I{RUNTIME}", "-o", str(made)]
     processes.run(["cc", *flags, *sources], check=True)
     shared_library = ctypes.CDLL(str(made))
     shared_library.soter_outside_open.restype = ctypes.c_char_p

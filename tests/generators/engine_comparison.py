@@ -15,7 +15,7 @@ import numpy as np
 import processes
 from soter.codegen.unit import Unit, generate
 from soter.lower.layout import StateLayout, state_dtype, state_layout
-from soter.native.build import KERNEL, RUNTIME, include_flags, objects
+from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME, include_flags, objects
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.library import Library
 from soter.native.own_files import SOTER
@@ -138,7 +138,7 @@ def compile_library(subjects: list[Subject], folder: Path, optimise: str) -> Pat
     source = write_units(subjects, folder)
     target = folder / f"all{optimise}.so"
     kernel = objects(
-        tuple(RUNTIME / name for name in KERNEL),
+        (*(RUNTIME / name for name in KERNEL), CHECK_FAILED),
         (*STRICT, *WARNINGS, optimise, "-fPIC", *include_flags(RUNTIME / "soter.h")),
     )
     shared = ("-fPIC", "-shared", "-o", str(target))
@@ -207,9 +207,8 @@ def final_states(subjects: list[Subject], folder: Path, *flags: str) -> list[byt
         f"    {{&{s.name}_program, UINT64_C({s.seed}), INT64_C({s.until_ns})}}," for s in subjects
     )
     driver.write_text(DRIVER % {"externs": externs, "runs": runs}, encoding="utf-8")
-    call_compiler(
-        folder, *flags, "-o", str(target), str(driver), str(source), *kernel_sources(), "-lm"
-    )
+    sources = (str(driver), str(source), *kernel_sources(), str(CHECK_FAILED))
+    call_compiler(folder, *flags, "-o", str(target), *sources, "-lm")
     done = processes.run([str(target)], capture_output=True, check=False, cwd=folder)
     assert done.returncode == 0, done.stderr.decode("utf-8", "replace")
     states, at = [], 0

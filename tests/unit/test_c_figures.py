@@ -1,4 +1,7 @@
-"""Functions of the C stay short and simple: a rough count over the text."""
+"""Functions of the C stay short and simple, and its files need each other one way only.
+
+A rough count over the text: of all C below `src/`, and of what tests and measurements bring along.
+"""
 
 from __future__ import annotations
 
@@ -6,35 +9,94 @@ import re
 from pathlib import Path
 
 from generators.file_listing import files_below
+from unit.test_house_figures import circles
 
-SOTER = Path(__file__).resolve().parents[2] / "src" / "soter"
-BEGIN = re.compile(r"^[A-Za-z_][^;={}]*?\b([a-z_0-9]+)\([^;{}]*\) \{$", re.MULTILINE)
+ROOT = Path(__file__).resolve().parents[2]
+SOTER = ROOT / "src" / "soter"
+BESIDE = (ROOT / "tests", ROOT / "bench", ROOT / "examples")
+BEGIN = re.compile(r"^[A-Za-z_][^;={}]*?\b([A-Za-z_0-9]+)\([^;{}]*\) \{$", re.MULTILINE)
 BRANCH = re.compile(r"\b(?:if|for|while|case)\b|&&|\|\||\?")
-NOT_CODE = re.compile(r'/\*.*?\*/|"(?:[^"\\\n]|\\.)*"', re.DOTALL)
+NOT_CODE = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:[^"\\\n]|\\.)*"', re.DOTALL)
 CHECK = re.compile(r"\bSOTER_CHECK\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\);")
+INCLUDE = re.compile(r'^#include "(?:.*/)?([^"/]+)"', re.MULTILINE)
+NAME = re.compile(r"(?<![.>\w])soter_\w+\b")
+OWN = ("static ", "SOTER_INLINE ")
 LONGEST = 70
 SIMPLE = 10
 NOT_SIMPLE = 8
+"""Functions of src with more branches, at most."""
+LONG = {
+    "adversary_loop.c adversary_run": "an oracle, flat on purpose: read beside docs/semantics.md",
+    "c_coverage.c main": "a list of calls",
+}
+BRANCHING = {
+    **LONG,
+    "adversary_choices.h choose": "a case a kind of adversary",
+    "adversary_choices.h direction": "a case a kind of adversary",
+    "adversary_choices.h errors": "a case a kind of adversary",
+    "adversary_model.h adversary_level": "as adversary_run",
+    "c_coverage_loop.c firmware": "a list of calls",
+    "c_coverage_loop.c leases": "a list of calls",
+    "main.c main": "an example's loop, to be read whole",
+}
+"""Functions of C that does not belong to src which are longer, or have more branches, and why."""
+
+
+def bare(text: str) -> str:
+    """C without comments and strings, line for line."""
+    return NOT_CODE.sub(lambda m: "\n" * m.group().count("\n"), text)
+
+
+def bodies(text: str) -> list[tuple[str, str, str]]:
+    """Of each function of bare C: how it begins, its name, and all of its text."""
+    found = []
+    for begin in BEGIN.finditer(text):
+        end = text.index("\n}\n", begin.end())
+        found.append((begin.group(), begin.group(1), text[begin.start() : end]))
+    return found
 
 
 def functions(text: str) -> list[tuple[str, int, int]]:
     """Name, lines and cyclomatic complexity of each; assertions do not branch."""
-    figures = []
-    blank = NOT_CODE.sub(lambda m: "\n" * m.group().count("\n"), text)
-    for begin in BEGIN.finditer(blank):
-        end = blank.index("\n}\n", begin.end())
-        body = blank[begin.start() : end]
-        branches = BRANCH.findall(CHECK.sub("", body))
-        figures.append((begin.group(1), body.count("\n") + 2, 1 + len(branches)))
-    return figures
+    return [
+        (name, body.count("\n") + 2, 1 + len(BRANCH.findall(CHECK.sub("", body))))
+        for _, name, body in bodies(bare(text))
+    ]
 
 
-def all_functions() -> list[tuple[str, str, int, int]]:
+def all_functions(*folders: Path) -> list[tuple[str, str, int, int]]:
     return [
         (path.name, *figures)
-        for path in files_below(SOTER, "*.[ch]")
+        for folder in folders or (SOTER,)
+        for path in files_below(folder, "*.[ch]")
         for figures in functions(path.read_text(encoding="utf-8"))
     ]
+
+
+def needs(texts: dict[str, str]) -> dict[str, set[str]]:
+    """Every C file by name -> the files whose declarations, functions or tables it needs.
+
+    A header needs what its inline functions call; that it declares what a source defines is what
+    it is for, and is no need.
+    """
+    known = {name: bare(text) for name, text in texts.items()}
+    parts = {name: bodies(text) for name, text in known.items()}
+    defines = {
+        function: name
+        for name, found in parts.items()
+        for begin, function, _ in found
+        if name.endswith(".c") and not begin.startswith(OWN)
+    }
+    graph: dict[str, set[str]] = {}
+    for name, text in texts.items():
+        inside = known[name] if name.endswith(".c") else "".join(b for _, _, b in parts[name])
+        asked = {defines[word] for word in NAME.findall(inside) if word in defines}
+        graph[name] = ((set(INCLUDE.findall(text)) & set(texts)) | asked) - {name}
+    return graph
+
+
+def sources() -> dict[str, str]:
+    return {p.name: p.read_text(encoding="utf-8") for p in files_below(SOTER, "*.[ch]")}
 
 
 def test_the_count_knows_branches_comments_and_assertions() -> None:
@@ -58,5 +120,100 @@ def test_no_function_of_the_c_is_long() -> None:
 
 
 def test_few_functions_of_the_c_have_many_branches() -> None:
-    figures = [f for f in all_functions() if f[3] > SIMPLE]
-    assert len(figures) <= NOT_SIMPLE, figures
+    found = [f for f in all_functions() if f[3] > SIMPLE]
+    assert len(found) <= NOT_SIMPLE, found
+
+
+def test_the_c_beside_it_is_so_too_or_says_why_not() -> None:
+    found = {f"{file} {name}": figures for file, name, *figures in all_functions(*BESIDE)}
+    assert {f for f, (lines, _) in found.items() if lines > LONGEST} == set(LONG)
+    assert {f for f, (_, branches) in found.items() if branches > SIMPLE} == set(BRANCHING)
+
+
+def test_needs_of_c_are_seen() -> None:
+    texts = {
+        "a.h": "int soter_a(void);\nint soter_b(void);\n",
+        "a.c": '#include "a.h"\nint soter_a(void) {\n  return soter_b();\n}\n',
+        "b.c": '#include "a.h"\n/* soter_a */\nint soter_b(void) {\n  return 1;\n}\n',
+        "c.h": '#include "a.h"\nSOTER_INLINE int soter_c(void) {\n  return soter_a();\n}\n',
+    }
+    expected = {"a.h": set(), "a.c": {"a.h", "b.c"}, "b.c": {"a.h"}, "c.h": {"a.h", "a.c"}}
+    assert needs(texts) == expected
+    assert circles(needs(texts)) == []
+    back = {**texts, "b.c": texts["b.c"].replace("return 1", "return soter_a()")}
+    assert circles(needs(back)) == [{"a.c", "b.c"}]
+    header = {**texts, "a.h": texts["a.h"] + texts["c.h"].partition("\n")[2]}
+    assert circles(needs(header)) == [{"a.h", "a.c", "b.c"}]
+
+
+def test_no_two_c_files_have_one_name() -> None:
+    names = [p.name for p in files_below(SOTER, "*.[ch]")]
+    assert len(names) == len(set(names)), "needs() knows files by their names"
+
+
+def test_c_files_do_not_need_each_other_in_circles() -> None:
+    assert circles(needs(sources())) == []
+
+
+NO_INVARIANT = {
+    "options, names and numbers that a person gave: what is wrong is refused": {
+        *("posix_main.c number", "posix_main.c whole", "posix_main.c duration"),
+        *("posix_main.c policy", "posix_main.c core", "posix_main.c worker"),
+        *("posix_main.c option_of_times", "posix_main.c option_of_lateness"),
+        *("posix_main.c option_of_workers", "posix_main.c option", "posix_main.c parse"),
+        *("actuator.c number", "actuator.c option", "actuator.c parse"),
+    },
+    "words of what others have checked": {
+        *("posix_main.c print_words", "posix_report.c print_histogram", "posix_log.c show"),
+        *(
+            "posix_report.c print_nodes",
+            "posix_report.c print_world",
+            "posix_report.c print_misses",
+        ),
+        *(
+            "posix_report.c json_histogram",
+            "posix_report.c json_nodes",
+            "posix_report.c json_world",
+        ),
+        *("posix_report.c json_head", "actuator.c report", "actuator.c report_words"),
+    },
+    "what the system grants or not, which is told": {
+        *("posix_setup.c soter_posix_lock", "posix_setup.c chosen_core", "posix_setup.c pin"),
+        *("posix_setup.c take_deadline", "posix_setup.c without", "posix_workers.c limit"),
+        *("posix_setup.c soter_posix_become", "posix.c page_faults", "outside.c mapped"),
+        *("posix_log.c opened", "posix_log.c closed", "posix_log.c write_line"),
+        *("posix_log.c write_state", "actuator.c be_on_time"),
+    },
+    "arithmetic, one access, or a call": {
+        *("channel.c soter_channel_bytes", "channel.c load", "channel.c store", "channel.c sum_of"),
+        *(
+            "outside.c place_bytes",
+            "posix.c stopped",
+            "posix.c late_limit",
+            "posix_report.c bin_of",
+            "actuator.c most",
+        ),
+        *("posix_clock.c soter_posix_clock", "posix_clock.c soter_posix_independent"),
+        *("posix_workers.c now_ns", "worker.c wait_for_more", "actuator.c on_signal"),
+    },
+    "loops and sequences of what checks": {
+        *("posix.c wait_for", "posix_main.c wait_for_end", "posix_main.c go", "posix_main.c main"),
+        *("posix_world.c soter_posix_hear", "posix_workers.c keep_workers", "actuator.c arm"),
+        *("posix_log.c watch_workers", "posix_log.c watch_trusted", "actuator.c main"),
+        *("worker.c answer", "worker.c main"),
+    },
+    "what a check that fails calls": {
+        *("actuator.c soter_check_failed", "posix_check.c soter_check_failed"),
+    },
+}
+"""Functions of the driver without a check, by why."""
+
+
+def test_every_function_of_the_driver_checks_its_invariants_or_has_none() -> None:
+    without = {
+        f"{path.name.removeprefix('soter_')} {name}"
+        for path in files_below(SOTER / "runtime" / "posix", "*.c")
+        for _, name, body in bodies(bare(path.read_text(encoding="utf-8")))
+        if "SOTER_CHECK(" not in body
+    }
+    assert without == set[str]().union(*NO_INVARIANT.values())

@@ -13,7 +13,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-SRC = Path(__file__).resolve().parents[2] / "src"
+ROOT = Path(__file__).resolve().parents[2]
+SRC = ROOT / "src"
+CODE = ("src/soter", "tests", "bench", "docs/site", "examples")
+"""Folders of code: Python and C."""
 TREES = {
     p.relative_to(SRC): ast.parse(p.read_text(encoding="utf-8"))
     for p in sorted((SRC / "soter").rglob("*.py"))
@@ -21,6 +24,7 @@ TREES = {
 }
 
 MODULES_IN_A_ROOM = 16
+"""More files have to be judged: ROOMS."""
 LINES_OF_A_FILE = 500
 LINES_OF_A_FUNCTION = 70
 POSITIONAL = 7
@@ -69,20 +73,31 @@ def circles(graph: dict[str, set[str]]) -> list[set[str]]:
     return [set(c) for c in components]
 
 
+def files() -> Iterator[Path]:
+    """All Python and C of the repository, below its root; not what `soter new` copies."""
+    for folder in CODE:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in {".py", ".c", ".h"} and "templates" not in path.parts:
+                yield path.relative_to(ROOT)
+
+
 def long_files() -> Iterator[str]:
-    for path in TREES:
-        lines = len((SRC / path).read_text(encoding="utf-8").splitlines())
+    for path in files():
+        lines = len((ROOT / path).read_text(encoding="utf-8").splitlines())
         if lines > LINES_OF_A_FILE:
             yield f"{path}: {lines}"
 
 
 def long_functions() -> Iterator[str]:
-    for path, tree in TREES.items():
-        for node in ast.walk(tree):
+    """Of Python; those of C are in test_c_figures.py."""
+    for path in files():
+        if path.suffix != ".py":
+            continue
+        for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
                 lines = (node.end_lineno or node.lineno) - node.lineno + 1
                 if lines > LINES_OF_A_FUNCTION:
-                    yield f"{path}:{node.lineno} {node.name}: {lines}"
+                    yield f"{path} {node.name}: {lines}"
 
 
 def long_calls() -> Iterator[str]:
@@ -104,9 +119,48 @@ def test_files_do_not_import_each_other_in_circles() -> None:
     assert circles(imports()) == []
 
 
-def test_a_room_is_small_enough_to_be_known() -> None:
-    sizes = Counter(room_of(p) for p in TREES if p.name != "__init__.py")
-    assert {r: n for r, n in sizes.items() if n > MODULES_IN_A_ROOM} == {}
+ROOMS = {
+    "src/soter/runtime/posix": (
+        18,
+        "three programs over two channels; all of it ships as one folder",
+    ),
+    "src/soter/reach/engine": (
+        19,
+        "one engine over one set of headers; a reader enters by soter_reach.h",
+    ),
+    "src/soter/explore/engine/c": (
+        38,
+        "a file a strategy, a header a thing shared; no circles in it",
+    ),
+    "tests/generators": (50, "each makes one kind of input; nobody reads two of them at once"),
+    "tests/correct": (65, "a file a promise of the pages, found by its name"),
+    "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
+    "tests/unit/reach": (
+        38,
+        "as above; the rooms of reach/ share it, and it is to be parted as they are",
+    ),
+    "tests/unit/report": (18, "as above"),
+    "tests/unit/program": (18, "as above"),
+    "tests/unit/recheck": (25, "as above"),
+    "tests/unit/cli": (28, "as above: a file a command"),
+    "tests/unit/explore": (38, "as above; the engine's strategies are asked one by one"),
+    "bench": (105, "not judged to be right: families are planned, the files of one share a prefix"),
+}
+"""Rooms with more files than anybody can keep in mind: how many they may have, and why.
+
+A room that grows beyond is judged anew, here: is it one thing that is entered by one door, or is it
+two? A number is no reason, and one that fell is written down, so that it stays there.
+"""
+
+
+def crowded() -> dict[str, int]:
+    """Rooms with more than MODULES_IN_A_ROOM files -> how many they have."""
+    sizes = Counter(str(p.parent) for p in files() if p.name != "__init__.py")
+    return {room: n for room, n in sizes.items() if n > MODULES_IN_A_ROOM}
+
+
+def test_a_crowded_room_was_judged_as_it_is() -> None:
+    assert crowded() == {room: n for room, (n, _) in ROOMS.items()}
 
 
 def test_a_call_names_its_arguments_where_they_are_many() -> None:
@@ -114,16 +168,57 @@ def test_a_call_names_its_arguments_where_they_are_many() -> None:
 
 
 REASONS = {
-    "soter/program/elaborate/elaborator.py": "one pass: the order of mention numbers the topics",
-    "soter/program/model/typed.py": "the checked tree, records only",
-    "soter/syntax/tree.py": "the tree, records only",
+    "src/soter/program/elaborate/elaborator.py": "one pass: the order of mention numbers topics",
+    "src/soter/program/model/typed.py": "the checked tree, records only",
+    "src/soter/syntax/tree.py": "the tree, records only",
+    "src/soter/runtime/soter.h": "one header is what a user of the kernel includes",
+    "src/soter/reach/engine/soter_form.h": "arithmetic, inlined; cut by kinds already",
+    "src/soter/reach/engine/soter_reach_linear.c": "not cut yet",
+    "src/soter/explore/engine/c/soter_explore_in.h": "not cut yet: step, store and search share it",
+    "src/soter/explore/engine/c/soter_explore_bfs.c": "not cut yet: layers, threads, and bounds",
+    "src/soter/explore/engine/c/soter_explore_falsify.c": "not cut yet",
+    "src/soter/explore/engine/c/soter_explore_groups.c": "not cut yet",
+    "src/soter/explore/engine/c/soter_explore_memo.c": "one table; its functions are inlined",
+    "src/soter/explore/engine/c/soter_explore_step.c": "what a move does, rule by rule",
+    "src/soter/explore/engine/c/soter_explore_store.c": "one table; its functions are inlined",
+    "bench/mutant_models.py": "programs as text, and their mutants",
+    "bench/recheck_forgeries.py": "a list of forgeries",
+    "bench/run_all.py": "a row a table of the page",
+    "bench/verify_soundness.py": "not cut yet",
+    "tests/quick_lines.py": "a list of lines",
+    "tests/generators/random_programs.py": "one grammar, at random",
+    "tests/generators/random_expressions.py": "the same, of expressions",
+    "tests/generators/brute_force.py": "the enumerator, read beside docs/testing.md",
+    **dict.fromkeys(
+        (
+            "tests/correct/test_faults_agree.py",
+            "tests/correct/test_real_logs.py",
+            "tests/unit/cli/test_cli_apart.py",
+            "tests/unit/cli/test_cli_test.py",
+            "tests/unit/gym/test_protected.py",
+            "tests/unit/reach/test_induction.py",
+            "tests/unit/reach_polytopes/test_verify_polytopes.py",
+            "tests/unit/recheck/test_local_chains.py",
+            "tests/unit/recheck/test_polytope_certificates.py",
+        ),
+        "tests of one thing, one after the other: nobody has to read them whole",
+    ),
 }
 """Files that are longer, and why."""
+
+LONG = {
+    "tests/generators/planners.py planner": "the text of a program with a few holes",
+    "bench/mutant_models.py drone_loops": "the text of a program with a few holes",
+    "bench/bad_input_samples.py formats": "a list of inputs",
+    "examples/drone/demo.py main": "what it shows, in order",
+    "examples/drone/figures.py figure_12c": "one picture",
+}
+"""Functions of Python that are longer, and why."""
 
 
 def test_a_file_is_short_or_says_why_not() -> None:
     assert {x.partition(":")[0] for x in long_files()} == set(REASONS)
 
 
-def test_a_function_fits_on_a_page() -> None:
-    assert list(long_functions()) == []
+def test_a_function_fits_on_a_page_or_says_why_not() -> None:
+    assert {x.partition(":")[0] for x in long_functions()} == set(LONG)

@@ -26,6 +26,7 @@ static int64_t done[2];
 static bool silent;       /* no command is passed on any more */
 static soter_lease lease; /* the drive's side: what it obeys; may be on another processor */
 static shuttle_firmware_Guard_command room;
+static double driven; /* the drive: m/s */
 
 /* The drive is sent a command with its lease, where the step from `start` to `out` gave one. */
 static void pass_on(uint32_t said, int64_t start, int64_t out) {
@@ -45,6 +46,14 @@ static void pass_on(uint32_t said, int64_t start, int64_t out) {
     (void)Vehicle_read_speed(&vehicle, &command.speed, NULL);
     (void)soter_lease_take(&lease, out, &command, stamp, expiry);
   }
+}
+
+/* Something of the program is not as it must be: nothing that it says counts any more. The drive is
+ * given its law, a constant; a board then waits for its watchdog. */
+void soter_check_failed(const char* file, int line, const char* what) {
+  driven = ((const shuttle_firmware_Guard_command*)shuttle_firmware_Guard_lease.law)->speed;
+  (void)printf("%s:%d: not %s: the drive holds the law, %g m/s\n", file, line, what, driven);
+  exit(70);
 }
 
 int main(int count, char** words) {
@@ -73,7 +82,8 @@ int main(int count, char** words) {
       obeys = !obeys;
       (void)printf("%ld ms: the drive %s\n", tick * 5, obeys ? "obeys" : "holds the law");
     }
-    x += 0.005 * held.speed;
+    driven = held.speed;
+    x += 0.005 * driven;
     farthest = fmax(farthest, fabs(x)); /* there is a wall at either end */
   }
   (void)printf("AC had control in %d of %d turns, farthest %.3f m from the middle: %s\n", ac, TICKS,

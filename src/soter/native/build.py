@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 RUNTIME = SOTER / "runtime"
 NEVER_SHIPPED = SOTER / "native" / "c"
-"""Headers that only runs on this machine use."""
+"""What only runs on this machine use."""
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
+CHECK_FAILED = NEVER_SHIPPED / "soter_check_desk.c"
+"""What a check of the run-time or of an engine that fails does on this machine."""
 FAULTS = "soter_faults.h"
 """What programs include whose system has faults."""
 LIBRARY = "program.so"
@@ -59,7 +61,7 @@ def library(
     """
     compiler = find()
     flags = (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS, *extra)
-    kernel = tuple(RUNTIME / name for name in KERNEL)
+    kernel = (*(RUNTIME / name for name in KERNEL), CHECK_FAILED)
     parts = [unit.header, unit.source, compiler.identity, *flags]
     parts += texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)
 

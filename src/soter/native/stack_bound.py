@@ -33,8 +33,10 @@ RED_ZONE = 128
 """What the last function of a way may use below its frame (x86-64) and no compiler counts."""
 FOUND = "stack.json"
 SILENT = "this compiler tells no stack usage (gcc does, and clang for x86-64 and aarch64 of Linux)"
-QUIET = frozenset({"__assert_fail", "__assert_rtn", "abort", "__stack_chk_fail"})
-"""Do not come back."""
+QUIET = frozenset(
+    {"soter_check_failed", "__assert_fail", "__assert_rtn", "abort", "__stack_chk_fail"}
+)
+"""Do not come back; what is yours of them needs a stack of its own."""
 ROLES = "step|failsafe|effect|exchange|happens|overrun|decide|violated|publish|init|order|self_test"
 TABLE = re.compile(rf"\.({ROLES}) = (\w+)")
 NODE = re.compile(r'^node: \{ title: "([^"]+)" label: "([^"]*)"')

@@ -10,6 +10,8 @@
 #ifndef SOTER_H
 #define SOTER_H
 
+#include "soter_check.h"
+
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>

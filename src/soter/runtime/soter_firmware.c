@@ -6,7 +6,6 @@
  */
 #include "soter_firmware.h"
 
-#include <assert.h>
 #include <string.h>
 
 /* Differences of times between these never overflow: 146 years either way. */
@@ -18,8 +17,8 @@ static bool tellable(int64_t time) {
 
 const char* soter_firmware_start(soter_firmware* f, const soter_program* p, void* state,
                                  uint64_t seed, int64_t now) {
-  assert(f != NULL);
-  assert(p != NULL);
+  SOTER_CHECK(f != NULL);
+  SOTER_CHECK(p != NULL);
   f->program = NULL;
   const char* const wrong = soter_self_test(p);
   if (wrong != NULL) {
@@ -41,7 +40,7 @@ const char* soter_firmware_start(soter_firmware* f, const soter_program* p, void
 }
 
 int64_t soter_firmware_next(const soter_firmware* f, const void* state) {
-  assert(f != NULL);
+  SOTER_CHECK(f != NULL);
   if (f->program == NULL) {
     return INT64_MAX;
   }
@@ -72,7 +71,7 @@ static soter_taken taken_of(soter_fault fault) {
 
 soter_taken soter_firmware_publish(soter_firmware* f, void* state, uint32_t topic,
                                    const void* value, int64_t measured, int64_t now) {
-  assert(f != NULL);
+  SOTER_CHECK(f != NULL);
   if (f->program == NULL) {
     return SOTER_NOT_STARTED;
   }
@@ -173,7 +172,7 @@ static void count(soter_firmware* f, uint32_t said) {
 }
 
 uint32_t soter_firmware_step(soter_firmware* f, void* state, int64_t now) {
-  assert(f != NULL);
+  SOTER_CHECK(f != NULL);
   if (f->program == NULL) {
     return SOTER_REFUSED;
   }

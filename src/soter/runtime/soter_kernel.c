@@ -5,7 +5,6 @@
  */
 #include "soter.h"
 
-#include <assert.h>
 #include <string.h>
 
 soter_header* soter_header_of(void* state) {
@@ -68,8 +67,8 @@ void soter_start(const soter_program* p, void* state, uint64_t seed) {
 }
 
 void soter_start_with(const soter_program* p, void* state, uint64_t seed, const void* answer) {
-  assert(p != NULL);
-  assert(state != NULL);
+  SOTER_CHECK(p != NULL);
+  SOTER_CHECK(state != NULL);
   (void)memset(state, 0, p->state_size);
   soter_header* const h = soter_header_of(state);
   h->ct = -1;
@@ -112,7 +111,7 @@ static int64_t effect_of(const soter_program* p, const void* state, uint32_t com
 }
 
 int64_t soter_next_instant(const soter_program* p, const void* state) {
-  assert(p != NULL);
+  SOTER_CHECK(p != NULL);
   const soter_header* const h = (const soter_header*)state;
   const soter_component* const c = (const soter_component*)(h + 1);
   int64_t next = INT64_MAX;
@@ -144,10 +143,10 @@ static int64_t following(const soter_program* p, const void* state, uint32_t com
 }
 
 void soter_progress(const soter_program* p, void* state) {
-  assert(p != NULL);
+  SOTER_CHECK(p != NULL);
   soter_header* const h = soter_header_of(state);
   soter_component* const c = soter_components_of(state);
-  assert(h->firing == 0U);                       /* dt1: FN is empty */
+  SOTER_CHECK(h->firing == 0U);                  /* dt1: FN is empty */
   h->ct = soter_next_instant(p, state);          /* dt2 */
   for (uint32_t i = 0; i < p->components; i++) { /* dt3 */
     const bool released = c[i].next == h->ct;
@@ -166,8 +165,8 @@ void soter_progress(const soter_program* p, void* state) {
 
 soter_fault soter_publish(const soter_program* p, void* state, uint32_t topic, const void* given,
                           int64_t time) {
-  assert(p != NULL);
-  assert(given != NULL);
+  SOTER_CHECK(p != NULL);
+  SOTER_CHECK(given != NULL);
   if (topic >= p->topics || p->topic[topic].publish == NULL) {
     return SOTER_EXTERN_FAULT;
   }
@@ -337,9 +336,9 @@ static uint32_t run_step(const soter_program* p, void* state, uint32_t index, co
 
 void soter_answer(const soter_program* p, void* state, uint32_t component, soter_fault fault,
                   const void* answer) {
-  assert(component < p->components);
+  SOTER_CHECK(component < p->components);
   soter_component* const c = soter_components_of(state) + component;
-  assert(c->pending != 0U);
+  SOTER_CHECK(c->pending != 0U);
   c->pending = 0;
   if (fault == SOTER_OK && answer != NULL) {
     (void)run_step(p, state, component, answer);
@@ -388,7 +387,7 @@ static bool take_effect(const soter_program* p, void* state, uint32_t index) {
 }
 
 uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer) {
-  assert(component < p->components);
+  SOTER_CHECK(component < p->components);
   soter_component* const c = soter_components_of(state) + component;
   const soter_component_info* const info = &p->component[component];
   c->pending = 0;
@@ -429,8 +428,8 @@ static uint32_t next_of(const soter_program* p, void* state, uint32_t from) {
 }
 
 soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
-  assert(p != NULL);
-  assert(due != NULL);
+  SOTER_CHECK(p != NULL);
+  SOTER_CHECK(due != NULL);
   soter_header* const h = soter_header_of(state);
   soter_component* const c = soter_components_of(state);
   if (h->firing == 0U) {

@@ -5,7 +5,7 @@
  * Non-goals: clocks, sensors, logs. soter_app.h says which program, and is generated.
  *
  * usage: PROGRAM [--until SECONDS] [--seed N]; exits 0 safe, 1 this machine does not compute as the
- * program means, 2 usage, 3 a property was violated.
+ * program means, 2 usage, 3 a property was violated, 70 a check of the run-time failed.
  */
 #include "soter_app.h"
 #include "soter_sha256.h"
@@ -19,6 +19,7 @@
 #define EXIT_SAFE 0
 #define EXIT_USAGE 2
 #define EXIT_VIOLATED 3
+#define EXIT_DEFECT 70
 #define UNTIL_S_MAX 4.0e9
 
 static bool parse_until(const char* text, int64_t* until_ns) {
@@ -113,6 +114,12 @@ static void print_summary(const soter_program* p, APP_STATE* state, int64_t unti
     print_module(p, state, i);
   }
   print_faults(p, state);
+}
+
+/* In virtual time nothing moves: the run ends, with the exit code of a defect. */
+void soter_check_failed(const char* file, int line, const char* what) {
+  (void)fprintf(stderr, "soter has a defect: %s:%d: not %s\n", file, line, what);
+  _Exit(EXIT_DEFECT);
 }
 
 int main(int count, char** words) {

@@ -1,7 +1,7 @@
 /* soter_sha256.c: see soter_sha256.h. */
 #include "soter_sha256.h"
 
-#include <assert.h>
+#include "soter_check.h"
 
 static uint32_t rotate(uint32_t x, uint32_t n) {
   return (x >> n) | (x << (32U - n));
@@ -53,7 +53,7 @@ static void compress(soter_sha256* s) {
 void soter_sha256_start(soter_sha256* s) {
   static const uint32_t h[8] = {0x6a09e667U, 0xbb67ae85U, 0x3c6ef372U, 0xa54ff53aU,
                                 0x510e527fU, 0x9b05688cU, 0x1f83d9abU, 0x5be0cd19U};
-  assert(s != NULL);
+  SOTER_CHECK(s != NULL);
   for (uint32_t i = 0; i < 8U; i++) {
     s->h[i] = h[i];
   }
@@ -61,8 +61,8 @@ void soter_sha256_start(soter_sha256* s) {
 }
 
 void soter_sha256_add(soter_sha256* s, const void* data, size_t size) {
-  assert(s != NULL);
-  assert(data != NULL || size == 0U);
+  SOTER_CHECK(s != NULL);
+  SOTER_CHECK(data != NULL || size == 0U);
   const uint8_t* const bytes = (const uint8_t*)data;
   for (size_t i = 0; i < size; i++) {
     s->block[s->length % SOTER_SHA256_BLOCK] = bytes[i];
@@ -77,8 +77,8 @@ void soter_sha256_end(soter_sha256* s, char text[65]) {
   static const char digits[] = "0123456789abcdef";
   static const uint8_t one = 0x80U;
   static const uint8_t zero = 0x00U;
-  assert(s != NULL);
-  assert(text != NULL);
+  SOTER_CHECK(s != NULL);
+  SOTER_CHECK(text != NULL);
   const uint64_t bits = s->length * 8U;
   soter_sha256_add(s, &one, 1);
   while (s->length % SOTER_SHA256_BLOCK != SOTER_SHA256_BLOCK - 8U) {

@@ -6,11 +6,10 @@
  */
 #include "soter.h"
 
-#include <assert.h>
 #include <string.h>
 
 soter_status soter_virtual_instant(const soter_program* p, void* state, uint32_t* due) {
-  assert(p != NULL);
+  SOTER_CHECK(p != NULL);
   const soter_header* const h = soter_header_of(state);
   if (h->firing == 0U) {
     soter_progress(p, state);
@@ -25,8 +24,8 @@ soter_status soter_virtual_instant(const soter_program* p, void* state, uint32_t
 
 soter_run_status soter_run(const soter_program* p, void* state, int64_t until_ns, void* trace,
                            size_t room, size_t* written, uint32_t* due) {
-  assert(p != NULL);
-  assert(written != NULL);
+  SOTER_CHECK(p != NULL);
+  SOTER_CHECK(written != NULL);
   uint8_t* const out = (uint8_t*)trace;
   const soter_header* const h = soter_header_of(state);
   *written = 0;

@@ -34,7 +34,7 @@ STUBS = "externs.c"
 APP = "soter_app"
 KERNEL = (
     *("soter.h", "soter_kernel.c", "soter_virtual.c", "soter_self_test.c"),
-    *("soter_sha256.h", "soter_sha256.c"),
+    *("soter_sha256.h", "soter_sha256.c", "soter_check.h"),
     *RUNTIME_FILES,
 )
 STATE, PROGRAM, UNTIL = "APP_STATE", "APP_PROGRAM", "APP_UNTIL_NS"
@@ -344,6 +344,7 @@ Written by soter from `{PurePath(system.program.path).name}` (program {system.pr
 | `{firmware_name(system, unit)}_firmware.h` | the program in your own loop: publish, step, read |
 | `soter_firmware.h`, `soter_firmware.c` | what these functions have in common |
 | `messages.json` | what the topics look like in memory; its hash is compared at the start |
+| `soter_check.h` | what must be so; your program defines `soter_check_failed` (docs/deploy.md) |
 | `soter_self_test.c` | finds at start what a compiler's or linker's flags have changed |
 | `{APP}.h`, `{APP}.c`, `{_main_name(unit)}` | this command |
 {leases}{filled}"""

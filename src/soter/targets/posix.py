@@ -35,9 +35,12 @@ if TYPE_CHECKING:
     from soter.program.model.system import Component, System
 
 POSIX = RUNTIME / "posix"
-CHANNEL = ("soter_channel.h", "soter_channel.c")
+CHECK = ("soter_posix_check.h", "soter_posix_check.c")
+"""What a check that fails does: in all programs but that of the actuators, which has its own."""
+CHANNEL = ("soter_channel.h", "soter_channel.c", *CHECK)
 DRIVER = (
-    *("soter_posix.h", "soter_posix.c", "soter_posix_setup.c", "soter_posix_workers.c"),
+    *("soter_posix.h", "soter_posix.c", "soter_posix_clock.c"),
+    *("soter_posix_setup.c", "soter_posix_workers.c"),
     *("soter_posix_world.c", "soter_posix_log.c", "soter_posix_report.c", "soter_posix_main.c"),
 )
 WORKER = "soter_worker.c"
@@ -206,7 +209,7 @@ int soter_worker_step(const void* {own[0]}, void* {own[1]}) {{
 """,
         )
     )
-    sources = [WORKER, "soter_channel.c", f"{folder}/worker.c"]
+    sources = [WORKER, "soter_channel.c", f"{folder}/worker.c", CHECK[1]]
     if w.source == c99.STUBS:
         return w.program, [*sources, c99.STUBS]
     copied = c99.extern_files([w.source])
@@ -389,7 +392,8 @@ Written by soter from `{PurePath(system.program.path).name}` (program {system.pr
 runs the program against the clock: the trusted part (plants, decision modules, safe controllers,
 all that is written in Soter) in one thread, every extern node in a process of its own. At the end
 it tells how late everything was (`--json`); `--help` lists options. Exits 0 safe, 1 it cannot run
-here, 2 usage, 3 violated, 4 the trusted part missed more than `--misses` (0) allows, 130 stopped.
+here, 2 usage, 3 violated, 4 the trusted part missed more than `--misses` (0) allows, 70 a check of
+the driver failed, 130 stopped.
 docs/real-time.md of soter says what is lost without permissions.
 {table}
 Where nobody was late its `trace_sha256` is that of `soter run` with the same seed.
@@ -399,6 +403,7 @@ Where nobody was late its `trace_sha256` is that of `soter run` with the same se
 | `{name}.h`, `{name}.c` | the program: state, steps, decision modules, tables |
 | `soter.h`, `{kernel}.c` | the kernel |
 | `soter_posix*.c`, `soter_channel.c` | the real-time driver |
+| `soter_check.h`, `soter_posix_check.c` | what must be so, and what happens where it is not |
 | `soter_outside.*` | values from and to other programs (`{name}_channels.h`, where there are any) |
 | `soter_worker.c`, `worker_*/` | the processes of extern nodes |
 {actuators}"""

@@ -25,7 +25,9 @@ def steady(text: str) -> str:
 def test_the_summary_of_a_safe_run(
     soter: Soter, golden: Golden, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("soter.api.running.stored_verdicts", lambda _: {})  # of another test, in the cache
+    monkeypatch.setattr(
+        "soter.api.running.stored_verdicts", lambda _: {}
+    )  # of another test, in the cache
     golden("cli/run_safe.txt", steady(soter("run", "cart.soter").out))
 
 

@@ -81,9 +81,9 @@ def test_a_reader_beside_a_writer_sees_whole_values(tmp_path: Path, kind: str) -
     if not sanitized(tmp_path, kind):
         pytest.skip(f"no sanitizer for {kind} here")
     (tmp_path / "race.c").write_text(RACE)
-    sources = [tmp_path / "race.c", POSIX / "soter_channel.c"]
+    sources = [tmp_path / "race.c", POSIX / "soter_channel.c", POSIX / "soter_posix_check.c"]
     processes.run(
-        ["cc", "-O1", "-g", f"-fsanitize={kind}", "-pthread", f"-I{POSIX}", "-o",
+        ["cc", "-O1", "-g", f"-fsanitize={kind}", "-pthread", f"-I{POSIX}", f"-I{RUNTIME}", "-o",
          tmp_path / "race", *sources],
         check=True,
     )  # fmt: skip
@@ -121,7 +121,8 @@ def test_the_driver_is_clean_under_sanitizers(tmp_path: Path, kind: str) -> None
 def c_side(tmp_path_factory: pytest.TempPathFactory) -> Any:
     library = tmp_path_factory.mktemp("channel") / "channel.so"
     to_library = [*find().command, "-shared", "-fPIC", "-o", str(library)]
-    processes.run([*to_library, str(POSIX / "soter_channel.c")], check=True)
+    sources = [str(POSIX / name) for name in ("soter_channel.c", "soter_posix_check.c")]
+    processes.run([*to_library, f"-I{RUNTIME}", *sources], check=True)
     return ctypes.CDLL(str(library))
 
 

@@ -68,8 +68,9 @@ def code(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
 
 def program(folder: Path, name: str, text: str) -> Path:
     (folder / f"{name}.c").write_text(text)
-    sources = [folder / f"{name}.c", POSIX / "soter_outside.c", POSIX / "soter_channel.c"]
-    flags = ["-std=c99", "-O2", "-fsanitize=address,undefined", f"-I{POSIX}"]
+    own = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
+    sources = [folder / f"{name}.c", *(POSIX / file for file in own)]
+    flags = ["-std=c99", "-O2", "-fsanitize=address,undefined", f"-I{POSIX}", f"-I{RUNTIME}"]
     processes.run(["cc", *flags, "-o", folder / name, *sources], check=True)
     return folder / name
 

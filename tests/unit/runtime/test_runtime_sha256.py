@@ -9,7 +9,7 @@ import pytest
 from cffi import FFI
 
 import processes
-from soter.native.build import RUNTIME
+from soter.native.build import CHECK_FAILED, RUNTIME
 from soter.native.compiler import STRICT, WARNINGS, find
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ def sha256(tmp_path_factory: pytest.TempPathFactory) -> Any:
     path: Path = tmp_path_factory.mktemp("sha256") / "sha256.so"
     source = str(RUNTIME / "soter_sha256.c")
     command = [*find().command, *STRICT, *WARNINGS, "-O2", "-fPIC", "-shared", "-o", str(path)]
-    processes.run([*command, source], check=True)
+    processes.run([*command, f"-I{RUNTIME}", source, str(CHECK_FAILED)], check=True)
     ffi = FFI()
     ffi.cdef("""
         typedef struct { uint32_t h[8]; uint64_t length; uint8_t block[64]; } soter_sha256;

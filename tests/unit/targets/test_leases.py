@@ -15,7 +15,7 @@ from bench.lease_engine import Grant, Lease
 import soter
 from generators.c_packages import EXAMPLES, command, package
 from long_tests import examples
-from soter.native.build import RUNTIME
+from soter.native.build import CHECK_FAILED, RUNTIME
 from soter.native.compiler import STANDARD, WARNINGS, find
 from soter.program.front_end import check_file, system_of
 from soter.reach.problem.extract import extract
@@ -373,7 +373,7 @@ def test_a_killed_trusted_part_and_its_restart(tmp_path: Path) -> None:
     (tmp_path / "main.c").write_text(MAIN)
     sources = sorted(p.name for p in tmp_path.glob("*.c") if p.name != "soter_app.c")
     built = [*find().command, STANDARD, *WARNINGS, "-ffp-contract=off", "-I.", *sources]
-    compiled = command([*built, "-o", "own", "-lm"], tmp_path)
+    compiled = command([*built, str(CHECK_FAILED), "-o", "own", "-lm"], tmp_path)
     assert compiled.returncode == 0, compiled.stderr
     said = command(["./own"], tmp_path).stdout.split("\n")
     assert said[:6] == ["0 0", "1 1", "0 0", "-3", "0 0", "1 1"]

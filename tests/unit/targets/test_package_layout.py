@@ -20,6 +20,7 @@ from soter.targets.leases import FILES as LEASES
 RUNTIME = {
     *("soter.h", "soter_kernel.c", "soter_virtual.c", "soter_self_test.c"),
     *("soter_sha256.h", "soter_sha256.c", "soter_firmware.h", "soter_firmware.c"),
+    "soter_check.h",
 }
 OWN = {
     *("cart.h", "cart.c", "soter_app.h", "soter_app.c", "main.c", "Makefile", "README.md"),
@@ -140,6 +141,7 @@ def test_headers_can_be_included_from_cpp(tmp_path: Path) -> None:
         '#include "out/nasty.h"\n#include "out/soter_sha256.h"\nint main() {\n'
         "  static nasty_state s;\n  soter_start(&nasty_program, &s, 1);\n"
         "  return soter_header_of(&s)->ct == -1 ? 0 : 1;\n}\n"
+        "void soter_check_failed(const char*, int, const char*) { throw 1; }\n"
     )
     strict = ["-std=c++17", "-Wall", "-Wextra", "-Werror"]
     done = command(["g++", *strict, "-c", "own.cpp", "-Iout"], tmp_path)

@@ -6,7 +6,6 @@
  */
 #include "soter_batch.h"
 
-#include <assert.h>
 #include <string.h>
 
 #include "soter_sha256.h"
@@ -258,10 +257,10 @@ static void soter_flown(const soter_program* p, soter_flight* flight, const sote
 
 uint32_t soter_batch(const soter_program* p, soter_flight* flights, uint32_t count,
                      const soter_order* order, size_t* used) {
-  assert(p != NULL);
-  assert(order != NULL);
-  assert(used != NULL);
-  assert(order->horizon_ns == 0 || p->modules <= SOTER_BATCH_MODULES);
+  SOTER_CHECK(p != NULL);
+  SOTER_CHECK(order != NULL);
+  SOTER_CHECK(used != NULL);
+  SOTER_CHECK(order->horizon_ns == 0 || p->modules <= SOTER_BATCH_MODULES);
   soter_events e = {order->events, order->room, 0};
   uint8_t* const states = (uint8_t*)order->states;
   uint8_t* const spare = states + (size_t)count * p->state_size;

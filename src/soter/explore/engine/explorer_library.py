@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     Words = npt.NDArray[np.uint64]
 
 HERE = Path(__file__).parent / "c"
-FLAGS = ("-pthread", "-DSOTER_CHECKED")
+FLAGS = ("-pthread",)
 NAMED = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
 soter_explore_coverage *, soter_trace_step[], soter_broken[], soter_field[], soter_family[],
 uint64_t *, uint8_t *, double *"""

@@ -6,7 +6,6 @@
  */
 #include "soter_gym.h"
 
-#include <assert.h>
 #include <string.h>
 
 #include "soter_gym_leaves.h"
@@ -135,7 +134,7 @@ static bool soter_world_step(const soter_worlds* w, uint32_t k) {
 }
 
 uint32_t soter_worlds_begin(const soter_worlds* w) {
-  assert(w != NULL);
+  SOTER_CHECK(w != NULL);
   for (uint32_t k = 0; k < w->count; k++) {
     if (w->begin[k] != 0U && !soter_world_begin(w, k)) {
       return k;
@@ -145,7 +144,7 @@ uint32_t soter_worlds_begin(const soter_worlds* w) {
 }
 
 uint32_t soter_worlds_step(const soter_worlds* w) {
-  assert(w != NULL);
+  SOTER_CHECK(w != NULL);
   for (uint32_t k = 0; k < w->count; k++) {
     if (!(w->begin[k] != 0U ? soter_world_begin(w, k) : soter_world_step(w, k))) {
       return k;
@@ -158,7 +157,7 @@ uint32_t soter_worlds_step(const soter_worlds* w) {
  */
 
 int32_t soter_outside_go(const soter_outside* o) {
-  assert(o != NULL);
+  SOTER_CHECK(o != NULL);
   const soter_view* const v = o->view;
   uint32_t due = 0;
   while (soter_virtual_instant(v->program, o->state, &due) == SOTER_INSTANT_DONE) {
@@ -175,24 +174,24 @@ int32_t soter_outside_go(const soter_outside* o) {
 }
 
 uint32_t soter_outside_violations(const soter_outside* o) {
-  assert(o != NULL);
+  SOTER_CHECK(o != NULL);
   return soter_foresee(o->view, o->state, o->room);
 }
 
 int32_t soter_outside_place(const soter_outside* o) {
-  assert(o != NULL);
+  SOTER_CHECK(o != NULL);
   return soter_put_all(&o->view->start, o->states, o->state) ? 0 : -1;
 }
 
 int32_t soter_outside_act(const soter_outside* o) {
-  assert(o != NULL);
+  SOTER_CHECK(o != NULL);
   const size_t behind = o->view->program->state_size;
   soter_take(o->view, o->state, o->action, o->room + behind, o->facts);
   return soter_outside_go(o);
 }
 
 int32_t soter_outside_move(const soter_outside* o) {
-  assert(o != NULL);
+  SOTER_CHECK(o != NULL);
   const soter_view* const v = o->view;
   uint8_t* const answer = o->room + v->program->state_size;
   (void)memset(answer, 0, v->moved.size);

@@ -5,7 +5,6 @@
  * and with each of them; least squares within the bounds; the answer is tried, and again.
  * Non-goals: proofs that there are none: what was not found counts as not explained.
  */
-#include <assert.h>
 #include <string.h>
 
 #include "soter_gym.h"
@@ -87,7 +86,7 @@ static void soter_borrow(const soter_model* m, void* world) {
 }
 
 bool soter_model_explains(const soter_model* m, const double* to, void* world) {
-  assert(m != NULL);
+  SOTER_CHECK(m != NULL);
   const uint32_t n = m->states.count;
   double* const reached = m->work;
   double* const slopes = m->work + n;
@@ -113,7 +112,7 @@ bool soter_model_explains(const soter_model* m, const double* to, void* world) {
 }
 
 void soter_outside_judge(const soter_outside* o) {
-  assert(o->model != NULL);
+  SOTER_CHECK(o->model != NULL);
   soter_get_all(&o->view->start, o->state, o->model->origin);
   const bool explained = soter_model_explains(o->model, o->states, o->state);
   o->model->explained = explained ? 1U : 0U;

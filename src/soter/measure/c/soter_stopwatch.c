@@ -9,7 +9,6 @@
 #define _POSIX_C_SOURCE 199309L
 #include "soter_stopwatch.h"
 
-#include <assert.h>
 #include <string.h>
 #include <time.h>
 
@@ -27,8 +26,8 @@ static void sweep(const soter_timing* t, size_t round) {
 }
 
 uint32_t soter_stopwatch(const soter_timing* t) {
-  assert(t != NULL);
-  assert(t->stride == t->program->state_size);
+  SOTER_CHECK(t != NULL);
+  SOTER_CHECK(t->stride == t->program->state_size);
   const soter_component* const c = soter_components_of(t->state) + t->component;
   uint32_t faulted = 0;
   for (size_t k = 0; k < t->count; k++) {

@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from soter.native.build import OWN_SYMBOLS, include_flags, objects, texts
+from soter.native.build import CHECK_FAILED, OWN_SYMBOLS, include_flags, objects, texts
 from soter.native.cache import cached, digest
 from soter.native.cffi_interface import declarations, interface, opened
 from soter.native.compiler import STRICT, compile_with, find
@@ -28,7 +28,7 @@ TRUTHS = (
     *("safe", "constraint", "core", "ttf", "safer", "back", "enters"),
     *(f"{name}_{k}" for name in ("safe", "constraint", "safer", "back") for k in range(PARTS_MAX)),
 )
-FLAGS = (*STRICT, "-O3", "-fPIC", "-pthread", "-DSOTER_CHECKED")
+FLAGS = (*STRICT, "-O3", "-fPIC", "-pthread")
 UNIT_LEVEL = "-O3"
 """How the enclosures of a module are optimised; the bits are the same at every level. Tests prove
 many small modules, each once, and would compile most of the time."""
@@ -77,7 +77,7 @@ def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
     compiler = find()
     more = (f"-DSOTER_INPUTS={inputs}", *extra)
     flags, unit_flags = (*FLAGS, *more), (*FLAGS, UNIT_LEVEL, *more)
-    engine = tuple(HERE / name for name in ENGINE)
+    engine = (*(HERE / name for name in ENGINE), CHECK_FAILED)
     headers = texts(*engine, *files_below(HERE, "*.h"))
     content = digest((source, compiler.identity, *flags, *unit_flags, *LINKED, *headers))
     name = f"reach-{content[:32]}.so"

@@ -13,6 +13,7 @@
 #include "soter_actuator.h"
 #include "soter_actuator_app.h"
 #include "soter_outside.h"
+#include "soter_posix_check.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -53,7 +54,7 @@ typedef struct {
 static struct {
   const char* channels;
   int64_t period_ns, until_ns;
-  bool json, quiet, fifo, locked;
+  bool json, quiet, fifo, locked, failed;
   uint64_t turns, armed;
   module_times module[ACTUATOR_MODULES];
 } us;
@@ -69,8 +70,10 @@ static void on_signal(int number) {
 }
 
 static int64_t clock_ns(void) {
-  struct timespec t;
-  (void)clock_gettime(CLOCK_MONOTONIC, &t);
+  struct timespec t = {0, 0};
+  const bool told = clock_gettime(CLOCK_MONOTONIC, &t) == 0;
+  SOTER_CHECK(told);
+  (void)told;
   return (int64_t)t.tv_sec * SECOND + t.tv_nsec;
 }
 
@@ -81,6 +84,7 @@ static void say(uint32_t k, int64_t now) {
                                        "commands are obeyed",
                                        "the lease has ended: the law is held"};
   module_times* const m = &us.module[k];
+  SOTER_CHECK(m->lease.state >= SOTER_LEASE_ARMED && m->lease.state <= SOTER_LEASE_ENDED);
   if (m->said == m->lease.state) {
     return;
   }
@@ -99,6 +103,7 @@ static void say(uint32_t k, int64_t now) {
 static void take(uint32_t k) {
   module_times* const m = &us.module[k];
   int64_t written = 0;
+  SOTER_CHECK(m->in.size == HEAD_BYTES + m->lease.info->size);
   if (!soter_outside_read(&m->in, &written, m->message, &m->bad)) {
     return;
   }
@@ -115,6 +120,7 @@ static void take(uint32_t k) {
 static void apply(uint32_t k, bool obeys, int64_t now) {
   const soter_actuator_module* const info = &soter_actuator_modules[k];
   module_times* const m = &us.module[k];
+  SOTER_CHECK(!obeys || (m->lease.state == SOTER_LEASE_HOLDS && now <= m->lease.until));
   soter_actuate(k, m->held, obeys);
   for (uint32_t i = 0; i < info->topics; i++) {
     const uint8_t* const held = (const uint8_t*)m->held;
@@ -134,6 +140,7 @@ static void turn(uint32_t k) {
   const bool obeys = soter_lease_read(&m->lease, now, m->held);
   apply(k, obeys, now);
   const int64_t after = clock_ns();
+  SOTER_CHECK(after >= now); /* the clock does not go back */
   m->older += obeys && after > m->lease.until ? 1U : 0U;
   if (held) {
     m->gap_ns = most(m->gap_ns, after - m->turned_ns);
@@ -156,6 +163,7 @@ static void arm(void) {
 
 static void turns(void) {
   int64_t next = clock_ns();
+  SOTER_CHECK(us.period_ns > 0 && soter_actuator_count <= ACTUATOR_MODULES);
   const int64_t last = us.until_ns > 0 ? next + us.until_ns : INT64_MAX;
   while (ending == 0 && clock_ns() < last) {
     if (arming != 0) {
@@ -177,6 +185,29 @@ static void turns(void) {
     const struct timespec t = {.tv_sec = (time_t)(wake / SECOND), .tv_nsec = (long)(wake % SECOND)};
     (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
   }
+}
+
+/* ------------------------------------------------------------------ a check that fails */
+
+/* Nothing of what was computed counts any more. The devices get the law, a constant, until somebody
+ * ends this process; channels are left alone, as it may be one of them that is wrong: whoever
+ * reads one sees it grow old. Where even the law cannot be given there is nothing left to do. */
+void soter_check_failed(const char* file, int line, const char* what) {
+  const struct timespec nap = {.tv_sec = 0, .tv_nsec = (long)PERIOD_NS};
+  const bool again = us.failed;
+  bool said = false;
+  us.failed = true;
+  while (ending == 0 && !again) {
+    for (uint32_t k = 0; k < soter_actuator_count; k++) {
+      soter_actuate(k, soter_actuator_modules[k].lease->law, false);
+    }
+    if (!said) { /* the devices come first */
+      soter_posix_say(file, line, what);
+      said = true;
+    }
+    (void)nanosleep(&nap, NULL);
+  }
+  _exit(SOTER_DEFECT);
 }
 
 /* ------------------------------------------------------------------ the report */
@@ -249,6 +280,7 @@ static bool parse(int count, char** words) {
 
 static bool open_channel(soter_outside* channel, const char* name, uint64_t hash, size_t size,
                          bool writes) {
+  SOTER_CHECK(us.channels != NULL);
   const char* const wrong = soter_outside_open(channel, us.channels, name, hash, size, writes);
   if (wrong != NULL) {
     (void)fprintf(stderr, "not run: the channel `%s` in `%s`: %s\n", name, us.channels, wrong);
@@ -261,6 +293,7 @@ static bool open_all(void) {
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
     const soter_actuator_module* const info = &soter_actuator_modules[k];
     module_times* const m = &us.module[k];
+    SOTER_CHECK(info->topics <= ACTUATOR_TOPICS && info->size <= sizeof m->message);
     fine = fine && open_channel(&m->in, info->channel, info->hash, info->size, false);
     for (uint32_t i = 0; i < info->topics; i++) {
       const soter_actuator_topic* const t = &info->topic[i];

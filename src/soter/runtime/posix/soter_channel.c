@@ -9,6 +9,8 @@
  */
 #include "soter_channel.h"
 
+#include "soter_check.h"
+
 #define HEAD_WORDS (sizeof(soter_channel_head) / 8U)
 #define PRIME UINT64_C(0x100000001b3)
 #define BASIS UINT64_C(0xcbf29ce484222325)
@@ -40,6 +42,8 @@ static uint64_t sum_of(const soter_channel_head* h, const uint64_t* value, size_
 
 void soter_channel_write(void* segment, const soter_channel_head* head, size_t size,
                          const uint64_t* value) {
+  SOTER_CHECK(segment != NULL && (uintptr_t)segment % sizeof(uint64_t) == 0U);
+  SOTER_CHECK(head != NULL && value != NULL);
   soter_channel_head* const there = (soter_channel_head*)segment;
   uint64_t* const words = (uint64_t*)segment + HEAD_WORDS;
   const size_t count = SOTER_CHANNEL_WORDS(size);
@@ -63,6 +67,8 @@ void soter_channel_write(void* segment, const soter_channel_head* head, size_t s
 
 soter_channel_state soter_channel_read(const void* segment, uint64_t hash, size_t size,
                                        uint64_t number, soter_channel_head* head, uint64_t* value) {
+  SOTER_CHECK(segment != NULL && (uintptr_t)segment % sizeof(uint64_t) == 0U);
+  SOTER_CHECK(head != NULL && value != NULL);
   const soter_channel_head* const there = (const soter_channel_head*)segment;
   const uint64_t* const words = (const uint64_t*)segment + HEAD_WORDS;
   const size_t count = SOTER_CHANNEL_WORDS(size);

@@ -9,6 +9,8 @@
 
 #include "soter_outside.h"
 
+#include "soter_check.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -34,6 +36,7 @@ static void* mapped(int file, size_t bytes) {
 static const char* map_file(soter_outside* c, int file) {
   const size_t bytes = 2U * place_bytes(c->size);
   struct stat found;
+  SOTER_CHECK(file >= 0 && c->place[0] == NULL);
   if (fstat(file, &found) != 0 || !S_ISREG(found.st_mode)) {
     return "it is no file";
   }
@@ -55,6 +58,7 @@ static const char* map_file(soter_outside* c, int file) {
 
 /* The number of the value of a place; 0: none. `c->room` has it then. */
 static uint64_t look(soter_outside* c, int place, soter_channel_head* head, uint64_t* bad) {
+  SOTER_CHECK((place == 0 || place == 1) && c->place[place] != NULL && c->room != NULL);
   const soter_channel_state found =
       soter_channel_read(c->place[place], c->hash, c->size, 0U, head, c->room);
   if (found == SOTER_CHANNEL_OTHER) {
@@ -69,6 +73,7 @@ static uint64_t look(soter_outside* c, int place, soter_channel_head* head, uint
 const char* soter_outside_open(soter_outside* channel, const char* folder, const char* name,
                                uint64_t hash, size_t size, bool writes) {
   char path[PATH_MOST];
+  SOTER_CHECK(channel != NULL && folder != NULL && name != NULL);
   *channel = (soter_outside){.size = size, .hash = hash};
   const int length = snprintf(path, sizeof path, "%s/%s", folder, name);
   if (length < 0 || length >= PATH_MOST) {
@@ -92,6 +97,8 @@ const char* soter_outside_open(soter_outside* channel, const char* folder, const
 }
 
 void soter_outside_write(soter_outside* channel, int64_t time_ns, const void* value) {
+  SOTER_CHECK(channel->place[0] != NULL && channel->room != NULL); /* it is open */
+  SOTER_CHECK(value != NULL);
   channel->number++;
   const soter_channel_head head = {
       .hash = channel->hash, .number = channel->number, .time_ns = (uint64_t)time_ns};
@@ -102,6 +109,7 @@ void soter_outside_write(soter_outside* channel, int64_t time_ns, const void* va
 }
 
 bool soter_outside_read(soter_outside* channel, int64_t* time_ns, void* value, uint64_t* bad) {
+  SOTER_CHECK(time_ns != NULL && value != NULL);
   uint64_t newest = channel->number;
   for (int place = 0; place < 2; place++) {
     soter_channel_head head;

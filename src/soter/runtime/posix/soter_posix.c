@@ -28,18 +28,6 @@
 #define LEAD_NS (SECOND / 20) /* from the decision to start until ct = 0 */
 #define GIVE_UP_NS SECOND     /* so far behind the calendar begins anew */
 
-int64_t soter_posix_clock(void) {
-  struct timespec t;
-  (void)clock_gettime(CLOCK_MONOTONIC, &t);
-  return (int64_t)t.tv_sec * SECOND + t.tv_nsec;
-}
-
-static int64_t independent_clock(void) {
-  struct timespec t;
-  (void)clock_gettime(CLOCK_MONOTONIC_RAW, &t);
-  return (int64_t)t.tv_sec * SECOND + t.tv_nsec;
-}
-
 static bool stopped(const soter_posix* d) {
   return __atomic_load_n(&d->stop, __ATOMIC_ACQUIRE) != 0;
 }
@@ -47,6 +35,7 @@ static bool stopped(const soter_posix* d) {
 /* Wakes `early_ns` before, and looks at the clock until it is time: what a wake-up costs, up to
  * that much, does not make us late. */
 static void sleep_until(const soter_posix* d, int64_t at_ns) {
+  SOTER_CHECK(d->options.early_ns >= 0);
   const int64_t ns = at_ns - d->options.early_ns;
   const struct timespec t = {.tv_sec = (time_t)(ns / SECOND), .tv_nsec = (long)(ns % SECOND)};
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR && !stopped(d)) {
@@ -58,6 +47,7 @@ static void sleep_until(const soter_posix* d, int64_t at_ns) {
 /* ------------------------------------------------------------------ late */
 
 static bool is_trusted(uint32_t component) {
+  SOTER_CHECK(component < APP_PROGRAM->components);
   const soter_component_info* const info = &APP_PROGRAM->component[component];
   return info->role != SOTER_ROLE_PLANT && info->role != SOTER_ROLE_AC && !info->is_extern;
 }
@@ -67,6 +57,8 @@ static int64_t late_limit(const soter_posix* d, uint32_t component) {
 }
 
 void soter_posix_missed(soter_posix* d, soter_miss kind, uint32_t component, int64_t by_ns) {
+  SOTER_CHECK(component < APP_PROGRAM->components);
+  SOTER_CHECK(by_ns > 0);
   (void)by_ns;
   if (kind == SOTER_MISS_RELEASE) {
     d->node[component].released_late++;
@@ -87,6 +79,7 @@ void soter_posix_missed(soter_posix* d, soter_miss kind, uint32_t component, int
 }
 
 static void publish_failsafe(soter_posix* d) {
+  SOTER_CHECK(d->failsafe_now);
   const soter_component* const c = soter_components_of(&d->state);
   for (uint32_t i = 0; i < APP_PROGRAM->components; i++) {
     if (is_trusted(i) && c[i].oe != 0U && APP_PROGRAM->component[i].failsafe != NULL) {
@@ -99,9 +92,12 @@ static void publish_failsafe(soter_posix* d) {
 /* Releases of the trusted part that were slept through: misses that nobody makes up for. */
 static void count_lost_releases(soter_posix* d, int64_t ct, int64_t behind_ns) {
   const soter_component* const c = soter_components_of(&d->state);
+  SOTER_CHECK(behind_ns > GIVE_UP_NS);
   for (uint32_t i = 0; i < APP_PROGRAM->components; i++) {
+    const int64_t period_ns = APP_PROGRAM->component[i].period_ns;
+    SOTER_CHECK(period_ns > 0);
     if (is_trusted(i) && c[i].next <= ct + behind_ns) {
-      const int64_t lost = (ct + behind_ns - c[i].next) / APP_PROGRAM->component[i].period_ns + 1;
+      const int64_t lost = (ct + behind_ns - c[i].next) / period_ns + 1;
       d->node[i].released_late += (uint64_t)lost;
       d->missed += (uint64_t)lost;
       d->missed_now += (uint32_t)lost;
@@ -111,6 +107,7 @@ static void count_lost_releases(soter_posix* d, int64_t ct, int64_t behind_ns) {
 
 /* A step out of turn; not before the first release, nor while a step lasts. */
 static void step_now(soter_posix* d, uint32_t component) {
+  SOTER_CHECK(component < APP_PROGRAM->components);
   const soter_component_info* const info = &APP_PROGRAM->component[component];
   const int64_t ct = soter_header_of(&d->state)->ct;
   const bool busy =
@@ -123,14 +120,18 @@ static void step_now(soter_posix* d, uint32_t component) {
 /* The calendar has begun anew: DMs decide and SCs step in this instant, not at their releases. */
 static void begin_in_sc(soter_posix* d) {
   for (uint32_t i = 0; i < APP_PROGRAM->modules; i++) {
-    step_now(d, APP_PROGRAM->module[i].dm);
-    step_now(d, APP_PROGRAM->module[i].sc);
+    const soter_module_info* const module = &APP_PROGRAM->module[i];
+    SOTER_CHECK(APP_PROGRAM->component[module->dm].role == SOTER_ROLE_DM);
+    SOTER_CHECK(APP_PROGRAM->component[module->sc].role == SOTER_ROLE_SC);
+    step_now(d, module->dm);
+    step_now(d, module->sc);
   }
 }
 
 /* How long nothing was done before `now_ns`, and what actuators that obey leases did meanwhile. */
 static void note_silence(soter_posix* d, int64_t now_ns) {
   const int64_t since = d->heartbeat_ns;
+  SOTER_CHECK(now_ns >= since); /* the clock does not go back */
   if (since == 0 || now_ns - since <= d->silence_ns) {
     return;
   }
@@ -147,6 +148,7 @@ static void note_silence(soter_posix* d, int64_t now_ns) {
 /* ------------------------------------------------------------------ externs */
 
 static int32_t extern_of(uint32_t component) {
+  SOTER_CHECK(component < APP_PROGRAM->components);
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     if (soter_app_externs[k].component == component) {
       return (int32_t)k;
@@ -157,6 +159,7 @@ static int32_t extern_of(uint32_t component) {
 
 /* Wakes the worker. The word is in a segment that only we can write; the call never waits. */
 static void wake(const soter_worker* w) {
+  SOTER_CHECK(w->request != NULL);
   (void)syscall(SYS_futex, &((soter_channel_head*)w->request)->sequence, FUTEX_WAKE, 1, NULL, NULL,
                 0);
 }
@@ -165,6 +168,8 @@ static void ask(soter_posix* d, uint32_t k) {
   const soter_posix_extern* const x = &soter_app_externs[k];
   soter_request* const r = &d->request[k];
   const int64_t ct = soter_header_of(&d->state)->ct;
+  SOTER_CHECK(soter_components_of(&d->state)[x->component].pending != 0U);
+  SOTER_CHECK(x->in_size <= sizeof d->value);
   r->number++;
   r->asked_at_ns = ct;
   r->until_ns = ct + x->budget_ns;
@@ -187,6 +192,7 @@ static void step_extern(soter_posix* d, uint32_t component, const void* answer, 
   const soter_component_info* const info = &APP_PROGRAM->component[component];
   soter_module* const m = soter_modules_of(APP_PROGRAM, &d->state);
   const bool of_module = info->role == SOTER_ROLE_AC;
+  SOTER_CHECK(!of_module || (info->module >= 0 && info->module < APP_MODULES));
   const bool latched = of_module && m[info->module].gate_fault != 0U;
   (void)soter_fire(APP_PROGRAM, &d->state, component, answer);
   if (of_module && !latched && m[info->module].gate_fault != 0U) {
@@ -199,6 +205,7 @@ static void answered(soter_posix* d, uint32_t k, const soter_channel_head* head)
   const uint32_t component = soter_app_externs[k].component;
   soter_worker_times* const w = &d->worker[k];
   const soter_request* const r = &d->request[k];
+  SOTER_CHECK(!r->outstanding && head->number == r->number);
   w->answered++;
   w->later += soter_header_of(&d->state)->ct > r->asked_at_ns ? 1U : 0U;
   __atomic_store_n(&w->in_a_row, 0U, __ATOMIC_RELAXED);
@@ -213,6 +220,7 @@ static void answered(soter_posix* d, uint32_t k, const soter_channel_head* head)
 static void unanswered(soter_posix* d, uint32_t k, soter_channel_state found) {
   const uint32_t component = soter_app_externs[k].component;
   soter_worker_times* const w = &d->worker[k];
+  SOTER_CHECK((uint32_t)found < SOTER_CHANNEL_STATES);
   w->missing++;
   w->seen[found]++;
   __atomic_store_n(&w->in_a_row, w->in_a_row + 1U, __ATOMIC_RELAXED);
@@ -230,6 +238,7 @@ static void collect(soter_posix* d, int64_t limit_ns) {
     if (!r->outstanding) {
       continue;
     }
+    SOTER_CHECK(soter_app_externs[k].out_size <= sizeof d->value);
     soter_channel_head head;
     soter_channel_state found = SOTER_CHANNEL_EMPTY;
     if (d->shared) {
@@ -250,8 +259,10 @@ static void collect(soter_posix* d, int64_t limit_ns) {
 static int64_t first_budget(const soter_posix* d) {
   int64_t first = INT64_MAX;
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
-    if (d->request[k].outstanding && d->request[k].until_ns < first) {
-      first = d->request[k].until_ns;
+    const soter_request* const r = &d->request[k];
+    SOTER_CHECK(!r->outstanding || r->until_ns > r->asked_at_ns);
+    if (r->outstanding && r->until_ns < first) {
+      first = r->until_ns;
     }
   }
   return first;
@@ -261,12 +272,14 @@ static int64_t first_budget(const soter_posix* d) {
 
 static void note_takeover(soter_posix* d, uint32_t component, uint8_t before) {
   const int32_t module = APP_PROGRAM->component[component].module;
+  SOTER_CHECK(module >= 0 && module < APP_MODULES);
   const soter_module* const m = soter_modules_of(APP_PROGRAM, &d->state) + module;
   if (before == SOTER_AC && m->mode == SOTER_SC) {
     uint32_t cause = d->cause[module];
     if (m->saw_gate_fault == 0U) {
       cause = m->ttf != 0U ? SOTER_CAUSE_TTF : SOTER_CAUSE_STALE;
     }
+    SOTER_CHECK(cause < SOTER_CAUSES);
     d->takeovers[module][cause]++;
   }
 }
@@ -274,6 +287,7 @@ static void note_takeover(soter_posix* d, uint32_t component, uint8_t before) {
 static void fire(soter_posix* d, uint32_t component) {
   const soter_component_info* const info = &APP_PROGRAM->component[component];
   const soter_component* const c = soter_components_of(&d->state) + component;
+  SOTER_CHECK(c->pending != 0U);
   if (info->is_extern && c->latched == 0U && soter_header_of(&d->state)->ct != info->phase_ns) {
     soter_app_answer(&d->state, component); /* an extern plant, in C */
     return;
@@ -304,6 +318,7 @@ static void timed(soter_posix* d, uint32_t component) {
   }
   fire(d, component);
   const int64_t end_ns = soter_posix_clock();
+  SOTER_CHECK(end_ns >= start_ns); /* the clock does not go back */
   const int64_t complete_ns = end_ns - due_ns;
   soter_posix_done(d, component, start_ns, end_ns);
   soter_histogram_add(&times->complete, complete_ns);
@@ -319,6 +334,7 @@ static void timed(soter_posix* d, uint32_t component) {
 static void draw_inputs(soter_posix* d) {
   const int64_t ct = soter_header_of(&d->state)->ct;
   for (uint32_t i = 0; i < APP_PROGRAM->inputs; i++) {
+    SOTER_CHECK(APP_PROGRAM->input[i].every_ns > 0);
     if (ct % APP_PROGRAM->input[i].every_ns == 0) {
       APP_PROGRAM->input[i].draw(&d->state, NULL);
     }
@@ -328,6 +344,7 @@ static void draw_inputs(soter_posix* d) {
 
 /* The trusted part; externs are asked when all of it is done. */
 static void steps(soter_posix* d) {
+  SOTER_CHECK(soter_header_of(&d->state)->firing != 0U);
   const soter_component* const c = soter_components_of(&d->state);
   for (uint32_t i = 0; i < APP_PROGRAM->components; i++) {
     if (c[i].pending != 0U && extern_of(i) < 0) {
@@ -352,6 +369,7 @@ static uint32_t modes_of(soter_posix* d) {
   const soter_module* const m = soter_modules_of(APP_PROGRAM, &d->state);
   uint32_t modes = 0;
   for (uint32_t i = 0; i < APP_PROGRAM->modules && i < 32U; i++) {
+    SOTER_CHECK(m[i].mode == SOTER_AC || m[i].mode == SOTER_SC);
     modes |= m[i].mode == SOTER_AC ? 1U << i : 0U;
   }
   return modes;
@@ -363,17 +381,20 @@ static void end_instant(soter_posix* d, soter_instant_times* times) {
   if (soter_header_of(&d->state)->firing == 0U) {
     return;
   }
-  (void)soter_instant(APP_PROGRAM, &d->state, &due);
+  const soter_status status = soter_instant(APP_PROGRAM, &d->state, &due);
+  SOTER_CHECK(status == SOTER_INSTANT_DONE); /* whoever was due has stepped or was asked */
+  (void)status;
   times->modes = modes_of(d);
   (void)soter_ring_put(&d->ring, times, &d->state);
 }
 
 static void begin_instant(soter_posix* d, int64_t ct, soter_instant_times* times) {
+  SOTER_CHECK(ct > soter_header_of(&d->state)->ct); /* instants come in the calendar's order */
   const int64_t now = soter_posix_clock();
   d->missed_now = 0;
   d->untrusted_late_now = false;
   note_silence(d, now);
-  times->independent_ns = independent_clock();
+  times->independent_ns = soter_posix_independent();
   times->ct = ct;
   times->wake_ns = now - d->origin_ns - ct;
   soter_histogram_add(&d->wake, times->wake_ns);
@@ -384,6 +405,7 @@ static void begin_instant(soter_posix* d, int64_t ct, soter_instant_times* times
     soter_posix_missed(d, SOTER_MISS_CALENDAR, 0, times->wake_ns);
   }
   soter_progress(APP_PROGRAM, &d->state);
+  SOTER_CHECK(soter_header_of(&d->state)->ct == ct);
   if (anew) {
     begin_in_sc(d);
   }
@@ -414,6 +436,7 @@ static void distrust(soter_posix* d) {
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     const soter_component_info* const info =
         &APP_PROGRAM->component[soter_app_externs[k].component];
+    SOTER_CHECK(info->role != SOTER_ROLE_AC || (info->module >= 0 && info->module < APP_MODULES));
     if (info->role == SOTER_ROLE_AC && !(d->shared && soter_posix_ready(d, k))) {
       soter_modules_of(APP_PROGRAM, &d->state)[info->module].clean_needed =
           APP_PROGRAM->module[info->module].clean;
@@ -424,6 +447,7 @@ static void distrust(soter_posix* d) {
 /* What this machine's wake-ups cost with nothing to do, as often as ours, for comparison. */
 static void bare_wakeups(soter_posix* d) {
   const int64_t period = soter_posix_shortest();
+  SOTER_CHECK(period > 0);
   int64_t at = soter_posix_clock() + period;
   for (int64_t left = d->options.bare_ns; left > 0 && !stopped(d); left -= period) {
     sleep_until(d, at);
@@ -441,6 +465,7 @@ static void page_faults(const struct rusage* before, soter_posix* d) {
 
 void* soter_posix_run(void* driver) {
   soter_posix* const d = (soter_posix*)driver;
+  SOTER_CHECK(d != NULL && d->options.until_ns > 0);
   soter_posix_become(d);
   __atomic_store_n(&d->began, true, __ATOMIC_RELEASE);
   soter_start(APP_PROGRAM, &d->state, d->options.seed);

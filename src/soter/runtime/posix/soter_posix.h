@@ -12,6 +12,7 @@
 
 #include "soter_app.h"
 #include "soter_channel.h"
+#include "soter_check.h"
 #include "soter_grant.h"
 #include "soter_lease.h"
 #include "soter_outside.h"
@@ -284,7 +285,9 @@ typedef struct {
   uint64_t lines_lost;
 } soter_posix;
 
+/* soter_posix_clock.c: CLOCK_MONOTONIC, and CLOCK_MONOTONIC_RAW */
 int64_t soter_posix_clock(void);
+int64_t soter_posix_independent(void);
 
 /* soter_posix_setup.c */
 void soter_posix_note(soter_posix* d, const char* format, ...)

@@ -23,7 +23,9 @@
 
 bool soter_ring_put(soter_ring* ring, const soter_instant_times* times, const APP_STATE* state) {
   const uint64_t head = ring->head; /* ours */
-  if (head - __atomic_load_n(&ring->tail, __ATOMIC_ACQUIRE) == APP_SLOTS) {
+  const uint64_t filled = head - __atomic_load_n(&ring->tail, __ATOMIC_ACQUIRE);
+  SOTER_CHECK(filled <= APP_SLOTS);
+  if (filled == APP_SLOTS) {
     __atomic_store_n(&ring->dropped, ring->dropped + 1U, __ATOMIC_RELAXED);
     return false;
   }
@@ -36,7 +38,9 @@ bool soter_ring_put(soter_ring* ring, const soter_instant_times* times, const AP
 
 bool soter_ring_take(soter_ring* ring, soter_record* record) {
   const uint64_t tail = ring->tail; /* ours */
-  if (__atomic_load_n(&ring->head, __ATOMIC_ACQUIRE) == tail) {
+  const uint64_t filled = __atomic_load_n(&ring->head, __ATOMIC_ACQUIRE) - tail;
+  SOTER_CHECK(filled <= APP_SLOTS);
+  if (filled == 0U) {
     return false;
   }
   *record = ring->slot[tail % APP_SLOTS];
@@ -47,6 +51,7 @@ bool soter_ring_take(soter_ring* ring, soter_record* record) {
 /* ------------------------------------------------------------------ files and words */
 
 static void failed(soter_posix* d, FILE** log, const char* path) {
+  SOTER_CHECK(*log != NULL && path != NULL);
   soter_posix_note(d, "the log `%s` cannot be written (%s): it ends here, the run goes on", path,
                    strerror(errno));
   d->log_failed = true;
@@ -147,6 +152,7 @@ void* soter_posix_logger(void* driver) {
   for (bool last = false; !last;) {
     last = __atomic_load_n(&d->done, __ATOMIC_ACQUIRE);
     while (soter_ring_take(&d->ring, &record)) {
+      SOTER_CHECK(record.times.ct == record.state.header.ct);
       soter_sha256_add(&hash, &record.state, sizeof record.state);
       write_line(d, &log, &record.times);
       write_state(d, &states, &record.state);

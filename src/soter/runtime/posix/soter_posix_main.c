@@ -4,7 +4,7 @@
  * Non-goals: being on any path that has to be on time.
  *
  * Exits 0 safe, 1 it cannot run here, 2 usage, 3 a property was violated, 4 none was, but the
- * trusted part missed more than --misses allows, 130 stopped by a signal.
+ * trusted part missed more than --misses allows, 70 a check failed, 130 stopped by a signal.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
@@ -214,6 +214,7 @@ static void print_words(const soter_posix* d) {
 }
 
 static int finish(const soter_posix* d) {
+  SOTER_CHECK(d->done);
   if (d->options.json) {
     soter_posix_json(d, stdout);
   } else {

@@ -35,16 +35,20 @@ static int64_t end_of_bin(uint32_t bin) {
     return (int64_t)bin;
   }
   const uint32_t octave = bin / 16U + 3U;
+  SOTER_CHECK(octave < 64U);
   return (int64_t)((UINT64_C(16) + bin % 16U + 1U) << (octave - 4U)) - 1;
 }
 
 void soter_histogram_add(soter_histogram* h, int64_t ns) {
+  const uint32_t bin = bin_of(ns);
+  SOTER_CHECK(bin < SOTER_BINS);
   h->count++;
-  h->bin[bin_of(ns)]++;
+  h->bin[bin]++;
   h->most_ns = ns > h->most_ns ? ns : h->most_ns;
 }
 
 int64_t soter_histogram_quantile(const soter_histogram* h, double share) {
+  SOTER_CHECK(share >= 0.0 && share <= 1.0);
   const double wanted = share * (double)h->count;
   uint64_t below = 0;
   for (uint32_t i = 0; i < SOTER_BINS; i++) {
@@ -90,6 +94,7 @@ static void print_nodes(const soter_posix* d, FILE* out) {
 
 static void print_worker(const soter_posix* d, uint32_t k, FILE* out) {
   const soter_worker_times* const w = &d->worker[k];
+  SOTER_CHECK(w->answered + w->missing <= w->asked);
   (void)fprintf(out,
                 "worker %s: %" PRIu64 " asked, %" PRIu64 " answered (%" PRIu64
                 " after the next instant, %" PRIu64 " failed), %" PRIu64 " missing",
@@ -113,6 +118,7 @@ static void print_worker(const soter_posix* d, uint32_t k, FILE* out) {
 }
 
 static void print_takeovers(const soter_posix* d, uint32_t module, FILE* out) {
+  SOTER_CHECK(module < APP_PROGRAM->modules);
   for (uint32_t i = 0; i < SOTER_CAUSES; i++) {
     if (d->takeovers[module][i] > 0U) {
       (void)fprintf(out, "takeovers %s: %" PRIu64 " by %s\n", APP_PROGRAM->module[module].name,
@@ -144,6 +150,7 @@ static void print_world(const soter_posix* d, FILE* out) {
 }
 
 static const soter_lease_times* lease_of(const soter_posix* d, uint32_t module) {
+  SOTER_CHECK(module < APP_PROGRAM->modules);
   for (uint32_t k = 0; k < soter_app_lease_count; k++) {
     if (soter_app_leases[k].module == module) {
       return &d->lease[k];
@@ -178,6 +185,7 @@ static void print_misses(const soter_posix* d, FILE* out) {
 }
 
 void soter_posix_report(const soter_posix* d, FILE* out) {
+  SOTER_CHECK(d->done);
   (void)fprintf(out, "real time: policy %s, memory %s, ", d->policy,
                 d->locked ? "locked" : "not locked");
   (void)fprintf(out, d->pinned ? "processor %d\n" : "not pinned\n", d->core);
@@ -200,6 +208,7 @@ void soter_posix_report(const soter_posix* d, FILE* out) {
 
 /* Names and notes: everything but printable ASCII becomes `?`. */
 static void json_text(const char* text, FILE* out) {
+  SOTER_CHECK(text != NULL);
   (void)fputc('"', out);
   for (const char* c = text; *c != '\0'; c++) {
     if (*c == '"' || *c == '\\') {
@@ -243,6 +252,7 @@ static void json_nodes(const soter_posix* d, FILE* out) {
 
 static void json_worker(const soter_posix* d, uint32_t k, FILE* out) {
   const soter_worker_times* const w = &d->worker[k];
+  SOTER_CHECK(w->answered + w->missing <= w->asked);
   json_text(APP_PROGRAM->component[soter_app_externs[k].component].name, out);
   (void)fprintf(out,
                 ": {\"asked\": %" PRIu64 ", \"answered\": %" PRIu64 ", \"later\": %" PRIu64
@@ -264,6 +274,7 @@ static void json_module(const soter_posix* d, uint32_t i, FILE* out) {
   const soter_module_info* const info = &APP_PROGRAM->module[i];
   const soter_module* const m = soter_modules_of(APP_PROGRAM, (void*)(uintptr_t)&d->state) + i;
   const int64_t end_ns = d->state.header.ct;
+  SOTER_CHECK(m->mode_since <= end_ns);
   const int64_t ac_ns = m->ac_ns + (m->mode == SOTER_AC ? end_ns - m->mode_since : 0);
   json_text(info->name, out);
   (void)fprintf(out,
@@ -334,6 +345,7 @@ static void json_head(const soter_posix* d, FILE* out) {
 }
 
 void soter_posix_json(const soter_posix* d, FILE* out) {
+  SOTER_CHECK(d->done && d->note_count <= SOTER_NOTES);
   json_head(d, out);
   (void)fprintf(out, ",\n \"notes\": [");
   for (uint32_t i = 0; i < d->note_count; i++) {

@@ -25,6 +25,7 @@
 #define POLICY_DEADLINE 6U
 
 void soter_posix_note(soter_posix* d, const char* format, ...) {
+  SOTER_CHECK(d->note_count <= SOTER_NOTES);
   char* const text = d->notes[d->note_count < SOTER_NOTES ? d->note_count : SOTER_NOTES - 1];
   va_list rest;
   va_start(rest, format);
@@ -90,6 +91,7 @@ int64_t soter_posix_shortest(void) {
   int64_t least = INT64_C(1000000000);
   for (uint32_t i = 0; i < APP_PROGRAM->components; i++) {
     const int64_t period = APP_PROGRAM->component[i].period_ns;
+    SOTER_CHECK(period > 0);
     least = period < least ? period : least;
   }
   return least;
@@ -155,6 +157,7 @@ void soter_posix_become(soter_posix* d) {
 
 bool soter_posix_thread(soter_posix* d, pthread_t* thread, void* (*run)(void*)) {
   pthread_attr_t attributes;
+  SOTER_CHECK(thread != NULL && run != NULL);
   if (pthread_attr_init(&attributes) != 0) {
     return false;
   }

@@ -44,6 +44,7 @@
 /* ------------------------------------------------------------------ segments */
 
 static void* segment(size_t bytes, int* fd) {
+  SOTER_CHECK(bytes >= sizeof(soter_channel_head));
   const int made = (int)syscall(SYS_memfd_create, "soter", 2U /* MFD_ALLOW_SEALING */);
   if (made < 0 || ftruncate(made, (off_t)bytes) != 0) {
     return NULL;
@@ -60,6 +61,7 @@ static void* segment(size_t bytes, int* fd) {
 static bool segments(soter_posix* d) {
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     soter_worker* const w = &d->workers[k];
+    SOTER_CHECK(w->request == NULL && w->answer == NULL);
     w->request = segment(soter_channel_bytes(soter_app_externs[k].in_size), &w->request_fd);
     w->answer = segment(soter_channel_bytes(soter_app_externs[k].out_size), &w->answer_fd);
     if (w->request == NULL || w->answer == NULL) {
@@ -85,6 +87,7 @@ static void limit(int what, uint64_t most) {
 
 /* Nothing of ours: no priority, no capability, few files, bounded memory and time. */
 static void give_up_rights(const soter_posix* d) {
+  SOTER_CHECK(d->options.until_ns > 0);
   const struct sched_param ordinary = {.sched_priority = 0};
   (void)sched_setscheduler(0, SCHED_OTHER, &ordinary);
   (void)setpriority(PRIO_PROCESS, 0, NICENESS);
@@ -114,6 +117,7 @@ static void give_up_rights(const soter_posix* d) {
 
 static void become_worker(const soter_posix* d, uint32_t k, pid_t parent) {
   const soter_worker* const w = &d->workers[k];
+  SOTER_CHECK(w->request_fd >= FIRST_OTHER_FD && w->answer_fd >= FIRST_OTHER_FD);
   sigset_t none;
   (void)sigemptyset(&none);
   (void)sigprocmask(SIG_SETMASK, &none, NULL);
@@ -146,6 +150,7 @@ static int64_t now_ns(void) {
 static void start_worker(soter_posix* d, uint32_t k) {
   soter_worker_status* const s = &d->status->worker[k];
   const pid_t self = getpid();
+  SOTER_CHECK(s->pid == 0);
   const pid_t made = fork();
   if (made == 0) {
     become_worker(d, k, self);
@@ -158,6 +163,7 @@ static void start_worker(soter_posix* d, uint32_t k) {
 /* Ends what is left of a worker's session and notes how it ended. */
 static void end_worker(soter_posix* d, uint32_t k, int status) {
   soter_worker_status* const s = &d->status->worker[k];
+  SOTER_CHECK(s->pid > 1); /* kill(0), kill(-1) would end others */
   (void)kill(-s->pid, SIGKILL);
   __atomic_store_n(&s->status, (int32_t)status, __ATOMIC_RELEASE);
   __atomic_store_n(&s->pid, 0, __ATOMIC_RELEASE);
@@ -167,6 +173,7 @@ static void end_worker(soter_posix* d, uint32_t k, int status) {
 static void look_after(soter_posix* d, uint32_t k, int64_t* ended_ns) {
   soter_worker_status* const s = &d->status->worker[k];
   const uint32_t asked = __atomic_load_n(&s->kill_asked, __ATOMIC_ACQUIRE);
+  SOTER_CHECK(s->pid == 0 || s->pid > 1); /* kill(-1) would end everybody */
   if (s->pid != 0 && asked != s->kill_done) {
     (void)kill(-s->pid, SIGKILL);
     (void)kill(s->pid, SIGKILL);
@@ -209,6 +216,7 @@ static void keep_workers(soter_posix* d, pid_t parent) {
 
 void soter_posix_release(soter_posix* d) {
   if (d->keeper > 0) {
+    SOTER_CHECK(d->status != NULL && !d->status->over);
     __atomic_store_n(&d->status->over, true, __ATOMIC_RELEASE);
     (void)waitpid(d->keeper, NULL, 0);
   }
@@ -219,6 +227,7 @@ void soter_posix_release(soter_posix* d) {
 /* The worker's own program lies beside ours. */
 static bool find_program(soter_posix* d, uint32_t k, const char* self) {
   soter_worker* const w = &d->workers[k];
+  SOTER_CHECK(self != NULL);
   const char* const slash = strrchr(self, '/');
   const int folder = slash == NULL ? 0 : (int)(slash - self) + 1;
   if (w->command[0] != '\0') {
@@ -236,6 +245,7 @@ void soter_posix_workers(soter_posix* d, const char* self) {
   if (APP_EXTERNS == 0) {
     return;
   }
+  SOTER_CHECK(d->keeper == 0 && d->status == NULL); /* once, before any thread */
   d->status =
       mmap(NULL, sizeof *d->status, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (d->status == MAP_FAILED || !segments(d)) {
@@ -269,6 +279,7 @@ void soter_posix_workers(soter_posix* d, const char* self) {
 
 bool soter_posix_ready(soter_posix* d, uint32_t worker) {
   const soter_posix_extern* const x = &soter_app_externs[worker];
+  SOTER_CHECK(worker < soter_app_extern_count && x->out_size <= sizeof d->value);
   soter_channel_head head;
   return soter_channel_read(d->workers[worker].answer, x->hash, x->out_size, 0U, &head, d->value) ==
          SOTER_CHANNEL_FRESH;
@@ -280,6 +291,7 @@ void soter_posix_await(soter_posix* d) {
   const int64_t end_ns = now_ns() + d->options.wait_ns;
   for (uint32_t k = 0; d->shared && k < soter_app_extern_count; k++) {
     soter_worker_status* const s = &d->status->worker[k];
+    SOTER_CHECK(d->workers[k].answer != NULL);
     while (d->workers[k].command[0] != '\0' && !soter_posix_ready(d, k) && now_ns() < end_ns &&
            __atomic_load_n(&s->ends, __ATOMIC_ACQUIRE) == 0U) {
       (void)nanosleep(&nap, NULL);

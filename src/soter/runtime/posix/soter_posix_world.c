@@ -22,6 +22,7 @@
 
 static bool opened(soter_posix* d, soter_outside* channel, const char* name, uint64_t hash,
                    size_t size, bool writes) {
+  SOTER_CHECK(d->options.channels != NULL);
   const char* const wrong =
       soter_outside_open(channel, d->options.channels, name, hash, size, writes);
   if (wrong != NULL) {
@@ -42,11 +43,13 @@ bool soter_posix_open(soter_posix* d) {
   }
   for (uint32_t k = 0; k < soter_app_outside_count; k++) {
     const soter_posix_topic* const t = &soter_app_outside[k];
+    SOTER_CHECK(t->topic < APP_PROGRAM->topics);
     fine = fine && opened(d, &d->outside[k].channel, t->name, t->hash,
                           APP_PROGRAM->topic[t->topic].size, !t->inward);
   }
   for (uint32_t k = 0; k < soter_app_lease_count; k++) {
     const soter_posix_lease* const l = &soter_app_leases[k];
+    SOTER_CHECK(l->size == sizeof(soter_posix_lease_head) + l->lease->size);
     fine = fine && opened(d, &d->lease[k].channel, l->channel, l->hash, l->size, true);
   }
   return fine;
@@ -57,6 +60,7 @@ static bool heard(soter_posix* d, uint32_t k) {
   const soter_posix_topic* const t = &soter_app_outside[k];
   soter_outside* const channel = &d->outside[k].channel;
   int64_t time_ns = 0;
+  SOTER_CHECK(t->inward && channel->size <= sizeof d->value);
   const bool found = soter_outside_read(channel, &time_ns, d->value, NULL);
   channel->number = 0; /* the first instant reads it again */
   return found && (t->max_age_ns < 0 || soter_posix_clock() - time_ns <= t->max_age_ns);
@@ -86,6 +90,8 @@ void soter_posix_hear(soter_posix* d) {
 void soter_posix_begin(soter_posix* d) {
   for (uint32_t k = 0; k < soter_app_lease_count; k++) {
     soter_lease_times* const t = &d->lease[k];
+    SOTER_CHECK(soter_app_leases[k].grant->nodes <= APP_BUDGETS);
+    SOTER_CHECK(soter_app_leases[k].lease->size <= sizeof t->command);
     soter_grant_begin(&t->grant, soter_app_leases[k].grant, t->done, d->origin_ns);
     soter_lease_init(&t->lease, soter_app_leases[k].lease, t->command);
     t->ended_ns = -1;
@@ -99,6 +105,7 @@ static void publish(soter_posix* d, uint32_t k, int64_t time_ns) {
   const uint32_t topic = soter_app_outside[k].topic;
   const int64_t ct = soter_header_of(&d->state)->ct;
   int64_t stamp = time_ns - d->origin_ns;
+  SOTER_CHECK(topic < APP_PROGRAM->topics);
   if (time_ns > soter_posix_clock()) {
     o->future++;
     return;
@@ -120,7 +127,9 @@ static void obey(soter_posix* d) {
     if (soter_app_leases[k].apply == NULL) {
       continue;
     }
+    SOTER_CHECK(soter_app_leases[k].lease->size <= sizeof d->value);
     (void)soter_lease_read(&t->lease, soter_posix_clock(), d->value);
+    SOTER_CHECK(t->lease.state >= SOTER_LEASE_ARMED && t->lease.state <= SOTER_LEASE_ENDED);
     if (t->lease.state == SOTER_LEASE_ENDED) {
       soter_app_leases[k].apply(&d->state, d->value);
       t->law++;
@@ -132,6 +141,7 @@ void soter_posix_listen(soter_posix* d) {
   for (uint32_t k = 0; k < soter_app_outside_count; k++) {
     soter_outside_times* const o = &d->outside[k];
     int64_t time_ns = 0;
+    SOTER_CHECK(o->channel.size <= sizeof d->value);
     if (soter_app_outside[k].inward &&
         soter_outside_read(&o->channel, &time_ns, d->value, &o->bad)) {
       publish(d, k, time_ns);
@@ -154,6 +164,8 @@ static void give(soter_posix* d, uint32_t k) {
     }
     return;
   }
+  SOTER_CHECK(head.stamp <= now && head.expiry - head.stamp <= l->lease->longest);
+  SOTER_CHECK(l->size <= sizeof t->message);
   uint8_t* const message = (uint8_t*)t->message;
   (void)memcpy(message, &head, sizeof head);
   l->gather(&d->state, message + sizeof head);
@@ -171,6 +183,7 @@ static bool stale(soter_posix* d, const soter_posix_lease* l, uint32_t component
   bool found = false;
   for (uint32_t i = 0; i < l->ages; i++) {
     const soter_posix_age* const a = &l->age[i];
+    SOTER_CHECK(a->topic < APP_PROGRAM->topics);
     const int64_t stamp = stamps[a->topic];
     const bool old = stamp == SOTER_NEVER ? a->outside : ct - stamp > a->most_ns;
     found = found || (a->component == component && old);
@@ -179,6 +192,7 @@ static bool stale(soter_posix* d, const soter_posix_lease* l, uint32_t component
 }
 
 void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int64_t end_ns) {
+  SOTER_CHECK(component < APP_PROGRAM->components && start_ns <= end_ns);
   if (soter_components_of(&d->state)[component].latched != 0U) {
     return; /* a step that failed is not done */
   }
@@ -209,6 +223,7 @@ void soter_posix_tell(soter_posix* d) {
     const int64_t stamp = soter_stamps_of(APP_PROGRAM, &d->state)[t->topic];
     if (!t->inward && stamp != SOTER_NEVER && (o->told == 0U || stamp != o->stamp || stamp == ct)) {
       const uint8_t* const state = (const uint8_t*)&d->state;
+      SOTER_CHECK(o->channel.size == APP_PROGRAM->topic[t->topic].size);
       soter_outside_write(&o->channel, d->origin_ns + stamp,
                           state + APP_PROGRAM->topic[t->topic].offset);
       o->told++;

@@ -30,7 +30,7 @@ static void search(soter_search* s) {
       soter_search_falsify(s);
       return;
   }
-  SOTER_CHECK(!"a strategy without a search");
+  SOTER_CHECK(false && "a strategy without a search");
 }
 
 #define BIRTHS 65536U /* that are looked at; with more it is not known */

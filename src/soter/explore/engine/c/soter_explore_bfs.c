@@ -308,7 +308,7 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
   if (!all->tables) {
     soter_copy_words(item, soter_row_at(&w->here, i), w->here.width);
   } else if (!soter_store_next(&w->before, &w->at, item, &item[words])) {
-    SOTER_CHECK(!"a layer has as many worlds as were put into its table");
+    SOTER_CHECK(false && "a layer has as many worlds as were put into its table");
   }
   if (w->expander.instant != NULL) { /* nothing sleeps */
     item[words] = 0U;
@@ -390,17 +390,6 @@ static uint64_t expand_some(worker* w, uint64_t first) {
 }
 
 /* ------------------------------------------------------------------ layers */
-
-bool soter_layers_open_store(worker* w, soter_store* store) {
-  const soter_search* const s = w->all->s;
-  const uint32_t common = w->all->forgets && w->expander.instant != NULL ? s->m->calendar : 0U;
-  const bool fine = soter_store_open(store, s->m, s->o->storage, soter_keeps_sleep(&w->expander),
-                                     common, s->o->memory / w->all->threads);
-  store->growth = 4U; /* settled when their time is over */
-  store->layer = w->all->forgets;
-  store->stop = &s->progress->stop;
-  return fine;
-}
 
 /* Whether somebody wants the search written down, before it goes on. */
 static bool pauses(const layered* all) {

@@ -132,7 +132,16 @@ SOTER_INLINE uint64_t soter_layers_waiting(const layered* all) {
 }
 
 /* A worker's table of a layer. */
-bool soter_layers_open_store(worker* w, soter_store* store);
+SOTER_INLINE bool soter_layers_open_store(worker* w, soter_store* store) {
+  const soter_search* const s = w->all->s;
+  const uint32_t common = w->all->forgets && w->expander.instant != NULL ? s->m->calendar : 0U;
+  const bool fine = soter_store_open(store, s->m, s->o->storage, soter_keeps_sleep(&w->expander),
+                                     common, s->o->memory / w->all->threads);
+  store->growth = 4U; /* settled when their time is over */
+  store->layer = w->all->forgets;
+  store->stop = &s->progress->stop;
+  return fine;
+}
 
 /* Before the search, when all workers are open, and after it. */
 void soter_closed_open(layered* all);

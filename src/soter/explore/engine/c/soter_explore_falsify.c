@@ -212,7 +212,7 @@ static double missed(soter_walk* w, const soter_aim* g) {
   const int64_t now = soter_schedule_of(x->p, x->there)->now;
   const int64_t within = x->m->timed[g->index].within_ns;
   if (due == SOTER_NO_DEADLINE || now < 0) {
-    return INFINITY;
+    return (double)INFINITY;
   }
   if (due < now) {
     return share(due - now, within);
@@ -232,7 +232,7 @@ static double promise(soter_walk* w, const soter_aim* g, double* scale) {
     return before == after ? (double)INFINITY : share(before - now, t->within_ns);
   }
   if (after != SOTER_NO_DEADLINE || g->premise == NULL) {
-    return INFINITY; /* it is asked for from now on; or was kept for good */
+    return (double)INFINITY; /* it is asked for from now on; or was kept for good */
   }
   const double asks = g->premise(x->there, scale);
   return asks > 0.0 ? 1.0 : 1.0 - asks;
@@ -392,7 +392,7 @@ static void start(pool* p) {
   p->count = 0U;
   p->age = 0U;
   p->better = 0U;
-  p->best = INFINITY;
+  p->best = (double)INFINITY;
 }
 
 /* Whether a guide is of something that numbers decide, and that is not known already. */
@@ -426,7 +426,7 @@ static void begin(soter_walk* w, uint64_t run) {
   falsifier* const f = w->own;
   w->random = soter_mix(w->s->o->seed ^ soter_mix(run + 1U));
   for (uint32_t i = 0; i < w->s->m->guides; i++) {
-    f->least[i] = INFINITY;
+    f->least[i] = (double)INFINITY;
     f->when[i] = TIMES - 1U;
   }
   draw_plan(f);

@@ -6,7 +6,7 @@
  * instant are all combinations of what the groups may write. Off unless SOTER_REDUCE_GROUPS is set.
  * Non-goals: models where steps are not remembered; lost releases.
  */
-#include "soter_explore_in.h"
+#include "soter_explore_heirs.h"
 
 #define FIRST_SLOTS UINT64_C(64)
 #define FEW 1024U /* runs of a group, before it is asked whether they come back */

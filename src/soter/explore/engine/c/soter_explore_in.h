@@ -3,7 +3,10 @@
  * soter_explore_step.c  which moves a world has, what a move does, what is violated then
  * soter_explore_reduce.c sleep sets and ample sets
  * soter_explore_store.c the table of packed worlds; soter_explore_room.c its memory
- * soter_explore_instant.c only ends of instants
+ * soter_explore_expand.c the worlds that come after a world; _memo what is remembered of that
+ * soter_explore_expander.c what does so, opened and closed; soter_explore_rows.c rows of worlds
+ * soter_explore_instant.c only ends of instants; _calendar whether that is all; _way the steps
+ *                       between two of them
  * soter_explore_groups.c and what groups of actors do in one, remembered
  * soter_explore_fold.c  one world for all that differ by the places of equal instances
  * soter_explore_joined.c properties of parts that share nothing else
@@ -19,6 +22,7 @@
 
 #include "soter_check.h"
 #include "soter_explore.h"
+#include "soter_explore_room.h"
 
 #define SOTER_NO_DEADLINE INT64_MAX
 #define SOTER_NOTHING UINT32_MAX
@@ -185,14 +189,6 @@ uint64_t soter_ample(const soter_place* x, uint64_t enabled);
 
 /* All actors that may move in `here`. */
 uint64_t soter_enabled(const soter_place* x);
-
-/* ------------------------------------------------------------------ memory */
-
-/* Zeros; NULL: there is no memory. */
-void* soter_take(uint64_t bytes);
-/* The same with more room; NULL: there is no memory, and it is as it was. */
-void* soter_regrow(void* piece, uint64_t before, uint64_t bytes);
-void soter_give(void* piece, uint64_t bytes);
 
 /* ------------------------------------------------------------------ the table */
 
@@ -416,6 +412,11 @@ uint32_t soter_steps_until(const soter_model* m, const soter_explore_options* o,
 struct soter_instant* soter_instant_open(const soter_model* m, uint64_t memory);
 void soter_instant_close(struct soter_instant* t);
 uint64_t soter_instant_bytes(const struct soter_instant* t);
+/* As soter_store_put. */
+int soter_instant_put(struct soter_instant* t, const uint64_t* packed, uint64_t* sleep,
+                      uint64_t* again);
+/* Whether a mid of an instant violates a property: it can only be too late for something. */
+bool soter_is_late(soter_expander* e, const uint64_t* packed, soter_broken* broken);
 /* How many bytes more it may take. */
 void soter_instant_allow(struct soter_instant* t, uint64_t more);
 
@@ -452,40 +453,10 @@ void soter_expand_birth(soter_expander* e);
 /* Makes room for more heirs; false: there is no memory. */
 bool soter_more_heirs(soter_expander* e);
 
-/* The place of one more heir; NULL: there is no memory. */
-SOTER_INLINE uint64_t* soter_next_heir(soter_expander* e, uint64_t sleep) {
-  soter_heirs* const h = &e->heirs;
-  if (h->count == h->room && !soter_more_heirs(e)) {
-    return NULL;
-  }
-  SOTER_CHECK(h->count < h->room);
-  h->sleep[h->count] = sleep;
-  return h->packed + (size_t)h->count++ * e->words;
-}
-
 #ifndef SOTER_CROWD      /* tests stop anywhere */
 #define SOTER_CROWD 512U /* worlds that are expanded at once, at most; */
 #endif
 #define SOTER_CROWD_HEIRS 4096U /* with so many heirs */
-
-/* The places of some more heirs of a crowd, one after the other, where nothing sleeps; NULL: there
- * is no memory, or they are too many. */
-SOTER_INLINE uint64_t* soter_next_heirs(soter_expander* e, uint64_t count) {
-  soter_heirs* const h = &e->heirs;
-  const uint32_t first = h->count;
-  if (first + count > e->crowd_heirs) {
-    return NULL;
-  }
-  while (h->room - first < count) {
-    if (!soter_more_heirs(e)) {
-      return NULL;
-    }
-  }
-  SOTER_CHECK(e->words == 1U && (count == 0U || h->sleep[first] == 0U));
-  h->count = first + (uint32_t)count;
-  e->transitions += count;
-  return h->packed + first;
-}
 
 /* At most `memory` bytes, more or less. */
 struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);

@@ -4,9 +4,9 @@
  * Purpose: where all windows are points nothing is observed in the middle of an instant. Its orders
  * and choices are run through with a scratch set, and only the ends are given to the search, which
  * stores nothing else. What the scratch set has forgotten is run through again, so it may be
- * forgotten at any time; it is at the beginning of an instant, when it has become large. And the
- * way back: the steps between two ends, for traces.
- * Non-goals: windows that are no points: there the reduction is off.
+ * forgotten at any time; it is at the beginning of an instant, when it has become large.
+ * Non-goals: windows that are no points: there the reduction is off (soter_explore_calendar.c); the
+ * way back (soter_explore_way.c).
  */
 #include "soter_explore_in.h"
 
@@ -28,49 +28,6 @@ struct soter_instant {
   bool (*spill)(void* to); /* takes ends away where they are very many */
   void* to;
 };
-
-bool soter_by_instants(const soter_model* m, const soter_explore_options* o) {
-  if ((o->reduce & SOTER_REDUCE_INSTANTS) == 0U || m->timely ||
-      (o->strategy != SOTER_BFS && o->strategy != SOTER_DFS)) {
-    return false;
-  }
-  for (uint32_t i = 0; i < m->actors; i++) {
-    if (m->actor[i].window_ns > 0 || m->actor[i].overrun_ns > 0) {
-      return false;
-    }
-  }
-  return true;
-}
-
-/* The steps of the instant after `*now`, which is moved on to it. */
-static uint32_t steps_after(const soter_model* m, const soter_explore_options* o, int64_t* now) {
-  int64_t next = SOTER_NO_DEADLINE;
-  uint32_t then = 0U;
-  for (uint32_t i = 0; i < m->actors; i++) {
-    const soter_actor* const a = &m->actor[i];
-    const bool moves = o->actors == 0U || (o->actors >> i & 1U) != 0U;
-    const int64_t gone = *now < a->phase_ns ? 0 : (*now - a->phase_ns) / a->period_ns + 1;
-    const int64_t release = a->phase_ns + gone * a->period_ns;
-    SOTER_CHECK(release > *now && a->window_ns == 0);
-    if (!moves || release > m->horizon_ns || release > next) {
-      continue;
-    }
-    then = release == next ? then + 1U : 1U;
-    next = release;
-  }
-  *now = next;
-  return then;
-}
-
-uint32_t soter_steps_until(const soter_model* m, const soter_explore_options* o, soter_calendar* c,
-                           uint32_t instants) {
-  c->now = c->instants == 0U ? -1 : c->now;
-  for (; c->instants < instants && c->now < SOTER_NO_DEADLINE; c->instants++) {
-    c->steps += steps_after(m, o, &c->now);
-  }
-  SOTER_CHECK(c->now >= -1);
-  return c->steps;
-}
 
 /* ------------------------------------------------------------------ the scratch set */
 
@@ -149,8 +106,8 @@ static bool grow(struct soter_instant* t) {
   return true;
 }
 
-/* As soter_store_put. */
-static int put(struct soter_instant* t, const uint64_t* packed, uint64_t* sleep, uint64_t* again) {
+int soter_instant_put(struct soter_instant* t, const uint64_t* packed, uint64_t* sleep,
+                      uint64_t* again) {
   if (t->used * 2U >= t->slots && !grow(t)) {
     return -1;
   }
@@ -177,8 +134,7 @@ static void break_off(struct soter_instant* t, const soter_broken* found) {
   SOTER_CHECK(t->round > 0U);
 }
 
-/* A mid of an instant can only be too late for something. */
-static bool is_late(soter_expander* e, const uint64_t* packed, soter_broken* broken) {
+bool soter_is_late(soter_expander* e, const uint64_t* packed, soter_broken* broken) {
   return e->place.m->timeds > 0U && soter_is_broken(e, packed, broken);
 }
 
@@ -187,10 +143,10 @@ static void let_wait(soter_expander* e, const uint64_t* packed, uint64_t sleep) 
   struct soter_instant* const t = e->instant;
   uint64_t again = 0U;
   soter_broken found;
-  const int fresh = put(t, packed, &sleep, &again);
+  const int fresh = soter_instant_put(t, packed, &sleep, &again);
   e->no_memory = e->no_memory || fresh < 0;
   SOTER_CHECK(fresh <= 0 || again == 0U);
-  if (fresh == 1 && is_late(e, packed, &found)) {
+  if (fresh == 1 && soter_is_late(e, packed, &found)) {
     if (!soter_is_known(&e->place, &found)) {
       break_off(t, &found);
     }
@@ -216,7 +172,7 @@ static void sort_heirs(soter_expander* e, uint32_t first) {
       continue;
     }
     /* where there are very many it is the table that tells them apart */
-    const int fresh = t->used > t->large ? 1 : put(t, packed, &sleep, &again);
+    const int fresh = t->used > t->large ? 1 : soter_instant_put(t, packed, &sleep, &again);
     e->no_memory = fresh < 0;
     if (fresh == 1) {
       soter_copy_words(h->packed + (size_t)kept * t->words, packed, t->words);
@@ -289,130 +245,4 @@ void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep
   if (e->groups == NULL || !soter_groups_expand(e, packed)) {
     run_through(e, packed);
   }
-}
-
-/* ------------------------------------------------------------------ the steps between two ends */
-
-typedef struct {
-  soter_expander e;
-  soter_row row; /* the middle as it came, each with the number of the one before */
-  uint64_t at;   /* the one that is expanded */
-  const uint64_t* to;
-  const soter_broken* broken;
-  bool late, arrived;
-} middle;
-
-/* A world of the middle waits; or it is too late for something. */
-static void keep_one(middle* q, const uint64_t* packed) {
-  uint64_t sleep = 0U;
-  uint64_t again = 0U;
-  soter_broken found;
-  const int fresh = put(q->e.instant, packed, &sleep, &again);
-  SOTER_CHECK(q->at < q->row.count);
-  if (fresh == 1 && is_late(&q->e, packed, &found)) {
-    q->late = true;
-    return;
-  }
-  const bool fine = fresh == 0 || (fresh == 1 && soter_row_put(&q->row, packed, q->at, 0U));
-  q->e.no_memory = q->e.no_memory || !fine;
-}
-
-/* Looks among the heirs for the end that is wanted; what lies in the middle waits. */
-static bool look_at_heirs(void* to) {
-  middle* const q = to;
-  soter_expander* const e = &q->e;
-  const uint32_t words = e->words;
-  for (uint32_t k = 0; k < e->heirs.count && !e->no_memory && !q->arrived; k++) {
-    const uint64_t* const packed = e->heirs.packed + (size_t)k * words;
-    if (e->heirs.sleep[k] != SOTER_AT_END) {
-      keep_one(q, packed);
-    } else {
-      q->arrived = q->to != NULL && memcmp(packed, q->to, words * sizeof *packed) == 0;
-    }
-  }
-  soter_forget(e);
-  return !e->no_memory && !q->arrived;
-}
-
-/* Whether what is wanted comes after the world last expanded. */
-static bool arrives(middle* q) {
-  soter_trace_step step;
-  const bool late = q->late || q->e.broke;
-  q->late = false;
-  return q->arrived ||
-         (q->to == NULL && late &&
-          soter_find_move(&q->e.place, soter_row_at(&q->row, q->at), NULL, q->broken, &step));
-}
-
-/* Writes the way to number `last`, and from there to what was looked for. */
-static bool write_middle(middle* q, soter_search* s, uint64_t last, uint32_t* written) {
-  uint32_t length = 1U;
-  for (uint64_t i = last; i != 0U; i = soter_row_at(&q->row, i)[q->e.words]) {
-    length++;
-  }
-  if (length > s->room - *written) {
-    return false;
-  }
-  const uint64_t* to = q->to;
-  uint64_t i = last;
-  bool fine = true;
-  for (uint32_t k = length; fine && k > 0U; k--) {
-    const uint64_t* const from = soter_row_at(&q->row, i);
-    fine = soter_find_move(&q->e.place, from, to, to == NULL ? q->broken : NULL,
-                           &s->trace[*written + k - 1U]);
-    to = from;
-    i = from[q->e.words];
-  }
-  *written += fine ? length : 0U;
-  return fine;
-}
-
-static bool find_middle(middle* q, soter_search* s, const uint64_t* from, uint32_t* written) {
-  bool fine = soter_row_put(&q->row, from, 0U, 0U);
-  for (q->at = 0U; fine && q->at < q->row.count; q->at++) {
-    uint64_t item[SOTER_WORDS];
-    soter_copy_words(item, soter_row_at(&q->row, q->at), q->e.words);
-    soter_forget(&q->e);
-    soter_expand(&q->e, item, 0U, UINT64_MAX);
-    (void)look_at_heirs(q);
-    if (arrives(q)) {
-      return write_middle(q, s, q->at, written);
-    }
-    fine = !q->e.no_memory && !soter_cuts(&q->e);
-  }
-  return false;
-}
-
-/* With the orders that a reduction asks for. */
-static bool find_way(soter_search* s, uint32_t reduce, const uint64_t* from, const uint64_t* to,
-                     const soter_broken* broken, uint32_t* written) {
-  middle q;
-  soter_explore_options once = *s->o;
-  soter_search own = *s;
-  (void)memset(&q, 0, sizeof q);
-  once.reduce = reduce;
-  own.o = &once;
-  q.row.words = s->m->words;
-  q.row.width = s->m->words + 1U;
-  q.to = to;
-  q.broken = broken;
-  bool fine = soter_expander_open(&q.e, &own, NULL, s->o->memory / 4U);
-  q.e.spill = look_at_heirs;
-  q.e.to = &q;
-  fine = fine && find_middle(&q, s, from, written);
-  soter_expander_close(&q.e);
-  soter_row_close(&q.row);
-  return fine;
-}
-
-bool soter_find_way(soter_search* s, soter_place* x, const uint64_t* from, const uint64_t* to,
-                    const soter_broken* broken, uint32_t* written) {
-  SOTER_CHECK(*written <= s->room);
-  if (from == NULL || !soter_by_instants(s->m, s->o)) {
-    const bool room = *written < s->room;
-    return room && soter_find_move(x, from, to, broken, &s->trace[(*written)++]);
-  }
-  /* what breaks in some orders may not be met in few of them, before something else is broken */
-  return find_way(s, SOTER_REDUCE_INSTANTS | SOTER_REDUCE_AMPLE, from, to, broken, written) ||
-         find_way(s, SOTER_REDUCE_INSTANTS, from, to, broken, written);
 }

@@ -10,6 +10,7 @@
  * this: where it differs, nothing is remembered any more.
  * Non-goals: steps that last (overruns).
  */
+#include "soter_explore_heirs.h"
 #include "soter_explore_map.h"
 #include "soter_explore_pack.h"
 

@@ -5,9 +5,13 @@
  * Large pieces are pages of their own, therefore; small ones come from the heap.
  */
 #define _GNU_SOURCE /* mremap */
+#include "soter_explore_room.h"
+
+#include <stdlib.h>
+#include <string.h>
 #include <sys/mman.h>
 
-#include "soter_explore_in.h"
+#include "soter_check.h"
 
 #define PAGES 16384U /* bytes: pieces as large as this are pages of their own */
 

@@ -486,7 +486,7 @@ SOTER_INLINE int put_in(soter_store* s, soter_segment* g, const uint64_t* key, u
 int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
                         uint64_t* sleep, uint64_t* again) {
   if (!belongs(s, packed)) {
-    SOTER_CHECK(!"all worlds of a table have its bits in common");
+    SOTER_CHECK(false && "all worlds of a table have its bits in common");
     return -1;
   }
   return put_in(s, segment_of(s, packed, key), key, sleep, again);
@@ -578,7 +578,7 @@ uint32_t soter_store_put_short(soter_store* s, const uint64_t* packed, uint32_t*
   uint32_t some = 1U;
   SOTER_CHECK(soter_store_is_short(s) && s->key <= 8U);
   if (*count > 0U && !belongs(s, packed)) {
-    SOTER_CHECK(!"all worlds of a table have its bits in common");
+    SOTER_CHECK(false && "all worlds of a table have its bits in common");
     *count = 0U;
   }
   while (done < *count && some > 0U) {

@@ -1,0 +1,130 @@
+/* soter_explore_way.c: the steps between two ends of instants.
+ *
+ * Purpose: the way back, for traces: the middle of an instant is expanded once more, each world
+ * with the number of the one before. Non-goals: which ends follow each other (strategies).
+ */
+#include "soter_explore_in.h"
+
+typedef struct {
+  soter_expander e;
+  soter_row row; /* the middle as it came, each with the number of the one before */
+  uint64_t at;   /* the one that is expanded */
+  const uint64_t* to;
+  const soter_broken* broken;
+  bool late, arrived;
+} middle;
+
+/* A world of the middle waits; or it is too late for something. */
+static void keep_one(middle* q, const uint64_t* packed) {
+  uint64_t sleep = 0U;
+  uint64_t again = 0U;
+  soter_broken found;
+  const int fresh = soter_instant_put(q->e.instant, packed, &sleep, &again);
+  SOTER_CHECK(q->at < q->row.count);
+  if (fresh == 1 && soter_is_late(&q->e, packed, &found)) {
+    q->late = true;
+    return;
+  }
+  const bool fine = fresh == 0 || (fresh == 1 && soter_row_put(&q->row, packed, q->at, 0U));
+  q->e.no_memory = q->e.no_memory || !fine;
+}
+
+/* Looks among the heirs for the end that is wanted; what lies in the middle waits. */
+static bool look_at_heirs(void* to) {
+  middle* const q = to;
+  soter_expander* const e = &q->e;
+  const uint32_t words = e->words;
+  for (uint32_t k = 0; k < e->heirs.count && !e->no_memory && !q->arrived; k++) {
+    const uint64_t* const packed = e->heirs.packed + (size_t)k * words;
+    if (e->heirs.sleep[k] != SOTER_AT_END) {
+      keep_one(q, packed);
+    } else {
+      q->arrived = q->to != NULL && memcmp(packed, q->to, words * sizeof *packed) == 0;
+    }
+  }
+  soter_forget(e);
+  return !e->no_memory && !q->arrived;
+}
+
+/* Whether what is wanted comes after the world last expanded. */
+static bool arrives(middle* q) {
+  soter_trace_step step;
+  const bool late = q->late || q->e.broke;
+  q->late = false;
+  return q->arrived ||
+         (q->to == NULL && late &&
+          soter_find_move(&q->e.place, soter_row_at(&q->row, q->at), NULL, q->broken, &step));
+}
+
+/* Writes the way to number `last`, and from there to what was looked for. */
+static bool write_middle(middle* q, soter_search* s, uint64_t last, uint32_t* written) {
+  uint32_t length = 1U;
+  for (uint64_t i = last; i != 0U; i = soter_row_at(&q->row, i)[q->e.words]) {
+    length++;
+  }
+  if (length > s->room - *written) {
+    return false;
+  }
+  const uint64_t* to = q->to;
+  uint64_t i = last;
+  bool fine = true;
+  for (uint32_t k = length; fine && k > 0U; k--) {
+    const uint64_t* const from = soter_row_at(&q->row, i);
+    fine = soter_find_move(&q->e.place, from, to, to == NULL ? q->broken : NULL,
+                           &s->trace[*written + k - 1U]);
+    to = from;
+    i = from[q->e.words];
+  }
+  *written += fine ? length : 0U;
+  return fine;
+}
+
+static bool find_middle(middle* q, soter_search* s, const uint64_t* from, uint32_t* written) {
+  bool fine = soter_row_put(&q->row, from, 0U, 0U);
+  for (q->at = 0U; fine && q->at < q->row.count; q->at++) {
+    uint64_t item[SOTER_WORDS];
+    soter_copy_words(item, soter_row_at(&q->row, q->at), q->e.words);
+    soter_forget(&q->e);
+    soter_expand(&q->e, item, 0U, UINT64_MAX);
+    (void)look_at_heirs(q);
+    if (arrives(q)) {
+      return write_middle(q, s, q->at, written);
+    }
+    fine = !q->e.no_memory && !soter_cuts(&q->e);
+  }
+  return false;
+}
+
+/* With the orders that a reduction asks for. */
+static bool find_way(soter_search* s, uint32_t reduce, const uint64_t* from, const uint64_t* to,
+                     const soter_broken* broken, uint32_t* written) {
+  middle q;
+  soter_explore_options once = *s->o;
+  soter_search own = *s;
+  (void)memset(&q, 0, sizeof q);
+  once.reduce = reduce;
+  own.o = &once;
+  q.row.words = s->m->words;
+  q.row.width = s->m->words + 1U;
+  q.to = to;
+  q.broken = broken;
+  bool fine = soter_expander_open(&q.e, &own, NULL, s->o->memory / 4U);
+  q.e.spill = look_at_heirs;
+  q.e.to = &q;
+  fine = fine && find_middle(&q, s, from, written);
+  soter_expander_close(&q.e);
+  soter_row_close(&q.row);
+  return fine;
+}
+
+bool soter_find_way(soter_search* s, soter_place* x, const uint64_t* from, const uint64_t* to,
+                    const soter_broken* broken, uint32_t* written) {
+  SOTER_CHECK(*written <= s->room);
+  if (from == NULL || !soter_by_instants(s->m, s->o)) {
+    const bool room = *written < s->room;
+    return room && soter_find_move(x, from, to, broken, &s->trace[(*written)++]);
+  }
+  /* what breaks in some orders may not be met in few of them, before something else is broken */
+  return find_way(s, SOTER_REDUCE_INSTANTS | SOTER_REDUCE_AMPLE, from, to, broken, written) ||
+         find_way(s, SOTER_REDUCE_INSTANTS, from, to, broken, written);
+}
