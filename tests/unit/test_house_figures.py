@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,17 +15,22 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SRC = Path(__file__).resolve().parents[2] / "src"
-TREES = {
-    p.relative_to(SRC): ast.parse(p.read_text(encoding="utf-8"))
-    for p in sorted((SRC / "soter").rglob("*.py"))
-    if "templates" not in p.parts
-}
 
 MODULES_IN_A_ROOM = 16
 LINES_OF_A_FILE = 500
 LINES_OF_A_FUNCTION = 70
 POSITIONAL = 7
 """Arguments without names that one call may have."""
+
+
+@cache
+def trees() -> dict[Path, ast.Module]:
+    """Every source by its path, parsed when somebody asks: each worker reads this file."""
+    return {
+        p.relative_to(SRC): ast.parse(p.read_text(encoding="utf-8"))
+        for p in sorted((SRC / "soter").rglob("*.py"))
+        if "templates" not in p.parts
+    }
 
 
 def name_of(path: Path) -> str:
@@ -38,9 +44,9 @@ def room_of(path: Path) -> str:
 
 def imports() -> dict[str, set[str]]:
     """Every file by name -> the files it imports, for annotations too."""
-    names = {name_of(p) for p in TREES}
+    names = {name_of(p) for p in trees()}
     graph: dict[str, set[str]] = {}
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         found = graph.setdefault(name_of(path), set())
         for node in ast.walk(tree):
             if isinstance(node, ast.Import):
@@ -70,14 +76,14 @@ def circles(graph: dict[str, set[str]]) -> list[set[str]]:
 
 
 def long_files() -> Iterator[str]:
-    for path in TREES:
+    for path in trees():
         lines = len((SRC / path).read_text(encoding="utf-8").splitlines())
         if lines > LINES_OF_A_FILE:
             yield f"{path}: {lines}"
 
 
 def long_functions() -> Iterator[str]:
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         for node in ast.walk(tree):
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
                 lines = (node.end_lineno or node.lineno) - node.lineno + 1
@@ -86,7 +92,7 @@ def long_functions() -> Iterator[str]:
 
 
 def long_calls() -> Iterator[str]:
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and len(node.args) > POSITIONAL:
                 name = ast.unparse(node.func)
@@ -105,7 +111,7 @@ def test_files_do_not_import_each_other_in_circles() -> None:
 
 
 def test_a_room_is_small_enough_to_be_known() -> None:
-    sizes = Counter(room_of(p) for p in TREES if p.name != "__init__.py")
+    sizes = Counter(room_of(p) for p in trees() if p.name != "__init__.py")
     assert {r: n for r, n in sizes.items() if n > MODULES_IN_A_ROOM} == {}
 
 
