@@ -23,6 +23,7 @@ def document(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
     return found
 
 
+@pytest.mark.long
 def test_accepted_is_0(proved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["recheck", str(proved), "--json"]) == 0
     found = document(capsys)
