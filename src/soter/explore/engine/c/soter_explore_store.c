@@ -118,9 +118,9 @@ SOTER_INLINE uint64_t load(const uint8_t* from, uint64_t mask) {
 }
 
 /* A segment holds what happens at one time (the bits behind the lowest one,
- * explore/model/bit_packing.py): a search goes through time, and what it has left behind need not be in
- * the machine's caches. A layer has one time or two: there all segments hold some of it, so that
- * the room for one to grow is little. */
+ * explore/model/bit_packing.py): a search goes through time, and what it has left behind need not
+ * be in the machine's caches. A layer has one time or two: there all segments hold some of it, so
+ * that the room for one to grow is little. */
 SOTER_INLINE soter_segment* segment_of(const soter_store* s, const uint64_t* packed,
                                        const uint64_t* key) {
   const uint64_t of = s->layer ? key[0] : packed[0] >> 1;
