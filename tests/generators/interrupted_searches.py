@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from soter.explore.results import Options
     from soter.program.model.system import System
 
-ANYWHERE = ("-DSOTER_AHEAD=1U", "-DSOTER_CROWD=1U", "-DSOTER_TELL=1U", "-O0")
+ANYWHERE = ("-DSOTER_AHEAD=1U", "-DSOTER_BATCH=1U", "-DSOTER_TELL=1U", "-O0")
 """Flags with which a search looks at its bounds after every world: it can be ended anywhere."""
 TABLES = 7
-"""Which of its first numbers says that tables follow (`soter_explore_saved.c`)."""
+"""Which of its first numbers says that tables follow (`soter_explore_checkpoint.c`)."""
 ENDED = ("states", "memory", "stopped", "no_memory")
 """How a piece ends that is not the last one."""
 NEVER_S = 10.0**6

@@ -1,9 +1,9 @@
 """The file of a checkpoint: what it is of, and that it is whole.
 
 Purpose: a head of fixed size, which says of which search it is and seals the rest, and behind it
-what the explorer wrote (`soter_explore_saved.c`). The head is written last, then the file takes its
-place at once: it is there whole or not at all. A file is read only if every byte of it is as it was
-written; what differs from the search that is to go on is said in words.
+what the explorer wrote (`soter_explore_checkpoint.c`). The head is written last, then the file
+takes its place at once: it is there whole or not at all. A file is read only if every byte of it is
+as it was written; what differs from the search that is to go on is said in words.
 Non-goals: what the explorer wrote; when it is written (`saver.py`). Whoever makes such a file by
 hand, seals included, is believed.
 """

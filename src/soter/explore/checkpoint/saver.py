@@ -3,7 +3,7 @@
 Purpose: the checkpoint of one test (`Checkpoint`), and the hand that asks the explorer for it again
 and again while one part of the system is searched (`Saver`). The explorer writes to a file beside,
 which is sealed and takes the place of the last one while the search goes on.
-Non-goals: the file (`files.py`), what is in it (`soter_explore_saved.c`).
+Non-goals: the file (`files.py`), what is in it (`soter_explore_checkpoint.c`).
 """
 
 from __future__ import annotations

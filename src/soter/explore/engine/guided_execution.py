@@ -1,7 +1,7 @@
 """Executions that follow a changed trace as far as it goes, many a second.
 
 Purpose: traces as arrays of the engine's records, and the C that makes an execution of one
-(`soter_explore_guided.c`) with the world after each of its steps.
+(`soter_explore_guided_execution.c`) with the world after each of its steps.
 Non-goals: what to change (`shrink.py`).
 """
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 NOBODY = 2**32 - 1
 """`actor` of the start."""
 STEPS, SKIPPED, BEGINS, EFFECT, BIRTH = range(5)
-"""`kind`, as in `soter_explore_in.h`."""
+"""`kind`, as in `soter_explore_internal.h`."""
 CHOICE = np.dtype([("stream", "u8"), ("count", "u4"), ("pick", "u4")], align=True)
 STEP = np.dtype(
     [

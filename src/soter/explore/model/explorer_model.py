@@ -138,7 +138,7 @@ class _ModelBuilder(UnitBuilder):
         parts = [self._actors(packing), timed, leaf, ageing, *self._masks(packing), guide, premises]
         return [
             c.Section("model of the explorer"),
-            c.Include("soter_explore_margin.h"),
+            c.Include("soter_explore_robustness.h"),
             c.Include("soter_explore_pack.h"),
             struct,
             *predicates,

@@ -1,14 +1,14 @@
 /* The core K: the greatest fixpoint, tile by tile.
  * Purpose: {c in C : some N <= longest: tube in C, image in K}; N is the witness.
- * Non-goals: tubes under all of U (soter_reach_safe.c).
+ * Non-goals: tubes under all of U (soter_reach_tubes.c).
  *
  * Rounds: every tile whose images touch a cell that fell in the last round is looked at again,
  * against K as of the last round. K only shrinks, so an N that failed once has failed for good and
  * a chain goes on from where it stood. A tile whose one-hold image as a whole lies in K needs no
  * more. A chain whose images have been more than a cell away from K `patience` times in a row is
  * given up: that makes K smaller, never wrong. */
-#include "soter_reach_in.h"
-#include "soter_reach_pool.h"
+#include "soter_reach_internal.h"
+#include "soter_reach_thread_pool.h"
 
 #include <string.h>
 

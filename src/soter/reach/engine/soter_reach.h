@@ -69,9 +69,9 @@ typedef struct {
   double extra_w[SOTER_REACH_AXES];
   double dust[SOTER_REACH_AXES]; /* rates this wide may be 0 but for rounding */
   double scheme;                 /* seconds that the simulator's stages look ahead */
-  /* Ends of the axes. 0: what lies beyond is unsafe; 1: no run passes (soter_reach_kept.c). Other
-   * values are free, for axes that wrap around or go on: soter_reach_cells is where boxes meet
-   * ends. */
+  /* Ends of the axes. 0: what lies beyond is unsafe; 1: no run passes
+   * (soter_reach_invariant_ends.c). Other values are free, for axes that wrap around or go on:
+   * soter_reach_cells is where boxes meet ends. */
   int32_t kept_low[SOTER_REACH_AXES], kept_high[SOTER_REACH_AXES];
   soter_reach_model model;
   soter_reach_step first, later;                        /* hold 0 (period - jitter), the others */

@@ -26,7 +26,7 @@
 #ifndef SOTER_REACH_BALL_H
 #define SOTER_REACH_BALL_H
 
-#include "soter_reach_in.h"
+#include "soter_reach_internal.h"
 
 #include <stddef.h>
 #include <string.h>

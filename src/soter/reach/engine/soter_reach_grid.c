@@ -1,5 +1,5 @@
 /* Grids: from boxes to cells, sets as bits, erosion. */
-#include "soter_reach_in.h"
+#include "soter_reach_internal.h"
 
 #include <string.h>
 

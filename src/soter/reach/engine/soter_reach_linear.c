@@ -1,7 +1,7 @@
 /* Linear enclosures of flows: A, B, c, W from forms, and the solution formula in intervals.
  * Purpose: soter_reach_linearize, and steps of x' in A x + B u + c + W.
  * Non-goals: sets; anything about nonlinear remainders beyond putting them into W. */
-#include "soter_reach_in.h"
+#include "soter_reach_internal.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,13 +1,13 @@
 """Ends of a grid that the plant itself keeps, and rates that are zero but for rounding.
 
-Purpose: what `soter_reach_kept.c` goes by. A level that is never below zero, a state between two
-stops: a grid may end exactly there, though images round outward.
+Purpose: what `soter_reach_invariant_ends.c` goes by. A level that is never below zero, a state
+between two stops: a grid may end exactly there, though images round outward.
 Non-goals: ends that only SC keeps; commands may be anything in U here.
 
 An end is kept when the flow points inwards, or along it, all over a strip beyond it, for all
 commands, disturbances and other states within their ranges. The strip is a part of the domain of
 the enclosures: what lies between the grid and what a run, followed back to where it was read, may
-have come from. The argument stands in `soter_reach_kept.c`.
+have come from. The argument stands in `soter_reach_invariant_ends.c`.
 """
 
 from __future__ import annotations

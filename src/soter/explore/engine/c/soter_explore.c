@@ -1,9 +1,9 @@
 /* soter_explore.c: the explorer's door.
  *
  * Purpose: choose the strategy, begin and end in order.
- * Non-goals: everything else (soter_explore_in.h says where it is).
+ * Non-goals: everything else (soter_explore_internal.h says where it is).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 /* By name: a strategy that was forgotten here ends the process, and none stands in for another. */
 static void search(soter_search* s) {

@@ -75,9 +75,9 @@ typedef struct {
 /* The premise of an always that is an implication; a fault is false. */
 typedef bool (*soter_premise)(const void* state);
 
-/* What guides a search towards a violation (soter_explore_margin.h): of a property (`what` 0) or a
- * timed one (3), how far its condition (of leadsto the premise as well) is from changing; `scale`
- * has a place for every comparison. */
+/* What guides a search towards a violation (soter_explore_robustness.h): of a property (`what` 0)
+ * or a timed one (3), how far its condition (of leadsto the premise as well) is from changing;
+ * `scale` has a place for every comparison. */
 typedef struct {
   uint32_t what, index;
   bool flat; /* no numbers are compared: it leads nowhere */

@@ -2,11 +2,11 @@
  *
  * Purpose: all worlds, layer by layer; the shortest violation comes first. Each thread owns the
  * worlds whose hash says so: it has a table and a frontier of its own, and hands the others what is
- * theirs at the end of a layer, so that no table is shared and nothing is locked. Where every way
- * to a world has as many moves, worlds of different layers differ: there is a table of the layer
- * that is expanded, which is the frontier, and one of the next.
- * Where something is violated, the same search is made again with a link from every world to the
- * one it came from, until that violation: memory is not spent on links unless they are needed.
+ * tsuccessors at the end of a layer, so that no table is shared and nothing is locked. Where every
+ * way to a world has as many moves, worlds of different layers differ: there is a table of the
+ * layer that is expanded, which is the frontier, and one of the next. Where something is violated,
+ * the same search is made again with a link from every world to the one it came from, until that
+ * violation: memory is not spent on links unless they are needed.
  */
 #define _POSIX_C_SOURCE 200809L
 #include "soter_explore_bfs.h"
@@ -15,9 +15,9 @@
 #define SOTER_AHEAD 32U  /* worlds that are expanded at once, */
 #define SOTER_TELL 4096U /* and between two looks at the bounds */
 #endif
-#define HEIRS 256U  /* heirs of worlds that are expanded at once, more or less */
-#define OWED 16U    /* this part of a worker's memory is for what it found for others */
-#define LOOK 32768U /* worlds taken in between two looks at the bounds */
+#define SUCCESSORS 256U /* successors of worlds that are expanded at once, more or less */
+#define OWED 16U        /* this part of a worker's memory is for what it found for others */
+#define LOOK 32768U     /* worlds taken in between two looks at the bounds */
 
 /* ------------------------------------------------------------------ room */
 
@@ -69,10 +69,10 @@ static const uint64_t* stands_for(worker* w, const uint64_t* packed, uint64_t* r
   return room;
 }
 
-/* Folds the heirs, and says what stands in the table for each. */
-static void name_heirs(worker* w) {
+/* Folds the successors, and says what stands in the table for each. */
+static void name_successors(worker* w) {
   const layered* const all = w->all;
-  const soter_heirs* const h = &w->expander.heirs;
+  const soter_successors* const h = &w->expander.successors;
   const bool folds = all->s->o->families > 0U;
   for (uint32_t k = 0; folds && k < h->count; k++) {
     uint64_t* const packed = h->packed + (size_t)k * all->words;
@@ -181,9 +181,9 @@ static void take_fine(worker* w, const uint64_t* packed, uint32_t count) {
   w->fresh += count;
 }
 
-/* Takes in all heirs at once, where they are a word each and nobody else's. */
+/* Takes in all successors at once, where they are a word each and nobody else's. */
 static void take_all_in(worker* w) {
-  const soter_heirs* const h = &w->expander.heirs;
+  const soter_successors* const h = &w->expander.successors;
   uint32_t count = h->count;
   const uint32_t news = soter_store_put_short(&w->store, h->packed, &count, w->key);
   w->full = w->full || count < h->count;
@@ -198,17 +198,17 @@ static void take_all_in(worker* w) {
   }
 }
 
-/* Gives every heir to its owner, of which this worker may be one. */
+/* Gives every successor to its owner, of which this worker may be one. */
 static void hand_on(worker* w) {
   layered* const all = w->all;
   const uint32_t words = all->words;
-  const soter_heirs* const h = &w->expander.heirs;
+  const soter_successors* const h = &w->expander.successors;
   if (all->threads == 1U && all->s->o->families == 0U && soter_store_is_short(&w->store)) {
     w->taken += h->count;
     take_all_in(w);
     return;
   }
-  name_heirs(w);
+  name_successors(w);
   w->taken += h->count;
   for (uint32_t k = 0; k < h->count && !w->full; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * words;
@@ -288,7 +288,7 @@ static void tell(worker* w) {
 /* Heirs of one world, or of a few, go to their owners; false: no more are wanted. */
 static bool take_away(void* to) {
   worker* const w = to;
-  if (more_keys(w, w->expander.heirs.count)) {
+  if (more_keys(w, w->expander.successors.count)) {
     hand_on(w);
     w->full = w->full || w->expander.no_memory;
   }
@@ -323,20 +323,20 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
 }
 
 /* Whether worlds of the frontier are expanded many at a time. */
-static bool in_crowds(const worker* w) {
+static bool in_batchs(const worker* w) {
   const bool fine = w->all->tables && w->expander.instant == NULL && w->all->s->o->families == 0U;
-  return fine && w->crowd > 0U && soter_store_is_short(&w->before);
+  return fine && w->batch > 0U && soter_store_is_short(&w->before);
 }
 
 /* Expands worlds of the frontier, from number `first`, at once. Returns how many; 0: these have to
  * be expanded one by one. */
-static uint32_t expand_crowd(worker* w, uint64_t first) {
+static uint32_t expand_batch(worker* w, uint64_t first) {
   const soter_explore_options* const o = w->all->s->o;
   const bool may_break = o->go_on || o->knowns > 0U;
   const uint64_t left = w->layer - first;
-  const uint32_t count = left < w->crowd ? (uint32_t)left : w->crowd;
+  const uint32_t count = left < w->batch ? (uint32_t)left : w->batch;
   const soter_cursor at = w->at;
-  uint64_t world[SOTER_CROWD];
+  uint64_t world[SOTER_BATCH];
   uint32_t kept = 0U;
   soter_broken broken;
   soter_store_next_short(&w->before, &w->at, count, world);
@@ -344,14 +344,14 @@ static uint32_t expand_crowd(worker* w, uint64_t first) {
     world[kept] = world[i];
     kept += !may_break || !soter_is_broken(&w->expander, &world[i], &broken);
   }
-  if (!soter_memo_expand_crowd(&w->expander, world, kept)) {
+  if (!soter_memo_expand_batch(&w->expander, world, kept)) {
     w->at = at;
-    w->crowd /= 2U; /* none: until the next layer */
+    w->batch /= 2U; /* none: until the next layer */
     return 0U;
   }
-  const bool few = w->expander.heirs.count * 2U < w->expander.crowd_heirs;
-  w->crowd *= few && w->crowd < SOTER_CROWD ? 2U : 1U;
-  SOTER_CHECK(w->crowd <= SOTER_CROWD);
+  const bool few = w->expander.successors.count * 2U < w->expander.batch_successors;
+  w->batch *= few && w->batch < SOTER_BATCH ? 2U : 1U;
+  SOTER_CHECK(w->batch <= SOTER_BATCH);
   if (w->expander.broke) {
     break_off(w, &w->expander.broken, w->moved + first);
   }
@@ -359,23 +359,24 @@ static uint32_t expand_crowd(worker* w, uint64_t first) {
 }
 
 /* Expands worlds of the frontier, from number `first`: as many as are looked for at once, so that
- * the machine can fetch the places of their heirs while others are computed. Returns how many. */
+ * the machine can fetch the places of their successors while others are computed. Returns how many.
+ */
 static uint64_t expand_some(worker* w, uint64_t first) {
   layered* const all = w->all;
   const uint32_t words = all->words;
   const uint64_t most = all->link ? 1U : SOTER_AHEAD;
-  soter_heirs* const h = &w->expander.heirs;
+  soter_successors* const h = &w->expander.successors;
   uint64_t i = first;
   uint64_t item[SOTER_WORDS + 2U];
   SOTER_CHECK(first < w->layer);
   soter_forget(&w->expander);
   w->first = first;
-  i += in_crowds(w) ? expand_crowd(w, first) : 0U;
+  i += in_batchs(w) ? expand_batch(w, first) : 0U;
   if (i > first) {
     (void)take_away(w);
     return i - first;
   }
-  for (; i < w->layer && i - first < most && h->count < HEIRS && !over(w); i++) {
+  for (; i < w->layer && i - first < most && h->count < SUCCESSORS && !over(w); i++) {
     next_of_frontier(w, i, item);
     if (item[words + 1U] == 0U) {
       continue;
@@ -396,7 +397,7 @@ static bool pauses(const layered* all) {
   return all->saves && all->s->progress->save_to != 0;
 }
 
-/* Expands some worlds; where an heir may be lost they count as not expanded. */
+/* Expands some worlds; where a successor may be lost they count as not expanded. */
 static void go_ahead(worker* w) {
   const soter_cursor at = w->at;
   const uint64_t count = expand_some(w, w->expanded);
@@ -602,7 +603,7 @@ static void turn_over(worker* w) {
     w->layer = w->here.count;
   }
   w->fresh = w->expanded = 0U;
-  w->crowd = w->crowd > 0U ? w->crowd : 1U;
+  w->batch = w->batch > 0U ? w->batch : 1U;
   w->here_ns = w->next_ns;
   w->next_ns = SOTER_NO_DEADLINE;
   if (soter_closed_turn(w)) {
@@ -747,7 +748,7 @@ static void close_all(layered* all) {
 static bool take_births(void* to) {
   worker* const first = to;
   layered* const all = first->all;
-  const soter_heirs* const h = &first->expander.heirs;
+  const soter_successors* const h = &first->expander.successors;
   bool fine = true;
   for (uint32_t k = 0; fine && k < h->count; k++) {
     uint64_t* const packed = h->packed + (size_t)k * all->words;

@@ -17,7 +17,7 @@ typedef struct {
   uint64_t digest, count;
 } soter_turn;
 
-/* Whether what comes was there before (soter_explore_closed.c). */
+/* Whether what comes was there before (soter_explore_fixpoint.c). */
 typedef struct {
   bool may;                  /* it is a search that it is looked for in, */
   bool on;                   /* and there is enough before the end */
@@ -52,16 +52,16 @@ typedef struct worker {
   soter_explore_coverage coverage;
   soter_row here, next, out[THREADS];
   uint64_t count, moved;
-  uint64_t owed;           /* heirs for others that they have not taken in */
+  uint64_t owed;           /* successors for others that they have not taken in */
   uint64_t first;          /* the world of the frontier that is expanded */
-  uint64_t taken;          /* heirs since the bounds were looked at */
+  uint64_t taken;          /* successors since the bounds were looked at */
   volatile uint64_t bytes; /* of all that is this worker's, */
   volatile uint64_t table; /* of which its table takes */
   volatile uint64_t rows;  /* and its frontier */
   int64_t here_ns;         /* the least time of a world of the layer that is expanded, */
   int64_t next_ns;         /* and of the next; */
   int64_t waiting_ns;      /* of those that are still to be expanded or taken in */
-  uint64_t* key;           /* of heirs that are about to be put */
+  uint64_t* key;           /* of successors that are about to be put */
   uint32_t keys;
   bool broke, full;
   bool torn; /* what its table has is lost for its frontier: this is nothing to go on from */
@@ -71,10 +71,10 @@ typedef struct worker {
   soter_store before; /* by tables: the layer that is expanded, */
   soter_cursor at;    /* as far as this, */
   uint64_t layer;     /* so many worlds, */
-  uint32_t crowd;     /* of which so many are expanded at once, 0: one by one; */
-  uint64_t expanded;  /* of which so many are, and lost no heir, */
+  uint32_t batch;     /* of which so many are expanded at once, 0: one by one; */
+  uint64_t expanded;  /* of which so many are, and lost no successor, */
   uint64_t made;      /* with so many transitions; */
-  bool rest;          /* others are to be, when what is theirs was taken in */
+  bool rest;          /* others are to be, when what is tsuccessors was taken in */
   uint64_t fresh;     /* and so many are in the next */
   uint64_t culprit;   /* links: the entry whose move breaks something */
   uint64_t last;      /* links: or the entry that is broken */

@@ -3,7 +3,7 @@
  * Purpose: whether nothing but ends of instants has to be stored, and how many steps so many
  * instants have. Non-goals: running them (soter_explore_instant.c).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 bool soter_by_instants(const soter_model* m, const soter_explore_options* o) {
   if ((o->reduce & SOTER_REDUCE_INSTANTS) == 0U || m->timely ||

@@ -4,7 +4,7 @@
  * new is kept; the next one repeats a kept one up to a random place, changes a decision there and
  * goes on by chance, as coverage-guided fuzzers do.
  */
-#include "soter_explore_walk.h"
+#include "soter_explore_sampled_walk.h"
 
 #define KEPT 256U
 #define LONGEST 65536U

@@ -6,7 +6,7 @@
  */
 #include "soter_explore_dfs.h"
 
-#define LOOK 32768U /* heirs between two looks at the bounds */
+#define LOOK 32768U /* successors between two looks at the bounds */
 
 static bool take_away(void* to);
 
@@ -139,10 +139,11 @@ static bool go_on(soter_stack* t) {
   return !now || look(t);
 }
 
-/* The heirs of a world lie on the stack then, the first one on top; false: no more are wanted. */
+/* The successors of a world lie on the stack then, the first one on top; false: no more are wanted.
+ */
 static bool take_away(void* to) {
   soter_stack* const t = to;
-  const soter_heirs* const h = &t->expander.heirs;
+  const soter_successors* const h = &t->expander.successors;
   t->taken += h->count;
   for (uint32_t k = h->count; k > 0U && !found(t) && !t->full; k--) {
     take_in(t, h->packed + (size_t)(k - 1U) * t->words, h->sleep[k - 1U]);
@@ -167,8 +168,8 @@ static void expand_top(soter_stack* t, uint64_t* top) {
   (void)take_away(t);
 }
 
-/* Whether heirs of the world just expanded may be missing: the search ends there, as no later one
- * may hide it. */
+/* Whether successors of the world just expanded may be missing: the search ends there, as no later
+ * one may hide it. */
 static bool is_cut(soter_stack* t) {
   if (t->status == SOTER_EXHAUSTED && (t->full || t->expander.no_memory)) {
     t->status = SOTER_MEMORY;

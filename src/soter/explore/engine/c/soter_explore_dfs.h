@@ -2,7 +2,7 @@
 #ifndef SOTER_EXPLORE_DFS_H
 #define SOTER_EXPLORE_DFS_H
 
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 typedef struct {
   soter_search* s;
@@ -11,7 +11,7 @@ typedef struct {
   soter_row row; /* which moves: none left for those on the way */
   uint32_t words;
   uint64_t states, turns;
-  uint64_t taken; /* heirs since the bounds were looked at */
+  uint64_t taken; /* successors since the bounds were looked at */
   uint32_t deepest;
   soter_calendar calendar; /* where only ends of instants are stored */
   bool full, broke, by_a_move;

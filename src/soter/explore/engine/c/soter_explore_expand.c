@@ -1,17 +1,18 @@
 /* soter_explore_expand.c: the worlds that come after a world.
  *
  * Purpose: all moves that the reduction asks for, made one by one on unpacked worlds.
- * Non-goals: remembering steps (soter_explore_memo.c), order of the search (strategies).
+ * Non-goals: remembering steps (soter_explore_transition_cache.c), order of the search
+ * (strategies).
  */
-#include "soter_explore_heirs.h"
+#include "soter_explore_successors.h"
 
 #define LONG 4096U /* answers of a step: a violation need not wait for the rest */
 
-/* One world may have very many heirs: the answers of a step, the values of an input. */
+/* One world may have very many successors: the answers of a step, the values of an input. */
 static void spill(soter_expander* e) {
-  if (e->heirs.count >= e->most && e->spill != NULL) {
+  if (e->successors.count >= e->most && e->spill != NULL) {
     e->enough = e->enough || !e->spill(e->to);
-    e->begin = e->heirs.count;
+    e->begin = e->successors.count;
   }
 }
 
@@ -33,9 +34,9 @@ static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) 
   }
   soter_cover(x, move->actor);
   const bool ends = e->instant != NULL && soter_is_observable(x);
-  uint64_t* const heir = soter_next_heir(e, ends ? SOTER_AT_END : sleep);
-  if (heir != NULL) {
-    x->m->pack(x->there, heir);
+  uint64_t* const successor = soter_next_successor(e, ends ? SOTER_AT_END : sleep);
+  if (successor != NULL) {
+    x->m->pack(x->there, successor);
   }
   spill(e);
 }
@@ -51,7 +52,7 @@ static void make_all(soter_expander* e, const soter_move* move, uint64_t sleep) 
 
 void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only) {
   soter_place* const x = &e->place;
-  e->begin = e->heirs.count;
+  e->begin = e->successors.count;
   SOTER_CHECK(e->words == x->m->words);
   e->broke = false;
   e->enough = false;
@@ -96,15 +97,15 @@ bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* br
 
 void soter_expand_birth(soter_expander* e) {
   soter_place* const x = &e->place;
-  e->heirs.count = 0U;
+  e->successors.count = 0U;
   e->broke = false;
   e->enough = false;
   x->given = 0U;
   do {
     soter_be_born(x);
-    uint64_t* const heir = soter_next_heir(e, 0U);
-    if (heir != NULL) {
-      x->m->pack(x->there, heir);
+    uint64_t* const successor = soter_next_successor(e, 0U);
+    if (successor != NULL) {
+      x->m->pack(x->there, successor);
     }
     spill(e);
   } while (wants_more(e) && soter_next_picks(x));

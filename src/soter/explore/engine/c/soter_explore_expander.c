@@ -3,11 +3,13 @@
  * Purpose: which reductions are sound, and what may be remembered.
  * Non-goals: expanding (soter_explore_expand.c, soter_explore_instant.c).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
-#define MOST_BYTES (UINT32_C(1) << 23) /* of heirs, before they are taken away, */
+#define MOST_BYTES (UINT32_C(1) << 23) /* of successors, before they are taken away, */
 #define FEWEST 64U                     /* but so many */
-#define LITTLE 4096U /* bytes of what may be remembered, for an heir of many worlds at once */
+#define LITTLE                                                                      \
+  4096U /* bytes of what may be remembered, for a successor of many worlds at once \
+         */
 
 /* The reductions that are sound for a model, of those asked for. */
 static uint32_t reductions(const soter_model* m, const soter_explore_options* o) {
@@ -58,7 +60,8 @@ bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore
   e->go_on = o->go_on;
   e->most = MOST_BYTES / (m->words > 0U ? m->words * (uint32_t)sizeof(uint64_t) : 1U);
   e->most = e->most < FEWEST ? FEWEST : e->most;
-  e->crowd_heirs = memory / LITTLE < SOTER_CROWD_HEIRS ? memory / LITTLE : SOTER_CROWD_HEIRS;
+  e->batch_successors =
+      memory / LITTLE < SOTER_BATCH_SUCCESSORS ? memory / LITTLE : SOTER_BATCH_SUCCESSORS;
   SOTER_CHECK(m->words <= SOTER_WORDS);
   if (!soter_place_open(&e->place, m, o, s->progress, coverage) || !open_instants(e, m, o)) {
     return false;
@@ -73,12 +76,13 @@ void soter_expander_close(soter_expander* e) {
   soter_instant_close(e->instant);
   soter_groups_close(e->groups);
   soter_place_close(&e->place);
-  soter_give(e->heirs.packed, (uint64_t)e->heirs.room * e->words * sizeof *e->heirs.packed);
-  free(e->heirs.sleep);
+  soter_give(e->successors.packed,
+             (uint64_t)e->successors.room * e->words * sizeof *e->successors.packed);
+  free(e->successors.sleep);
 }
 
 uint64_t soter_expander_bytes(const soter_expander* e) {
-  const uint64_t each = e->words * sizeof *e->heirs.packed + sizeof *e->heirs.sleep;
-  return e->heirs.room * each + (e->memo != NULL ? soter_memo_bytes(e->memo) : 0U) +
+  const uint64_t each = e->words * sizeof *e->successors.packed + sizeof *e->successors.sleep;
+  return e->successors.room * each + (e->memo != NULL ? soter_memo_bytes(e->memo) : 0U) +
          soter_instant_bytes(e->instant) + soter_groups_bytes(e->groups);
 }

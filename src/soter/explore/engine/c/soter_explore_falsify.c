@@ -2,13 +2,13 @@
  *
  * Purpose: a *plan* has a signal for everything that is decided (who is first, when an actor steps,
  * each stream of choices): constant over a few pieces of the time, as S-TaLiRo and Breach take
- * them. An execution is worth the least robustness (soter_explore_margin.h) of one property along
- * it. Plans are changed, at times before that least value, and crossed; one that is not worse takes
- * its parent's place. Each property has a pool of plans, and begins anew where nothing gets better;
- * the one that is nearest to a violation is followed most.
- * Non-goals: other alternatives than those of docs/testing.md; completeness.
+ * them. An execution is worth the least robustness (soter_explore_robustness.h) of one property
+ * along it. Plans are changed, at times before that least value, and crossed; one that is not worse
+ * takes its parent's place. Each property has a pool of plans, and begins anew where nothing gets
+ * better; the one that is nearest to a violation is followed most. Non-goals: other alternatives
+ * than those of docs/testing.md; completeness.
  */
-#include "soter_explore_walk.h"
+#include "soter_explore_sampled_walk.h"
 
 #define STREAMS 256U /* signals; what is decided beyond them shares them */
 #define PIECES 8U

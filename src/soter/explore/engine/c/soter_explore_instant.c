@@ -6,9 +6,9 @@
  * stores nothing else. What the scratch set has forgotten is run through again, so it may be
  * forgotten at any time; it is at the beginning of an instant, when it has become large.
  * Non-goals: windows that are no points: there the reduction is off (soter_explore_calendar.c); the
- * way back (soter_explore_way.c).
+ * way back (soter_explore_trace_steps.c).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 #define FIRST_SLOTS UINT64_C(1024)
 #define LARGE (UINT64_C(1) << 17) /* entries: then it is forgotten before the next instant, */
@@ -22,7 +22,7 @@ struct soter_instant {
   uint64_t large;  /* so many are forgotten before the next instant */
   uint64_t memory; /* most bytes that it may take */
   soter_row row;   /* what is still to be run through */
-  uint32_t first;  /* the first heir of the world that is run through */
+  uint32_t first;  /* the first successor of the world that is run through */
   bool broke;      /* what was found in the middle */
   soter_broken broken;
   bool (*spill)(void* to); /* takes ends away where they are very many */
@@ -156,11 +156,11 @@ static void let_wait(soter_expander* e, const uint64_t* packed, uint64_t sleep) 
   }
 }
 
-/* Sorts the heirs from number `first`: ends stay, what lies in the middle goes on to be run
+/* Sorts the successors from number `first`: ends stay, what lies in the middle goes on to be run
  * through. */
-static void sort_heirs(soter_expander* e, uint32_t first) {
+static void sort_successors(soter_expander* e, uint32_t first) {
   struct soter_instant* const t = e->instant;
-  soter_heirs* const h = &e->heirs;
+  soter_successors* const h = &e->successors;
   uint32_t kept = first;
   SOTER_CHECK(first <= h->count);
   for (uint32_t k = first; k < h->count && !e->no_memory; k++) {
@@ -182,16 +182,16 @@ static void sort_heirs(soter_expander* e, uint32_t first) {
   h->count = kept;
 }
 
-/* Where one step has very many heirs: the middle is sorted out, and the ends are taken away if they
- * are very many. False: no more are wanted. */
+/* Where one step has very many successors: the middle is sorted out, and the ends are taken away if
+ * they are very many. False: no more are wanted. */
 static bool sort_out(void* to) {
   soter_expander* const e = to;
   struct soter_instant* const t = e->instant;
-  sort_heirs(e, t->first);
+  sort_successors(e, t->first);
   e->no_memory = e->no_memory || soter_instant_bytes(t) > t->memory;
-  const bool many = !e->no_memory && e->heirs.count >= e->most && t->spill != NULL;
+  const bool many = !e->no_memory && e->successors.count >= e->most && t->spill != NULL;
   const bool more = !many || t->spill(t->to);
-  t->first = e->heirs.count;
+  t->first = e->successors.count;
   return more && !e->no_memory;
 }
 
@@ -203,7 +203,7 @@ static void run_row(soter_expander* e) {
   while (t->row.count > 0U && !e->no_memory && !enough && !soter_cuts(e)) {
     t->row.count--;
     soter_copy_words(item, soter_row_at(&t->row, t->row.count), t->width);
-    t->first = e->heirs.count;
+    t->first = e->successors.count;
     soter_expand(e, item, item[t->words], item[t->words + 1U]);
     if (e->broke) {
       break_off(t, &e->broken);

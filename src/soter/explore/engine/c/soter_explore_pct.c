@@ -5,7 +5,7 @@
  * that needs d orderings is met with probability at least 1 / (n k^(d-1)) by one execution. Choices
  * and times are made by chance.
  */
-#include "soter_explore_walk.h"
+#include "soter_explore_sampled_walk.h"
 
 #define MOST_CHANGES 64U
 

@@ -1,5 +1,5 @@
 /* soter_explore_random.c: every decision by chance. */
-#include "soter_explore_walk.h"
+#include "soter_explore_sampled_walk.h"
 
 static uint32_t decide(soter_walk* w, uint32_t kind, uint32_t count) {
   const uint32_t chosen = soter_walk_random(w, count);

@@ -1,6 +1,6 @@
 /* soter_explore_replay.c: the execution that a trace says, of the whole system or of a part of it.
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 /* ------------------------------------------------------------------ one step */
 

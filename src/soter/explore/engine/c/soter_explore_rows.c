@@ -1,15 +1,15 @@
-/* soter_explore_rows.c: rows of packed worlds, and the room of heirs.
+/* soter_explore_rows.c: rows of packed worlds, and the room of successors.
  *
  * Purpose: what grows while worlds are expanded.
- * Non-goals: memory itself (soter_explore_room.c), who waits in a row (strategies).
+ * Non-goals: memory itself (soter_explore_memory.c), who waits in a row (strategies).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
-#define FIRST_HEIRS 256U
+#define FIRST_SUCCESSORS 256U
 
-bool soter_more_heirs(soter_expander* e) {
-  soter_heirs* const h = &e->heirs;
-  const uint32_t room = h->room == 0U ? FIRST_HEIRS : h->room * 2U;
+bool soter_more_successors(soter_expander* e) {
+  soter_successors* const h = &e->successors;
+  const uint32_t room = h->room == 0U ? FIRST_SUCCESSORS : h->room * 2U;
   const uint64_t each = e->words * sizeof *h->packed;
   uint64_t* const packed = soter_regrow(h->packed, h->room * each, room * each);
   uint64_t* const sleep = packed != NULL ? realloc(h->sleep, room * sizeof *sleep) : NULL;

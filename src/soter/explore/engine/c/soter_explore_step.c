@@ -1,9 +1,9 @@
 /* soter_explore_step.c: the moves of a world (docs/testing.md, "Actors, steps, windows").
  *
  * Purpose: windows, order, times, faults; one move; what is observed after it.
- * Non-goals: which moves are made (strategies), which are left out (soter_explore_reduce.c).
+ * Non-goals: which moves are made (strategies), which are left out (soter_explore_ample_sets.c).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 #include "soter_explore_pack.h"
 
 /* ------------------------------------------------------------------ a place to work */

@@ -7,7 +7,7 @@
  * four fifths full and never has to exist twice; small ones are half full, so that ways are short.
  * Non-goals: deletion of one entry; sharing between threads (each has a table of its own).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 #define SEGMENTS 256U
 #define FEW_SEGMENTS 8U                 /* of wide entries: */

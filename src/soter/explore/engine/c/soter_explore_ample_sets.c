@@ -1,4 +1,4 @@
-/* soter_explore_reduce.c: which moves are enough (docs/testing.md, "Reduction").
+/* soter_explore_ample_sets.c: which moves are enough (docs/testing.md, "Reduction").
  *
  * Purpose: ample sets that are sound under skew: a set S of actors is enough in a world if
  * - an actor outside S whose pending move may come before the first move of S (low <= the least
@@ -8,7 +8,7 @@
  *   first does not move the clock, and S is invisible.
  * Every move counts a release, so there are no circles and nobody is postponed for ever.
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 uint64_t soter_enabled(const soter_place* x) {
   uint64_t enabled = 0U;

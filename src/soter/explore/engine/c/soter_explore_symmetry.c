@@ -1,11 +1,11 @@
-/* soter_explore_fold.c: one packed world for all that differ by the places of equal instances.
+/* soter_explore_symmetry.c: one packed world for all that differ by the places of equal instances.
  *
  * Purpose: the blocks of every family are put into order, which is a permutation that maps
  * executions to executions (docs/testing.md, "Equal instances"). Families come with those of small
  * blocks first, so what lies inside of a block is in order when the block is compared.
  * Non-goals: which instances are equal (explore/model/symmetric_blocks.py).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 #include "soter_explore_pack.h"
 
 #define BLOCKS SOTER_ACTORS /* each has an actor */

@@ -1,6 +1,6 @@
 /* What fixpoints share: tiles, cells, dependence between tiles. */
-#include "soter_reach_in.h"
-#include "soter_reach_pool.h"
+#include "soter_reach_internal.h"
+#include "soter_reach_thread_pool.h"
 
 #include <string.h>
 

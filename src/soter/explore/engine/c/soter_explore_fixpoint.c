@@ -1,4 +1,4 @@
-/* soter_explore_closed.c: whether what is still to come was there before (docs/testing.md, "For
+/* soter_explore_fixpoint.c: whether what is still to come was there before (docs/testing.md, "For
  * ever").
  *
  * Purpose: where only ends of instants are stored, every so often the calendar begins anew: after
@@ -95,7 +95,7 @@ static void look_back(layered* all) {
   c->turn[c->turns++] = now;
 }
 
-/* All workers have compared theirs. */
+/* All workers have compared tsuccessors. */
 static void agree(layered* all) {
   soter_closing* const c = &all->closing;
   bool same = true;

@@ -1,11 +1,11 @@
-/* soter_explore_map.h: lists that grow, and maps from masked packed words to a number.
+/* soter_explore_hash_map.h: lists that grow, and maps from masked packed words to a number.
  *
- * Purpose: what soter_explore_memo.c looks steps up with. Non-goals: deletion.
+ * Purpose: what soter_explore_transition_cache.c looks steps up with. Non-goals: deletion.
  */
 #ifndef SOTER_EXPLORE_MAP_H
 #define SOTER_EXPLORE_MAP_H
 
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 /* What is done for every world is compiled for few words apart. */
 #if defined(__GNUC__)

@@ -1,4 +1,4 @@
-/* soter_explore_room.h: memory for what grows (not for drivers).
+/* soter_explore_memory.h: memory for what grows (not for drivers).
  *
  * Purpose: pieces that go back to the machine at once. Non-goals: what is in them.
  */

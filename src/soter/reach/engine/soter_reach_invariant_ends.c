@@ -17,7 +17,7 @@
  * standing counts, and the box is grown by what the stages of the simulator's scheme may leave it:
  * its steps add multiples of rates in that box. Of others the scheme is assumed (g->scheme is 0).
  */
-#include "soter_reach_in.h"
+#include "soter_reach_internal.h"
 
 /* Cuts an enclosure of a run that began in the grid. */
 void soter_reach_keep(const soter_reach_group* g, double* lo, double* hi) {

@@ -4,7 +4,7 @@
 
 #include "soter_check.h"
 #include "soter_reach.h"
-#include "soter_reach_pool.h"
+#include "soter_reach_thread_pool.h"
 
 #include <float.h>
 #include <math.h>
@@ -58,7 +58,8 @@ static inline void soter_set(soter_form* f, int i, double lo, double hi) {
   soter_range(f, i, lo, hi);
 }
 
-/* Cuts an enclosure of a run that began in the grid, along one axis: see soter_reach_kept.c. */
+/* Cuts an enclosure of a run that began in the grid, along one axis: see
+ * soter_reach_invariant_ends.c. */
 static inline void soter_reach_keep_axis(const soter_reach_group* g, int axis, double* lo,
                                          double* hi) {
   const double low = g->edges[axis][0], high = g->edges[axis][g->cells[axis]];

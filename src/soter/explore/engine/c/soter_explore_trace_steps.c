@@ -1,9 +1,9 @@
-/* soter_explore_way.c: the steps between two ends of instants.
+/* soter_explore_trace_steps.c: the steps between two ends of instants.
  *
  * Purpose: the way back, for traces: the middle of an instant is expanded once more, each world
  * with the number of the one before. Non-goals: which ends follow each other (strategies).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 typedef struct {
   soter_expander e;
@@ -29,14 +29,14 @@ static void keep_one(middle* q, const uint64_t* packed) {
   q->e.no_memory = q->e.no_memory || !fine;
 }
 
-/* Looks among the heirs for the end that is wanted; what lies in the middle waits. */
-static bool look_at_heirs(void* to) {
+/* Looks among the successors for the end that is wanted; what lies in the middle waits. */
+static bool look_at_successors(void* to) {
   middle* const q = to;
   soter_expander* const e = &q->e;
   const uint32_t words = e->words;
-  for (uint32_t k = 0; k < e->heirs.count && !e->no_memory && !q->arrived; k++) {
-    const uint64_t* const packed = e->heirs.packed + (size_t)k * words;
-    if (e->heirs.sleep[k] != SOTER_AT_END) {
+  for (uint32_t k = 0; k < e->successors.count && !e->no_memory && !q->arrived; k++) {
+    const uint64_t* const packed = e->successors.packed + (size_t)k * words;
+    if (e->successors.sleep[k] != SOTER_AT_END) {
       keep_one(q, packed);
     } else {
       q->arrived = q->to != NULL && memcmp(packed, q->to, words * sizeof *packed) == 0;
@@ -86,7 +86,7 @@ static bool find_middle(middle* q, soter_search* s, const uint64_t* from, uint32
     soter_copy_words(item, soter_row_at(&q->row, q->at), q->e.words);
     soter_forget(&q->e);
     soter_expand(&q->e, item, 0U, UINT64_MAX);
-    (void)look_at_heirs(q);
+    (void)look_at_successors(q);
     if (arrives(q)) {
       return write_middle(q, s, q->at, written);
     }
@@ -109,7 +109,7 @@ static bool find_way(soter_search* s, uint32_t reduce, const uint64_t* from, con
   q.to = to;
   q.broken = broken;
   bool fine = soter_expander_open(&q.e, &own, NULL, s->o->memory / 4U);
-  q.e.spill = look_at_heirs;
+  q.e.spill = look_at_successors;
   q.e.to = &q;
   fine = fine && find_middle(&q, s, from, written);
   soter_expander_close(&q.e);

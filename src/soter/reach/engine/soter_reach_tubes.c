@@ -1,8 +1,8 @@
 /* Tubes under all of U, and predicates over cells.
  * Purpose: R(t), S_j (through soter_reach_shrink), three-valued truth of every cell.
  * Non-goals: the law (soter_reach.c). */
-#include "soter_reach_in.h"
-#include "soter_reach_pool.h"
+#include "soter_reach_internal.h"
+#include "soter_reach_thread_pool.h"
 
 #include <string.h>
 

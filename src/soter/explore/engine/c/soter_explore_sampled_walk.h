@@ -1,9 +1,9 @@
-/* soter_explore_walk.h: one execution after the other, by somebody's choices (random, PCT,
+/* soter_explore_sampled_walk.h: one execution after the other, by somebody's choices (random, PCT,
  * coverage, falsify). */
 #ifndef SOTER_EXPLORE_WALK_H
 #define SOTER_EXPLORE_WALK_H
 
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 /* A walk: decisions are numbers below a limit, asked of `decide`. */
 typedef struct soter_walk {

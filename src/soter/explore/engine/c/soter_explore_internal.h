@@ -1,16 +1,16 @@
-/* soter_explore_in.h: what the files of the explorer share (not for drivers).
+/* soter_explore_internal.h: what the files of the explorer share (not for drivers).
  *
  * soter_explore_step.c  which moves a world has, what a move does, what is violated then
- * soter_explore_reduce.c sleep sets and ample sets
- * soter_explore_store.c the table of packed worlds; soter_explore_room.c its memory
+ * soter_explore_ample_sets.c sleep sets and ample sets
+ * soter_explore_store.c the table of packed worlds; soter_explore_memory.c its memory
  * soter_explore_expand.c the worlds that come after a world; _memo what is remembered of that
  * soter_explore_expander.c what does so, opened and closed; soter_explore_rows.c rows of worlds
  * soter_explore_instant.c only ends of instants; _calendar whether that is all; _way the steps
  *                       between two of them
- * soter_explore_groups.c and what groups of actors do in one, remembered
- * soter_explore_fold.c  one world for all that differ by the places of equal instances
- * soter_explore_joined.c properties of parts that share nothing else
- * soter_explore_saved.c breadth-first search on a disk, and back
+ * soter_explore_independent_groups.c and what groups of actors do in one, remembered
+ * soter_explore_symmetry.c  one world for all that differ by the places of equal instances
+ * soter_explore_composed.c properties of parts that share nothing else
+ * soter_explore_checkpoint.c breadth-first search on a disk, and back
  * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _falsify, _replay;
  * _least minimises, _guided runs what shrinking tries
  */
@@ -22,7 +22,7 @@
 
 #include "soter_check.h"
 #include "soter_explore.h"
-#include "soter_explore_room.h"
+#include "soter_explore_memory.h"
 
 #define SOTER_NO_DEADLINE INT64_MAX
 #define SOTER_NOTHING UINT32_MAX
@@ -349,50 +349,51 @@ typedef struct {
   uint64_t* packed;
   uint64_t* sleep;
   uint32_t count, room;
-} soter_heirs;
+} soter_successors;
 
 struct soter_memo;
 struct soter_instant;
 struct soter_groups;
 
-/* In place of what sleeps in an heir, where only ends of instants are stored: it is one. Whoever
- * has just moved never sleeps. */
+/* In place of what sleeps in a successor, where only ends of instants are stored: it is one.
+ * Whoever has just moved never sleeps. */
 #define SOTER_AT_END UINT64_MAX
 
 /* Expands packed worlds. Where no step lasts, one is run once for every value of the packed bits
- * that it may read, and remembered (soter_explore_memo.c); otherwise worlds are unpacked. */
+ * that it may read, and remembered (soter_explore_transition_cache.c); otherwise worlds are
+ * unpacked. */
 typedef struct {
   soter_place place;
-  soter_heirs heirs;
+  soter_successors successors;
   uint32_t reduce;
   uint32_t words;
   struct soter_memo* memo;       /* NULL: nothing is remembered */
   struct soter_instant* instant; /* NULL: all worlds are given to the search */
   struct soter_groups* groups;   /* NULL: not by groups */
   uint64_t transitions;
-  uint32_t begin; /* the first heir of the world last expanded */
+  uint32_t begin; /* the first successor of the world last expanded */
   bool broke;     /* a move of the world last expanded violates `broken`: no world comes after it */
   soter_broken broken;
   uint64_t memory; /* bytes that what is remembered may take */
   bool no_memory;
   bool go_on; /* also behind a violation */
-  /* Takes the heirs away where one world has very many (and forgets them); false: no more are
+  /* Takes the successors away where one world has very many (and forgets them); false: no more are
    * wanted. */
   bool (*spill)(void* to);
   void* to;
-  uint32_t most;        /* heirs, before that */
-  uint64_t crowd_heirs; /* of many worlds that are expanded at once, at most */
-  bool enough;          /* no more heirs of this world */
+  uint32_t most;             /* successors, before that */
+  uint64_t batch_successors; /* of many worlds that are expanded at once, at most */
+  bool enough;               /* no more successors of this world */
 } soter_expander;
 
 void soter_expander_close(soter_expander* e);
 
 /* All moves of a world that the reduction asks for: `only` says which actors (a mask), `sleep`
- * which of them sleep. The heirs of the last call are overwritten. */
+ * which of them sleep. The successors of the last call are overwritten. */
 void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
 
-/* The same, or, where only ends of instants are stored, the ends that come next: no heir sleeps.
- * What breaks something in the middle is `broken`. */
+/* The same, or, where only ends of instants are stored, the ends that come next: no successor
+ * sleeps. What breaks something in the middle is `broken`. */
 void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
 
 /* Puts the equal instances of a packed world into order: the world that is stored for it. */
@@ -434,40 +435,40 @@ SOTER_INLINE bool soter_keeps_sleep(const soter_expander* e) {
   return (e->reduce & SOTER_REDUCE_SLEEP) != 0U && e->instant == NULL;
 }
 
-/* Whether the search is to end: then heirs are missing. */
+/* Whether the search is to end: then successors are missing. */
 SOTER_INLINE bool soter_cuts(soter_expander* e) {
   e->place.cut = e->place.cut || soter_is_stopped(&e->place);
   return e->place.cut;
 }
 
 SOTER_INLINE void soter_forget(soter_expander* e) {
-  e->heirs.count = 0U;
+  e->successors.count = 0U;
 }
 
 /* Whether a packed world violates a property. */
 bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
 
-/* The worlds at the start, as heirs. */
+/* The worlds at the start, as successors. */
 void soter_expand_birth(soter_expander* e);
 
-/* Makes room for more heirs; false: there is no memory. */
-bool soter_more_heirs(soter_expander* e);
+/* Makes room for more successors; false: there is no memory. */
+bool soter_more_successors(soter_expander* e);
 
-#ifndef SOTER_CROWD      /* tests stop anywhere */
-#define SOTER_CROWD 512U /* worlds that are expanded at once, at most; */
+#ifndef SOTER_BATCH      /* tests stop anywhere */
+#define SOTER_BATCH 512U /* worlds that are expanded at once, at most; */
 #endif
-#define SOTER_CROWD_HEIRS 4096U /* with so many heirs */
+#define SOTER_BATCH_SUCCESSORS 4096U /* with so many successors */
 
 /* At most `memory` bytes, more or less. */
 struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);
 void soter_memo_close(struct soter_memo* memo);
 uint64_t soter_memo_bytes(const struct soter_memo* memo);
-/* Bytes of the heirs, and of what is remembered. */
+/* Bytes of the successors, and of what is remembered. */
 uint64_t soter_expander_bytes(const soter_expander* e);
 bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
-/* The same for a crowd of worlds of a word, all moves, where nothing sleeps and all worlds are
+/* The same for a batch of worlds of a word, all moves, where nothing sleeps and all worlds are
  * given to the search; false: they have to be expanded one by one, and nothing was done. */
-bool soter_memo_expand_crowd(soter_expander* e, const uint64_t* packed, uint32_t count);
+bool soter_memo_expand_batch(soter_expander* e, const uint64_t* packed, uint32_t count);
 /* How many worlds of a word, from the first one on, are known to violate nothing. */
 uint32_t soter_memo_fine(const soter_expander* e, const uint64_t* packed, uint32_t count);
 bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);

@@ -1,4 +1,4 @@
-/* soter_explore_margin.h: what generated margins are written with.
+/* soter_explore_robustness.h: what generated margins are written with.
  *
  * A margin is positive where a condition holds, negative where it does not, never 0; the smaller,
  * the nearer the values are to changing that. `scale` is the widest distance seen so far at one

@@ -1,4 +1,4 @@
-/* soter_explore_saved.c: breadth-first search on a disk.
+/* soter_explore_checkpoint.c: breadth-first search on a disk.
  *
  * Purpose: all that a search needs to go on (frontiers, what was handed on but not taken in,
  * tables, coverage, counts), written while nobody works, in pieces; and back, on any number of

@@ -1,8 +1,8 @@
 /* K for any of a finite set of commands, one hold each.
  * Purpose: which commands keep which cell, down to the greatest fixpoint.
  * Non-goals: which command an estimate gets (reach/grid/policies.py), chains of holds. */
-#include "soter_reach_in.h"
-#include "soter_reach_pool.h"
+#include "soter_reach_internal.h"
+#include "soter_reach_thread_pool.h"
 
 #include <string.h>
 

@@ -1,11 +1,11 @@
-/* soter_explore_room.c: memory for what grows.
+/* soter_explore_memory.c: memory for what grows.
  *
  * Purpose: what has been outgrown goes back to the machine at once. In the heap it would leave
  * holes that nothing larger fits into, and the process would take far more than `memory` says.
  * Large pieces are pages of their own, therefore; small ones come from the heap.
  */
 #define _GNU_SOURCE /* mremap */
-#include "soter_explore_room.h"
+#include "soter_explore_memory.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /* Two threads share the tasks of a round. */
 #define _POSIX_C_SOURCE 200809L
 
-#include "soter_reach_pool.h"
+#include "soter_reach_thread_pool.h"
 #include "soter_check.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* soter_explore_joined.c: properties that read several parts of a system which share nothing else
+/* soter_explore_composed.c: properties that read several parts of a system which share nothing else
  * (docs/testing.md, "Joined parts").
  *
  * Purpose: where all windows are points, what is reached at the end of an instant is every
@@ -6,7 +6,7 @@
  * judged on all combinations of what it can see of each, which a search of each part alone noted.
  * Non-goals: executions (explore/engine/composed.py puts those of the parts together).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 #define LOOK 4095U               /* combinations between two looks at whether it is to stop */
 #define SIDES 8U                 /* at most */

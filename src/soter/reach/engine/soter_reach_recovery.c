@@ -1,8 +1,8 @@
 /* From K to Q under the law: ranks, numbers of holds, longest time.
  * Purpose: W_(k+1) = W_k and {c in K: for some N the tube lies in C, the image in W_k}.
  * Non-goals: what Q is. */
-#include "soter_reach_in.h"
-#include "soter_reach_pool.h"
+#include "soter_reach_internal.h"
+#include "soter_reach_thread_pool.h"
 
 #include <string.h>
 

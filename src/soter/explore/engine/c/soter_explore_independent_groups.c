@@ -1,4 +1,4 @@
-/* soter_explore_groups.c: what a group of actors does in an instant, remembered.
+/* soter_explore_independent_groups.c: what a group of actors does in an instant, remembered.
  *
  * Purpose: the actors that are due at an instant fall into groups that share nothing in it. What a
  * group may have written when the instant is over depends on the packed bits that its steps may
@@ -6,7 +6,7 @@
  * instant are all combinations of what the groups may write. Off unless SOTER_REDUCE_GROUPS is set.
  * Non-goals: models where steps are not remembered; lost releases.
  */
-#include "soter_explore_heirs.h"
+#include "soter_explore_successors.h"
 
 #define FIRST_SLOTS UINT64_C(64)
 #define FEW 1024U /* runs of a group, before it is asked whether they come back */
@@ -323,10 +323,10 @@ static const instant* instant_of(soter_expander* e, const uint64_t* packed) {
 
 /* ------------------------------------------------------------------ what a group does */
 
-/* New heirs, from number `first`, go to `next`. */
-static void take_heirs(soter_expander* e, uint32_t first) {
+/* New successors, from number `first`, go to `next`. */
+static void take_successors(soter_expander* e, uint32_t first) {
   struct soter_groups* const q = e->groups;
-  soter_heirs* const h = &e->heirs;
+  soter_successors* const h = &e->successors;
   SOTER_CHECK(first <= h->count);
   for (uint32_t k = first; k < h->count && !e->no_memory; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * q->words;
@@ -336,16 +336,16 @@ static void take_heirs(soter_expander* e, uint32_t first) {
   h->count = first;
 }
 
-/* Steps that have so many heirs are not remembered. */
+/* Steps that have so many successors are not remembered. */
 static bool no_more(void* to) {
   (void)to;
   return false;
 }
 
-/* One step further: the heirs of all worlds in `here` by this group go to `next`. */
+/* One step further: the successors of all worlds in `here` by this group go to `next`. */
 static bool run_step(soter_expander* e, uint64_t actors, outcome* found) {
   struct soter_groups* const q = e->groups;
-  const uint32_t first = e->heirs.count;
+  const uint32_t first = e->successors.count;
   table_clear(&q->scratch, q->words);
   q->next.count = 0U;
   for (uint64_t i = 0; i < q->here.count && !e->no_memory; i++) {
@@ -354,14 +354,14 @@ static bool run_step(soter_expander* e, uint64_t actors, outcome* found) {
     }
     soter_expand(e, soter_row_at(&q->here, i), 0U, actors);
     if (e->memo == NULL) {
-      e->heirs.count = first;
+      e->successors.count = first;
       return false;
     }
     if (e->broke && !found->broke) {
       found->broke = true;
       found->broken = e->broken;
     }
-    take_heirs(e, first);
+    take_successors(e, first);
     e->no_memory = e->no_memory || soter_groups_bytes(q) > q->memory;
   }
   return !e->no_memory;
@@ -443,22 +443,22 @@ static bool run_group(soter_expander* e, uint32_t number, const uint64_t* packed
 
 /* ------------------------------------------------------------------ the ends that come next */
 
-/* Where one combination goes, as an heir; false: no more are wanted. */
+/* Where one combination goes, as a successor; false: no more are wanted. */
 static bool add_end(soter_expander* e, const uint64_t* packed, const instant* n,
                     const outcome* const* done, const uint32_t* at) {
   const struct soter_groups* const q = e->groups;
   const uint32_t words = q->words;
-  uint64_t* const heir = soter_next_heir(e, 0U);
-  for (uint32_t k = 0; heir != NULL && k < words; k++) {
-    heir[k] = (packed[k] & ~n->clear[k]) | n->after[k];
+  uint64_t* const successor = soter_next_successor(e, 0U);
+  for (uint32_t k = 0; successor != NULL && k < words; k++) {
+    successor[k] = (packed[k] & ~n->clear[k]) | n->after[k];
     for (uint32_t i = 0; i < n->groups; i++) {
-      heir[k] |= q->value[(done[i]->first + at[i]) * words + k];
+      successor[k] |= q->value[(done[i]->first + at[i]) * words + k];
     }
   }
   e->transitions++;
   SOTER_CHECK(n->groups <= SOTER_ACTORS);
-  const bool many = e->heirs.count >= e->most && e->spill != NULL;
-  return heir != NULL && (!many || e->spill(e->to));
+  const bool many = e->successors.count >= e->most && e->spill != NULL;
+  return successor != NULL && (!many || e->spill(e->to));
 }
 
 /* All combinations of what the groups may write. */

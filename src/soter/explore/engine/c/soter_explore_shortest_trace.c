@@ -1,4 +1,4 @@
-/* soter_explore_least.c: the least trace to a violation.
+/* soter_explore_shortest_trace.c: the least trace to a violation.
  *
  * Purpose: fewest steps, then fewest changes of actor, then fewest choices that are not the default
  * one, by an exhaustive search without reduction. Layer by layer over pairs (world, who moved
@@ -6,7 +6,7 @@
  * least cost of every pair matters.
  * Non-goals: speed; it goes no deeper than the first violation.
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 #define NONE UINT32_MAX
 

@@ -1,4 +1,5 @@
-/* soter_explore_guided.c: an execution that follows wishes as far as they can be followed.
+/* soter_explore_guided_execution.c: an execution that follows wishes as far as they can be
+ * followed.
  *
  * Purpose: what shrinking tries: a trace that was changed (steps left out, choices and times put
  * back, another order) is made an execution again. Whatever has to come before a wished step comes
@@ -6,7 +7,7 @@
  * wished is as the test has it by default, in the deployed order.
  * Non-goals: deciding what is smaller (shrink.py).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_internal.h"
 
 typedef struct {
   soter_place x;

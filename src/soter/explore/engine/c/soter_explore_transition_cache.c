@@ -1,4 +1,4 @@
-/* soter_explore_memo.c: steps that are run once for every value of what they read.
+/* soter_explore_transition_cache.c: steps that are run once for every value of what they read.
  *
  * Purpose: where no step lasts, a move is time that passes, and a step then. Time makes some packed
  * fields older, whoever moves. The step depends on the packed bits of its actor's `reads`, with the
@@ -10,9 +10,9 @@
  * this: where it differs, nothing is remembered any more.
  * Non-goals: steps that last (overruns).
  */
-#include "soter_explore_heirs.h"
-#include "soter_explore_map.h"
+#include "soter_explore_hash_map.h"
 #include "soter_explore_pack.h"
+#include "soter_explore_successors.h"
 
 #define MANY 1024U      /* outcomes of a step that are compared with each other, */
 #define TOO_MANY 65536U /* and that are remembered */
@@ -492,7 +492,7 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
 static bool give_up(soter_expander* e) {
   soter_memo_close(e->memo);
   e->memo = NULL;
-  e->heirs.count = e->begin;
+  e->successors.count = e->begin;
   e->broke = false;
   return false;
 }
@@ -553,12 +553,12 @@ SPECIAL uint64_t effect_of(soter_expander* e, const uint64_t* packed, const uint
 }
 
 /* What properties owe in a world that is looked at, after a move led to it. */
-static bool compute_debts(soter_expander* e, const uint64_t* heir) {
+static bool compute_debts(soter_expander* e, const uint64_t* successor) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
   uint64_t after[SOTER_WORDS];
-  m->unpack(heir, x->there);
+  m->unpack(successor, x->there);
   soter_keep_obligations(x);
   m->pack(x->there, after);
   uint64_t* const debts = push(&memo->debts, 1U);
@@ -566,34 +566,34 @@ static bool compute_debts(soter_expander* e, const uint64_t* heir) {
     return false;
   }
   for (uint32_t k = 0; k < m->words; k++) {
-    if (((after[k] ^ heir[k]) & ~m->dues[k]) != 0U) {
+    if (((after[k] ^ successor[k]) & ~m->dues[k]) != 0U) {
       return false;
     }
     debts[k] = after[k] & m->dues[k];
   }
-  return map_put(memo, &memo->owing, heir, memo->promised, memo->debts.count);
+  return map_put(memo, &memo->owing, successor, memo->promised, memo->debts.count);
 }
 
-SPECIAL bool keep_promises(soter_expander* e, uint64_t* heir, const uint32_t words) {
+SPECIAL bool keep_promises(soter_expander* e, uint64_t* successor, const uint32_t words) {
   struct soter_memo* const memo = e->memo;
   const uint64_t* const dues = e->place.m->dues;
-  const uint64_t* slot = slot_of(&memo->owing, heir, memo->promised, words);
+  const uint64_t* slot = slot_of(&memo->owing, successor, memo->promised, words);
   if (slot[words] == 0U) {
-    if (!compute_debts(e, heir)) {
+    if (!compute_debts(e, successor)) {
       return false;
     }
-    slot = slot_of(&memo->owing, heir, memo->promised, words);
+    slot = slot_of(&memo->owing, successor, memo->promised, words);
   }
   const uint64_t* const debts =
       (const uint64_t*)memo->debts.item + (size_t)(slot[words] - 1U) * words;
   for (uint32_t k = 0; k < words; k++) {
-    heir[k] = (heir[k] & ~dues[k]) | debts[k];
+    successor[k] = (successor[k] & ~dues[k]) | debts[k];
   }
   return true;
 }
 
-/* The heirs by a step: schedule's bits, and what was written. False: there is no memory, or no room
- * for so many at once. */
+/* The successors by a step: schedule's bits, and what was written. False: there is no memory, or no
+ * room for so many at once. */
 SPECIAL bool add_outcomes(soter_expander* e, const uint64_t* then, const plan* p,
                           const uint64_t* bits, const effect* done, uint64_t asleep,
                           const uint32_t words) {
@@ -606,18 +606,18 @@ SPECIAL bool add_outcomes(soter_expander* e, const uint64_t* then, const plan* p
     e->broke = true;
     e->transitions++;
   }
-  if ((uint64_t)(e->heirs.count + done->count) * words * sizeof *value > e->memory) {
+  if ((uint64_t)(e->successors.count + done->count) * words * sizeof *value > e->memory) {
     return false;
   }
   for (uint32_t o = 0; o < done->count; o++) {
-    uint64_t* const heir = soter_next_heir(e, asleep);
-    if (heir == NULL) {
+    uint64_t* const successor = soter_next_successor(e, asleep);
+    if (successor == NULL) {
       return false;
     }
     for (uint32_t k = 0; k < words; k++) {
-      heir[k] = (then[k] & ~clear[k]) | bits[k] | value[k];
+      successor[k] = (then[k] & ~clear[k]) | bits[k] | value[k];
     }
-    if (owes && !keep_promises(e, heir, words)) {
+    if (owes && !keep_promises(e, successor, words)) {
       return false;
     }
     value += words;
@@ -626,20 +626,21 @@ SPECIAL bool add_outcomes(soter_expander* e, const uint64_t* then, const plan* p
   return true;
 }
 
-/* The heir by a release that is lost: only the schedule's bits change, and what time changes. */
+/* The successor by a release that is lost: only the schedule's bits change, and what time changes.
+ */
 SPECIAL bool add_lost(soter_expander* e, const uint64_t* then, const plan* p, const uint64_t* bits,
                       uint64_t asleep, const uint32_t words) {
-  uint64_t* const heir = soter_next_heir(e, asleep);
+  uint64_t* const successor = soter_next_successor(e, asleep);
   e->transitions++;
-  if (heir == NULL) {
+  if (successor == NULL) {
     return false;
   }
-  (void)begun(e->place.m, then, bits, heir, words);
-  return !p->seen || !e->memo->promises || keep_promises(e, heir, words);
+  (void)begun(e->place.m, then, bits, successor, words);
+  return !p->seen || !e->memo->promises || keep_promises(e, successor, words);
 }
 
-/* The heirs by one plan. `last` is what the step of `of`, the plan before, did: where no time is
- * read, it does the same whenever it happens. */
+/* The successors by one plan. `last` is what the step of `of`, the plan before, did: where no time
+ * is read, it does the same whenever it happens. */
 SPECIAL bool follow(soter_expander* e, const uint64_t* packed, const plan* p, const uint64_t* bits,
                     uint64_t asleep, const plan* of, uint64_t* last, const uint32_t words,
                     bool* unpacked) {
@@ -714,15 +715,15 @@ bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep
 /* Worlds of a word that have one calendar make the same moves: one move after the other is followed
  * from all of them. The machine foresees that; which calendar comes next it does not. */
 typedef struct {
-  uint64_t world[SOTER_CROWD];
-  uint64_t then[SOTER_CROWD]; /* when the move begins, but for the schedule */
-  uint64_t did[SOTER_CROWD];  /* what the step does, folded, */
-  uint64_t heirs;             /* and how many come of it */
+  uint64_t world[SOTER_BATCH];
+  uint64_t then[SOTER_BATCH]; /* when the move begins, but for the schedule */
+  uint64_t did[SOTER_BATCH];  /* what the step does, folded, */
+  uint64_t successors;        /* and how many come of it */
   uint32_t count;
-} crowd;
+} batch;
 
 /* All of them, so many ticks later. */
-static void make_crowd_older(const soter_model* m, crowd* q, uint64_t ticks) {
+static void make_batch_older(const soter_model* m, batch* q, uint64_t ticks) {
   (void)memcpy(q->then, q->world, q->count * sizeof q->then[0]);
   for (uint32_t k = 0; ticks > 0U && k < m->ageings; k++) {
     const soter_ageing g = m->ageing[k];
@@ -738,7 +739,7 @@ static void make_crowd_older(const soter_model* m, crowd* q, uint64_t ticks) {
 }
 
 /* What the step of a plan does to each; false: it cannot be kept. */
-static bool find_effects(soter_expander* e, crowd* q, const plan* p, const uint64_t* bits) {
+static bool find_effects(soter_expander* e, batch* q, const plan* p, const uint64_t* bits) {
   struct soter_memo* const memo = e->memo;
   const soter_model* const m = e->place.m;
   const bool clocked = memo->clocked[p->actor];
@@ -746,7 +747,7 @@ static bool find_effects(soter_expander* e, crowd* q, const plan* p, const uint6
   const uint64_t added = clocked ? *bits : 0U;
   const uint64_t* const reads = m->actor[p->actor].reads;
   const map* const steps = &memo->steps[2U * p->actor + (p->first ? 1U : 0U)];
-  q->heirs = 0U;
+  q->successors = 0U;
   for (uint32_t i = 0; i < q->count; i++) {
     const uint64_t asked = (q->then[i] & kept) | added;
     uint64_t did = slot_of(steps, &asked, reads, 1U)[1];
@@ -758,7 +759,7 @@ static bool find_effects(soter_expander* e, crowd* q, const plan* p, const uint6
       return false;
     }
     q->did[i] = did;
-    q->heirs += did >> 32U & MOST_OUTCOMES;
+    q->successors += did >> 32U & MOST_OUTCOMES;
     if (!breaks_nothing(did)) {
       e->broken = e->broke ? e->broken : unfolded(memo, did).broken;
       e->broke = true;
@@ -768,35 +769,35 @@ static bool find_effects(soter_expander* e, crowd* q, const plan* p, const uint6
   return true;
 }
 
-/* The heirs by a step, of all; false: there is no memory, or they are too many. */
-static bool add_crowd(soter_expander* e, const crowd* q, const plan* p, uint64_t bits) {
+/* The successors by a step, of all; false: there is no memory, or they are too many. */
+static bool add_batch(soter_expander* e, const batch* q, const plan* p, uint64_t bits) {
   const struct soter_memo* const memo = e->memo;
   const uint64_t clear = memo->clear[p->actor];
   const uint64_t* const values = memo->values.item;
-  uint64_t* heir = soter_next_heirs(e, q->heirs);
-  for (uint32_t i = 0; heir != NULL && i < q->count; i++) {
+  uint64_t* successor = soter_next_successors(e, q->successors);
+  for (uint32_t i = 0; successor != NULL && i < q->count; i++) {
     const uint64_t rest = (q->then[i] & ~clear) | bits;
     const uint64_t* const value = values + (uint32_t)q->did[i];
     const uint32_t outcomes = (uint32_t)(q->did[i] >> 32U) & MOST_OUTCOMES;
     for (uint32_t o = 0; o < outcomes; o++) {
-      *heir++ = rest | value[o];
+      *successor++ = rest | value[o];
     }
   }
-  return heir != NULL;
+  return successor != NULL;
 }
 
-/* The heirs by a release that is lost. */
-static bool add_crowd_lost(soter_expander* e, const crowd* q, uint64_t bits) {
+/* The successors by a release that is lost. */
+static bool add_batch_lost(soter_expander* e, const batch* q, uint64_t bits) {
   const uint64_t clear = e->place.m->scheduled[0];
-  uint64_t* const heir = soter_next_heirs(e, q->count);
-  for (uint32_t i = 0; heir != NULL && i < q->count; i++) {
-    heir[i] = (q->then[i] & ~clear) | bits;
+  uint64_t* const successor = soter_next_successors(e, q->count);
+  for (uint32_t i = 0; successor != NULL && i < q->count; i++) {
+    successor[i] = (q->then[i] & ~clear) | bits;
   }
-  return heir != NULL;
+  return successor != NULL;
 }
 
-/* All heirs of a crowd; false: there is no memory, or they are too many. */
-static bool follow_crowd(soter_expander* e, crowd* q, const calendar* c) {
+/* All successors of a batch; false: there is no memory, or they are too many. */
+static bool follow_batch(soter_expander* e, batch* q, const calendar* c) {
   const struct soter_memo* const memo = e->memo;
   const plan* const plans = (const plan*)memo->plans.item + c->first;
   const uint64_t* const bits = (const uint64_t*)memo->bits.item + c->first;
@@ -808,23 +809,23 @@ static bool follow_crowd(soter_expander* e, crowd* q, const calendar* c) {
     if ((wanted >> p->actor & 1U) == 0U) {
       continue;
     }
-    make_crowd_older(e->place.m, q, p->later);
+    make_batch_older(e->place.m, q, p->later);
     if (p->lost) {
-      fine = add_crowd_lost(e, q, bits[k]);
+      fine = add_batch_lost(e, q, bits[k]);
       continue;
     }
     if (of != p->actor || !memo->steady[of]) {
       of = p->actor;
       fine = find_effects(e, q, p, bits + k);
     }
-    fine = fine && add_crowd(e, q, p, bits[k]);
+    fine = fine && add_batch(e, q, p, bits[k]);
   }
   return fine;
 }
 
 /* The calendars of worlds: each is linked with the next that has the same. False: there is none for
  * some. */
-static bool find_crowds(soter_expander* e, const uint64_t* packed, uint32_t count, uint32_t* when,
+static bool find_batchs(soter_expander* e, const uint64_t* packed, uint32_t count, uint32_t* when,
                         uint32_t* next) {
   struct soter_memo* const memo = e->memo;
   for (uint32_t i = 0; i < count; i++) {
@@ -846,29 +847,29 @@ static bool find_crowds(soter_expander* e, const uint64_t* packed, uint32_t coun
   return true;
 }
 
-bool soter_memo_expand_crowd(soter_expander* e, const uint64_t* packed, uint32_t count) {
+bool soter_memo_expand_batch(soter_expander* e, const uint64_t* packed, uint32_t count) {
   struct soter_memo* const memo = e->memo;
   const uint64_t transitions = e->transitions;
-  uint32_t when[SOTER_CROWD]; /* of the first one of a crowd */
-  uint32_t next[SOTER_CROWD];
-  crowd q;
+  uint32_t when[SOTER_BATCH]; /* of the first one of a batch */
+  uint32_t next[SOTER_BATCH];
+  batch q;
   SOTER_CHECK(e->instant == NULL && (e->reduce & SOTER_REDUCE_SLEEP) == 0U);
   if (memo == NULL || memo->words != 1U || memo->promises) {
     return false;
   }
-  e->begin = e->heirs.count;
+  e->begin = e->successors.count;
   e->broke = false;
   memo->turn += count;
-  bool fine = find_crowds(e, packed, count, when, next);
+  bool fine = find_batchs(e, packed, count, when, next);
   for (uint32_t i = 0; fine && i < count; i++) {
     q.count = 0U;
     for (uint32_t k = when[i] != SOTER_NOTHING ? i : count; k < count; k = next[k]) {
       q.world[q.count++] = packed[k];
     }
-    fine = q.count == 0U || follow_crowd(e, &q, (const calendar*)memo->calendars.item + when[i]);
+    fine = q.count == 0U || follow_batch(e, &q, (const calendar*)memo->calendars.item + when[i]);
   }
   if (!fine) {
-    e->heirs.count = e->begin;
+    e->successors.count = e->begin;
     e->transitions = transitions;
     e->broke = false;
   }
