@@ -54,7 +54,7 @@ sys.exit(main(sys.argv[1:]))
 
 def counts() -> dict[str, object]:
     """What is counted, by the words of the page."""
-    rooms = Counter(figures.room_of(p) for p in figures.TREES if p.name != "__init__.py")
+    rooms = Counter(figures.room_of(p) for p in figures.trees() if p.name != "__init__.py")
     widest, size = rooms.most_common(1)[0]
     c = c_figures.all_functions()
     checks = sum(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,11 +18,6 @@ ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 CODE = ("src/soter", "tests", "bench", "docs/site", "examples")
 """Folders of code: Python and C."""
-TREES = {
-    p.relative_to(SRC): ast.parse(p.read_text(encoding="utf-8"))
-    for p in sorted((SRC / "soter").rglob("*.py"))
-    if "templates" not in p.parts
-}
 
 MODULES_IN_A_ROOM = 16
 """More files have to be judged: ROOMS."""
@@ -29,6 +25,16 @@ LINES_OF_A_FILE = 500
 LINES_OF_A_FUNCTION = 70
 POSITIONAL = 7
 """Arguments without names that one call may have."""
+
+
+@cache
+def trees() -> dict[Path, ast.Module]:
+    """Every source by its path, parsed when somebody asks: each worker reads this file."""
+    return {
+        p.relative_to(SRC): ast.parse(p.read_text(encoding="utf-8"))
+        for p in sorted((SRC / "soter").rglob("*.py"))
+        if "templates" not in p.parts
+    }
 
 
 def name_of(path: Path) -> str:
@@ -42,9 +48,9 @@ def room_of(path: Path) -> str:
 
 def imports() -> dict[str, set[str]]:
     """Every file by name -> the files it imports, for annotations too."""
-    names = {name_of(p) for p in TREES}
+    names = {name_of(p) for p in trees()}
     graph: dict[str, set[str]] = {}
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         modules = graph.setdefault(name_of(path), set())
         for node in ast.walk(tree):
             if isinstance(node, ast.Import):
@@ -101,7 +107,7 @@ def long_functions() -> Iterator[str]:
 
 
 def long_calls() -> Iterator[str]:
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and len(node.args) > POSITIONAL:
                 name = ast.unparse(node.func)
