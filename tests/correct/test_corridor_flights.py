@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.certificate.inclusions.tables import Block, Grid
+    from soter.program.model.typed import Program
     from soter.reach.claims.results import VerifyReport
 
     Show = Callable[[Block], Iterator[Block]]
@@ -28,13 +30,18 @@ DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 BLOCKS = examples("SOTER_RECHECKED_BLOCKS", quick=15, long=150)
 """Of nine cells, of each claim of each view."""
 WALLS = ("east", "west", "north", "south", "above", "below")
-PROGRAM = check_file(str(DRONE / "corridor.soter")).program
-assert PROGRAM is not None
-E_Q, E_V, D = (float(PROGRAM.consts[n].value) for n in ("E_Q", "E_V", "D"))
-LEVEL, UPRIGHT = (
-    tuple(float(PROGRAM.consts[n + more].value) for n in ("U", "B", "TAIL", "W"))
-    for more in ("", "_UP")
-)
+
+
+@cache
+def corridor() -> Program:
+    """Checked when a test asks for it: each worker reads this file as it collects."""
+    program = check_file(str(DRONE / "corridor.soter")).program
+    assert program is not None
+    return program
+
+
+def consts(*names: str) -> tuple[float, ...]:
+    return tuple(float(corridor().consts[n].value) for n in names)
 
 
 @pytest.fixture(scope="module")
@@ -85,11 +92,12 @@ def test_the_re_checker_confirms_samples_of_every_view(
 
 def room(wall: np.ndarray, tau: float, u: float, b: float, tail: float, fastest: float) -> bool:
     """`Fits` of corridor.soter, written once more."""
-    faster = float(wall["toward"]) + E_V
-    later = max(faster + (u + D) * tau, 0.0)
-    need = max((faster + 0.5 * (u + D) * tau) * tau, 0.0) + later**2 / (2 * b) + tail
-    slow = float(wall["toward"]) - E_V - (u + D) * tau
-    return bool(float(wall["ahead"]) - E_Q >= need and later <= fastest and slow >= -fastest)
+    e_q, e_v, d = consts("E_Q", "E_V", "D")
+    faster = float(wall["toward"]) + e_v
+    later = max(faster + (u + d) * tau, 0.0)
+    need = max((faster + 0.5 * (u + d) * tau) * tau, 0.0) + later**2 / (2 * b) + tail
+    slow = float(wall["toward"]) - e_v - (u + d) * tau
+    return bool(float(wall["ahead"]) - e_q >= need and later <= fastest and slow >= -fastest)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +115,8 @@ def test_a_box_is_entered_inside_of_its_s0_only(file: str, system: str) -> None:
     assert len(changes) >= 5
     for i in changes:
         for name in WALLS:
-            limits = UPRIGHT if name in ("above", "below") else LEVEL
+            more = "_UP" if name in ("above", "below") else ""
+            limits = consts(*(n + more for n in ("U", "B", "TAIL", "W")))
             assert room(topics[name][i], 0.03, *limits), (i, name)
 
 
