@@ -66,11 +66,9 @@ def library(
     parts += texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)
 
     def make(work: Path) -> None:
-        runtime = kernel
-        if engine:
-            sources = (*kernel, *(file for file in engine if file.suffix == ".c"))
-            wanted = tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
-            runtime = objects(sources, (*wanted, *include_flags(*engine)))
+        sources = (*kernel, *(file for file in engine if file.suffix == ".c"))
+        wanted = tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
+        runtime = objects(sources, (*wanted, *include_flags(*engine)))
         compile_in(work, unit, (*flags, *include_flags(*engine)), tuple(map(str, runtime)))
 
     return cached(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY

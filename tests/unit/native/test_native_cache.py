@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.build import library
+from soter.native.build import KERNEL, RUNTIME, library
+from soter.native.compiler import compile_with
 from soter.native.includes import included
 from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from soter.codegen.unit import Unit
 
 PROGRAM = """soter 1;
@@ -85,3 +85,25 @@ def test_a_cache_that_others_may_write_to_is_not_used(unit: Unit, tmp_path: Path
     (tmp_path / "cache").chmod(0o777)
     with pytest.raises(SoterError, match="X006"):
         library(unit)
+
+
+def test_the_kernel_is_compiled_once_for_programs_compiled_alike(
+    tmp_path: Path, unit: Unit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[str]] = []
+
+    def noted(command: list[str], *rest: Any) -> None:
+        asked.append(command)
+        compile_with(command, *rest)
+
+    monkeypatch.setattr("soter.native.build.compile_with", noted)
+
+    def of_soter(change: str, level: str) -> list[str]:
+        (tmp_path / "gain.c").write_text(f"#define GAIN {change}\n{CODE}")
+        asked.clear()
+        library(unit, level)
+        return [Path(x).name for c in asked for x in c if Path(x).parent == RUNTIME]
+
+    assert of_soter("1.0", "-O1") == list(KERNEL)
+    assert of_soter("2.0", "-O1") == []
+    assert of_soter("2.0", "-O0") == list(KERNEL)
