@@ -13,7 +13,7 @@ PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 CONSTRAINTS ?=
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
 
-.PHONY: help setup demo test test-real-time test-long lint format fuzz playground docs bench vscode clean
+.PHONY: help setup demo test test-pages test-real-time test-long durations lint format fuzz playground docs bench vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -40,11 +40,17 @@ demo: $(VENV)/.run  ## fly laps three ways and the whole mission, write the repo
 test: $(VENV)/.dev  ## the tests, about ten minutes on two free cores; says how many long ones it left out
 	$(PY) -m pytest $(PARALLEL)
 
+test-pages: $(VENV)/.dev  ## what the pages of the documents do and show
+	$(PY) -m pytest $(PARALLEL) -m pages
+
 test-real-time: $(VENV)/.dev  ## tests of real time on this machine, one after the other; a busy one may fail them
 	$(PY) -m pytest -n 0 -m real_time
 
 test-long: $(VENV)/.dev  ## every test but those of real time, the long ones too, with many more random programs
 	$(PY) -m pytest $(PARALLEL) --long
+
+durations: $(VENV)/.dev  ## measure every test: tests/durations.json, which decides what `make test` takes
+	$(PY) -m pytest $(PARALLEL) --long --write-durations
 
 fuzz: $(VENV)/.dev  ## N=5000 fresh random programs on both engines
 	SOTER_EQUALITY_PROGRAMS=$(or $(N),5000) SOTER_FUZZ=1 $(PY) -m pytest -n $(JOBS) tests/correct/test_engines_agree.py

@@ -20,6 +20,7 @@ from pathlib import Path
 import processes
 
 ROOT = Path(__file__).resolve().parents[1]
+CACHE = ROOT / "build" / "cache-of-pages"
 FENCE = re.compile(r"^```(console[^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PROMPT = "$ "
@@ -84,12 +85,18 @@ def files(page: str) -> dict[str, str]:
 
 
 def folder_for(page: str, folder: Path) -> dict[str, str]:
-    """Fill a folder as the root of the repository is; the environment for commands in it."""
+    """Fill a folder as the root of the repository is; the environment for commands in it.
+
+    What they compile is kept for all pages; a page shows what a machine says that has proved
+    nothing yet.
+    """
+    for proof in CACHE.glob("proof-*"):
+        shutil.rmtree(proof)
     shutil.copytree(ROOT / "examples", folder / "examples")
     for name, text in files(page).items():
         (folder / name).write_text(text, encoding="utf-8")
     tools = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
-    own = {"PATH": tools, "SOTER_CACHE": str(folder / ".cache"), "COLUMNS": str(COLUMNS)}
+    own = {"PATH": tools, "SOTER_CACHE": str(CACHE), "COLUMNS": str(COLUMNS)}
     return {**os.environ, **own, "NO_COLOR": "1", "PYTHONUTF8": "1"}
 
 

@@ -1,10 +1,12 @@
-"""What `make test` leaves to `make test-long`, and to `make test-real-time`.
+"""What `make test` leaves to `make test-long`, `make test-pages` and `make test-real-time`.
 
-Purpose: tests marked `long`, and lines of tables beyond those of `quick_lines.py`, run with
+Purpose: tests marked `long`, and lines of tables beyond what `durations.py` has room for, run with
 `pytest --long`, with an `-m` that speaks of them, or where one is named (`FILE::TEST`); what is
-left out is told when a run begins and when it ends. Tests marked `real_time`, which a machine that
-is busy elsewhere may fail, run only with `-m real_time` or where one is named. `examples` is how
-many programs a random test draws: more in a long run. `some`: of a long table the first lines.
+left out is told when a run begins and when it ends. Tests marked `pages`, which do what a page of
+the documents does, run with `--long` too, and with `-m pages`. Tests marked `real_time`, which a
+machine that is busy elsewhere may fail, run only with `-m real_time` or where one is named.
+`examples` is how many programs a random test draws: more in a long run. `some`: of a long table the
+first lines. `--write-durations` measures what is run.
 Enclosures that a test compiles in its own process are optimised as shipped in a long run, else
 compiled quickly.
 Non-goals: which tests are long; the marker stands beside them.
@@ -18,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from quick_lines import QUICK
+import durations
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -26,10 +28,17 @@ if TYPE_CHECKING:
     from _pytest.terminal import TerminalReporter
 
 COMMAND = "make test-long"
+PAGES = "make test-pages"
 REAL_TIME = "make test-real-time"
-_LEFT_OUT = "tests left out"
+MARKERS = ("long", "pages", "real_time")
+"""What may leave a test out; of several the last one counts."""
+_LEFT_OUT, _COUNTS, _MEASURED = "tests left out", "lines of tests", "seconds of tests"
 _asked = {"long": False}
 _left_out: Counter[str] = Counter()
+_counts: dict[str, dict[str, int]] = {}
+_lines: dict[str, tuple[str, str, int]] = {}
+_marked: set[str] = set()
+_measured: dict[str, dict[str, dict[int, float]]] = {}
 
 
 def examples(variable: str, *, quick: int, long: int) -> int:
@@ -62,15 +71,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="the tests marked `long` as well, and more examples of the random ones",
     )
+    parser.addoption(
+        "--write-durations",
+        action="store_true",
+        help=f"enter what the tests take into {durations.FILE.name}",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
     _asked["long"] = bool(config.getoption("--long"))
+    if config.getoption("--write-durations"):
+        if any("::" in argument for argument in config.args):
+            raise pytest.UsageError("--write-durations measures whole files")
+        config.pluginmanager.register(durations.Measuring(), "measuring")
 
 
 def _wanted(config: pytest.Config, marker: str) -> bool:
     named = any("::" in argument for argument in config.args)
-    long = marker == "long" and config.getoption("--long")
+    long = marker in {"long", "pages"} and config.getoption("--long")
     return bool(long or marker in config.option.markexpr or named)
 
 
@@ -79,22 +97,24 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
     if config.getoption("--long"):
         long = "all, and more examples of the random ones"
     real_time = "all" if _wanted(config, "real_time") else f"left out, {REAL_TIME} runs them"
-    return [f"long tests: {long}", f"real-time tests: {real_time}"]
+    pages = "all" if _wanted(config, "pages") else f"left out, {PAGES} runs them"
+    return [f"long tests: {long}", f"pages: {pages}", f"real-time tests: {real_time}"]
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    lines: Counter[str] = Counter()
+    _count(items)
+    known = durations.read()
     left_out: list[pytest.Item] = []
     quick: list[pytest.Item] = []
     for item in items:
-        name, _, _ = item.nodeid.partition("[")
-        file, _, test = name.removeprefix("tests/").partition("::test_")
-        lines[name] += 1
-        beyond = lines[name] > QUICK.get(file, {}).get(test, lines[name])
-        markers = {"long": beyond, "real_time": False}
-        markers = {m: own or item.get_closest_marker(m) is not None for m, own in markers.items()}
-        why = [m for m, is_so in markers.items() if is_so and not _wanted(config, m)]
+        file, test, line = _lines[item.nodeid]
+        has = {m for m in MARKERS if item.get_closest_marker(m) is not None}
+        took, count = known.get(file, {}).get(test, ()), _counts[file][test]
+        whole = item.get_closest_marker("whole") is not None
+        if not whole and line >= durations.quick_lines(took, count):
+            has.add("long")
+        why = [m for m in MARKERS if m in has and not _wanted(config, m)]
         _left_out.update(why[-1:])
         (left_out if why else quick).append(item)
     if left_out:
@@ -102,17 +122,58 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=left_out)
 
 
+def _count(items: list[pytest.Item]) -> None:
+    """Which line of which test each item is."""
+    for item in items:
+        name, _, _ = item.nodeid.partition("[")
+        file, _, test = name.removeprefix("tests/").partition("::test_")
+        tests = _counts.setdefault(file, {})
+        _lines[item.nodeid] = (file, test, tests.get(test, 0))
+        tests[test] = tests.get(test, 0) + 1
+        if any(item.get_closest_marker(m) is not None for m in MARKERS):
+            _marked.add(item.nodeid)
+
+
+def _take_stock(config: pytest.Config) -> None:
+    """What was measured in this process, by file, test and line, of tests that a marker leaves."""
+    measuring = config.pluginmanager.get_plugin("measuring")
+    if measuring is None or not _lines:  # workers of xdist have collected, and tell
+        return
+    left = {_lines[node][:2] for node in _lines.keys() - _marked}
+    for file, tests in _counts.items():
+        _counts[file] = {test: count for test, count in tests.items() if (file, test) in left}
+    for node in measuring.tests.keys() - _marked:
+        file, test, line = _lines[node]
+        _measured.setdefault(file, {}).setdefault(test, {})[line] = measuring.tests[node]
+    for path, seconds in measuring.shared.items():
+        file = path.removeprefix("tests/")
+        if file in _measured:
+            _counts[file][durations.SHARED] = 1
+            _measured[file][durations.SHARED] = {0: seconds}
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """A worker of xdist, which is another process, tells the one that reports."""
+    _take_stock(session.config)
     told: dict[str, Any] | None = getattr(session.config, "workeroutput", None)
     if told is not None:
-        told[_LEFT_OUT] = dict(_left_out)
+        told.update({_LEFT_OUT: dict(_left_out), _COUNTS: _counts, _MEASURED: _measured})
+    elif session.config.getoption("--write-durations"):
+        known = durations.entered(durations.read(), _measured, _counts)
+        durations.FILE.write_text(durations.text(known), encoding="utf-8")
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
-    told = getattr(node, "workeroutput", {}).get(_LEFT_OUT, {})
+    """The files of a worker are its own: `--dist loadfile`."""
+    output = getattr(node, "workeroutput", {})
+    told = output.get(_LEFT_OUT, {})
     _left_out.update({m: max(count - _left_out[m], 0) for m, count in told.items()})
+    for file, counts in output.get(_COUNTS, {}).items():
+        _counts.setdefault(file, {}).update(counts)
+    for file, tests in output.get(_MEASURED, {}).items():
+        for test, lines in tests.items():
+            _measured.setdefault(file, {}).setdefault(test, {}).update(lines)
 
 
 @pytest.hookimpl(trylast=True)
@@ -122,6 +183,10 @@ def pytest_terminal_summary(terminalreporter: TerminalReporter) -> None:
             f"long tests left out: {_left_out['long']}, and the random ones drew fewer programs;"
             f" `{COMMAND}` runs everything",
             yellow=True,
+        )
+    if _left_out["pages"]:
+        terminalreporter.write_line(
+            f"tests of pages left out: {_left_out['pages']}; `{PAGES}` runs them", yellow=True
         )
     if _left_out["real_time"]:
         terminalreporter.write_line(

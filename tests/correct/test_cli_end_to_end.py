@@ -180,6 +180,7 @@ def test_ctrl_c_in_compiled_code_gives_the_document(here: Path) -> None:
 # ---------------------------------------------------------------- the robot of `soter new`
 
 
+@pytest.mark.pages
 def test_the_next_steps_of_a_new_robot_all_work(here: Path) -> None:
     steps = json.loads(soter(here, "new", "rover", "--json").stdout)["commands"]
     assert steps[0] == "cd rover"

@@ -10,10 +10,12 @@ import pytest
 import processes
 from soter.api import load
 
+pytestmark = pytest.mark.pages
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "compose-proved-modules.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_the_table_of_the_page_is_printed() -> None:
     command = [sys.executable, "-m", "soter.cli.main", "verify"]
     convoy = "examples/generality/convoy.soter"
@@ -51,6 +53,7 @@ def test_the_code_of_the_page_is_that_of_the_example() -> None:
 LANDING = ROOT / "examples" / "wall" / "landing.soter"
 
 
+@pytest.mark.long
 def test_the_module_that_waits_is_that_of_the_example_and_proved_as_the_page_says() -> None:
     shown = PAGE.split("its AC waits:\n\n```\n")[1].split("```")[0]
     assert len(shown.splitlines()) == 17
@@ -87,6 +90,7 @@ def test_the_module_that_waits_is_that_of_the_example_and_proved_as_the_page_say
     ],
     ids=["and", "or", "negative", "a circle"],
 )
+@pytest.mark.long
 def test_what_the_page_says_of_changes_is_so(
     tmp_path: Path, old: str, new: str, wrong: dict[str, set[str]]
 ) -> None:

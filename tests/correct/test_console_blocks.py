@@ -47,6 +47,8 @@ def _is_long(path: Path) -> bool:
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda p: p.name)
+@pytest.mark.pages
+@pytest.mark.whole
 def test_a_page_shows_what_its_commands_print(
     path: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
@@ -56,6 +58,7 @@ def test_a_page_shows_what_its_commands_print(
 
 @pytest.mark.long
 @pytest.mark.parametrize("path", [p for p in PAGES if _is_long(p)], ids=lambda p: p.name)
+@pytest.mark.pages
 def test_a_page_shows_what_its_long_commands_print(
     path: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:

@@ -62,6 +62,7 @@ def test_the_motion_primitive_is_proved_for_every_corridor(
     ), "that boxes change is an assumption"
 
 
+@pytest.mark.long
 def test_the_re_checker_confirms_samples_of_every_view(
     proved: tuple[Path, VerifyReport], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -120,6 +121,7 @@ def test_a_box_is_entered_inside_of_its_s0_only(file: str, system: str) -> None:
             assert room(topics[name][i], 0.03, *limits), (i, name)
 
 
+@pytest.mark.long
 def test_a_box_that_is_entered_anywhere_is_left(tmp_path: Path) -> None:
     """What is assumed of `Follower` is needed."""
     folder = tmp_path / "drone"

@@ -6,11 +6,14 @@ import re
 import sys
 from pathlib import Path
 
+import pytest
+
 import processes
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.pages
 def test_the_demo_prints_tables_and_writes_self_contained_reports(tmp_path: Path) -> None:
     report = tmp_path / "drone.html"
     done = processes.run(

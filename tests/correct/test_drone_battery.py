@@ -28,6 +28,7 @@ ALL = {"P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start"}
 # ---------------------------------------------------------------- the proof
 
 
+@pytest.mark.long
 def test_the_battery_is_proved_and_confirmed(tmp_path: Path) -> None:
     program = load(DRONE / "battery.soter")
     report = program.verify(refute=False, cert=tmp_path / "cert")

@@ -119,6 +119,7 @@ def _tubes(run: Any) -> Any:
     return next(c.value for n, c in run.system.program.consts.items() if n.endswith("TUBES"))
 
 
+@pytest.mark.long
 def test_the_residual_stays_below_what_the_sets_assume(constants: dict[str, Any]) -> None:
     worst = np.zeros(3)
     for shake_ms in (50, 120, 200, 300):

@@ -34,6 +34,7 @@ def flown(system: str, until_s: float, seed: int, charge: float) -> Any:
     return module.fly(module.HOSTILE, system, system, until_s=until_s, seed=seed, charge=charge)
 
 
+@pytest.mark.long
 def test_plans_are_kept_as_they_came_into_force(mission: Any) -> None:
     one = flown("Lying", 60.0, 3, 1.0)
     force = one.last["inForce"]
@@ -47,6 +48,7 @@ def test_plans_are_kept_as_they_came_into_force(mission: Any) -> None:
     assert last.number == int(force["number"])
 
 
+@pytest.mark.long
 def test_a_liars_plans_are_turned_down_each_for_a_reason_of_the_program() -> None:
     one = flown("Lying", 60.0, 3, 1.0)
     planner = one.run.modules["SafePlanner"]

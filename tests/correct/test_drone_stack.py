@@ -29,6 +29,7 @@ def flown(path: Path, system: str, until_s: float, seed: int) -> tuple[Run, dict
 # ---------------------------------------------------------------- proofs, in one program
 
 
+@pytest.mark.long
 def test_the_battery_is_proved_where_everything_flies() -> None:
     (battery,) = load(STACK).verify("SafeBattery", refute=False).modules
     assert battery.verdict == "proved"
@@ -96,6 +97,7 @@ def test_a_landing_is_flown_by_sc_alone(drone: Path) -> None:
 # ---------------------------------------------------------------- what it rests on is needed
 
 
+@pytest.mark.long
 def test_a_landing_that_ac_may_fly_is_not_over_in_time(drone: Path) -> None:
     changed(drone / "corridor.soter", "if !way.careful {", "if true {")
     run, _ = flown(drone / HOSTILE.name, "Ramming", 600.0, 5)

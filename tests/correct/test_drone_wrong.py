@@ -41,6 +41,7 @@ def test_the_unbroken_stack_is_proved_and_flies_on_in_the_same_worlds(tmp_path: 
     assert refuted(tmp_path / "motion", (), LETS_GO.worlds[:1]) is None
 
 
+@pytest.mark.long
 def test_a_stack_that_breaks_an_assumption_is_proved_and_says_so() -> None:
     """The bench sees a wrong *proved*; what is broken has to be among what the verdict prints."""
     row = examine(NAMED["assumed", "cost forgotten"])

@@ -142,6 +142,7 @@ def test_engines_agree_on_every_byte(chunk: int) -> None:
 
 
 @pytest.mark.parametrize("chunk", first_of_four(1))
+@pytest.mark.long
 def test_engines_agree_where_every_struct_is_large(
     chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,6 +172,7 @@ def without_places(source: str) -> str:
 
 
 @pytest.mark.parametrize("chunk", first_of_four(1))
+@pytest.mark.long
 def test_the_printer_keeps_the_meaning(chunk: int) -> None:
     for number in range(10_000 + chunk, 10_040, 4):
         s = make(number)

@@ -159,6 +159,7 @@ def test_parts_of_a_system_share_time(name: str) -> None:
     assert not compared(s, FAST).complaints
 
 
+@pytest.mark.long
 def test_what_is_compared_determines_the_future() -> None:
     """Telling worlds apart by everything the interpreter knows finds nothing more."""
     for seed in range(40):

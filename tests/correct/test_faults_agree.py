@@ -276,6 +276,7 @@ def test_a_declared_lateness_is_inside_up_to_what_is_declared(tmp_path: Path) ->
     assert [f.inside is not None for f in flat.faults if f.stream] == [True, False]
 
 
+@pytest.mark.long
 def test_no_proof_and_no_set_is_about_faults(tmp_path: Path) -> None:
     source = changed_cart(tmp_path, "late all by 9ms; silent c at 900 per 1h;")
     report = load(source).verify(cert=tmp_path / "cert")

@@ -10,6 +10,7 @@ import pytest
 
 import processes
 
+pytestmark = pytest.mark.pages
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "find-the-bug.md").read_text(encoding="utf-8")
 SPACES = re.compile(r"[ ─]+")
@@ -106,6 +107,7 @@ def test_the_cart_in_the_wind_reaches_a_bound(tmp_path: Path) -> None:
     _shows(done.stdout, _said(5)[0])
 
 
+@pytest.mark.long
 def test_the_sled_gets_far_by_plans_and_not_by_chance(tmp_path: Path) -> None:
     (tmp_path / "sled.soter").write_text(_block("sled.soter"), encoding="utf-8")
     chance, plans = _said(5)[1:]

@@ -12,6 +12,7 @@ import pytest
 import processes
 from generators.file_listing import files_in
 
+pytestmark = pytest.mark.pages
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
 SPACES = re.compile(r"[ ─]+")

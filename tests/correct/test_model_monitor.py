@@ -169,6 +169,7 @@ def test_the_drone_stays_within_what_its_proof_assumes() -> None:
     assert 0.5 < judged.share < 1.0
 
 
+@pytest.mark.long
 def test_the_drone_with_a_quarter_of_the_wind_declared_raises_alarms(tmp_path: Path) -> None:
     for file in (f for f in DRONE.iterdir() if f.is_file()):
         (tmp_path / file.name).write_bytes(file.read_bytes())
@@ -201,6 +202,7 @@ def test_what_was_measured_is_judged_alike_without_true_states(
     assert explanations[0].alarms == 0 or (wind, lag) != (0.2, 1.0)
 
 
+@pytest.mark.long
 def test_parameters_are_read_off_the_topics_where_there_are_no_true_states(tmp_path: Path) -> None:
     program, log = load(DRONE / "motion_primitive.soter"), tmp_path / "run.mcap"
     program.simulate(seed=5, until="6s", log=log)

@@ -67,6 +67,7 @@ def test_the_safe_controller_is_what_the_command_finds(tmp_path: Path) -> None:
     assert np.load(table).shape == (45, 35), "docs/mountain_car.md"
 
 
+@pytest.mark.long
 def test_a_safe_controller_that_pushes_left_is_not_proved(tmp_path: Path) -> None:
     for path in CAR.iterdir():
         if path.is_file():

@@ -10,6 +10,7 @@ import pytest
 
 import processes
 
+pytestmark = pytest.mark.pages
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "prove-your-module.md").read_text(encoding="utf-8")
 TANK = re.findall(r"^```soter prove=tank.soter\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)[0]

@@ -27,6 +27,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.pages
 def test_the_python_page_runs_from_top_to_bottom(here: Path) -> None:
     for example in ("wall/cart.soter", "testing/late_sc.soter"):
         shutil.copy(ROOT / "examples" / example, here)

@@ -58,6 +58,7 @@ PROVED_ELSEWHERE = ("verify examples/drone/",)
         for c in COMMANDS
     ],
 )
+@pytest.mark.pages
 def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
     for folder in ("wall", "drone", "testing"):
         shutil.copytree(ROOT / "examples" / folder, tmp_path / "examples" / folder)
@@ -71,6 +72,7 @@ def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.pages
 def test_the_python_of_the_readme_works() -> None:
     code = re.search(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
     assert code

@@ -311,6 +311,7 @@ def test_an_ac_that_is_killed_is_started_again_and_wins_control_back(cart_apart:
     assert run_report["violations"] == 0
 
 
+@pytest.mark.long
 def test_restarts_are_bounded(cart_apart: Path, tmp_path: Path) -> None:
     option = faulty(tmp_path, "_exit(7);")
     events = ["started:1000000000:2", "ended:2000000000:2"]

@@ -211,10 +211,12 @@ def unsaid_exceptions(path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(SOTER)))
+@pytest.mark.long
 def test_functions_of_arrays_say_their_shapes(path: Path) -> None:
     assert unsaid_shapes(path) == []
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(SOTER)))
 def test_functions_that_raise_say_what(path: Path) -> None:
     assert unsaid_exceptions(path) == []

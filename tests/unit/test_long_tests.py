@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shutil
 import sys
 from pathlib import Path
 
 import pytest
 
 import processes
+from durations import BUDGET_S, SHARED, TOTAL_S, Known, entered, quick_lines, read, text
 from generators.file_listing import files_below
-from long_tests import COMMAND, examples
-from quick_lines import QUICK
+from long_tests import COMMAND, PAGES, examples
 
 TESTS = Path(__file__).resolve().parents[1]
 ROOT = TESTS.parent
@@ -26,9 +28,45 @@ def test_quick():
 def test_long():
     pass
 
+@pytest.mark.pages
+def test_page():
+    pass
+
 @pytest.mark.real_time
 def test_real_time():
     pass
+"""
+MARKERS = """[pytest]
+markers =
+ long: takes long
+ pages: of a page
+ real_time: may fail
+ whole: all lines
+"""
+BUSY = """
+import time
+
+import pytest
+
+def busy(seconds):
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+@pytest.fixture(scope="module")
+def shared():
+    busy(0.6)
+
+@pytest.mark.parametrize("seconds", [0.0, 0.6, 0.8])
+def test_table(shared, seconds):
+    busy(seconds)
+
+def test_cheap(shared):
+    pass
+
+@pytest.mark.pages
+def test_page(shared):
+    busy(0.6)
 """
 CALL = re.compile(r'examples\(\s*"(\w+)",\s*quick=([\d_]+),\s*long=([\d_]+)\s*\)')
 
@@ -38,7 +76,8 @@ CALL = re.compile(r'examples\(\s*"(\w+)",\s*quick=([\d_]+),\s*long=([\d_]+)\s*\)
     [
         (("test_two.py",), 1),
         (("test_two.py", "-n", "2"), 1),
-        (("test_two.py", "--long"), 2),
+        (("test_two.py", "--long"), 3),
+        (("test_two.py", "-m", "pages"), 1),
         (("test_two.py", "-m", "long"), 1),
         (("test_two.py", "-m", "real_time"), 1),
         (("test_two.py::test_long",), 1),
@@ -47,8 +86,7 @@ CALL = re.compile(r'examples\(\s*"(\w+)",\s*quick=([\d_]+),\s*long=([\d_]+)\s*\)
 )
 def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ran: int) -> None:
     (tmp_path / "test_two.py").write_text(TWO, encoding="utf-8")
-    markers = "[pytest]\nmarkers =\n long: takes long\n real_time: may fail\n"
-    (tmp_path / "pytest.ini").write_text(markers, encoding="utf-8")
+    (tmp_path / "pytest.ini").write_text(MARKERS, encoding="utf-8")
     done = processes.run(
         [sys.executable, "-m", "pytest", "-p", "long_tests", *arguments],
         cwd=tmp_path,
@@ -58,29 +96,98 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"{ran} passed" in done.stdout
-    left_out = {"long", "real_time"} if arguments[0] == "test_two.py" else set()
-    left_out -= {*arguments, *(["long"] if "--long" in arguments else [])}
+    left_out = {"long", "pages", "real_time"} if arguments[0] == "test_two.py" else set()
+    left_out -= {*arguments, *(["long", "pages"] if "--long" in arguments else [])}
     assert ("long tests left out: 1, and" in done.stdout) == ("long" in left_out)
+    assert ("tests of pages left out: 1; " in done.stdout) == ("pages" in left_out)
     assert ("real-time tests left out: 1; " in done.stdout) == ("real_time" in left_out)
     assert (COMMAND in done.stdout) == ("--long" not in arguments)
 
 
-def test_a_table_has_as_many_lines_as_it_is_said_in_a_quick_run() -> None:
-    (test, count), *_ = QUICK["correct/test_corner_programs.py"].items()
-    file = "tests/correct/test_corner_programs.py"
-    counts = []
-    for more in ((), ("--long",)):
-        command = [sys.executable, "-m", "pytest", "--collect-only", "-q", file, *more]
-        done = processes.run(command, cwd=ROOT, capture_output=True, text=True)
-        counts.append(done.stdout.count(f"::test_{test}["))
-    assert 0 < counts[0] <= count < counts[1]
+@pytest.mark.parametrize(
+    ("lines", "count", "taken"),
+    [
+        ((), 7, 7),
+        ((BUDGET_S, 0.1), 2, 1),
+        ((BUDGET_S - 0.1, 0.1, 0.1), 3, 2),
+        ((2 * BUDGET_S,), 1, 1),
+        ((0.1, 0.1, None), 9, 2),
+        ((0.1, 0.1), 3, 3),
+        ((None,), 1, 1),
+    ],
+)
+def test_a_quick_run_takes_a_first_line_and_what_fits(
+    lines: tuple[float | None, ...], count: int, taken: int
+) -> None:
+    assert quick_lines(lines, count) == taken
 
 
-def test_every_table_that_is_cut_is_there() -> None:
-    for file, tables in QUICK.items():
-        text = (TESTS / file).read_text(encoding="utf-8")
-        for name in tables:
-            assert f"\ndef test_{name}(" in text, f"{file}: {name}"
+def test_a_table_has_as_many_lines_in_a_quick_run_as_were_measured_to_fit() -> None:
+    name = "correct/test_corner_programs.py"
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", f"tests/{name}"]
+    done = [
+        processes.run([*command, *more], cwd=ROOT, capture_output=True, text=True).stdout
+        for more in ((), ("--long",))
+    ]
+    counts = {t: [out.count(f"::test_{t}[") for out in done] for t in read()[name] if t != SHARED}
+    assert any(quick < every for quick, every in counts.values())
+    for test, (quick, every) in counts.items():
+        assert quick == quick_lines(read()[name][test], every), test
+
+
+def test_every_test_that_was_measured_is_there() -> None:
+    for file, tests in read().items():
+        source = (TESTS / file).read_text(encoding="utf-8")
+        for name in set(tests) - {SHARED}:
+            assert f"\ndef test_{name}(" in source, f"{file}: {name}; `make durations`"
+
+
+def test_what_was_measured_fits_into_a_quick_run() -> None:
+    """Of a test that is too dear for it, mark what is `long`, or make it cheaper."""
+    kept = [
+        (sum(x or 0.0 for x in lines[: quick_lines(lines, len(lines))]), file, test)
+        for file, tests in read().items()
+        for test, lines in tests.items()
+    ]
+    dearest = sorted(kept, reverse=True)[:10]
+    assert sum(seconds for seconds, _, _ in kept) <= TOTAL_S, dearest
+
+
+def test_what_is_measured_is_entered_and_nothing_else_is_lost() -> None:
+    known: Known = {
+        "a.py": {"table": [1.0, 1.0, None], "gone": [9.0], "cheaper": [2.0]},
+        "b.py": {"other": [4.0]},
+    }
+    measured = {"a.py": {"table": {0: 0.51}, "cheaper": {0: 0.01}, "new": {0: 1.0, 1: 0.26}}}
+    counts = {"a.py": {"table": 4, "cheaper": 1, "new": 2, "unknown": 3}}
+    found = entered(known, measured, counts)
+    assert found == {
+        "a.py": {"table": [0.5, 1.0, None], "new": [1.0, 0.3]},
+        "b.py": {"other": [4.0]},
+    }
+    assert json.loads(text(found)) == found
+
+
+@pytest.mark.parametrize("more", [(), ("-n", "2", "--dist", "loadfile")])
+def test_a_run_writes_down_what_its_tests_take(tmp_path: Path, more: tuple[str, ...]) -> None:
+    shutil.copy(TESTS / "durations.py", tmp_path)
+    shutil.copy(TESTS / "long_tests.py", tmp_path)
+    (tmp_path / "durations.json").write_text("{}", encoding="utf-8")
+    (tmp_path / "pytest.ini").write_text(MARKERS, encoding="utf-8")
+    (tmp_path / "test_busy.py").write_text(BUSY, encoding="utf-8")
+    done = processes.run(
+        [sys.executable, "-m", "pytest", "-p", "long_tests", "--write-durations", "--long", *more],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    tests = json.loads((tmp_path / "durations.json").read_text())["test_busy.py"]
+    assert set(tests) == {SHARED, "table"}
+    assert 0.5 <= tests[SHARED][0] < 2.0
+    assert len(tests["table"]) == 3
+    assert tests["table"][0] < 0.5 <= tests["table"][1] <= tests["table"][2]
 
 
 def test_the_environment_decides_how_many_examples(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,3 +216,10 @@ def test_the_page_says_how_many_examples_are_tried() -> None:
 def test_the_command_for_everything_asks_for_it() -> None:
     recipes = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert re.search(rf"^{COMMAND.split()[1]}:.*\n\t.*pytest.* --long$", recipes, re.MULTILINE)
+
+
+def test_the_command_for_pages_asks_for_them_and_ci_runs_it_too() -> None:
+    recipes = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert re.search(rf"^{PAGES.split()[1]}:.*\n\t.*pytest.* -m pages$", recipes, re.MULTILINE)
+    run = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    assert {"make lint", "make test", PAGES} <= set(run)

@@ -88,6 +88,7 @@ def in_frame(html: str) -> str:
     return unescape(frame)
 
 
+@pytest.mark.long
 def test_a_notebook_shows_the_report_of_a_proof_inline(tmp_path: Path) -> None:
     (tmp_path / "tank.soter").write_text(TANK)
     report = soter.load(tmp_path / "tank.soter").verify()

@@ -118,6 +118,7 @@ def test_a_line_that_was_changed_is_flown_again(flown: Campaign, tmp_path: Path)
     assert (again.flown, again.result) == (200 - 39, flown.result)
 
 
+@pytest.mark.long
 def test_killed_it_goes_on_and_loses_nothing(tmp_path: Path, flown: Campaign) -> None:
     command = [
         sys.executable,

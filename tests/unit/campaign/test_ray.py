@@ -273,6 +273,7 @@ def extern(folder: Path, mark: Path) -> Path:
     return folder / "program.soter"
 
 
+@pytest.mark.long
 def test_the_c_of_externs_is_sent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ray: Callable[..., FakeRay]
 ) -> None:

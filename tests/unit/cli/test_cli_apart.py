@@ -349,6 +349,7 @@ def test_a_log_of_a_process_that_died_is_kept_up_to_its_last_chunk(folder: Path)
 
 
 @pytest.mark.parametrize("where", [["--log", "a.mcap"], ["--log"]])
+@pytest.mark.long
 def test_what_both_processes_left_of_a_log_is_named_by_the_next_run(
     folder: Path, where: list[str]
 ) -> None:
@@ -415,6 +416,7 @@ int hangs(const robot_Learned_in *in, robot_Learned_out *out) {
 """
 
 
+@pytest.mark.long
 def test_a_second_ctrl_c_ends_code_that_hears_no_signals(folder: Path) -> None:
     (folder / "hangs.c").write_text(C_HANGS)
     command = [*SOTER, "run", "robot.soter", "--bind", "Learned=c:hangs.c:hangs", "--json"]

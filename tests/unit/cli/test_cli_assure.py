@@ -292,6 +292,7 @@ def test_a_test_that_is_not_clean_or_rests_on_what_nobody_asks_supports_nothing(
     assert why in next(n["why"] for n in case["nodes"] if n["id"] == leaf)
 
 
+@pytest.mark.long
 def test_tests_count_only_where_they_are_explored_now(soter: Soter, cart: Path) -> None:
     report = soter("test", "c.soter", "--test", "Quiet", "--json")
     assert report.exit == 0
@@ -390,6 +391,7 @@ def test_what_is_no_evidence_is_told_in_words(soter: Soter, cart: Path) -> None:
     assert soter("assure", "c.soter", "-o", "file", "--json").codes == ["D006"]
 
 
+@pytest.mark.long
 def test_the_document_of_strictdoc_names_every_parent(soter: Soter, cart: Path) -> None:
     assured(soter, "--cert", "proof")
     text = (cart / "out" / "case.sdoc").read_text()

@@ -143,6 +143,7 @@ def test_other_externs_get_a_file_to_fill_in_that_is_kept(
     assert facts(built.stdout)["trace_sha256"] == run["trace_sha256"]
 
 
+@pytest.mark.long
 def test_an_extern_plant_gets_a_function_too(soter: Soter, here: Path) -> None:
     (here / "p.soter").write_text(
         "soter 1;\ntopic x: float;\n"

@@ -33,6 +33,7 @@ def steady(text: str) -> str:
     return re.sub(r"[0-9.]+ (m?s)\b|─+|  +", " ", ESCAPE.sub("", text))
 
 
+@pytest.mark.long
 def test_verify_recheck_and_advise_say_the_same_in_colour(
     soter: Soter, tank: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -108,6 +108,7 @@ def test_check_as_junit(soter: Soter, here: Path) -> None:
     assert [c.attrib["classname"] for c in test_cases if c not in failed] == ["cart.soter"]
 
 
+@pytest.mark.long
 def test_verify_in_all_formats(soter: Soter, here: Path) -> None:
     text = (here / "cart.soter").read_text()
     for old, new in (

@@ -40,6 +40,7 @@ def test_log_and_report_are_two_files(tmp_path: Path) -> None:
     assert soter(tmp_path, "run", str(CART), "--until", "1s", *arguments) == USAGE
 
 
+@pytest.mark.long
 def test_build_keeps_what_a_person_wrote_or_changed(tmp_path: Path) -> None:
     (tmp_path / "README.md").write_text("MY OWN soter NOTES\n")
     assert soter(tmp_path, "build", str(CART), "--target", "c", "-o", ".") == DIAGNOSTICS

@@ -19,6 +19,7 @@ def test_what_it_says(soter: Soter, golden: Golden) -> None:
     golden("cli/new.txt", soter("new", "rover").out)
 
 
+@pytest.mark.long
 def test_what_it_makes_is_laid_out_and_sound(soter: Soter, here: Path) -> None:
     document = soter("new", "my-rover", "--json").document
     assert document["files"] == [

@@ -141,6 +141,7 @@ def test_verdicts_that_differ_do_not_count(soter: Soter, cart: Path) -> None:
     assert ASSUMED in said(soter)
 
 
+@pytest.mark.long
 def test_what_is_not_decided_is_told(soter: Soter, cart: Path) -> None:
     text = cart.read_text()
     changed = text.replace("ttf Room(motion, 0.12)", "ttf Room(motion, 0.01)")

@@ -159,6 +159,7 @@ def test_people_are_told_how_late_it_was(soter: Soter) -> None:
 
 
 @pytest.mark.usefixtures("here")
+@pytest.mark.long
 def test_people_are_told_of_leases(soter: Soter, tmp_path: Path) -> None:
     stop = EXAMPLES / "wall" / "stop.soter"
     run = ("run", str(stop), "--system", "Track", "--real-time", "--until", "200ms")

@@ -60,6 +60,7 @@ def test_the_document_has_every_property(soter: Soter, here: Path) -> None:
     assert 1.0 < module["recover_s"] < 10.0
 
 
+@pytest.mark.long
 def test_a_refutation_comes_with_its_run(soter: Soter, here: Path) -> None:
     ttf = "ttf Room(motion, 0.12) < 0.0 || abs(motion.v) > FAST;"
     done = soter("verify", write(here, (ttf, "ttf false;")), "--json")
@@ -149,6 +150,7 @@ def test_help_has_examples_and_exit_codes(soter: Soter, name: str) -> None:
     assert "4 undecided" in out
 
 
+@pytest.mark.long
 def test_an_invariant_that_fails_inside_a_proof_is_exit_70(
     soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -194,6 +194,7 @@ def test_a_clock_that_is_off_by_ever_more_is_open() -> None:
     assert found(text.replace("held > 0.005", "held > 5.0")).bound == "grid"
 
 
+@pytest.mark.long
 def test_such_programs_are_violated_and_clean() -> None:
     verdicts = {found(watching(seed)).verdict for seed in range(24)}
     assert verdicts == {"violated", "exhausted"}

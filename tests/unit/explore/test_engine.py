@@ -89,6 +89,7 @@ def test_remembered_steps_and_steps_that_are_run_reach_the_same_worlds(test: str
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.long
 def test_exhaustive_strategies_end_and_samples_never_say_so(two: Engine, strategy: str) -> None:
     wanted = "exhausted" if strategy in EXHAUSTIVE else "runs"
     assert two.explore(EngineSettings(strategy=strategy, runs=10)).status == wanted

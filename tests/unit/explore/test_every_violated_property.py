@@ -134,6 +134,7 @@ def test_each_has_a_file_of_its_own(tmp_path: Path) -> None:
         assert read_trace(tmp_path / name).broken == one.broken
 
 
+@pytest.mark.long
 def test_random_programs_violate_what_the_enumerator_says() -> None:
     """Without reduction exactly that; with all of it nothing else."""
     several = 0

@@ -96,6 +96,7 @@ def test_a_slow_counter_is_not_taken_for_a_round(property_: str) -> None:
     assert closed(longer).status == "violated"
 
 
+@pytest.mark.long
 def test_a_deadline_that_the_horizon_hides_is_no_end() -> None:
     """What is promised for after the horizon is not kept: everything looks as it did before."""
     owed = "y == 4 leadsto y == 9 within 500ms;"
@@ -134,6 +135,7 @@ def test_other_searches_go_to_the_horizon(settings: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.long
 def test_a_horizon_three_times_as_far_shows_nothing_new(chunk: int) -> None:
     """On random programs: where a search says that it is at an end, longer ones find nothing."""
     ended = 0

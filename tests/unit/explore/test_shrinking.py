@@ -80,6 +80,7 @@ def replayed(result: TestResult) -> Replayed:
     return result.replayed
 
 
+@pytest.mark.long
 def test_a_long_trace_over_floats_is_shrunk_where_minimising_ends_in_vain(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -90,6 +90,7 @@ def test_steps_of_actors_that_the_property_does_not_hear_of_do_not_matter() -> N
 
 
 @pytest.mark.parametrize("text", [TESTED, FAULTS, STARTS, CONTRACTS, QUEUED, TALK])
+@pytest.mark.long
 def test_what_does_not_matter_may_choose_otherwise(text: str) -> None:
     random = Random(1)  # noqa: S311 - no secret
     for name in (line.split()[1] for line in text.splitlines() if line.startswith("test ")):

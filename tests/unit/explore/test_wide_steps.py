@@ -174,6 +174,7 @@ def test_more_choices_than_there_is_room_for_name_the_step(strategy: str) -> Non
     assert test_result.states > 0
 
 
+@pytest.mark.long
 def test_as_many_choices_as_there_is_room_for_are_no_limit() -> None:
     test_result = explored(choosing(CHOICES_MAX, 3), "Clean", time=0.3)
     assert test_result.bound == "time"

@@ -281,6 +281,7 @@ def test_where_the_plant_has_not_moved_yet_nothing_is_counted() -> None:
     assert (ended, info["violations"]) == (True, 0)
 
 
+@pytest.mark.long
 def test_linked_c_with_a_memory_steps_once_a_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -349,6 +350,7 @@ def told(info: dict[str, Any]) -> dict[str, Any]:
     st.sampled_from(["Protected", "Unprotected"]),
 )
 @settings(max_examples=60, deadline=None)
+@pytest.mark.long
 def test_numbers_go_to_c_as_they_go_through_python(
     wishes: list[float], seed: int, system: str
 ) -> None:
@@ -510,6 +512,7 @@ def test_a_step_costs_little_more_than_the_environments_own() -> None:
     assert calls <= 100 * 30
 
 
+@pytest.mark.long
 def test_many_environments_are_compiled_once_until_linked_c_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

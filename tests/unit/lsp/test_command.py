@@ -89,6 +89,7 @@ def test_an_editor_may_come_over_a_port(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["wall/cart", "drone/planner", "testing/three_modules"])
+@pytest.mark.long
 def test_a_program_may_end_anywhere(name: str) -> None:
     """Whatever part of a program is there, every question has an answer."""
     path = EXAMPLES / f"{name}.soter"

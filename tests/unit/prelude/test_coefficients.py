@@ -25,6 +25,7 @@ STATED = {
 """Constants that are plain statements."""
 
 
+@pytest.mark.long
 def test_constants_are_the_derived_ones() -> None:
     written = constants()
     for name, values in derived().items():

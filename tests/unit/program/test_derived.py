@@ -178,6 +178,7 @@ def test_both_engines_run_a_system_without_its_plants(three: System, tmp_path: P
     assert not modes.any()  # SC for ever: nobody says where it is
 
 
+@pytest.mark.long
 def test_only_one_file_takes_a_system_apart() -> None:
     fields = {"components", "modules", "topics", "properties", "inputs", "until_ns", "test"}
     sites = []

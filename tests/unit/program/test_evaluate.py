@@ -365,6 +365,7 @@ def test_a_budget_counts_calls_that_double() -> None:
         )
 
 
+@pytest.mark.long
 def test_calls_deeper_than_the_stack_exceed_any_budget() -> None:
     span = program("fun F(): int { return 0; }").funs["F"].span
     value: t.TypedExpr = t.Literal(INT, span, 7)

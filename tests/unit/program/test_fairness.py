@@ -19,6 +19,7 @@ def windows_are_full(picks: list[int], count: int) -> bool:
 
 @settings(max_examples=200, deadline=None)
 @given(st.integers(1, 12), st.data())
+@pytest.mark.long
 def test_every_alternative_comes_in_any_2n_executions(count: int, data: st.DataObject) -> None:
     ages: tuple[int, ...] = (0,) * count
     picks: list[int] = []

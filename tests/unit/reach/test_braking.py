@@ -61,6 +61,7 @@ def kept_by_the_law(source: str) -> bool:
     return bool((group.core > 0)[:, edges[:-1] > 0.0].any())
 
 
+@pytest.mark.long
 def test_a_brake_of_uncertain_strength_is_a_law_that_is_proved_and_rechecked(
     tmp_path: Path,
 ) -> None:

@@ -84,6 +84,7 @@ def whose(report: VerifyReport, what: str) -> tuple[str, bool]:
     return next((t.why, t.open) for t in rows_of(report) if t.what.startswith(what))
 
 
+@pytest.mark.long
 def test_the_convoy_is_proved_and_rechecked(tmp_path: Path) -> None:
     report = verified(tmp_path, TEXT)
     assert (report.verdict, report.together) == ("proved", "proved")
@@ -100,6 +101,7 @@ def test_the_convoy_is_proved_and_rechecked(tmp_path: Path) -> None:
     assert said[0] in checked.assumptions
 
 
+@pytest.mark.long
 def test_modules_may_lean_on_each_other(tmp_path: Path) -> None:
     report = verified(tmp_path, COUPLED)
     assert (report.verdict, report.together) == ("proved", "proved")
@@ -149,6 +151,7 @@ def test_of_what_one_plant_publishes_all_modules_say_the_same(tmp_path: Path) ->
     assert whose(alone, "b.pull")[1]
 
 
+@pytest.mark.long
 def test_a_guarantee_that_is_not_proved_leaves_the_conjunction_open(tmp_path: Path) -> None:
     text = TEXT.replace("publish first = clamp(6.0 - speed,", "publish first = clamp(20.0 - speed,")
     report = verified(tmp_path, text)
@@ -179,6 +182,7 @@ def test_what_a_node_publishes_is_enforced(tmp_path: Path) -> None:
     assert kept_by(tmp_path, text) == ("node `Wild`", "enforced")
 
 
+@pytest.mark.long
 def test_the_terminal_shows_who_keeps_what(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", str(CONVOY)]) == 0
     out = capsys.readouterr().out
@@ -188,6 +192,7 @@ def test_the_terminal_shows_who_keeps_what(capsys: pytest.CaptureFixture[str]) -
     assert "`safe` of SafeLead: proved" in out
 
 
+@pytest.mark.long
 def test_prover_and_rechecker_name_the_same_influences_by_themselves(tmp_path: Path) -> None:
     text = COUPLED.replace(
         "topic pull: float in [-0.5, 0.5];",

@@ -144,6 +144,7 @@ def test_half_spaces_know_predicates_with_modes_and_no_law_with_one(
         assert rechecked(tmp_path).safe
 
 
+@pytest.mark.long
 def test_what_is_taken_for_granted_stands_in_the_table(tmp_path: Path) -> None:
     report = verified(tmp_path, OR, AND, module=None)
     rows = {(t.module, t.what): (t.why, t.open) for t in rows_of(report)}
@@ -185,6 +186,7 @@ def test_what_needs_to_know_the_mode_is_not_proved(
     assert module_result.verdict == "undecided"
 
 
+@pytest.mark.long
 def test_two_laws_that_keep_safe_do_not_when_they_take_turns(tmp_path: Path) -> None:
     def core(which: str) -> str:
         module_result = verified(tmp_path, ("WHICH", which), text=TURN, module="KeepZ")["KeepZ"]
@@ -328,6 +330,7 @@ def test_a_prover_that_thinks_it_knows_the_mode_is_found_out(
     assert checked.reason
 
 
+@pytest.mark.long
 def test_a_step_on_defaults_is_tried_in_every_mode(tmp_path: Path) -> None:
     text = """soter 1;
 topic x: float in [-4.0, 4.0] max_age 20ms;

@@ -102,6 +102,7 @@ def test_a_node_that_looks_at_another_mode_may_publish_anything(tmp_path: Path) 
     assert module_result.findings["P2a"].verdict == "undecided"  # what it publishes is not followed
 
 
+@pytest.mark.long
 def test_waiting_for_one_that_waits_gives_no_control_back(tmp_path: Path) -> None:
     circle = (BACK_OF_Y[0], BACK_OF_Y[1].replace("KeepX", "SafePlanner"))
     module_result = verified(tmp_path, PLAN_AND, circle)

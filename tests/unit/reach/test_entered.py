@@ -41,12 +41,14 @@ def is_shown(module: ModuleResult) -> bool:
     return noted
 
 
+@pytest.mark.long
 def test_it_is_shown_and_assumed_no_more(tmp_path: Path) -> None:
     modules = verified(tmp_path, IN)
     assert [m.verdict for m in modules] == ["proved", "proved"]
     assert [is_shown(m) for m in modules] == [True, True]
 
 
+@pytest.mark.long
 def test_it_does_not_hang_on_control_coming_back(tmp_path: Path) -> None:
     """R(H) is what it is where SC keeps to no set inside `safer`."""
     far = "safer Fits(left, 0.08) && left.room > 3.0 && Fits(right, 0.08) && right.room > 3.0;"

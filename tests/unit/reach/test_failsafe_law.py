@@ -116,6 +116,7 @@ HILL = {
 """Without thrust it falls to 0 from |x| < 1 and runs away beyond; SC can hold it up to 1.3."""
 
 
+@pytest.mark.long
 def test_sc_has_to_keep_what_the_law_keeps() -> None:
     free, bound = (
         verified(text(**HILL).replace("  failsafe vel = 0.0;\n", "")),

@@ -115,6 +115,7 @@ def test_two_problems_with_other_laws_are_not_the_same(tmp_path: Path) -> None:
     assert problem_key(replace(problem, module=creeps)) != problem_key(problem)
 
 
+@pytest.mark.long
 def test_what_would_help_is_said_of_each_law_that_is_not_shown(tmp_path: Path) -> None:
     hints = {}
     alone = MOVED.replace("vel * (1.0 + push)", "vel").replace("reads vel, push;", "reads vel;")

@@ -77,6 +77,7 @@ def test_without_enters_nothing_is_tried(tmp_path: Path) -> None:
     assert shown(tmp_path, handover().replace("enters May(box, motion);", "")) == []
 
 
+@pytest.mark.long
 def test_without_enters_every_change_is_an_assumption(tmp_path: Path) -> None:
     """Nothing was promised: proved, and printed."""
     path = tmp_path / "boxes.soter"
@@ -97,6 +98,7 @@ def test_enters_without_views_is_refused(tmp_path: Path) -> None:
     assert any("`enters` says nothing" in d.message for d in error.value.diagnostics)
 
 
+@pytest.mark.long
 def test_where_no_node_keeps_it_nothing_is_proved(tmp_path: Path) -> None:
     path = tmp_path / "boxes.soter"
     path.write_text(handover(*CHANGES["none"]))

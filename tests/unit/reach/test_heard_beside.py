@@ -119,6 +119,7 @@ def test_what_is_heard_beside_is_told_and_adds_no_age(
     assert {a.partition(",")[0] for a in again} == who
 
 
+@pytest.mark.long
 def test_the_plant_of_the_proof_is_followed_through_whoever_hears_it(tmp_path: Path) -> None:
     """100 ms through `Planner` are more than a horizon of 20 ms less has room for."""
     alone = verified(tmp_path, "level", "level", "alone").modules[0].problem.times.h_star

@@ -96,6 +96,7 @@ def test_phases_count(tmp_path: Path) -> None:
     assert verified(tmp_path, ("= 30ms", "= 29ms"), phased).verdict == "proved"
 
 
+@pytest.mark.long
 def test_a_plan_that_is_published_again_and_again_never_settles(tmp_path: Path) -> None:
     again = ("publish candidate = Plan.Hover", "publish candidate = Plan.ThroughBuilding")
     report = verified(tmp_path, again)
@@ -116,6 +117,7 @@ def test_declared_times_make_p1c_proved_and_need_a_longer_threshold(tmp_path: Pa
     assert module_result.findings["P1c"].verdict == "proved"
 
 
+@pytest.mark.long
 def test_a_response_delays_what_is_published(tmp_path: Path) -> None:
     declared = ("induction;", "induction; response sc 2ms;")
     phase = ("Follower period 10ms", "Follower period 10ms phase 1ms")
@@ -356,6 +358,7 @@ system S default { node Follower; node Beat; node Drive; c: Car; module Planner;
 """Records, lists, queues, modes, a fair choice, `on takeover`, an extern AC, a plant beside."""
 
 
+@pytest.mark.long
 def test_what_else_the_language_has_is_followed_or_left_open(tmp_path: Path) -> None:
     path = tmp_path / "everything.soter"
     path.write_text(EVERYTHING)
@@ -367,6 +370,7 @@ def test_what_else_the_language_has_is_followed_or_left_open(tmp_path: Path) -> 
     assert load(path).verify(refute=False).verdict == "undecided"
 
 
+@pytest.mark.long
 def test_what_an_induction_rests_on_is_said_and_nothing_of_sets(tmp_path: Path) -> None:
     report = verified(tmp_path)
     assert any(a.startswith("z3 is right") for a in report["SafePlanner"].problem.assumptions)
@@ -389,6 +393,7 @@ def opaque(tmp_path: Path, *changes: tuple[str, str]) -> ModuleResult:
     return load(path).verify(refute=False)["Planner"]
 
 
+@pytest.mark.long
 def test_what_is_opaque_is_named_and_no_assumption(tmp_path: Path) -> None:
     module_result = opaque(tmp_path)
     assert module_result.verdict == "proved"
@@ -399,6 +404,7 @@ def test_what_is_opaque_is_named_and_no_assumption(tmp_path: Path) -> None:
     assert not any("equal" in a for a in module_result.problem.assumptions)
 
 
+@pytest.mark.long
 def test_progress_is_assumed_and_printed(tmp_path: Path) -> None:
     module_result = opaque(tmp_path)
     returns = module_result.findings["P2b"]
@@ -466,6 +472,7 @@ def test_what_is_opaque_proves_nothing_wrong(
     assert module_result.verdict == "undecided"
 
 
+@pytest.mark.long
 def test_a_fail_safe_value_that_is_safe_does_no_harm(tmp_path: Path) -> None:
     module_result = opaque(
         tmp_path,
@@ -485,6 +492,7 @@ def test_floats_are_equal_as_floats_are_and_not_as_terms(tmp_path: Path) -> None
         assert opaque(tmp_path, changed).findings["P2a"].verdict == "undecided"
 
 
+@pytest.mark.long
 def test_lists_of_other_things_are_other_lists(tmp_path: Path) -> None:
     """Two floats, and one pair of floats: as lists they have no length in common."""
     lists = """let a: float[<=2] = [candidate.ends[0], candidate.ends[1]];
@@ -499,6 +507,7 @@ def test_lists_of_other_things_are_other_lists(tmp_path: Path) -> None:
     assert module_result.findings["P2a"].verdict == "undecided"
 
 
+@pytest.mark.long
 def test_functions_have_names_of_their_own(tmp_path: Path) -> None:
     """`element` of the program is not what takes an element out of a list."""
     function = """fun element(xs: float[<=4], i: int): float {

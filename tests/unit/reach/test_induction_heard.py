@@ -128,6 +128,7 @@ def test_safety_fails_where_it_holds_only_of_what_stands_still(tmp_path: Path) -
     assert module_result.findings["P2a"].verdict == "undecided"
 
 
+@pytest.mark.long
 def test_a_lemma_about_it_has_it_followed(tmp_path: Path) -> None:
     module_result = verified(tmp_path, OTHER_SOURCE, LEMMA)
     assert module_result.findings["P2a"].verdict == "proved"

@@ -108,6 +108,7 @@ def test_a_start_that_only_a_default_saves_is_not_proved() -> None:
     assert module_result.findings["start"].verdict == "undecided"
 
 
+@pytest.mark.long
 def test_an_sc_that_faults_on_the_default_is_not_proved() -> None:
     text = seen("10ms", "20ms").replace("1.4", "0.3")
     assert report_of(text).modules[0].verdict == "proved"

@@ -61,6 +61,7 @@ def rechecked(folder: Path, recover_ns: int) -> Report:
     return recheck(folder / "cert")
 
 
+@pytest.mark.long
 def test_the_rechecker_holds_t_to_the_same_terms(tmp_path: Path) -> None:
     module_result = result_of("response dm 1ms;")
     (group,) = module_result.cases[0].groups

@@ -72,6 +72,7 @@ def test_both_starts_have_to_be_among_those_proved(
     assert assumed[0].endswith("from the start of a on")
 
 
+@pytest.mark.long
 def test_a_parameter_that_moves_the_start_counts(tmp_path: Path) -> None:
     assert verdict(tmp_path, text("START"), START=1.0)[0] == "proved"
     assert verdict(tmp_path, text("START"), START=3.5)[0] == "undecided"
@@ -86,6 +87,7 @@ def test_a_topic_of_the_map_has_its_default_then(tmp_path: Path) -> None:
     assert start_behind(flat, module, module.symbol.verify.abstracts[0]) == (0.5,)
 
 
+@pytest.mark.long
 def test_of_a_start_that_is_drawn_nothing_is_said(tmp_path: Path) -> None:
     drawn = text().replace(
         "state p: float = 0.0; der p = u;\n}", "state p: float in [0.0, 3.5]; der p = u;\n}"

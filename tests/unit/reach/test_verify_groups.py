@@ -80,6 +80,7 @@ def test_two_groups_and_two_values_of_a_parameter_are_proved() -> None:
     assert one.sum() >= two.sum()
 
 
+@pytest.mark.long
 def test_states_that_the_constraint_compares_must_be_one_group() -> None:
     together = ("safe Inside(pos, 0.0);", "safe Inside(pos, 0.0) && abs(pos.x + pos.y) < 3.0;")
     module_result = result_of(together)
@@ -118,6 +119,7 @@ def test_the_core_stays_inside_its_hint() -> None:
     assert edges[kept[-1] + 1] <= 1.95 + 1e-9
 
 
+@pytest.mark.long
 def test_a_map_is_proved_in_steps_and_a_wrong_one_is_not() -> None:
     text = """soter 1;
 topic x: float in [-4.0, 4.0] max_age 10ms;
@@ -163,6 +165,7 @@ def test_a_polytope_ends_where_sc_is_clamped() -> None:
     assert len(module_result.cases[0].polytopes) == 1
 
 
+@pytest.mark.long
 def test_a_finer_grid_settles_borders_and_forgets_no_failure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -85,6 +85,7 @@ def test_a_certificate_without_one_of_the_views_is_rejected(
     assert f"view `{name}` of module `Keep` is not there" in recheck_report.reason
 
 
+@pytest.mark.long
 def test_a_certificate_in_which_a_view_stands_twice_is_rejected(
     proved: tuple[Path, VerifyReport], tmp_path: Path
 ) -> None:
@@ -146,6 +147,7 @@ def random_predicate(chance: random.Random, depth: int) -> str:
     return f"({random_predicate(chance, depth - 1)} {op} {random_predicate(chance, depth - 1)})"
 
 
+@pytest.mark.long
 def test_a_predicate_in_a_view_never_says_more_than_the_whole() -> None:
     """By definition: for every value of the rest, what holds of the whole holds of its part.
 
@@ -208,6 +210,7 @@ def number(e: typed.TypedExpr, rooms: dict[str, float]) -> float:
     return rooms[e.target.topic.name]
 
 
+@pytest.mark.long
 def test_what_only_safe_reads_is_said_to_be_judged_on_the_plant_of_the_proof(
     tmp_path: Path,
 ) -> None:

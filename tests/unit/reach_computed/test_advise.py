@@ -42,6 +42,7 @@ def test_a_period_too_long_does_not_verify(swept: Advice) -> None:
     assert swept.best_ns is None or swept.best_ns < last.delta_ns
 
 
+@pytest.mark.long
 def test_what_it_says_of_the_declared_period_is_what_verify_says(
     open_cart: Path, swept: Advice, monkeypatch: pytest.MonkeyPatch
 ) -> None:

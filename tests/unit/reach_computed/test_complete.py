@@ -114,6 +114,7 @@ def test_no_push_at_the_wall_gets_through(open_cart: Path) -> None:
     assert program.simulate("Unprotected", "20s").violations > 0, "the wall would be hit"
 
 
+@pytest.mark.long
 def test_sets_that_are_too_large_would_be_noticed(
     open_cart: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

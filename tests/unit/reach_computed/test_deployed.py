@@ -121,6 +121,7 @@ def test_the_sets_of_a_proof_are_the_table_of_a_run() -> None:
     assert f"on {deployed[0].mean():.1%} of the grid (S_0)" in note
 
 
+@pytest.mark.long
 def test_half_spaces_of_all_values_are_what_polytopes_return_to(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -81,6 +81,7 @@ def test_the_logic_is_that_of_the_paper() -> None:
     assert decided(SC, ttf=False, safer=True, **fine) == AC
 
 
+@pytest.mark.long
 def test_one_wrong_entry_of_a_table_is_found(open_cart: Path) -> None:
     (module,) = verify(check_file(str(open_cart)), refute=False).modules
     assert check_module(module).cells == 200 * 160

@@ -102,6 +102,7 @@ def pendulum_rate(x: Floats, a: Floats) -> Floats:
     return np.stack([x[1], -np.sin(x[0]) - 0.2 * x[1] * np.abs(x[1]) + a])
 
 
+@pytest.mark.long
 def test_a_nonlinear_flow_is_enclosed() -> None:
     rng = np.random.default_rng(9)
     edges = [np.linspace(-1.2, 1.2, 31), np.linspace(-2, 2, 31)]

@@ -184,6 +184,7 @@ def test_the_runs_would_show_what_a_standing_core_forgot(
     assert escaped(table(-0.9899, 3.0), witness, system, 3) > 0
 
 
+@pytest.mark.long
 def test_one_state_stands_beside_another_that_moves() -> None:
     inputs = GridInputs(
         states=((-1.0, 1.0), (-1.0, 1.0)),

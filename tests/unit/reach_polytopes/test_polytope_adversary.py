@@ -115,6 +115,7 @@ def late(seed: int) -> LinearGroup:
 
 
 @pytest.mark.parametrize("seed", [0, 5])
+@pytest.mark.long
 def test_an_sc_that_was_taken_to_be_in_time_is_found(seed: int) -> None:
     group = late(seed)
     right, wrong = kept(group), kept(replace(group, jitter_ns=0))

@@ -277,6 +277,7 @@ def test_bounds_hold_at_random_points() -> None:
     assert (bounds - values < 0.2).all(), "and they are close"
 
 
+@pytest.mark.long
 def test_five_states_are_proved() -> None:
     sets = compute(axis(), Windows(40 * MS, 30 * MS, 2))
     assert sets is not None

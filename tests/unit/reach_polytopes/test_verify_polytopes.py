@@ -150,6 +150,7 @@ def test_the_scheme_of_the_simulator_is_part_of_the_proof() -> None:
     assert model.covers_scheme
 
 
+@pytest.mark.long
 def test_computed_predicates_are_proved_and_compiled() -> None:
     module_result = result_of(*COMPUTED)
     assert module_result.verdict == "proved", verdicts(module_result)
@@ -218,6 +219,7 @@ def test_what_is_wrong_is_undecided(name: str) -> None:
     assert failures[0].hint, name
 
 
+@pytest.mark.long
 def test_predicates_that_forget_the_errors_are_not_proved() -> None:
     """A set that lies in S_0 of exact estimates, written as the user's: `ttf` and nothing else."""
     measured = "  measured motion.x within 0.02, motion.v within 0.05;\n"
@@ -400,6 +402,7 @@ def test_the_simulation_would_notice_sets_that_forget_the_horizon() -> None:
     assert closed_loop(lift(), sets.core, sets.core, 12.0) > 0
 
 
+@pytest.mark.long
 def test_runs_of_the_compiled_program_under_attack_find_nothing() -> None:
     checked = check_file("polytope.soter", "".join(_replaced(CART)))
     flat = system_of(checked, None)

@@ -54,6 +54,7 @@ def walls(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_controller_between_two_walls_is_found_written_and_proved(walls: Path) -> None:
     path, table = soter.load(walls).synthesize()
     assert (path.name, table.name) == ("walls_sc.soter", "SafeSC.npy")
@@ -129,6 +130,7 @@ system Forced { b: Boat; module Moored; force Moored sc; until 20s; always abs(b
 """
 
 
+@pytest.mark.long
 def test_outputs_with_several_leaves_get_a_constant_each(tmp_path: Path) -> None:
     path = tmp_path / "boat.soter"
     path.write_text(BOAT)

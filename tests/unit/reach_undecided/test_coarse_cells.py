@@ -9,6 +9,7 @@ from soter.reach.diagnosis import empty_invariant, experiments
 from unit.reach_undecided.tank_modules import cause, changed, explained, kinds
 
 
+@pytest.mark.long
 def test_smaller_cells_give_the_k_that_is_promised() -> None:
     module_result = explained(changed(("/ 320", "/ 4")))
     assert module_result.findings["P2a"].text == "K is empty: the cells are too coarse"
@@ -34,6 +35,7 @@ def test_no_cell_inside_safe_is_told_apart() -> None:
     assert "false at the declared start" in elsewhere.findings["P2a"].causes[0].text
 
 
+@pytest.mark.long
 def test_a_k_that_no_run_leaves_is_told_so() -> None:
     module_result = explained(changed(("/ 320", "/ 4")))
     assert module_result.findings["P2a"].leaving is None
@@ -49,6 +51,7 @@ def test_what_was_cut_short_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     assert bold.findings["ttf"].verdict == "undecided"
 
 
+@pytest.mark.long
 def test_an_invariant_that_fails_in_an_experiment_is_a_defect(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -103,6 +103,7 @@ def test_the_way_back_that_is_not_found_is_followed() -> None:
     assert not part.rank[at]  # one of the cells from which no way back was found
 
 
+@pytest.mark.long
 def test_a_predicate_of_two_states_has_a_distance_along_one_axis() -> None:
     bold = cart(("+ 0.8", "+ 0.0"), ("ttf Room(motion, 0.12)", "ttf Room(motion, 0.06)"))
     module_result = explained(bold)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
 from unit.reach_undecided.tank_modules import cause, changed, explained
 from unit.reach_undecided.test_way_back import FINE, LIFT
 
@@ -28,6 +30,7 @@ def test_the_state_its_value_and_the_nearest_bound_are_named() -> None:
     assert explained(mended).findings["start"].verdict == "proved"
 
 
+@pytest.mark.long
 def test_a_start_outside_the_grid_is_told_from_one_where_safe_is_false() -> None:
     beyond = explained(changed((HEIGHT, "state h: float = 12.0;"), text=LIFT))
     assert "`safe` is false there" in cause(beyond, "start", "start_outside").text

@@ -25,6 +25,7 @@ def scaled(p: float) -> str:
     )
 
 
+@pytest.mark.long
 def test_sc_keeps_a_set_with_that_part_and_none_with_the_next(weak: ModuleResult) -> None:
     strength_cause = cause(weak, "P2a", "strength")
     numbers = dict(strength_cause.numbers)

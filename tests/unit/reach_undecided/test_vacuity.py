@@ -106,6 +106,7 @@ def test_the_worst_parameter_value_is_named() -> None:
     assert every.vacuity.text.startswith("with every parameter value AC never")
 
 
+@pytest.mark.long
 def test_a_polytope_is_measured_too() -> None:
     grid = ("grid level in [0.2, 1.8] / 320", "polytope level in [0.2, 1.8]")
     near = ("safer level > 0.4 && level < 1.6", "safer level > 0.9 && level < 1.1")

@@ -78,6 +78,7 @@ def test_an_sc_that_goes_where_it_is_told_gives_control_back(elsewhere: ModuleRe
     assert mended.findings["P2b"].verdict == "proved"
 
 
+@pytest.mark.long
 def test_cells_that_are_too_coarse_are_told_with_a_grid_that_does() -> None:
     module_result = explained(LIFT)
     assert module_result.findings["P2b"].verdict == "undecided"
@@ -113,6 +114,7 @@ def test_a_safer_without_room_for_the_error_is_told_how_wide_it_has_to_be() -> N
     assert "(0.03 in t.h)" in helped(module_result)  # twice 0.01, and two cells of 0.005
 
 
+@pytest.mark.long
 def test_an_sc_that_only_stops_is_told_from_one_that_is_weak() -> None:
     stops = (LAW, "-2.0 * motion.v")
     still = ("load: float in [-0.1, 0.1]", "load: float in [-0.001, 0.001]")
@@ -137,6 +139,7 @@ def test_an_sc_that_is_too_slow_is_told_the_time_that_it_needs() -> None:
     assert explained(changed((grid, less))).findings["P2b"].verdict == "undecided"
 
 
+@pytest.mark.long
 def test_a_grid_that_would_not_help_is_not_advised() -> None:
     weak = changed((LAW, "1.0 * (5.0 - motion.h) - 0.1 * motion.v"), FINE, text=LIFT)
     p2a = explained(weak).findings["P2a"]

@@ -115,6 +115,7 @@ def test_the_list_is_that_of_the_language() -> None:
 # ---------------------------------------------------------------- what is derived
 
 
+@pytest.mark.long
 def test_assumptions_of_the_manifest_are_not_read(changed: Change, proved: Path) -> None:
     def change(manifest: dict[str, Any]) -> None:
         manifest["modules"][0]["assumptions"] = ["none: holds for every robot"]
@@ -146,6 +147,7 @@ def test_a_time_that_is_shorter_than_there_is_is_rejected(changed: Change, key: 
     assert f"{key} is {own - 1} in the manifest" in report.reason
 
 
+@pytest.mark.long
 def test_a_delay_that_is_longer_is_what_counts(changed: Change) -> None:
     own = recheck(changed(lambda _: None)).modules[0].times
     longer = {"A_ns": own["A_ns"] + 1, "d_ns": own["d_ns"] + 1}
@@ -167,6 +169,7 @@ param GAIN: float = 2.0 in [0.0, 9.0];
 """
 
 
+@pytest.mark.long
 def test_the_verdict_says_what_it_is_about(
     copied: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

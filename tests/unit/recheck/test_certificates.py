@@ -49,6 +49,7 @@ def test_a_right_certificate_is_accepted(proved: Path) -> None:
     assert report.safe
 
 
+@pytest.mark.long
 def test_what_the_prover_writes_is_accepted(tmp_path: Path, sealed: Sealed) -> None:
     path = tmp_path / "cart.soter"
     path.write_text(sealed.cart.text())
@@ -197,6 +198,7 @@ def test_corruptions_that_are_sealed_again_are_rejected_or_true(sealed: Sealed) 
     assert sum(not o.accepted for o in outcomes) > CORRUPTIONS / 2
 
 
+@pytest.mark.long
 def test_the_adversary_sees_what_is_wrong(sealed: Sealed) -> None:
     """Where the simulations see a broken claim, the re-checker rejects; and they see many."""
     seen = 0

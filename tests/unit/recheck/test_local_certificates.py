@@ -101,6 +101,7 @@ def test_one_more_cell_is_rejected(base: Sealed, tmp_path: Path, name: str) -> N
     assert rejected >= 2
 
 
+@pytest.mark.long
 def test_a_rank_too_low_is_rejected(base: Sealed, tmp_path: Path) -> None:
     wrong = base.copy()
     rank = wrong.tables["W"]

@@ -43,6 +43,7 @@ def proved(folder: Path, *pairs: tuple[str, str]) -> dict[str, Any]:
     return entry
 
 
+@pytest.mark.long
 def test_a_proof_counts_with_the_longest_and_its_certificate_is_accepted(tmp_path: Path) -> None:
     said, takes = proved(tmp_path / "said"), proved(tmp_path / "takes", SAID, TAKES)
     assert takes["times"] == said["times"]

@@ -370,6 +370,7 @@ EDITS_OF_USERS: dict[str, Edit] = {
 
 
 @pytest.mark.parametrize("name", some(EDITS_OF_USERS, 1))
+@pytest.mark.long
 def test_what_overstates_predicates_is_rejected(name: str, users: Path, tmp_path: Path) -> None:
     assert rejected(users, tmp_path, EDITS_OF_USERS[name])
 
@@ -397,6 +398,7 @@ def test_every_claim_rests_on_its_multipliers(factor: float, right: Path, tmp_pa
     assert len(held) <= (0 if factor <= 0 else 2), held
 
 
+@pytest.mark.long
 def test_a_half_space_of_k_that_is_moved_out_is_rejected(right: Path, tmp_path: Path) -> None:
     """Each of them that any claim uses."""
     group = Opened(right).group

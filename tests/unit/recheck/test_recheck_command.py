@@ -23,6 +23,7 @@ def document(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
     return recheck_document
 
 
+@pytest.mark.long
 def test_accepted_is_0(proved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["recheck", str(proved), "--json"]) == 0
     recheck_document = document(capsys)

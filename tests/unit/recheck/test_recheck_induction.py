@@ -208,6 +208,7 @@ def test_too_small_a_k_is_rejected(tmp_path: Path) -> None:
 OPAQUE = SLOW.replace("period 400ms", "period 40ms")
 
 
+@pytest.mark.long
 def test_what_is_opaque_is_accepted_as_far_as_it_is_proved(tmp_path: Path) -> None:
     """P2b rests on `progress`: assumed, and not confirmed."""
     report = recheck(certificate(tmp_path, OPAQUE))
@@ -228,6 +229,7 @@ def returns(manifest: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("change", some([latching, returns, edited("progress", [])], 1))
+@pytest.mark.long
 def test_more_than_is_proved_of_what_is_opaque_is_rejected(
     tmp_path: Path, change: Callable[[dict[str, Any]], None]
 ) -> None:

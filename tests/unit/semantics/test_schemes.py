@@ -67,6 +67,7 @@ def test_both_engines_compute_a_scheme_to_the_last_bit(scheme: str, tmp_path: Pa
     assert native.trace_sha256 == interpreted.trace_sha256
 
 
+@pytest.mark.long
 def test_random_programs_are_integrated_by_every_scheme() -> None:
     texts = [program(number) for number in range(60)]
     assert {s for s in SCHEMES if any(f"integrate {s}" in text for text in texts)} == set(SCHEMES)

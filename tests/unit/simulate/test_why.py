@@ -151,6 +151,7 @@ def test_every_step_of_an_example_is_explained(name: str) -> None:
     assert all(d.why is not None and d.why.known for d in steps)
 
 
+@pytest.mark.long
 def test_the_run_command_lists_why(tmp_path: Path) -> None:
     run(tmp_path)
     command = (sys.executable, "-m", "soter.cli.main", "run", "why.soter")

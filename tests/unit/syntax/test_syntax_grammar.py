@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import lark
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -253,6 +254,7 @@ def test_parser_accepts_what_the_grammar_generates(seed: int) -> None:
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32))
+@pytest.mark.long
 def test_grammar_accepts_what_it_generates(seed: int) -> None:
     assert grammar_accepts(program(seed, 9))
 
@@ -282,6 +284,7 @@ def tokens_of(text: str) -> list[str]:
 
 @settings(max_examples=120, deadline=None, derandomize=True)
 @given(st.data())
+@pytest.mark.long
 def test_grammar_and_parser_agree_on_programs_with_one_token_changed(data: st.DataObject) -> None:
     declarations = SMALL.split("\n")[1:-1]
     tokens = tokens_of("soter 1;" + data.draw(st.sampled_from([*declarations, SMALL[8:]])))

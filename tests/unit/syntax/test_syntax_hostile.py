@@ -262,6 +262,7 @@ def test_any_text_is_answered(text: str) -> None:
     render_all(diagnostics.items, color=True)
 
 
+@pytest.mark.long
 def test_truncating_a_program_anywhere_is_answered(everything: str) -> None:
     for end in range(0, len(everything), 17):
         diagnostics = Diagnostics()

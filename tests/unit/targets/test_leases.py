@@ -260,6 +260,7 @@ def test_in_time_or_the_law_before_h_runs_out() -> None:
 FLIGHTS = examples("SOTER_STOP_FLIGHTS", quick=1, long=4)
 
 
+@pytest.mark.long
 def test_flights_of_the_emergency_stop_stay_between_the_walls_with_leases_only() -> None:
     timing = dict(shipped())[STOP_MODULE]
     assert isinstance(timing, Timing)
