@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,7 +39,9 @@ def parsed(svg: str) -> ET.Element:
     return ET.fromstring(svg)  # noqa: S314 - of what was just drawn
 
 
+@cache
 def flat(name: str) -> System:
+    """A system of an example, which pictures only read."""
     checked = check_file(str(ROOT / "examples" / f"{name}.soter"))
     default = checked.default_system()
     return system_of(checked, default.name if default else next(iter(checked.systems)))
