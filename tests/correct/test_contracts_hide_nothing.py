@@ -87,6 +87,7 @@ def test_an_abstraction_that_leaves_out_a_value_is_seen(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("variant", [pytest.param("M", marks=pytest.mark.long), "neither"])
+@pytest.mark.long
 def test_explorer_and_enumerator_agree_on_what_stands_for_modules(variant: str) -> None:
     seen = 0
     for seed in range(20 + 5 * COMPARED):

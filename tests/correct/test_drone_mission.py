@@ -61,6 +61,7 @@ def test_a_liars_plans_are_turned_down_each_for_a_reason_of_the_program() -> Non
     assert all(np.isfinite(way.points).all() for way in refused)
 
 
+@pytest.mark.long
 def test_the_samples_are_the_runs_states() -> None:
     one = flown("Lying", 60.0, 3, 1.0)
     time_s = one.watch.column("time_s")

@@ -81,6 +81,7 @@ def test_hostile_parts_break_nothing(system: str, least: int) -> None:
         assert sum(book["reasons"]) == last["inForce"]["refused"]
 
 
+@pytest.mark.long
 def test_a_landing_is_flown_by_sc_alone(drone: Path) -> None:
     changed(
         drone / HOSTILE.name,

@@ -27,6 +27,7 @@ RESERVE, LETS_GO = NAMED["battery", "no reserve"], NAMED["motion", "SC lets go"]
         pytest.param(LETS_GO, id=LETS_GO.name, marks=pytest.mark.long),
     ],
 )
+@pytest.mark.long
 def test_a_wrong_stack_is_not_proved_and_a_flight_shows_why(wrong: Wrong) -> None:
     row = examine(wrong)
     assert not row.verdict.proved
@@ -34,6 +35,7 @@ def test_a_wrong_stack_is_not_proved_and_a_flight_shows_why(wrong: Wrong) -> Non
     assert "<== PROVED" not in " ".join(row.cells())
 
 
+@pytest.mark.long
 def test_the_unbroken_stack_is_proved_and_flies_on_in_the_same_worlds(tmp_path: Path) -> None:
     """Or the function never says proved, or the worlds are none that may be."""
     assert verdict(laid_out(tmp_path / "whole", ()), RESERVE.verify).proved

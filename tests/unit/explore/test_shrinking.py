@@ -100,6 +100,7 @@ def test_a_long_trace_over_floats_is_shrunk_where_minimising_ends_in_vain(
     assert replayed(test_result).trace.shrunk_from == test_result.shrunk_from
 
 
+@pytest.mark.long
 def test_shrinking_gives_the_same_trace_twice() -> None:
     system = system_of_text(CART, "Drifts")
     search, outcome = searched(system, seed=3)

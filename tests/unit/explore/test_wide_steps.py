@@ -289,6 +289,7 @@ print(found.status, resident("VmHWM") - before, found.total_bytes, max(told, def
     ("strategy", "threads"),
     [("bfs", 1), ("bfs", 4), pytest.param("dfs", 1, marks=pytest.mark.long)],
 )
+@pytest.mark.long
 def test_memory_bounds_what_the_process_takes(strategy: str, threads: int) -> None:
     memory = 160 * 2**20
     tests = str(Path(__file__).resolve().parents[2])

@@ -164,6 +164,7 @@ def test_a_guarantee_that_is_not_proved_leaves_the_conjunction_open(tmp_path: Pa
     assert whose(alone, "b.lead") == ("`safe` of SafeLead: not verified here", True)
 
 
+@pytest.mark.long
 def test_a_weaker_guarantee_proves_less(tmp_path: Path) -> None:
     report = verified(tmp_path, TEXT.replace("SLOW: float = 2.0", "SLOW: float = 0.9"))
     assert report["SafeLead"].verdict == "proved"

@@ -368,6 +368,7 @@ rta KeepX {
     assert "SC faults on the defaults" in why
 
 
+@pytest.mark.long
 def test_an_adversary_who_chooses_the_mode_never_leaves_what_was_proved(tmp_path: Path) -> None:
     """Pairs of laws, drawn: from cells of K he switches as he likes, and mostly to do harm."""
     chance = random.Random(3)  # noqa: S311 - test points

@@ -106,6 +106,7 @@ def test_a_plan_that_is_published_again_and_again_never_settles(tmp_path: Path) 
     assert report.verdict == "undecided"
 
 
+@pytest.mark.long
 def test_declared_times_make_p1c_proved_and_need_a_longer_threshold(tmp_path: Path) -> None:
     nodes = "late dm 1ms, sc 1ms, Follower 1ms, RRTStar 1ms;"
     none = "response dm 0ms, sc 0ms, Follower 0ms, RRTStar 0ms;"
@@ -483,6 +484,7 @@ def test_a_fail_safe_value_that_is_safe_does_no_harm(tmp_path: Path) -> None:
     assert module_result.findings["P2a"].verdict == "proved"
 
 
+@pytest.mark.long
 def test_floats_are_equal_as_floats_are_and_not_as_terms(tmp_path: Path) -> None:
     """NaN is not equal to itself, and -0.0 equals 0.0."""
     for changed in (

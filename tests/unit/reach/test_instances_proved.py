@@ -115,6 +115,7 @@ def test_a_module_is_proved_with_its_own_parameters_and_the_topics_around_it(
         pytest.param(ABSTRACT, id="beside an abstraction", marks=pytest.mark.long),
     ],
 )
+@pytest.mark.long
 def test_every_element_is_a_problem_of_its_own_and_so_says_its_certificate(
     text: str, tmp_path: Path
 ) -> None:

@@ -129,6 +129,7 @@ def test_sets_that_are_too_large_would_be_noticed(
     assert soter.load(open_cart).simulate("Protected", "20s").violations > 0
 
 
+@pytest.mark.long
 def test_the_second_time_they_come_from_the_cache(
     open_cart: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

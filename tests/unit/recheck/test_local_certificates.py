@@ -115,6 +115,7 @@ def test_a_rank_too_low_is_rejected(base: Sealed, tmp_path: Path) -> None:
     assert "nearer to Q" in report.reason
 
 
+@pytest.mark.long
 def test_nothing_false_is_accepted_of_what_was_changed(base: Sealed) -> None:
     said: Counter[str] = Counter()
     for seed in range(500, 506):
