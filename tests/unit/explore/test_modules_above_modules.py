@@ -52,6 +52,7 @@ LARGE = ("the modes", "a late SC below", "the invariants")
     "name", [pytest.param(n, marks=[pytest.mark.long] if n in LARGE else []) for n in TESTS]
 )
 @pytest.mark.long
+@pytest.mark.long
 def test_explorer_and_enumerator_agree_on_a_tower(name: str) -> None:
     safe, test = TESTS[name]
     s = enumerated(0, TOWER.replace("SAFE", safe).replace("TEST", test), 60_000)
