@@ -66,6 +66,17 @@ def test_a_page_shows_what_its_long_commands_print(
     _checked(path, tmp_path, long=True, update=update)
 
 
+def test_pages_share_what_is_compiled_and_nothing_that_was_proved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("console.CACHE", tmp_path / "cache")
+    for entry in ("proof-1-2", "cart-3"):
+        (tmp_path / "cache" / entry).mkdir(parents=True)
+    environment = folder_for("", tmp_path / "page")
+    assert environment["SOTER_CACHE"] == str(tmp_path / "cache")
+    assert [p.name for p in (tmp_path / "cache").iterdir()] == ["cart-3"]
+
+
 def test_every_command_of_the_readme_is_shown_with_its_output_in_the_first_hour() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     asked = {" ".join(shlex.split(x, comments=True)) for x in readme if x.startswith("soter ")}

@@ -223,3 +223,18 @@ def test_the_command_for_pages_asks_for_them_and_ci_runs_it_too() -> None:
     assert re.search(rf"^{PAGES.split()[1]}:.*\n\t.*pytest.* -m pages$", recipes, re.MULTILINE)
     run = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
     assert {"make lint", "make test", PAGES} <= set(run)
+
+
+def test_bytecode_is_kept_whatever_the_environment_says(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    for more in ((), ("-n", "1")):
+        prefix = tmp_path / str(len(more))
+        done = processes.run(
+            [sys.executable, "-m", "pytest", "--collect-only", "tests/unit/test_pieces.py", *more],
+            cwd=ROOT,
+            env={**environment, "PYTHONPYCACHEPREFIX": str(prefix)},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert [*prefix.rglob("test_pieces.*-pytest-*.pyc")]
