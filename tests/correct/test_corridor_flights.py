@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.certificate.inclusions.tables import Block, Grid
-    from soter.program.model.typed import Program
+    from soter.program.model.typed import TypedProgram
     from soter.reach.claims.results import VerifyReport
 
     Show = Callable[[Block], Iterator[Block]]
@@ -33,7 +33,7 @@ WALLS = ("east", "west", "north", "south", "above", "below")
 
 
 @cache
-def corridor() -> Program:
+def corridor() -> TypedProgram:
     """Checked when a test asks for it: each worker reads this file as it collects."""
     program = check_file(str(DRONE / "corridor.soter")).program
     assert program is not None

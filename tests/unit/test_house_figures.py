@@ -191,7 +191,6 @@ REASONS = {
     "bench/recheck_forgeries.py": "a list of forgeries",
     "bench/run_all.py": "a row a table of the page",
     "bench/verify_soundness.py": "not cut yet",
-    "tests/quick_lines.py": "a list of lines",
     "tests/generators/random_programs.py": "one grammar, at random",
     "tests/generators/random_expressions.py": "the same, of expressions",
     "tests/generators/brute_force.py": "the enumerator, read beside docs/testing.md",
