@@ -1,16 +1,18 @@
 """What all tests share: the `golden` fixture and its `--update-golden` switch.
 
 Bytecode of everything that a test starts is kept below `build/`, whatever the environment says of
-it: the tree stays clean, and a later run compiles only what has changed.
+it, but not of files that tests make: the tree stays clean, and a later run compiles only what has
+changed.
 """
 
 from __future__ import annotations
 
 import gc
+import getpass
 import os
-import shutil
 import signal
 import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +26,16 @@ os.environ.setdefault("PYTHONPYCACHEPREFIX", str(BYTECODE))
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"]
 sys.dont_write_bytecode = False
+
+# Python tells sources apart by size and second of change: a test that writes its file anew may be
+# quicker. A file where their bytecode's folder would be keeps it from being written.
+TEMPORARY = Path(tempfile.gettempdir()).resolve()
+if TEMPORARY in BYTECODE.parents:
+    TEMPORARY /= f"pytest-of-{getpass.getuser()}"
+NONE_OF_TEMPORARY = Path(sys.pycache_prefix, *TEMPORARY.parts[1:])
+NONE_OF_TEMPORARY.parent.mkdir(parents=True, exist_ok=True)
+if not NONE_OF_TEMPORARY.exists():
+    NONE_OF_TEMPORARY.touch()
 
 pytest_plugins = ("golden", "examples_changed", "long_tests")
 
@@ -49,13 +61,6 @@ def pytest_collection_finish() -> None:
     """What was collected stays to the end: the garbage collector need not look at it again."""
     gc.collect()
     gc.freeze()
-
-
-def pytest_unconfigure(config: pytest.Config) -> None:
-    """Bytecode of files that tests made in folders of their own is of no use to a later run."""
-    made = getattr(getattr(config, "_tmp_path_factory", None), "_basetemp", None)
-    if made is not None and sys.pycache_prefix is not None:
-        shutil.rmtree(Path(sys.pycache_prefix, *made.resolve().parts[1:]), ignore_errors=True)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -74,6 +74,7 @@ def test_random_programs_run_clean(chunk: int, tmp_path: Path) -> None:
 )
 @pytest.mark.long
 @pytest.mark.long
+@pytest.mark.long
 def test_programs_of_the_repository_run_clean(folder: str, tmp_path: Path) -> None:
     subjects = [s for path in files(folder) for s in subjects_of(path, INSTANTS)]
     assert subjects, folder

@@ -238,3 +238,13 @@ def test_bytecode_is_kept_whatever_the_environment_says(tmp_path: Path) -> None:
         )
         assert done.returncode == 0, done.stdout + done.stderr
         assert [*prefix.rglob("test_pieces.*-pytest-*.pyc")]
+
+
+def test_a_module_that_is_written_anew_within_a_second_is_read_anew(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "import it; print(it.IT)"]
+    path = tmp_path / "it.py"
+    for said in ("one", "two"):
+        path.write_text(f"IT = '{said}'\n", encoding="utf-8")
+        os.utime(path, (1e9, 1e9))
+        done = processes.run(command, cwd=tmp_path, check=True, capture_output=True, text=True)
+        assert done.stdout == f"{said}\n"

@@ -53,6 +53,7 @@ LARGE = ("the modes", "a late SC below", "the invariants")
 )
 @pytest.mark.long
 @pytest.mark.long
+@pytest.mark.long
 def test_explorer_and_enumerator_agree_on_a_tower(name: str) -> None:
     safe, test = TESTS[name]
     s = enumerated(0, TOWER.replace("SAFE", safe).replace("TEST", test), 60_000)

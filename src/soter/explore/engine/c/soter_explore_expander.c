@@ -7,9 +7,7 @@
 
 #define MOST_BYTES (UINT32_C(1) << 23) /* of successors, before they are taken away, */
 #define FEWEST 64U                     /* but so many */
-#define LITTLE                                                                      \
-  4096U /* bytes of what may be remembered, for a successor of many worlds at once \
-         */
+#define LITTLE 4096U                   /* bytes remembered for a successor of many worlds at once */
 
 /* The reductions that are sound for a model, of those asked for. */
 static uint32_t reductions(const soter_model* m, const soter_explore_options* o) {
