@@ -58,6 +58,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "look it up",
         (
             ("language.md", "The language"),
+            ("glossary.md", "Glossary"),
             ("semantics.md", "Semantics"),
             ("prelude.md", "The prelude"),
             ("commands.md", "The command line"),

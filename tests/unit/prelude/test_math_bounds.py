@@ -11,7 +11,16 @@ import os
 
 import mpmath
 import pytest
-from exact import PRECISION_BITS, SCALAR, arguments_of, distance, exact, hard_angles, seeded, ulp  # type: ignore[import-not-found]
+from exact_functions import (  # type: ignore[import-not-found]
+    PRECISION_BITS,
+    SCALAR,
+    arguments_of,
+    distance,
+    exact,
+    hard_angles,
+    seeded,
+    ulp,
+)
 from mpmath import mp, mpf
 from soter_functions import SCALARS, soter_function  # type: ignore[import-not-found]
 

@@ -6,7 +6,7 @@ import itertools
 import math
 
 import pytest
-from exact import seeded  # type: ignore[import-not-found]
+from exact_functions import seeded  # type: ignore[import-not-found]
 from hypothesis import given
 from hypothesis import strategies as st
 from soter_functions import SIGNATURES, components, flat_call  # type: ignore[import-not-found]

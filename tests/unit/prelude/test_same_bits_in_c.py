@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 import pytest
-from exact import hard_angles, seeded  # type: ignore[import-not-found]
+from exact_functions import hard_angles, seeded  # type: ignore[import-not-found]
 from soter_functions import SIGNATURES  # type: ignore[import-not-found]
 from test_no_faults import SPECIAL  # type: ignore[import-not-found]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import mpmath
 import pytest
-from exact import PRECISION_BITS, distance, seeded, ulp  # type: ignore[import-not-found]
+from exact_functions import PRECISION_BITS, distance, seeded, ulp  # type: ignore[import-not-found]
 from mpmath import mpf
 from soter_functions import SIGNATURES, VECTORS, components, flat_call  # type: ignore[import-not-found]
 
