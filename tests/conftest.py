@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import getpass
 import os
+import shutil
 import signal
 import sys
 import tempfile
@@ -34,8 +35,9 @@ if TEMPORARY in BYTECODE.parents:
     TEMPORARY /= f"pytest-of-{getpass.getuser()}"
 NONE_OF_TEMPORARY = Path(sys.pycache_prefix, *TEMPORARY.parts[1:])
 NONE_OF_TEMPORARY.parent.mkdir(parents=True, exist_ok=True)
-if not NONE_OF_TEMPORARY.exists():
-    NONE_OF_TEMPORARY.touch()
+if NONE_OF_TEMPORARY.is_dir():
+    shutil.rmtree(NONE_OF_TEMPORARY, ignore_errors=True)
+NONE_OF_TEMPORARY.touch()
 
 pytest_plugins = ("golden", "examples_changed", "long_tests")
 

@@ -18,6 +18,7 @@ import cffi
 from generators.engine_comparison import call_compiler
 from soter.codegen.c import tree as c
 from soter.codegen.c.printer import print_file
+from soter.native.build import CHECK_FAILED
 from soter.program.model.types import (
     BOOL,
     ArrayType,
@@ -210,7 +211,7 @@ class Compiled:
         library = folder / "enclosures.so"
         call_compiler(
             folder, *(flags or ("-O1",)), "-fPIC", "-shared", "-o", str(library),
-            str(source), "-lm",
+            str(source), str(CHECK_FAILED), "-lm",
         )  # fmt: skip
         self.ffi = cffi.FFI()
         self.ffi.cdef(DECLARATIONS)

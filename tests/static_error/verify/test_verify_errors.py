@@ -72,7 +72,7 @@ def test_every_code_that_extraction_reports_has_a_page_and_a_program() -> None:
     room = Path(__file__).parents[3] / "src" / "soter" / "reach"
     used = {
         c
-        for f in (*files_below(room, "*.py"), room.parent / "program" / "flatten" / "views.py")
+        for f in (*files_below(room, "*.py"), room.parent / "program" / "elaborate" / "views.py")
         for c in re.findall(r'"(R\d{3})"', f.read_text("utf-8"))
     }
     assert used == set(CODES)

@@ -512,4 +512,7 @@ def test_one_signal_ends_code_that_hears_none(folder: Path) -> None:
 
 
 def children(process: int) -> list[int]:
-    return [int(x) for x in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+    """Those that run: what watched a compiler has ended, and is collected with the command."""
+    numbers = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    stats = {int(n): Path(f"/proc/{n}/stat").read_text() for n in numbers}
+    return [n for n, stat in stats.items() if stat.rpartition(")")[2].split()[0] != "Z"]

@@ -18,6 +18,7 @@ import pytest
 
 from generators.engine_comparison import call_compiler
 from generators.python_enclosures import seeded
+from soter.native.build import CHECK_FAILED
 from soter.prelude.bounds import BOUNDS
 from soter.reach.enclose.prelude import ENCLOSED
 
@@ -68,7 +69,15 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Any:
     (folder / "wrap.c").write_text(c_text(), encoding="utf-8")
     built = folder / "wrap.so"
     call_compiler(
-        folder, "-O2", "-fPIC", "-shared", "-o", str(built), str(folder / "wrap.c"), "-lm"
+        folder,
+        "-O2",
+        "-fPIC",
+        "-shared",
+        "-o",
+        str(built),
+        str(folder / "wrap.c"),
+        str(CHECK_FAILED),
+        "-lm",
     )
     ffi = cffi.FFI()
     ffi.cdef(f"typedef struct {{ double lo, hi, c, r; double g[{INPUTS}]; }} soter_form;")

@@ -16,6 +16,7 @@ import pytest
 from generators.engine_comparison import call_compiler
 from generators.python_enclosures import holds, seeded, set_input
 from soter.lower.steps import lower
+from soter.native.build import CHECK_FAILED
 from soter.program.evaluate.environment import Environment
 from soter.program.evaluate.statements import Evaluator
 from soter.program.front_end import check_file, system_of
@@ -126,7 +127,15 @@ def case(text: str, folder: Path) -> Case:
     (folder / "unit.c").write_text(unit.source, encoding="utf-8")
     built = folder / "unit.so"
     call_compiler(
-        folder, "-O1", "-fPIC", "-shared", "-o", str(built), str(folder / "unit.c"), "-lm"
+        folder,
+        "-O1",
+        "-fPIC",
+        "-shared",
+        "-o",
+        str(built),
+        str(folder / "unit.c"),
+        str(CHECK_FAILED),
+        "-lm",
     )
     ffi = cffi.FFI()
     count = len(ranges)
