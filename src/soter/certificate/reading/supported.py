@@ -114,7 +114,8 @@ def _only_known_fields(of: type) -> None:
     known = {**CODE, **DECLARATIONS}.get(of)
     field_names = {f.name for f in fields(of)} if is_dataclass(of) else set()
     if known is None or field_names - set(known.split()):
-        raise NotRecheckedError(f"`{of.__name__.removeprefix('Typed')}` is not known here as this language has it")
+        name = of.__name__.removeprefix("Typed")
+        raise NotRecheckedError(f"`{name}` is not known here as this language has it")
 
 
 # ---------------------------------------------------------------- declarations
