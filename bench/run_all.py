@@ -533,6 +533,12 @@ BENCHMARKS = (
         "four processes that spin. Which those are is heard from Python in a run of all.",
     ),
     Benchmark(
+        "Processes that outlive their command",
+        ("bench/orphans.py", "--instants", "20"),
+        "Commands that start processes, killed at instants spread over the time they take. Externs "
+        "fork into sessions of their own; a compiler leaves its work to a child and never ends.",
+    ),
+    Benchmark(
         "The playground, and what pages weigh",
         ("bench/playground.py",),
         "Seconds from opening the file in headless Chromium, by the clock, on a machine that "

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     import pytest
 
 BYTECODE = Path(__file__).resolve().parents[1] / "build" / "bytecode"
-os.environ.setdefault("PYTHONPYCACHEPREFIX", str(BYTECODE))
+sys.pycache_prefix = os.environ.get("PYTHONPYCACHEPREFIX") or str(BYTECODE)
+os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"]
 sys.dont_write_bytecode = False
 
 # Python tells sources apart by size and second of change: a test that writes its file anew may be
@@ -34,10 +34,11 @@ TEMPORARY = Path(tempfile.gettempdir()).resolve()
 if TEMPORARY in BYTECODE.parents:
     TEMPORARY /= f"pytest-of-{getpass.getuser()}"
 NONE_OF_TEMPORARY = Path(sys.pycache_prefix, *TEMPORARY.parts[1:])
-NONE_OF_TEMPORARY.parent.mkdir(parents=True, exist_ok=True)
-if NONE_OF_TEMPORARY.is_dir():
+if BYTECODE in NONE_OF_TEMPORARY.parents:  # nothing is removed from a folder that somebody named
     shutil.rmtree(NONE_OF_TEMPORARY, ignore_errors=True)
-NONE_OF_TEMPORARY.touch()
+if not NONE_OF_TEMPORARY.exists():
+    NONE_OF_TEMPORARY.parent.mkdir(parents=True, exist_ok=True)
+    NONE_OF_TEMPORARY.touch()
 
 pytest_plugins = ("golden", "examples_changed", "long_tests")
 

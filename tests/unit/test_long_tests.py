@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -238,6 +239,21 @@ def test_bytecode_is_kept_whatever_the_environment_says(tmp_path: Path) -> None:
         )
         assert done.returncode == 0, done.stdout + done.stderr
         assert [*prefix.rglob("test_pieces.*-pytest-*.pyc")]
+
+
+def test_a_folder_that_is_named_for_bytecode_loses_nothing(tmp_path: Path) -> None:
+    kept = tmp_path.joinpath("mine", *Path(tempfile.gettempdir()).resolve().parts[1:], "kept")
+    kept.parent.mkdir(parents=True)
+    kept.touch()
+    done = processes.run(
+        [sys.executable, "-m", "pytest", "--collect-only", "tests/unit/test_pieces.py"],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPYCACHEPREFIX": str(tmp_path / "mine")},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert kept.exists()
 
 
 def test_a_module_that_is_written_anew_within_a_second_is_read_anew(tmp_path: Path) -> None:

@@ -6,12 +6,9 @@ Non-goals: the inclusions themselves (`group_claims.py`), certificates (`recheck
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import os
-import signal
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -52,6 +49,7 @@ from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.program.model.types import leaves
+from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -380,7 +378,7 @@ class CaseCheck:
         if workers > 1 and "fork" in multiprocessing.get_all_start_methods():
             # a Pool that is terminated while it works may wait for ever; this ends what it began
             fork = multiprocessing.get_context("fork")
-            with ProcessPoolExecutor(workers, fork, _end_with, (os.getpid(),)) as pool:
+            with ProcessPoolExecutor(workers, fork, end_with, (os.getpid(),)) as pool:
                 asked = [pool.submit(_show, k) for k in range(len(self.tasks))]
                 try:
                     for answer in as_completed(asked):
@@ -403,16 +401,7 @@ class CaseCheck:
             raise RejectedError(failed + (f" ({case})" if case else ""))
 
 
-PR_SET_PDEATHSIG = 1
 _TASKS: list[tuple[str, Grid, Any, Any]] = []
-
-
-def _end_with(parent: int) -> None:
-    """Have this process killed when its parent is: it would wait for work for ever (Linux)."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
 
 
 def _show(k: int) -> str:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.watched import watched
+from soter.native.compiler_process import run_compiler
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def compile_with(
 ) -> None:
     """Run a compiler in `work`; SoterError X004 with its words, those of `telling` if any are."""
     phase("compiling")
-    done = watched(command, work, TIMEOUT_S)
+    done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:
         return
     lines = done.text.replace(str(work) + os.sep, "").strip().splitlines()

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, TIMEOUT_S, find
-from soter.native.watched import watched
+from soter.native.compiler_process import run_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -109,12 +109,12 @@ def _measured(
     for name, text in files.items():
         (work / name).write_text(text, encoding="utf-8")
     sources = [name for name in files if name.endswith(".c")]
-    version = watched([*command, "--version"], work, TIMEOUT_S).text
+    version = run_compiler([*command, "--version"], work, TIMEOUT_S).text
     said = (version.splitlines() or [""])[0]
     graph: StackGraph | None = None
 
     def done(*words: str) -> bool:
-        return watched([*command, *flags, *words, *sources], work, TIMEOUT_S).code == 0
+        return run_compiler([*command, *flags, *words, *sources], work, TIMEOUT_S).code == 0
 
     if done("-fcallgraph-info=su", "-c"):
         graph = _of_gcc(work)

@@ -23,6 +23,8 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from soter.workers.process_tree import stay_between
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -34,6 +36,8 @@ SLEEPY_S = 5.0
 MEMORY = 64 * 2**30
 """Bytes that a child may map."""
 CLOSED_TO = 65_536
+KEEPER_S = 5.0
+"""How long the process between may take to end what it is to end."""
 PR_SET_PDEATHSIG = 1
 
 
@@ -53,6 +57,8 @@ class Child:
         self.process = os.fork()
         if self.process == 0:
             ours.close()
+            if sys.platform == "linux":
+                parent = stay_between(parent)
             _live(theirs, parent, serve)
         theirs.close()
         ours.setblocking(False)
@@ -91,16 +97,25 @@ class Child:
     def _wait(self) -> int:
         """Its wait status; it may close its side and live on, and is killed then.
 
-        Whatever it has started ends with it, but for what has left its session.
+        What it has started ends with it: on Linux wherever it has moved (`stay_between`),
+        elsewhere but for what has left its session.
         """
-        end = time.monotonic() + LOOK_S
-        while not _has_ended(self.process) and time.monotonic() < end:
-            time.sleep(0.001)
+        self._look(LOOK_S)
         self._kill()  # before it is waited for: until then the number of the group is its own
         _, status = os.waitpid(self.process, 0)
         return status
 
+    def _look(self, at_most_s: float) -> None:
+        """Wait for its end, but no longer than that."""
+        end = time.monotonic() + at_most_s
+        while not _has_ended(self.process) and time.monotonic() < end:
+            time.sleep(0.001)
+
     def _kill(self) -> None:
+        if sys.platform == "linux":
+            with suppress(ProcessLookupError):
+                os.kill(self.process, signal.SIGTERM)
+            self._look(KEEPER_S)
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process, signal.SIGKILL)
         with suppress(ProcessLookupError):

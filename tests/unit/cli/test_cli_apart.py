@@ -491,6 +491,26 @@ def test_what_an_extern_forks_ends_with_the_run(folder: Path, source: str) -> No
             os.kill(process, 0)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere only their session is ended")
+@pytest.mark.parametrize("more", [(), ("--real-time",)])
+def test_what_python_forks_ends_when_the_command_is_killed(
+    folder: Path, more: tuple[str, ...]
+) -> None:
+    (folder / "forks.py").write_text(FORKS)
+    bound = f"Learned=python:{folder / 'forks.py'}:forks"
+    left = folder / "left.txt"
+    command = [*SOTER, "run", "robot.soter", "--bind", bound, "--until", "600s", *more]
+    environment = {**os.environ, "TMPDIR": str(folder)}
+    with processes.started(
+        command, cwd=folder, env=environment, stdout=processes.DEVNULL
+    ) as process:
+        written = lambda: left.exists() and left.read_text().count("\n") == 2  # noqa: E731
+        processes.until(written, process)
+        process.kill()
+    for number in left.read_text().split():
+        wait_for_the_end_of(int(number))
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_one_signal_ends_code_that_hears_none(folder: Path) -> None:
     """SIGTERM to the command ends both of its processes, and so does SIGKILL to it alone."""

@@ -10,7 +10,7 @@ import pytest
 
 from soter.api.assurance.replayed_flights import read_flights
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs import packed
+from soter.monitor.logs import bounded_gzip
 from soter.native.cache import limit
 from soter.program.load.bounded_read import ReadError, read_bytes
 from soter.targets.package import Package, PackageFile
@@ -62,7 +62,7 @@ def test_nothing_is_read_of_what_is_too_large(tmp_path: Path) -> None:
 def test_zeros_behind_what_gzip_has_packed(tmp_path: Path) -> None:
     path = sparse(tmp_path / "a.gz", gzip.compress(b"t,x\n"))
     with path.open("rb") as file, pytest.raises(zlib.error, match="behind its end"):
-        packed.Unpacked(file).readall()
+        bounded_gzip.BoundedGzip(file).readall()
 
 
 def test_what_gzip_reads_is_read(tmp_path: Path) -> None:
@@ -71,15 +71,15 @@ def test_what_gzip_reads_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.gz"
     path.write_bytes(b"".join(gzip.compress(p) + b"\0" * 100 for p in parts))
     with path.open("rb") as file:
-        assert packed.Unpacked(file).readall() == b"".join(parts)
+        assert bounded_gzip.BoundedGzip(file).readall() == b"".join(parts)
 
 
 def test_a_cut_and_an_endless_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, path = gzip.compress(b"x" * 10_000_000), tmp_path / "a.gz"
     path.write_bytes(whole[:-20])
     with path.open("rb") as file, pytest.raises(EOFError):
-        packed.Unpacked(file).readall()
+        bounded_gzip.BoundedGzip(file).readall()
     path.write_bytes(whole)
-    monkeypatch.setattr(packed, "UNPACKED_MAX", 1_000_000)
+    monkeypatch.setattr(bounded_gzip, "UNPACKED_MAX", 1_000_000)
     with path.open("rb") as file, pytest.raises(zlib.error, match="more than"):
-        packed.Unpacked(file).readall()
+        bounded_gzip.BoundedGzip(file).readall()

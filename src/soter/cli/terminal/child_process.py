@@ -11,18 +11,16 @@ file, write a verdict of its own, or change the engine's memory. That takes `wor
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import sys
 import time
-from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.child_result import ResultPipe
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.workers.child_process import end_with
+from soter.workers.process_tree import adopt_orphans, end_children
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 5
 """How long a child that was told to end may take, s: it may be in C that hears nothing."""
-PR_SET_CHILD_SUBREAPER = 36
 AGAIN_S = 1.0
 """A second signal that comes later than this is a person's who will not wait."""
 
@@ -61,9 +58,9 @@ def in_child_process(console: Console, rescue: Rescue) -> None:
         verdict.begin()
         console.leave_to(verdict)
         return
-    _adopt()
+    adopt_orphans()
     status, told = _wait(child, {*ending, signal.SIGCHLD, signal.SIGALRM})
-    _end_the_adopted()
+    end_children()
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
     exception = verdict.found()
     if exception is not None:
@@ -115,34 +112,3 @@ def _without_verdict(status: int, saved: tuple[str, ...]) -> Diagnostic:
         notes=(how, *saved),
         helps=("an extern ends it by `os._exit`, `os.exec*`, a crash in linked C, or a signal",),
     )
-
-
-# ---------------------------------------------------------------- what externs leave behind
-
-
-def _adopt() -> None:
-    """Have what externs start, and leave behind, become children of this process (Linux)."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
-
-
-def _end_the_adopted() -> None:
-    """End them, and what they have started: no extern outlives its run."""
-    end = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end and (left := _children()):
-        for process in left:
-            with suppress(ProcessLookupError, PermissionError):
-                os.kill(process, signal.SIGKILL)
-            with suppress(ChildProcessError):
-                os.waitpid(process, 0)
-
-
-def _children() -> list[int]:
-    """The children of this process that /proc tells of, ended ones too."""
-    own, pids = os.getpid(), []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):
-            fields = path.read_bytes().rpartition(b")")[2].split()
-            if int(fields[1]) == own:
-                pids.append(int(path.parent.name))
-    return pids

@@ -86,7 +86,7 @@ class Shrinker:
         self.tried = 0
 
     def run(self, steps: Steps) -> ShrinkResult | None:
-        """Something that is not larger; None where `found` is no such execution.
+        """Something that is not larger; None where `steps` is no such execution.
 
         (n,) -> at most n steps.
         """

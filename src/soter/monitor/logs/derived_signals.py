@@ -59,7 +59,7 @@ def _determinant(
 
 
 def slope_errors(times_s: Floats, values: Floats, window_s: float, derivatives: Floats) -> Floats:
-    """How far the slopes are from those over half the window; times_s, values, found: (n,).
+    """How far the slopes are from those over half the window; times_s, values, derivatives: (n,).
 
     Where both windows hold the same samples that says nothing and is left out.
     """

@@ -18,7 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.monitor.logs.packed import Unpacked
+from soter.monitor.logs.bounded_gzip import BoundedGzip
 from soter.program.load.bounded_read import opened
 from soter.simulate.outputs.to_log import require_log_package
 from soter.simulate.recorded_run import damaged
@@ -154,7 +154,7 @@ def _text(path: Path, data: BinaryIO) -> IO[str]:
     """The text of a CSV file, packed by gzip or not; closing it may leave `data` open."""
     csv.field_size_limit(CELL_MAX)
     if path.name.lower().endswith(".gz"):
-        unpacked = io.BufferedReader(Unpacked(data))
+        unpacked = io.BufferedReader(BoundedGzip(data))
         return io.TextIOWrapper(unpacked, encoding="utf-8-sig", newline="")
     return io.TextIOWrapper(data, encoding="utf-8-sig", newline="")
 

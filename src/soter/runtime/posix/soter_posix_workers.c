@@ -12,12 +12,14 @@
 
 #include "soter_posix.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <grp.h>
 #include <linux/capability.h>
 #include <sched.h>
 #include <signal.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -40,6 +42,7 @@
 #define CPU_SLACK_S 10
 #define NICENESS 5
 #define NOT_STARTED 127
+#define STAT_MAX 256
 
 /* ------------------------------------------------------------------ segments */
 
@@ -192,15 +195,66 @@ static void look_after(soter_posix* d, uint32_t k, int64_t* ended_ns) {
   }
 }
 
+/* The parent of a process, from /proc; 0 where it has gone meanwhile. */
+static pid_t parent_of(pid_t pid) {
+  char path[32], text[STAT_MAX];
+  SOTER_CHECK(pid > 0);
+  (void)snprintf(path, sizeof path, "/proc/%ld/stat", (long)pid);
+  const int fd = open(path, O_RDONLY | O_CLOEXEC);
+  const ssize_t got = fd < 0 ? 0 : read(fd, text, sizeof text - 1U);
+  if (fd >= 0) {
+    (void)close(fd);
+  }
+  text[got > 0 ? got : 0] = '\0';
+  const char* const name_ends = strrchr(text, ')');
+  return name_ends == NULL || strlen(name_ends) < 5U ? 0 : (pid_t)strtol(name_ends + 4, NULL, 10);
+}
+
+/* Workers, and what they left behind in whatever session: it comes here when its parent ends. */
+static void end_children(void) {
+  const pid_t self = getpid();
+  SOTER_CHECK(self > 1);
+  do {
+    DIR* const processes = opendir("/proc");
+    for (struct dirent* e = NULL; processes != NULL && (e = readdir(processes)) != NULL;) {
+      const pid_t pid = (pid_t)strtol(e->d_name, NULL, 10);
+      if (pid > 1 && parent_of(pid) == self) {
+        (void)kill(pid, SIGKILL);
+      }
+    }
+    if (processes == NULL || closedir(processes) != 0) {
+      return;
+    }
+  } while (waitpid(-1, NULL, 0) > 0);
+}
+
+/* What workers left behind, and what has ended since, is waited for. */
+static void reap_orphans(const soter_posix* d) {
+  siginfo_t ended;
+  ended.si_pid = 0;
+  SOTER_CHECK(d->status != NULL);
+  if (waitid(P_ALL, 0, &ended, WEXITED | WNOHANG | WNOWAIT) != 0 || ended.si_pid == 0) {
+    return;
+  }
+  for (uint32_t k = 0; k < soter_app_extern_count; k++) {
+    if (d->status->worker[k].pid == (int32_t)ended.si_pid) {
+      return; /* `look_after` does */
+    }
+  }
+  (void)waitpid(ended.si_pid, NULL, WNOHANG);
+}
+
 static void keep_workers(soter_posix* d, pid_t parent) {
   const struct timespec nap = {0, NAP_NS};
   int64_t ended_ns[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
   (void)memset(ended_ns, 0, sizeof ended_ns);
-  (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+  (void)setsid(); /* who ends our whole group does not end what ends workers */
+  (void)prctl(PR_SET_CHILD_SUBREAPER, 1);
   while (getppid() == parent && !__atomic_load_n(&d->status->over, __ATOMIC_ACQUIRE)) {
     for (uint32_t k = 0; k < soter_app_extern_count; k++) {
       look_after(d, k, &ended_ns[k]);
     }
+    reap_orphans(d);
     (void)nanosleep(&nap, NULL);
   }
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
@@ -211,6 +265,7 @@ static void keep_workers(soter_posix* d, pid_t parent) {
       (void)waitpid(pid, NULL, 0);
     }
   }
+  end_children();
   _exit(0);
 }
 

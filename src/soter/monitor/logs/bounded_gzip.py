@@ -20,7 +20,7 @@ UNPACKED_MAX = 4 << 30
 """Bytes that are unpacked: a log has no more."""
 
 
-class Unpacked(io.RawIOBase):
+class BoundedGzip(io.RawIOBase):
     """Reading raises zlib.error (no gzip, or too much) and EOFError (its end is missing)."""
 
     def __init__(self, packed: BinaryIO) -> None:

@@ -1,7 +1,7 @@
-"""Run a compiler that says no more than is read, takes no longer than it may, and outlives nobody.
+"""Run a compiler whose output, time and life are bounded.
 
-Purpose: noise makes a compiler say gigabytes and macros make it think for ever; what its driver has
-started ends with it, and all of it with this process, however that ends (POSIX).
+Purpose: noise makes a compiler write gigabytes and macros make it work for ever; what its driver
+has started ends with it, and all of it with this process, however that ends (POSIX).
 Non-goals: which compiler, and what its words mean (`compiler.py`, `stack_bound.py`).
 """
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-SAID_MAX = 2**18
-"""Bytes of a compiler's words that are read; one that has more to say is ended."""
+OUTPUT_MAX = 2**18
+"""Bytes of a compiler's output that are read; one that writes more is ended."""
 LOOK_S = 0.5
 GROUP = (
     'exec 3<&0; "$@" 3<&- </dev/null & p=$!; '
@@ -31,7 +31,7 @@ GROUP = (
 
 
 @dataclass(frozen=True)
-class Said:
+class CompilerOutput:
     """`code`: None where it was ended, and then `why`; `text`: what it wrote, errors included."""
 
     code: int | None
@@ -39,10 +39,10 @@ class Said:
     why: str = ""
 
 
-def watched(command: Sequence[str], work: Path, limit_s: float) -> Said:
+def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
     """Run a command in `work` to its end, or to what it may."""
     if os.name != "posix":
-        return _plain(command, work, limit_s)
+        return _run_elsewhere(command, work, limit_s)
     led = ("/bin/sh", "-c", GROUP, "sh", *command)
     process = subprocess.Popen(
         led,
@@ -62,7 +62,7 @@ def watched(command: Sequence[str], work: Path, limit_s: float) -> Said:
             assert stream is not None
             stream.close()
         process.wait()
-    return Said(code, said.decode("utf-8", "replace"), why)
+    return CompilerOutput(code, said.decode("utf-8", "replace"), why)
 
 
 def _read(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple[bytes, str]:
@@ -75,14 +75,16 @@ def _read(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple
             if not part:
                 return bytes(said), ""
             said += part
-            if len(said) > SAID_MAX:
-                return bytes(said), f"the compiler was ended: it said more than {SAID_MAX:,} bytes"
+            if len(said) > OUTPUT_MAX:
+                why = f"the compiler was ended: it wrote more than {OUTPUT_MAX:,} bytes"
+                return bytes(said), why
     return bytes(said), f"the compiler was ended after {limit_s:g} s"
 
 
-def _plain(command: Sequence[str], work: Path, limit_s: float) -> Said:
+def _run_elsewhere(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
+    """Where there are no process groups: bounded in time alone."""
     try:
         done = subprocess.run(command, capture_output=True, check=False, timeout=limit_s, cwd=work)
     except subprocess.TimeoutExpired:
-        return Said(None, "", f"the compiler was ended after {limit_s:g} s")
-    return Said(done.returncode, (done.stdout + done.stderr).decode("utf-8", "replace"))
+        return CompilerOutput(None, "", f"the compiler was ended after {limit_s:g} s")
+    return CompilerOutput(done.returncode, (done.stdout + done.stderr).decode("utf-8", "replace"))

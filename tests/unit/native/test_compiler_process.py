@@ -14,7 +14,7 @@ import pytest
 import processes
 from soter.diagnostics.diagnostic import SoterError
 from soter.native import compiler
-from soter.native.watched import SAID_MAX, watched
+from soter.native.compiler_process import OUTPUT_MAX, run_compiler
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="groups and /proc of Linux")
 TALKS = "import sys\nwhile True: sys.stderr.write('error: no\\n' * 1000)\n"
@@ -30,19 +30,19 @@ def lives(file: Path) -> bool:
 
 
 def test_what_it_says_is_bounded(tmp_path: Path) -> None:
-    said = watched([sys.executable, "-c", TALKS], tmp_path, 60.0)
+    said = run_compiler([sys.executable, "-c", TALKS], tmp_path, 60.0)
     assert said.code is None
-    assert "said more than" in said.why
-    assert SAID_MAX < len(said.text) < 2 * SAID_MAX
+    assert "wrote more than" in said.why
+    assert OUTPUT_MAX < len(said.text) < 2 * OUTPUT_MAX
 
 
 def test_its_exit_code_and_words_are_told(tmp_path: Path) -> None:
-    said = watched(["sh", "-c", "echo one; echo two >&2; exit 3"], tmp_path, 60.0)
+    said = run_compiler(["sh", "-c", "echo one; echo two >&2; exit 3"], tmp_path, 60.0)
     assert (said.code, sorted(said.text.split()), said.why) == (3, ["one", "two"], "")
 
 
 def test_what_it_started_ends_with_its_time(tmp_path: Path) -> None:
-    said = watched(["sh", "-c", LEAVES], tmp_path, 1.0)
+    said = run_compiler(["sh", "-c", LEAVES], tmp_path, 1.0)
     assert said.code is None
     assert "after 1 s" in said.why
     with processes.started(["sleep", "60"]) as waiting:
@@ -52,8 +52,8 @@ def test_what_it_started_ends_with_its_time(tmp_path: Path) -> None:
 def test_what_it_started_ends_with_us(tmp_path: Path) -> None:
     """Whoever runs the compiler is killed, and can end nothing itself."""
     (tmp_path / "asks.py").write_text(
-        "from pathlib import Path\nfrom soter.native.watched import watched\n"
-        f"watched(['sh', '-c', {LEAVES!r}], Path('.'), 60.0)\n"
+        "from pathlib import Path\nfrom soter.native.compiler_process import run_compiler\n"
+        f"run_compiler(['sh', '-c', {LEAVES!r}], Path('.'), 60.0)\n"
     )
     with processes.started([sys.executable, "asks.py"], cwd=tmp_path) as process:
         left = tmp_path / "left"
@@ -78,5 +78,5 @@ def test_noise_in_the_place_of_c_is_told(tmp_path: Path, *, lines: bool) -> None
     (problem,) = caught.value.diagnostics
     assert problem.code == "X004"
     assert 2 <= len(problem.notes) <= compiler.LINES + 1
-    assert "said more than" in problem.notes[-1]
+    assert "wrote more than" in problem.notes[-1]
     assert all(len(x) < 10 * compiler.LINE_MAX for x in problem.notes)
