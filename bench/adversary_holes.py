@@ -17,10 +17,10 @@ import numpy as np
 from bench import adversary_proofs
 from bench.adversary_modules import Module, PathNode, Times
 
-from soter.reach.claims import claims
-from soter.reach.grid import sets as grids
-from soter.reach.grid.sets import GridGroup
-from soter.reach.time.schedule import Schedule, SensorPath
+from soter.verify.claims import claims
+from soter.verify.grid import sets as grids
+from soter.verify.grid.sets import GridGroup
+from soter.verify.time.schedule import Schedule, SensorPath
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

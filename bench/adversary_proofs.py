@@ -17,19 +17,19 @@ import numpy as np
 from bench.adversary_modules import Face, Module, with_rows, with_tables
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.front_end import check_file, system_of
-from soter.reach import verify_module
-from soter.reach.claims.results import PROVED, Finding
-from soter.reach.grid.sets import UnboundedError
-from soter.reach.problem.estimates import errors_of
-from soter.reach.problem.extract import extract
+from soter.language.front_end import check_file, system_of
+from soter.verify import verify_module
+from soter.verify.claims.results import PROVED, Finding
+from soter.verify.grid.sets import UnboundedError
+from soter.verify.problem.estimates import errors_of
+from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
     import numpy.typing as npt
     from bench.adversary_loop import Machine
 
-    from soter.reach.claims.results import ModuleResult
-    from soter.reach.grid.sets import GridGroup
+    from soter.verify.claims.results import ModuleResult
+    from soter.verify.grid.sets import GridGroup
 
     Array = npt.NDArray[np.float64]
     Bools = npt.NDArray[np.bool_]

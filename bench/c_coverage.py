@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING, Any
 
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file, system_of
+from soter.language.model.types import FloatType, leaves
 from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME
 from soter.native.compiler import STRICT
-from soter.program.front_end import check_file, system_of
-from soter.program.model.types import FloatType, leaves
 from soter.report.summary import table
 
 if TYPE_CHECKING:

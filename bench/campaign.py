@@ -30,11 +30,11 @@ from soter.campaign.batch_flights import Fleet
 from soter.campaign.fly_campaign import fly
 from soter.campaign.store import CampaignIdentity, CampaignStore, digest_of
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.elaborate.derived_systems import faultless
 from soter.native.compiler import find
-from soter.program.elaborate.derived_systems import faultless
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ROOT = Path(__file__).resolve().parents[1]
 STACK = ROOT / "examples" / "drone" / "campaign.soter"

@@ -38,16 +38,16 @@ from bench.adversary_families import module  # noqa: E402 - as above
 from generators.induction_planners import planner  # noqa: E402 - as above
 from soter.api import load, recheck  # noqa: E402 - needs the path
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402 - needs the path
-from soter.program.front_end import check_file, system_to_prove  # noqa: E402 - needs the path
-from soter.reach.attack import refute as attacks  # noqa: E402 - needs the path
-from soter.reach.attack.attacked_system import DRAWN, NotAttackableError  # noqa: E402 - needs the path
-from soter.reach.deploy.computed_predicates import complete  # noqa: E402 - needs the path
+from soter.language.front_end import check_file, system_to_prove  # noqa: E402 - needs the path
 from soter.semantics.adversary import CHANCE, CORNER, HOLDS, TURN  # noqa: E402 - needs the path
+from soter.verify.attack import refute as attacks  # noqa: E402 - needs the path
+from soter.verify.attack.attacked_system import DRAWN, NotAttackableError  # noqa: E402 - needs the path
+from soter.verify.deploy.computed_predicates import complete  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.reach.claims.results import VerifyReport
+    from soter.verify.claims.results import VerifyReport
 
 RUNS, ATTACKS, PERIODS = 5, 24, 400
 """Seeds of `soter run`, of every hostile pattern, and DM periods that one of these lasts."""

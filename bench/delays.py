@@ -31,18 +31,18 @@ sys.path.insert(0, str(ROOT))
 from bench.delays_model import AC, Delay, Flown, Node, Timing, fly  # noqa: E402
 
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
-from soter.program.elaborate.views import systems_by_view  # noqa: E402
-from soter.program.front_end import check_file  # noqa: E402
-from soter.reach.command import modules_of, verify  # noqa: E402
-from soter.reach.induction.problem import InductionProblem  # noqa: E402
-from soter.reach.problem.extract import extract  # noqa: E402
+from soter.language.elaborate.views import systems_by_view  # noqa: E402
+from soter.language.front_end import check_file  # noqa: E402
 from soter.report.summary import table  # noqa: E402
 from soter.targets.leases import lease_times  # noqa: E402
+from soter.verify.command import modules_of, verify  # noqa: E402
+from soter.verify.induction.problem import InductionProblem  # noqa: E402
+from soter.verify.problem.extract import extract  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.program.model.system import Module, System
+    from soter.language.model.system import Module, System
 
 FACTORS = (0.5, 0.9, 0.99, 1.01, 1.1, 2.0, 10.0, inf)
 """Infinity: the node stops for good, as where the trusted part is killed."""

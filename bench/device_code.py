@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.campaign.batch_flights import EPISODE_NS, EVENT, LOOK, SPARE, Fleet
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 
 ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:

@@ -25,7 +25,7 @@ import numpy as np
 from flint import arb, arb_mat
 
 from soter.certificate.terms.arb_balls import above, exact
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.report.summary import table
 from soter.simulate.run import NativeProgram
 

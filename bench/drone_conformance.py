@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.report.summary import table
 from soter.simulate.run import NativeProgram
 

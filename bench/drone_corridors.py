@@ -26,7 +26,7 @@ if str(ROOT) not in sys.path:
 
 from bench.drone_conformance import DRONE, declared, needed  # noqa: E402 - needs the path
 
-from soter.program.front_end import check_file, system_of  # noqa: E402 - the same
+from soter.language.front_end import check_file, system_of  # noqa: E402 - the same
 from soter.report.summary import table  # noqa: E402 - the same
 from soter.simulate.run import NativeProgram  # noqa: E402 - the same
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.report.summary import table
 from soter.simulate.run import NativeProgram
 

@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.codegen.unit import generate
+from soter.language.front_end import check_file, system_of
 from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME, texts
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
-from soter.program.front_end import check_file, system_of
 from soter.report.summary import table
 
 if TYPE_CHECKING:

@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING
 
 from soter import SoterError
 from soter.api import load
-from soter.program.elaborate.views import systems_by_view
-from soter.program.front_end import check_file
-from soter.reach.claims.results import ASSUMED, PROVED
-from soter.reach.command import modules_of, problems_of, refuse_forced
-from soter.reach.verify_module import verify_module
+from soter.language.elaborate.views import systems_by_view
+from soter.language.front_end import check_file
+from soter.verify.claims.results import ASSUMED, PROVED
+from soter.verify.command import modules_of, problems_of, refuse_forced
+from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.api import Program
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.program.model.system import Module, System
+    from soter.language.model.system import Module, System
     from soter.simulate.result import Run
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -43,7 +43,7 @@ ENGINES = {
 UNCHECKED = """
 import sys
 from soter.explore.engine import engine
-from soter.reach.enclose import library
+from soter.verify.enclose import library
 for module in (engine, library):
     module.FLAGS = (*module.FLAGS, "-DSOTER_UNCHECKED")
 from soter.cli.main import main

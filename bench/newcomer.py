@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.fix import applied
 from soter.diagnostics.render import render
-from soter.program.front_end import check_file
+from soter.language.front_end import check_file
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic

@@ -32,8 +32,8 @@ for folder in (ROOT, ROOT / "tests"):
         sys.path.insert(0, str(folder))
 
 from generators.switch_threads import TICK_NS, Case, drawn, longest, program  # noqa: E402 - as above
-from soter.program.front_end import check_file, system_to_prove  # noqa: E402 - needs the path
-from soter.reach.time.switch_latency import switch_of  # noqa: E402 - needs the path
+from soter.language.front_end import check_file, system_to_prove  # noqa: E402 - needs the path
+from soter.verify.time.switch_latency import switch_of  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
     from collections.abc import Callable

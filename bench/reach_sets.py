@@ -28,12 +28,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.program.front_end import check_file, system_of
-from soter.reach.enclose.engine_library import ReachLibrary
-from soter.reach.enclose.unit import generate_enclosures
-from soter.reach.grid.policies import core_synthesis
-from soter.reach.grid.sets import GridGroup, of_problem
-from soter.reach.problem.extract import extract
+from soter.language.front_end import check_file, system_of
+from soter.verify.enclose.engine_library import ReachLibrary
+from soter.verify.enclose.unit import generate_enclosures
+from soter.verify.grid.policies import core_synthesis
+from soter.verify.grid.sets import GridGroup, of_problem
+from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     import jax
     import numpy.typing as npt
 
-    from soter.reach.problem.problem import Problem
+    from soter.verify.problem.problem import Problem
 
     Bools = npt.NDArray[np.bool_]
 

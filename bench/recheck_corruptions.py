@@ -7,7 +7,7 @@ witnesses changed, bounds, Delta, H, disturbance or error changed, the grid shif
 with the manifest adapted), write every hash anew, and let `soter recheck` judge. What it accepts is
 attacked by simulation: one that is accepted while some run breaks a claim is the one
 thing that must not happen.
-Non-goals: bytes changed without new hashes (tests/unit/recheck).
+Non-goals: bytes changed without new hashes (tests/unit/certificate).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from bench.recheck_models import Attack, Cart, Tables  # noqa: E402 - needs the 
 from soter.certificate.format.folder import canonical  # noqa: E402
 from soter.certificate.reading.problem import DiffersError, read_facts  # noqa: E402
 from soter.certificate.rechecker import TIME_KEYS, recheck  # noqa: E402
-from soter.program.front_end import check_file, system_of  # noqa: E402
+from soter.language.front_end import check_file, system_of  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable

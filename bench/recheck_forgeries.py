@@ -21,6 +21,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bench.recheck_small import FORCED, SYSTEM
 from bench.recheck_small import PROGRAMS as SMALL
+from unit.verify.test_composition import COUPLED
+from unit.certificate.test_polytope_certificates import program as polytope_program
+from unit.certificate.test_recheck_induction import PLANNER
 
 import soter
 from soter.certificate.format.errors import RejectedError
@@ -29,10 +32,7 @@ from soter.certificate.induction.facts import read_induction
 from soter.certificate.reading.problem import DiffersError, read_facts
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.front_end import check_file, system_to_prove
-from unit.reach.test_composition import COUPLED
-from unit.recheck.test_polytope_certificates import program as polytope_program
-from unit.recheck.test_recheck_induction import PLANNER
+from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -50,12 +50,12 @@ from soter.certificate.reading.problem import read_facts  # noqa: E402
 from soter.certificate.rechecker import Report, recheck  # noqa: E402
 from soter.certificate.terms.terms import NotRecheckedError  # noqa: E402
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
-from soter.program.front_end import check_file, system_of  # noqa: E402
+from soter.language.front_end import check_file, system_of  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.reach.time.schedule import Schedule
+    from soter.verify.time.schedule import Schedule
 
 MAIN = "small.soter"
 MILLISECOND = 1_000_000

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from soter.api.campaigning import Campaign, FlownArm
     from soter.api.program import Program
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ROOT = Path(__file__).resolve().parents[1]
 DRONE = ROOT / "examples" / "drone"

@@ -71,7 +71,7 @@ const A: int = f();
 OPERATIONS = 2000 * (2 * 2000 + 2)
 SPEED = """
 import sys, time
-from soter.program.front_end import check_file
+from soter.language.front_end import check_file
 began = time.perf_counter()
 assert check_file("m.soter", sys.stdin.read()).ok
 print(time.perf_counter() - began)

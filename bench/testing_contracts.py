@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 if TYPE_CHECKING:

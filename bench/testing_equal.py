@@ -22,7 +22,7 @@ from statistics import median
 
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 MEMORY = 2 << 30

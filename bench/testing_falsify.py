@@ -44,14 +44,14 @@ from soter.explore.methods import SAMPLING  # noqa: E402 - the same
 from soter.explore.results import Options  # noqa: E402 - the same
 from soter.explore.trace.schedule import plan_of  # noqa: E402 - the same
 from soter.explore.trace.trace import VIOLATION_KINDS, Trace  # noqa: E402 - the same
-from soter.program.front_end import system_of_test  # noqa: E402 - the same
+from soter.language.front_end import system_of_test  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.explore.engine.search import Found
     from soter.explore.results import SearchProgress
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 UNGUIDED = "unguided"
 STRATEGIES = ("falsify", UNGUIDED, *(s for s in SAMPLING if s != "falsify"))

@@ -30,7 +30,7 @@ from bench.testing_falsify_models import BUGS, Bug  # noqa: E402 - needs the pat
 import soter  # noqa: E402 - after the path
 from soter.explore.engine.explorer_library import Engine  # noqa: E402 - the same
 from soter.explore.engine.guided_execution import BIRTH, NOBODY, STEP  # noqa: E402 - the same
-from soter.program.front_end import system_of_test  # noqa: E402 - the same
+from soter.language.front_end import system_of_test  # noqa: E402 - the same
 from soter.semantics.random.random_draws import fnv  # noqa: E402 - the same
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 EXAMPLES = ROOT / "examples"
 SIZES = Path(__file__).with_name("falsify_sizes.json")

@@ -21,12 +21,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 if TYPE_CHECKING:
     from soter.explore.engine.explorer_library import Searched
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples/testing"

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from soter.explore.engine.explorer_library import Searched
     from soter.explore.results import TestResult
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 EXAMPLES = ROOT / "examples"
 BRUTE = 200_000

@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ROOT = Path(__file__).resolve().parents[1]
 YARDSTICK = ROOT / "examples/testing/two_modules.soter"

@@ -43,7 +43,7 @@ TARGET, GOAL = 3.0, 5.0
 CHILD = """
 import json, sys, time
 from soter.explore.engine.explorer_library import Engine, Settings
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 engine = Engine(system_of_test(check_file(sys.argv[1]), sys.argv[2]))
 how = Settings(strategy=sys.argv[3], reduction=sys.argv[4])
 before = time.process_time()

@@ -27,7 +27,7 @@ from pathlib import Path
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.contract_use import replaced_in
 from soter.explore.results import Options, TestResult
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))

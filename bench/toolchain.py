@@ -22,7 +22,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -46,11 +46,11 @@ def check_times(repeats: int) -> list[float]:
 
 LOAD = """
 import sys, time
-import soter.program.front_end, soter.simulate.run
+import soter.language.front_end, soter.simulate.run
 from soter.native.library import kernel_interface
 kernel_interface()
 began = time.perf_counter()
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
 NativeProgram(system_of(check_file(sys.argv[1]), "Protected"))
 print(time.perf_counter() - began)

@@ -27,10 +27,10 @@ if str(ROOT) not in sys.path:
 
 from bench.mutant_models import BASES  # noqa: E402 - needs the path
 
-from soter.program.front_end import check_file, system_of  # noqa: E402
-from soter.reach.attack.counterexample import LEAVES, Counterexample, replay  # noqa: E402
-from soter.reach.problem.extract import extract  # noqa: E402
-from soter.reach.verify_module import verify_module  # noqa: E402
+from soter.language.front_end import check_file, system_of  # noqa: E402
+from soter.verify.attack.counterexample import LEAVES, Counterexample, replay  # noqa: E402
+from soter.verify.problem.extract import extract  # noqa: E402
+from soter.verify.verify_module import verify_module  # noqa: E402
 
 if TYPE_CHECKING:
     from bench.mutant_models import Base, Outcome, Params

@@ -354,12 +354,12 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     of its time, is left out.
     """
     from soter.diagnostics.diagnostic import SoterError  # noqa: PLC0415 - slow
-    from soter.program.front_end import check_file, system_of  # noqa: PLC0415
-    from soter.reach.claims import claims  # noqa: PLC0415
-    from soter.reach.claims.levels import levels as computed  # noqa: PLC0415
-    from soter.reach.enclose.compiled_enclosures import library_of  # noqa: PLC0415
-    from soter.reach.grid.sets import UnboundedError  # noqa: PLC0415
-    from soter.reach.problem.extract import extract  # noqa: PLC0415
+    from soter.language.front_end import check_file, system_of  # noqa: PLC0415
+    from soter.verify.claims import claims  # noqa: PLC0415
+    from soter.verify.claims.levels import levels as computed  # noqa: PLC0415
+    from soter.verify.enclose.compiled_enclosures import library_of  # noqa: PLC0415
+    from soter.verify.grid.sets import UnboundedError  # noqa: PLC0415
+    from soter.verify.problem.extract import extract  # noqa: PLC0415
 
     try:
         system = system_of(check_file(f"random{p.number}.soter", p.text), "S")

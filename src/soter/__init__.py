@@ -6,8 +6,6 @@ is imported before it is used: `import soter` costs next to nothing.
 
 from __future__ import annotations
 
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 from soter.version import VERSION
@@ -43,24 +41,3 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return __all__
-
-
-class _Checker(ModuleType):
-    """The package `soter.recheck`, which is called as the function of that name as well."""
-
-    def __call__(self, *arguments: object, **named: object) -> object:
-        from soter import api  # noqa: PLC0415 - see the docstring
-
-        return api.recheck(*arguments, **named)  # type: ignore[arg-type]
-
-
-class _Soter(ModuleType):
-    """This package. Importing `soter.recheck` puts the package in the place of the function."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if name == "recheck" and isinstance(value, ModuleType):
-            value.__class__ = _Checker
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Soter

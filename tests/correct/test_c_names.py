@@ -14,9 +14,9 @@ from generators.c_packages import package
 from long_tests import examples
 from soter.codegen.c.names import file_level_name, no_linked_name
 from soter.codegen.unit import generate
+from soter.language.syntax.tokens import RESERVED
 from soter.native.build import RUNTIME
 from soter.native.compiler import STANDARD, WARNINGS, find
-from soter.syntax.tokens import RESERVED
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,8 +15,8 @@ from generators.brute_force import TooLargeError
 from generators.contract_programs import VARIANTS, contracted
 from generators.explorer_agreement import compared, enumerated
 from long_tests import examples
-from soter.program.elaborate.tests_and_faults import contract_stand_ins
-from soter.program.model import typed
+from soter.language.elaborate.tests_and_faults import contract_stand_ins
+from soter.language.model import typed
 
 if TYPE_CHECKING:
     from generators.brute_force import Broken

@@ -19,8 +19,8 @@ from generators.engine_comparison import (
 )
 from generators.shipped_programs import ROOT, files, subjects_of
 from long_tests import examples
+from soter.language.front_end import check_file, system_of
 from soter.native.cache import cache_dir
-from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:

@@ -15,14 +15,14 @@ from soter.api import load
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.inclusions.group_claims import ChainCheck
 from soter.certificate.rechecker import recheck
-from soter.program.front_end import check_file
+from soter.language.front_end import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.certificate.inclusions.tables import Block, Grid
-    from soter.program.model.typed import TypedProgram
-    from soter.reach.claims.results import VerifyReport
+    from soter.language.model.typed import TypedProgram
+    from soter.verify.claims.results import VerifyReport
 
     Show = Callable[[Block], Iterator[Block]]
 

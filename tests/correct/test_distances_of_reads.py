@@ -13,14 +13,14 @@ import pytest
 
 from long_tests import examples
 from soter.api import load
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.monitor.logs.predicate_margins import PredicateMargins
-from soter.program.evaluate.arithmetic import StepFault
-from soter.program.evaluate.environment import Environment
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System, Topic
+    from soter.language.model.system import System, Topic
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

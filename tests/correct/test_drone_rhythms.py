@@ -16,7 +16,7 @@ from bench import drone_rhythms as search
 from bench.drone_bound import DRONE, derived, seen
 from bench.drone_conformance import needed
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ import pytest
 
 import soter
 from generators.file_listing import files_in
-from soter.program.evaluate.arithmetic import FaultKind
-from soter.program.front_end import check_file, system_of
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:

@@ -40,9 +40,9 @@ from generators.run_statistics import happened, table
 from long_tests import examples
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
-from soter.program.evaluate.arithmetic import FaultKind
-from soter.program.model.system import environment_topics
-from soter.syntax.printer import format_source
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.model.system import environment_topics
+from soter.language.syntax.printer import format_source
 
 if TYPE_CHECKING:
     from generators.engine_comparison import Subject

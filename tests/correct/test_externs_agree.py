@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import pytest
 
 from generators.engine_comparison import Subject, first_difference
+from soter.language.front_end import check_file, system_of
 from soter.native.compiler import WARNINGS
-from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 UNTIL_NS = 5 * 10**9
 

@@ -8,8 +8,8 @@ import pytest
 
 import soter
 from generators.engine_comparison import Subject, first_difference
+from soter.language.front_end import check_file, system_of
 from soter.native.compiler import WARNINGS
-from soter.program.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:

@@ -11,15 +11,15 @@ import pytest
 
 from long_tests import examples
 from soter import SoterError, load, recheck
-from soter.program.elaborate.derived_systems import faultless, with_faults
-from soter.program.front_end import check_file, system_of
-from soter.program.model.system import Fault
+from soter.language.elaborate.derived_systems import faultless, with_faults
+from soter.language.front_end import check_file, system_of
+from soter.language.model.system import Fault
 from soter.semantics.random.faults import happens, is_active, is_released, next_release
 from soter.semantics.random.random_draws import draw_bits
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 PROGRAM = """soter 1;
 type Pose = { x: float, v: float, near: int in [0, 7], on: bool };

@@ -17,11 +17,11 @@ from generators.c_packages import EXAMPLES, make, package
 from long_tests import examples
 from processes import PIPE
 from soter.api.deploying import stack_bound
-from soter.lower.layout import state_layout
+from soter.core.layout import state_layout
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, WARNINGS, find
 from soter.native.stack_bound import SILENT
-from soter.program.evaluate.arithmetic import FaultKind
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant

@@ -16,7 +16,7 @@ from generators.explorer_agreement import compared, enumerated
 from generators.file_listing import files_in
 from soter.diagnostics.render import render_all
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.program.front_end import check_file
+from soter.language.front_end import check_file
 
 if TYPE_CHECKING:
     from soter.explore.results import TestResult

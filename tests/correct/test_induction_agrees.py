@@ -15,10 +15,10 @@ from generators.induction_planners import planner
 from long_tests import examples
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.results import EXHAUSTED, VIOLATED, Options
-from soter.program.front_end import check_file, system_of
-from soter.reach.induction.problem import extract_induction
-from soter.reach.induction.prove import induct
-from soter.reach.induction.refute import any_ac, system_as_test
+from soter.language.front_end import check_file, system_of
+from soter.verify.induction.problem import extract_induction
+from soter.verify.induction.prove import induct
+from soter.verify.induction.refute import any_ac, system_as_test
 
 if TYPE_CHECKING:
     from pathlib import Path

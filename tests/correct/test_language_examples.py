@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import soter
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,11 +15,11 @@ import pytest
 from soter import load
 from soter.api.deploying import stack_bound
 from soter.codegen.unit import generate
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 PROGRAM = Path(__file__).parent / "large_values.soter"
 UNTIL_NS = 2_000_000_000

@@ -14,7 +14,7 @@ import pytest
 from soter.api import ENGINES, load
 from soter.api.monitoring import log_explained
 from soter.cli.main import main
-from soter.program.model.types import leaves
+from soter.language.model.types import leaves
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 

@@ -15,7 +15,7 @@ import pytest
 import soter
 
 if TYPE_CHECKING:
-    from soter.reach.claims.results import ModuleResult
+    from soter.verify.claims.results import ModuleResult
 
 ROOT = Path(__file__).resolve().parents[2]
 CAR = ROOT / "examples" / "mountain_car"

@@ -14,7 +14,7 @@ import pytest
 
 from generators.c_packages import command, make, trace
 from generators.shipped_programs import ROOT, files, subjects_of
-from soter.lower.steps import lower
+from soter.core.steps import lower
 from soter.simulate.run import NativeProgram
 from soter.targets.c99 import c99_package
 

@@ -11,7 +11,7 @@ import pytest
 
 from generators.file_listing import files_in
 from soter.diagnostics.render import render_all
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 FOLDER = Path(__file__).parent

@@ -19,13 +19,13 @@ from json_documents import problems_of
 from soter.api import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.model.types import IntType, leaves
 from soter.monitor.logs.derived_signals import slopes
-from soter.program.model.types import IntType, leaves
 from soter.simulate.decisions import changes
 
 if TYPE_CHECKING:
+    from soter.language.model.system import System
     from soter.monitor.logs.result import LogJudgement, ModuleOfLog
-    from soter.program.model.system import System
 
 pytest.importorskip("mcap", reason="the extra `log` is not installed")
 

@@ -13,12 +13,12 @@ import pytest
 from generators.interrupted_searches import anywhere, chance, in_pieces, once
 from generators.long_search_programs import wanderers
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 OVERRUN = "overrun N by 10ms; skip A at most 1;"
 MODELS = {

@@ -28,12 +28,12 @@ from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.checkpoint.checkpoint_options import CheckpointOptions
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 CHUNKS = 4
 PROGRAMS = examples("SOTER_RESUMED_PROGRAMS", quick=12, long=108)

@@ -14,12 +14,12 @@ import pytest
 from generators.brute_force import BruteForce, World
 from generators.lasting_step_programs import lasting_program
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.front_end import check_file, system_of, system_of_test
+from soter.language.front_end import check_file, system_of, system_of_test
 from soter.semantics.interpreter import Interpreter
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
-    from soter.program.model.types import Value
+    from soter.language.model.system import System
+    from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.observer_records import Record
 

@@ -12,7 +12,7 @@ import pytest
 import processes
 from generators.file_listing import files_in
 from soter.diagnostics.render import render_all
-from soter.program.front_end import check_file
+from soter.language.front_end import check_file
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CLEAN, VIOLATED, BOUND = 0, 3, 4

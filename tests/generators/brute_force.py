@@ -16,12 +16,12 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from soter.program.elaborate.time_grid import quantum_of
-from soter.program.evaluate.arithmetic import StepFault
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model import typed
-from soter.program.model.tree_walk import nodes
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType
+from soter.language.elaborate.time_grid import quantum_of
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
@@ -31,9 +31,9 @@ from soter.semantics.rules import environment_input
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.program.evaluate.environment import Environment
-    from soter.program.model.system import Bound, Component, Module, Scope, System, TestPlan
-    from soter.program.model.types import Type, Value
+    from soter.language.evaluate.environment import Environment
+    from soter.language.model.system import Bound, Component, Module, Scope, System, TestPlan
+    from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration
 
 PASSED = "passed"

@@ -13,8 +13,8 @@ import numpy as np
 from cffi import FFI
 
 from soter.codegen.unit import generate
+from soter.language.front_end import check_file, system_of
 from soter.native.build import library
-from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,12 +14,12 @@ import numpy as np
 
 import processes
 from soter.codegen.unit import Unit, generate
-from soter.lower.layout import StateLayout, state_dtype, state_layout
+from soter.core.layout import StateLayout, state_dtype, state_layout
+from soter.language.front_end import check_file, system_of
 from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME, include_flags, objects
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.library import Library
 from soter.native.own_files import SOTER
-from soter.program.front_end import check_file, system_of
 from soter.semantics.interpreter import Interpreter
 from soter.simulate.state_bytes import state_bytes
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.program.front_end import CheckResult
-    from soter.program.model.system import System
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import System
 
     Bytes = npt.NDArray[np.uint8]
 
 
-SETS = SOTER / "reach" / "engine"
+SETS = SOTER / "verify" / "engine"
 """The C of the set engine."""
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from generators.brute_force import BruteForce, World
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 HUBS = ("node", "node", "queue", "queue", "plant", "drawn", "none")
 ODD = 0.35

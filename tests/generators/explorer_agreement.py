@@ -21,13 +21,13 @@ from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
 from soter.explore.methods import EXHAUSTIVE
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from generators.brute_force import Broken, Canonical, Found, World
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 WHAT = ("property", "contract", "fault", "timed")
 REDUCTIONS = ("none", "sleep", "ample", "instants", "groups", "symmetry", "all")

@@ -11,7 +11,7 @@ import struct
 from typing import TYPE_CHECKING
 
 from generators.brute_force import Held, World
-from soter.lower.layout import (
+from soter.core.layout import (
     COMPONENT,
     MODULE,
     StateLayout,
@@ -19,14 +19,14 @@ from soter.lower.layout import (
     size_of,
     state_layout,
 )
-from soter.program.model.types import MODE
+from soter.language.model.types import MODE
 from soter.semantics.configuration import Configuration
 
 if TYPE_CHECKING:
     from generators.brute_force import BruteForce, Canonical
     from soter.explore.model.exploration_plan import ExplorationPlan
-    from soter.program.model.system import Component, System
-    from soter.program.model.types import Value
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Value
 
 NOTHING_OWED = 2**63 - 1
 _COMPONENT = struct.Struct("<qIBBBBB7x")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from soter.explore.engine.search import Found
     from soter.explore.results import Options
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ANYWHERE = ("-DSOTER_AHEAD=1U", "-DSOTER_BATCH=1U", "-DSOTER_TELL=1U", "-O0")
 """Flags with which a search looks at its bounds after every world: it can be ended anywhere."""

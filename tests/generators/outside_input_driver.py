@@ -15,9 +15,9 @@ import numpy as np
 from cffi import FFI
 
 from generators.engine_comparison import first_difference
-from soter.lower.layout import decode_from, encode_into, size_of
-from soter.program.model.system import environment_topics
-from soter.program.model.types import (
+from soter.core.layout import decode_from, encode_into, size_of
+from soter.language.model.system import environment_topics
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from generators.engine_comparison import Subject
-    from soter.program.model.system import Bound, Topic
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound, Topic
+    from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration
 
 DECLARATIONS = """

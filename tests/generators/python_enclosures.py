@@ -2,7 +2,7 @@
 
 Purpose: emit any Core function over inputs that are its scalar parameters, compile many of them in
 one call, evaluate them on boxes, and say whether an enclosure holds a value.
-Non-goals: making programs, what modules are (`reach/enclose/unit.py` does that).
+Non-goals: making programs, what modules are (`verify/enclose/unit.py` does that).
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ import cffi
 from generators.engine_comparison import call_compiler
 from soter.codegen.c import tree as c
 from soter.codegen.c.printer import print_file
-from soter.native.build import CHECK_FAILED
-from soter.program.model.types import (
+from soter.language.model.types import (
     BOOL,
     ArrayType,
     BoolType,
@@ -31,9 +30,10 @@ from soter.program.model.types import (
     Type,
     leaf_count,
 )
-from soter.reach.enclose.c_emitter import Emitter, address, framed, given, names_in
-from soter.reach.enclose.core_enclosure import EnclosureBody
-from soter.reach.enclose.enclosed_values import (
+from soter.native.build import CHECK_FAILED
+from soter.verify.enclose.c_emitter import Emitter, address, framed, given, names_in
+from soter.verify.enclose.core_enclosure import EnclosureBody
+from soter.verify.enclose.enclosed_values import (
     AggregateParts,
     Constant,
     EmittedInts,
@@ -43,15 +43,15 @@ from soter.reach.enclose.enclosed_values import (
     Sequence,
     opened,
 )
-from soter.reach.enclose.operations import EnclosureOperations, kind_of
-from soter.reach.enclose.unit import PARAMETERS
+from soter.verify.enclose.operations import EnclosureOperations, kind_of
+from soter.verify.enclose.unit import PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from soter.lower import core
-    from soter.program.model.types import Value
+    from soter.core import core
+    from soter.language.model.types import Value
 
 INPUTS = 24
 """Of every compiled unit: functions with fewer parameters leave some unused."""

@@ -19,7 +19,7 @@ from generators.random_types import (
     fits,
     routes,
 )
-from soter.program.model.types import (
+from soter.language.model.types import (
     BOOL,
     FLOAT,
     INT,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from generators.hypothesis_choices import Chooser
     from generators.random_types import Route
     from generators.visible_names import Seen, Sight
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 FLOATS = (
     "0.0", "1.0", "0.5", "-1.0", "2.0", "10.0", "-0.0", "3.25", "-7.5", "1.0e-3", "100.0", "0.1",

@@ -37,7 +37,7 @@ from generators.random_types import (
     text_of,
 )
 from generators.visible_names import Globals, Seen, Sight
-from soter.program.model.types import (
+from soter.language.model.types import (
     BOOL,
     FLOAT,
     INT,
@@ -48,12 +48,12 @@ from soter.program.model.types import (
     RecordType,
     is_vector,
 )
-from soter.syntax.schemes import SCHEMES
+from soter.language.syntax.schemes import SCHEMES
 
 if TYPE_CHECKING:
     from hypothesis.strategies import DrawFn
 
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 PERIODS_US = (10_000, 5_000, 20_000, 7_000, 11_000, 2_500, 15_000, 3_333, 13_000, 30_000)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from generators.random_types import fits, routes, text_of
 from generators.visible_names import Callable, Seen, Sight
-from soter.program.model.types import (
+from soter.language.model.types import (
     BOOL,
     FLOAT,
     INT,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from generators.random_expressions import ExpressionMaker
     from generators.random_names import Namer
     from generators.random_types import Route, TypeMaker, ValueSet
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 
 OVERFLOWS = (

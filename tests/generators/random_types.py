@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
 
-from soter.program.model.types import (
+from soter.language.model.types import (
     BOOL,
     FLOAT,
     INT,
@@ -30,7 +30,7 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     from generators.hypothesis_choices import Chooser
     from generators.random_names import Namer
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 RANGES = (
     (0, 1), (-3, 5), (0, 100), (-128, 127), (0, 255), (5, 9), (-7, -2), (-200, 300), (0, 65535),

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.program.evaluate.arithmetic import FaultKind
-from soter.program.model.tree_walk import chooses, plant_code
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.model.tree_walk import chooses, plant_code
 
 if TYPE_CHECKING:
     from collections import Counter
 
     from generators.engine_comparison import Bytes, Subject
-    from soter.program.model.system import Component
+    from soter.language.model.system import Component
 
 
 def happened(s: Subject, trace: Bytes) -> set[str]:

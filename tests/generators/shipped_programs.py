@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from generators.engine_comparison import subject_of
 from generators.file_listing import files_below
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.front_end import check_file
+from soter.language.front_end import check_file
 
 if TYPE_CHECKING:
     from generators.engine_comparison import Subject

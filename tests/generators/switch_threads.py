@@ -2,7 +2,7 @@
 
 Purpose: `Case`, `drawn`, the `program` of a case, and `longest`: from the state behind the last
 "AC" to the effect of SC's first output, the greatest over all executions on the grid of ticks.
-Non-goals: any formula; nothing here is shared with `soter.timing` or `soter.reach`.
+Non-goals: any formula; nothing here is shared with `soter.timing` or `soter.verify`.
 
 An execution gives every step a delay of its release in 0 .. hold and a length in 0 .. cost. The
 thread works in order. The DM reads, when it starts, a value that the sensor published at some

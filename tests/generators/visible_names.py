@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from soter.program.model.types import EnumType, Type
+    from soter.language.model.types import EnumType, Type
 
 
 @dataclass(frozen=True)

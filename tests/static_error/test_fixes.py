@@ -16,8 +16,8 @@ from generators.file_listing import files_in
 from soter.diagnostics.diagnostic import Diagnostics, Severity
 from soter.diagnostics.fix import applied
 from soter.diagnostics.source import Source
-from soter.program.front_end import CheckResult, check_file
-from soter.syntax.parser import parse
+from soter.language.front_end import CheckResult, check_file
+from soter.language.syntax.parser import parse
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic

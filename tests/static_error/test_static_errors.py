@@ -14,7 +14,7 @@ import pytest
 from generators.file_listing import files_in
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.render import render_all
-from soter.program.front_end import CheckResult, check_file
+from soter.language.front_end import CheckResult, check_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -118,7 +118,7 @@ def long_calls() -> Iterator[str]:
 def test_circles_are_seen() -> None:
     graph = {"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a", "e"}, "e": {"d"}}
     assert sorted(map(sorted, circles(graph))) == [["b", "c"], ["d", "e"]]
-    assert "soter.program.model.system" in imports()["soter.program.elaborate.derived_systems"]
+    assert "soter.language.model.system" in imports()["soter.language.elaborate.derived_systems"]
 
 
 def test_files_do_not_import_each_other_in_circles() -> None:
@@ -130,7 +130,7 @@ ROOMS = {
         18,
         "three programs over two channels; all of it ships as one folder",
     ),
-    "src/soter/reach/engine": (
+    "src/soter/verify/engine": (
         19,
         "one engine over one set of headers; a reader enters by soter_reach.h",
     ),
@@ -141,13 +141,13 @@ ROOMS = {
     "tests/generators": (50, "each makes one kind of input; nobody reads two of them at once"),
     "tests/correct": (65, "a file a promise of the pages, found by its name"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
-    "tests/unit/reach": (
+    "tests/unit/verify": (
         38,
         "as above; the rooms of reach/ share it, and it is to be parted as they are",
     ),
     "tests/unit/report": (18, "as above"),
-    "tests/unit/program": (18, "as above"),
-    "tests/unit/recheck": (26, "as above"),
+    "tests/unit/language": (18, "as above"),
+    "tests/unit/certificate": (26, "as above"),
     "tests/unit/cli": (29, "as above: a file a command"),
     "tests/unit/explore": (38, "as above; the engine's strategies are asked one by one"),
     "bench": (106, "not judged to be right: families are planned, the files of one share a prefix"),
@@ -174,13 +174,14 @@ def test_a_call_names_its_arguments_where_they_are_many() -> None:
 
 
 REASONS = {
-    "src/soter/program/elaborate/elaborator.py": "one pass: the order of mention numbers topics",
-    "src/soter/program/model/typed.py": "the checked tree, records only",
-    "src/soter/syntax/tree.py": "the tree, records only",
+    "src/soter/language/elaborate/elaborator.py": "one pass: the order of mention numbers topics",
+    "src/soter/language/model/typed.py": "the checked tree, records only",
+    "src/soter/language/syntax/tree.py": "the tree, records only",
+    "src/soter/language/syntax/parsing/token_cursor.py": "a cursor and its recovery",
     "src/soter/cli/test.py": "not cut yet: arguments, progress, words and JSON of one command",
     "src/soter/runtime/soter.h": "one header is what a user of the kernel includes",
-    "src/soter/reach/engine/soter_form.h": "arithmetic, inlined; cut by kinds already",
-    "src/soter/reach/engine/soter_reach_linear.c": "not cut yet",
+    "src/soter/verify/engine/soter_form.h": "arithmetic, inlined; cut by kinds already",
+    "src/soter/verify/engine/soter_reach_linear.c": "not cut yet",
     "src/soter/explore/engine/c/soter_explore_internal.h": "not cut yet: shared by step and store",
     "src/soter/explore/engine/c/soter_explore_bfs.c": "not cut yet: layers, threads, and bounds",
     "src/soter/explore/engine/c/soter_explore_falsify.c": "not cut yet",
@@ -202,10 +203,10 @@ REASONS = {
             "tests/unit/cli/test_cli_apart.py",
             "tests/unit/cli/test_cli_test.py",
             "tests/unit/gym/test_protected.py",
-            "tests/unit/reach/test_induction.py",
-            "tests/unit/reach_polytopes/test_verify_polytopes.py",
-            "tests/unit/recheck/test_local_chains.py",
-            "tests/unit/recheck/test_polytope_certificates.py",
+            "tests/unit/verify/test_induction.py",
+            "tests/unit/verify/polytope/test_verify_polytopes.py",
+            "tests/unit/certificate/test_local_chains.py",
+            "tests/unit/certificate/test_polytope_certificates.py",
         ),
         "tests of one thing, one after the other: nobody has to read them whole",
     ),

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from soter.program.model.system import Module, System
-    from soter.program.model.typed import TypedProgram
-    from soter.program.model.types import Value
+    from soter.language.model.system import Module, System
+    from soter.language.model.typed import TypedProgram
+    from soter.language.model.types import Value
 
     Progress = Callable[[float], None]
     Tell = Callable[[str], None]
@@ -87,7 +87,7 @@ def values_of(program: TypedProgram, params: Mapping[str, object] | None) -> dic
 
 def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[str, object]:
     """Parameters for a trace: durations in ns."""
-    from soter.program.model.python_values import to_json  # noqa: PLC0415 - see `soter.api`
+    from soter.language.model.python_values import to_json  # noqa: PLC0415 - see `soter.api`
 
     params: dict[str, object] = {}
     for name, value in values.items():
@@ -102,7 +102,7 @@ def params_from_json(
 ) -> dict[str, Value]:
     """The parameters of a trace; `SoterError` D010."""
     from soter.explore.trace.trace import no_trace  # noqa: PLC0415 - see `soter.api`
-    from soter.program.model.python_values import ValueShapeError, from_json  # noqa: PLC0415 - the same
+    from soter.language.model.python_values import ValueShapeError, from_json  # noqa: PLC0415 - the same
 
     params: dict[str, Value] = {}
     for name, value in given.items():
@@ -120,7 +120,7 @@ def complete(system: System, progress: Progress | None = None) -> list[str]:
     """Compute `ttf` and `safer` for modules that have neither; a note on each."""
     if all(m.symbol.ttf is not None for m in system.modules):
         return []
-    from soter.reach.deploy.computed_predicates import complete as compute  # noqa: PLC0415 - needs NumPy
+    from soter.verify.deploy.computed_predicates import complete as compute  # noqa: PLC0415 - needs NumPy
 
     phase("computing ttf and safer", anew=True)
     return compute(system, progress)

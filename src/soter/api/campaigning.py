@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from soter.campaign.flight import FlightOutcome
     from soter.campaign.fly_campaign import Workers
     from soter.campaign.release_lateness import Lateness
-    from soter.program.model.system import System
+    from soter.language.model.system import System
     from soter.simulate.externs.bindings import Bindings
 
     Progress = Callable[[float], None]

@@ -1,7 +1,7 @@
 """What `Program.check` reports, as plain data.
 
 Purpose: `CheckReport` and its parts, and a flat system told as one.
-Non-goals: checking (`soter.program`), printing (`cli/`).
+Non-goals: checking (`soter.language`), printing (`cli/`).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.program.front_end import CheckResult
-    from soter.program.model.system import System
-    from soter.program.model.typed import TypedProgram
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import System
+    from soter.language.model.typed import TypedProgram
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api.arguments import complete
-from soter.program.front_end import system_of
+from soter.language.front_end import system_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.api.arguments import Progress
-    from soter.program.front_end import CheckResult
-    from soter.program.model.system import System
-    from soter.program.model.types import Value
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import System
+    from soter.language.model.types import Value
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.run import NativeProgram
 

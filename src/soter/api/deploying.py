@@ -2,7 +2,7 @@
 
 Purpose: the certificate is checked again, compared with the program and the parameters at hand, and
 its verdicts are told of the modules of the deployed system that it covers.
-Non-goals: what is covered (`reach/deploy/proof_transfer.py`), the checker (`soter.recheck`).
+Non-goals: what is covered (`verify/deploy/proof_transfer.py`), the checker (`soter.recheck`).
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from typing import TYPE_CHECKING
 
 from soter.api.rechecking import recheck
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.program.load.loader import load
-from soter.reach.proof_cache import stored_verdicts
+from soter.language.load.loader import load
 from soter.simulate.outputs.assumptions import unproved
 from soter.targets.build import build_package
 from soter.targets.package import PackageFile
+from soter.verify.proof_cache import stored_verdicts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.api.arguments import Progress
     from soter.certificate.report import RecheckedModule, Report
+    from soter.language.load.loader import LoadedFile
+    from soter.language.model.system import System
     from soter.native.stack_bound import StackBound
-    from soter.program.load.loader import LoadedFile
-    from soter.program.model.system import System
-    from soter.reach.deploy.proof_transfer import TransferredProof
     from soter.simulate.externs.bindings import Bindings
     from soter.targets.package import Package
+    from soter.verify.deploy.proof_transfer import TransferredProof
 
 FILE = "inherited.json"
 SCHEMA = 1
@@ -72,7 +72,7 @@ def deployed(
             helps = ("write `system NAME deploys PROVED { ... }`",)
             raise SoterError((Diagnostic("U001", what, helps=helps),))
         return DeploymentReport()
-    from soter.reach.deploy.proof_transfer import inherited  # noqa: PLC0415 - needs NumPy
+    from soter.verify.deploy.proof_transfer import inherited  # noqa: PLC0415 - needs NumPy
 
     modules = inherited(here, there)
     seal, confirmed = "", {}

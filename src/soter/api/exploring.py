@@ -19,16 +19,16 @@ from soter.explore.command import TraceHeader, chosen, explore_test, save, with_
 from soter.explore.contract_use import replaced_in
 from soter.explore.results import ExploreReport
 from soter.explore.settings import options_of
-from soter.program.front_end import system_of_test
+from soter.language.front_end import system_of_test
 from soter.simulate.interrupt import listening, stop_request
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.explore.results import SearchProgress, TestResult
-    from soter.program.front_end import CheckResult
-    from soter.program.model.system import System
-    from soter.program.model.types import Value
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import System
+    from soter.language.model.types import Value
 
 
 def explore(

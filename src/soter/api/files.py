@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.explore.results import TestResult
-    from soter.reach.advise import Advice
     from soter.report.sequence.view import SequenceView
     from soter.simulate.outputs.to_log import RunLog
+    from soter.verify.advise import Advice
 
 
 def read_text(path: str) -> str:
     """The text of a source file; `SoterError` D001, D005 where there is none."""
-    from soter.program.load.loader import read_text as read  # noqa: PLC0415 - shadows this one
+    from soter.language.load.loader import read_text as read  # noqa: PLC0415 - shadows this one
 
     diagnostics = Diagnostics()
     text = read(Path(path), path, diagnostics)
@@ -37,7 +37,7 @@ def read_text(path: str) -> str:
 def format_text(name: str, text: str) -> str:
     """A program's text, well laid out; `SoterError` where it does not parse."""
     from soter.diagnostics.source import Source  # noqa: PLC0415 - see `soter.api`
-    from soter.syntax.printer import format_source  # noqa: PLC0415 - see `soter.api`
+    from soter.language.syntax.printer import format_source  # noqa: PLC0415 - see `soter.api`
 
     diagnostics = Diagnostics()
     formatted = format_source(Source(name, text), diagnostics)

@@ -20,16 +20,16 @@ from soter.monitor.logs.samples import recorded as of_samples
 from soter.monitor.logs.samples import samples_of
 from soter.monitor.logs.topic_mapping import mapping_of, read_mapping, system_named
 from soter.monitor.model_membership import Judgement, judge, needed_topics
-from soter.reach.problem.extract import extract_sets
 from soter.simulate.recorded_run import read_log, recorded
+from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
+    from soter.language.model.system import System
     from soter.monitor.logs.result import LogJudgement
     from soter.monitor.logs.topic_mapping import LogMap
-    from soter.program.model.system import System
     from soter.simulate.result import Run
 
 

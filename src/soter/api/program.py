@@ -17,7 +17,7 @@ from soter.api.compiled_systems import PreparedSystems
 from soter.api.diagrams import Diagram, diagram_of
 from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.front_end import CheckResult, check_file, system_of
+from soter.language.front_end import CheckResult, check_file, system_of
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from soter.api.assurance.safety_case import Assurance
     from soter.api.campaigning import Campaign
     from soter.explore.results import ExploreReport, SearchProgress
+    from soter.language.model.system import System
+    from soter.language.model.typed import TypedProgram
+    from soter.language.model.types import Value
     from soter.monitor.logs.result import LogJudgement
     from soter.monitor.model_membership import Judgement
-    from soter.program.model.system import System
-    from soter.program.model.typed import TypedProgram
-    from soter.program.model.types import Value
-    from soter.reach.advise import Advice
-    from soter.reach.claims.results import VerifyReport
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
     from soter.simulate.trace_parts import Kept
     from soter.targets.package import Package
+    from soter.verify.advise import Advice
+    from soter.verify.claims.results import VerifyReport
 
     Params = Mapping[str, object] | None
 
@@ -104,7 +104,7 @@ class Program:
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
         """The value of a constant, by full name (`city.GOALS`), as externs see it; KeyError."""
-        from soter.program.model.python_values import to_python  # noqa: PLC0415 - see the docstring
+        from soter.language.model.python_values import to_python  # noqa: PLC0415 - see the docstring
 
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
@@ -323,7 +323,7 @@ class Program:
         `SoterError` with R... where the program does not determine a problem.
         """
         from soter.explore.violation import violation_of  # noqa: PLC0415 - needs a compiler
-        from soter.reach.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
+        from soter.verify.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
         if synthesize:
@@ -359,7 +359,7 @@ class Program:
         written, the program first; none where no controller is open. `SoterError` U009 where none
         was found.
         """
-        from soter.reach.synthesis.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
+        from soter.verify.synthesis.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
         own = Path(self.path)
@@ -383,8 +383,8 @@ class Program:
         `factors`: multiples of the declared period; `levels`: values of m; `report`: an HTML file
         with the figure. `SoterError` R... where a problem is not determined; D006, D007 for it.
         """
-        from soter.reach.advise import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
-        from soter.reach.command import modules_of, problems_of  # noqa: PLC0415 - the same
+        from soter.verify.advise import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
+        from soter.verify.command import modules_of, problems_of  # noqa: PLC0415 - the same
 
         chosen = modules_of(self._checked, module, system, self._values(params))
         advice = advise_all(problems_of(chosen), factors, levels, progress)

@@ -2,7 +2,7 @@
 
 Purpose: `recheck`: a report, or a diagnostic where there is nothing to check, or nothing to check
 it with.
-Non-goals: the checker (`soter.recheck`).
+Non-goals: the checker (`soter.certificate`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.evaluate.floating_point_mode import require_plain
+from soter.language.evaluate.floating_point_mode import require_plain
 
 if TYPE_CHECKING:
     from soter.api.arguments import Progress

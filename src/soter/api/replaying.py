@@ -1,7 +1,7 @@
 """Runs in a file, run again: traces of `soter test`, counterexamples of `soter verify`.
 
 Purpose: `replay`, and the `ReplayReport` it gives.
-Non-goals: the run itself (`explore/judge/replay.py`, `reach/attack/counterexample_files.py`).
+Non-goals: the run itself (`explore/judge/replay.py`, `verify/attack/counterexample_files.py`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from soter.api.arguments import complete, mistake, params_from_json
 from soter.api.files import write_sequence
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from soter.explore.judge.replay import Replayed
     from soter.explore.trace.trace import Trace
-    from soter.reach.attack.counterexample import Replay as CounterexampleRun
     from soter.report.sequence.view import SequenceView
+    from soter.verify.attack.counterexample import Replay as CounterexampleRun
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
 
 def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayReport:
     from soter.explore.trace.trace import no_trace  # noqa: PLC0415 - see `soter.api`
-    from soter.reach.attack.counterexample_files import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
+    from soter.verify.attack.counterexample_files import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
 
     program, sha256 = str(document.get("program", "")), str(document.get("program_sha256", ""))
     try:

@@ -12,9 +12,8 @@ from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
-from soter.lower.layout import state_layout
-from soter.reach.proof_cache import stored_verdicts
 from soter.semantics.externs import Stop
 from soter.simulate.externs.bindings import bind_again, callables, close, require_runnable
 from soter.simulate.interrupt import (
@@ -30,6 +29,7 @@ from soter.simulate.run import run_interpreted
 from soter.simulate.run_parameters import changed
 from soter.simulate.run_settings import seed_value
 from soter.simulate.wall_clock_pacing import Pacer
+from soter.verify.proof_cache import stored_verdicts
 from soter.version import VERSION
 
 if TYPE_CHECKING:

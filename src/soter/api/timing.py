@@ -1,7 +1,7 @@
 """What declared execution times come to, as plain data.
 
 Purpose: `TimingReport` of a system: its thread, what is missing, P1c of its modules.
-Non-goals: the analysis (`soter.timing`, `soter.reach.time`), printing (`cli/`).
+Non-goals: the analysis (`soter.timing`, `soter.verify.time`), printing (`cli/`).
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.program.elaborate.numeric_values import MAX_PERIOD_NS
-from soter.program.load.bounded_read import read_json_text
+from soter.language.elaborate.numeric_values import MAX_PERIOD_NS
+from soter.language.load.bounded_read import read_json_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.program.model.system import Component, Module, System
-    from soter.reach.time.switch_latency import SwitchLatency
+    from soter.language.model.system import Component, Module, System
     from soter.timing.trusted_thread import Timing
+    from soter.verify.time.switch_latency import SwitchLatency
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def timing_reports(
 def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, ...]:
     if not system.modules:
         return ()
-    from soter.reach.time.switch_latency import switch_of  # noqa: PLC0415 - see `soter.api`
+    from soter.verify.time.switch_latency import switch_of  # noqa: PLC0415 - see `soter.api`
 
     switches = []
     for at, module in _where_proved(system):

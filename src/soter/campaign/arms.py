@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING
 
 from soter.campaign.wording import listed
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.elaborate.derived_systems import forced, with_faults
-from soter.program.model.durations import show_ns
-from soter.program.model.system import Fault
+from soter.language.elaborate.derived_systems import forced, with_faults
+from soter.language.model.durations import show_ns
+from soter.language.model.system import Fault
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.program.model.system import Component, System
+    from soter.language.model.system import Component, System
 
 OURS, ALONE, PAPER, SWEPT = "ours", "ac", "paper", "swept"
 NAMES = (OURS, ALONE, PAPER, SWEPT)

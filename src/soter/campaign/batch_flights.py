@@ -16,8 +16,8 @@ import numpy as np
 
 from soter.campaign.compiled_unit import recipe_of
 from soter.campaign.flight import FlightOutcome, MetricSample
+from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.lower.steps import lower
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.campaign.compiled_unit import Recipe
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import System
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import System
 
 BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
 TO_SC, TO_AC, VIOLATED, LATCHED = range(4)

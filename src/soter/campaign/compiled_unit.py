@@ -19,10 +19,10 @@ from soter.codegen.c.types import float_number, int_number
 from soter.codegen.frame import S
 from soter.codegen.storage.value_locations import MADE
 from soter.codegen.unit import UnitBuilder
-from soter.lower.core import Call, Fact, If, Loop
-from soter.lower.footprint import walk
-from soter.lower.layout import size_of, state_dtype
-from soter.lower.steps import lower
+from soter.core.core import Call, Fact, If, Loop
+from soter.core.footprint import walk
+from soter.core.layout import size_of, state_dtype
+from soter.core.steps import lower
 from soter.native.cache import cached, digest
 from soter.native.includes import included
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from soter.codegen.unit import Unit
-    from soter.lower.core import CoreSystem, Function, Predicate, Stmt
-    from soter.program.model.system import Metric, Property, System
+    from soter.core.core import CoreSystem, Function, Predicate, Stmt
+    from soter.language.model.system import Metric, Property, System
 
 NEVER = c.Name("SOTER_NEVER")
 NODES = ("node ", "module ")

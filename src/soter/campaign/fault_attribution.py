@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.program.elaborate.derived_systems import only_inside, without_faults
+from soter.language.elaborate.derived_systems import only_inside, without_faults
 from soter.semantics.random.faults import begins
 from soter.semantics.random.random_draws import GOLDEN, fnv
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.campaign.flight import FlightOutcome
-    from soter.program.model.system import Component, Fault, System
+    from soter.language.model.system import Component, Fault, System
 
     Words = npt.NDArray[np.uint64]
 

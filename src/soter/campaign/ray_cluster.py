@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Any
 from soter.campaign.batch_flights import BATCH, Flyer
 from soter.campaign.compiled_unit import unpacked
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.build import NEVER_SHIPPED, RUNTIME
 from soter.native.cache import digest
 from soter.native.own_files import files_below
-from soter.program.evaluate.floating_point_mode import require_plain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -16,7 +16,7 @@ import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.load.bounded_read import read_bytes
+from soter.language.load.bounded_read import read_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path

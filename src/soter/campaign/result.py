@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from soter.campaign.fault_attribution import FaultAttribution
     from soter.campaign.flight import FlightOutcome
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 SPEED = "speed"
 """The measure whose mean, in m/s, makes kilometres."""

@@ -21,7 +21,7 @@ from zlib import crc32
 from soter.campaign.flight import FlightOutcome, MetricSample
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.program.load.bounded_read import read_bytes
+from soter.language.load.bounded_read import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 from soter.certificate.reading.facts import bounded_topics, driven_topics
 from soter.certificate.reading.other_modes import names_of
 from soter.certificate.time.module_times import DELAYS, read_by
-from soter.prelude.bounds import BOUNDS
-from soter.program.evaluate.abstraction_start import start_behind
-from soter.program.model.durations import show_ns
-from soter.program.model.tree_walk import calls_in, topic_reads
-from soter.program.model.types import FloatType, leaves
+from soter.language.evaluate.abstraction_start import start_behind
+from soter.language.model.durations import show_ns
+from soter.language.model.tree_walk import calls_in, topic_reads
+from soter.language.model.types import FloatType, leaves
+from soter.language.prelude.bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.certificate.reading.facts import Facts, Input
-    from soter.program.model import typed
+    from soter.language.model import typed
 
 WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 """Functions of the prelude that compute what they say."""

@@ -48,7 +48,7 @@ from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.program.model.types import leaves
+from soter.language.model.types import leaves
 from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:

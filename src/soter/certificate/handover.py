@@ -16,7 +16,7 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.views import entered
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.module_times import read_by
-from soter.program.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from soter.certificate.inclusions.group_claims import GroupTables
     from soter.certificate.polytope.certificate_tables import PolytopeTables
     from soter.certificate.reading.facts import Facts
-    from soter.program.model import typed
+    from soter.language.model import typed
 
     Groups = Sequence[tuple[Sequence[GroupTables], Sequence[PolytopeTables]]]
 

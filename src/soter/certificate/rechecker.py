@@ -42,8 +42,8 @@ from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.unpublished_reads import survives_the_start
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.evaluate.arithmetic import StepFault
-from soter.program.front_end import system_to_prove
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.front_end import system_to_prove
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.certificate.induction.facts import InductionFacts
-    from soter.program.front_end import CheckResult
+    from soter.language.front_end import CheckResult
 
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
 """Times that stand in the program, and in the manifest as they are there."""

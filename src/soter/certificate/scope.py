@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.assumptions import RecheckAssumption
 from soter.certificate.reading.facts import Facts
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.front_end import system_to_prove
-from soter.program.model.durations import show_ns
-from soter.program.model.types import DurationType
+from soter.language.front_end import system_to_prove
+from soter.language.model.durations import show_ns
+from soter.language.model.types import DurationType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.certificate.induction.facts import InductionFacts
-    from soter.program.front_end import CheckResult
-    from soter.program.model.system import System
-    from soter.program.model.typed import TypedProgram
-    from soter.program.model.types import Value
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import System
+    from soter.language.model.typed import TypedProgram
+    from soter.language.model.types import Value
 
     Covered = Facts | InductionFacts
 

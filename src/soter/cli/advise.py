@@ -1,7 +1,7 @@
 """`soter advise FILE`: what the period of a decision module and its levels cost.
 
 Purpose: a table for each module, a figure in `.soter/`, and the largest Delta that verifies.
-Non-goals: the sweeps (`reach/advise.py`), the drawing (`report/proof/advice.py`).
+Non-goals: the sweeps (`verify/advise.py`), the drawing (`report/proof/advice.py`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.console import Console
-    from soter.reach.advise import Advice, AdviceRow
     from soter.report.summary import Entry, Tone
+    from soter.verify.advise import Advice, AdviceRow
 
 EXAMPLES = """\
   soter advise cart.soter

@@ -1,7 +1,7 @@
 """`soter lsp`: the language server, which an editor starts.
 
 Purpose: serve one editor over standard input and output, or over TCP.
-Non-goals: what it answers (`soter.lsp`).
+Non-goals: what it answers (`soter.editor`).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.json and args.tcp is None:
         raise UsageError("standard output is the editor's: no `--json`", "soter lsp [--tcp PORT]")
     try:
-        from soter.lsp.server import serve  # noqa: PLC0415 - an extra
+        from soter.editor.server import serve  # noqa: PLC0415 - an extra
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in {"pygls", "lsprotocol"}:
             raise

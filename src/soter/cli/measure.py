@@ -15,7 +15,7 @@ from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CommandParser, add_file, add_settings, at_least_one, seed
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.model.durations import show_ns
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     from soter.api.measuring import Measured

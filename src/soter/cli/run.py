@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.console import Console
-    from soter.program.model.system import System
+    from soter.language.model.system import System
     from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
 

@@ -35,7 +35,7 @@ from soter.cli.terminal.units import rounded, size
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.junit import document
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
-from soter.program.model.durations import show_ns
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     import argparse

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
     from soter.cli.ci.findings import Kind
     from soter.cli.terminal.console import Console
-    from soter.reach.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
-    from soter.reach.composition import ComposedAssumption
+    from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
+    from soter.verify.composition import ComposedAssumption
 
     Runs = Mapping[str, Mapping[str, Path]]
 
@@ -187,8 +187,8 @@ def _coverage(report: VerifyReport, console: Console) -> list[str]:
 
 def _together(report: VerifyReport, console: Console) -> list[str]:
     """The conjunction, and who keeps what a module takes for granted."""
-    from soter.reach.composition import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
     from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.verify.composition import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
 
     verdict = console.paint(PAINTS[report.together], report.together.upper())
     taken = rows_of(report)
@@ -225,7 +225,7 @@ def _listed(texts: tuple[str, ...]) -> list[str]:
 
 def _of_the_certificate(report: VerifyReport) -> list[str]:
     """What a certificate does not say, or `soter recheck` does not accept."""
-    from soter.reach.claims.results import UNCLAIMED  # noqa: PLC0415 - needs nothing heavy, but a room below
+    from soter.verify.claims.results import UNCLAIMED  # noqa: PLC0415 - needs nothing heavy, but a room below
 
     lines = []
     for module in report.modules:
@@ -270,7 +270,7 @@ def _saved(report: VerifyReport) -> Runs:
     """The runs that refute, written to `.soter/`: module and property -> file."""
     if report.verdict != "refuted":
         return {}
-    from soter.reach.attack.counterexample_files import save_runs  # noqa: PLC0415 - only then
+    from soter.verify.attack.counterexample_files import save_runs  # noqa: PLC0415 - only then
 
     return save_runs(report)
 
@@ -307,7 +307,7 @@ def _table(module: ModuleResult, console: Console) -> str:
 
 def _details(module: ModuleResult, console: Console) -> list[str]:
     """Shares, and where and why something is not proved."""
-    from soter.reach.claims.results import NO_CORE  # noqa: PLC0415 - needs nothing heavy, but a room below
+    from soter.verify.claims.results import NO_CORE  # noqa: PLC0415 - needs nothing heavy, but a room below
 
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]

@@ -15,10 +15,10 @@ from soter.codegen.c.types import FAULT, int_number
 from soter.codegen.storage.storage_plan import RESULT, has_address, is_still_here, output_name
 from soter.codegen.storage.trivial_comparisons import LOGICAL, compared_twice, is_foregone
 from soter.codegen.storage.value_locations import MADE, Places
-from soter.lower import core
-from soter.lower.layout import scalar
-from soter.program.evaluate.arithmetic import FaultKind
-from soter.program.model.types import (
+from soter.core import core
+from soter.core.layout import scalar
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from soter.codegen.c.types import TypeTable
     from soter.diagnostics.span import Span
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 FAULT_NAMES = {
     FaultKind.OVERFLOW: "SOTER_OVERFLOW",

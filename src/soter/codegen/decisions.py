@@ -13,15 +13,15 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.frame import CT, OK, S, where
 from soter.codegen.storage.storage_plan import PlannedBody
-from soter.lower import core
+from soter.core import core
 
 if TYPE_CHECKING:
     from soter.codegen.frame import Frame
-    from soter.program.model.system import Module
+    from soter.language.model.system import Module
 
 
 def switch(frame: Frame) -> c.FunctionDef:
-    """The switching logic of every DM, on facts alone: `reach/deploy/dm_check.py` tries all."""
+    """The switching logic of every DM, on facts alone: `verify/deploy/dm_check.py` tries all."""
     ac, sc = c.Name("SOTER_AC"), c.Name("SOTER_SC")
     ttf, stale, safer = c.Name("ttf"), c.Name("stale"), c.Name("safer")
     unsafe = c.Binary("||", c.Binary("||", ttf, stale), c.Name("gate_fault"))

@@ -1,7 +1,7 @@
 """Steps that take time, in generated C.
 
 Purpose: what such a step publishes is held in a topic of its own
-(`program/elaborate/execution_times.py`); the functions that let it take effect, and swap it with
+(`language/elaborate/execution_times.py`); the functions that let it take effect, and swap it with
 what the topics have.
 Non-goals: when that is (the kernel).
 """
@@ -16,8 +16,8 @@ from soter.codegen.frame import CT, S, enabled
 
 if TYPE_CHECKING:
     from soter.codegen.frame import Frame
-    from soter.lower import core
-    from soter.program.model.system import Component
+    from soter.core import core
+    from soter.language.model.system import Component
 
 PARAMETERS = (("void *", "state"),)
 

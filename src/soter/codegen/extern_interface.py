@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
-from soter.lower.layout import arrange
-from soter.program.model.types import BOOL
+from soter.core.layout import arrange
+from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.codegen.frame import Frame
+    from soter.core.core import CoreSystem, Function
+    from soter.core.layout import Struct
     from soter.diagnostics.span import Span
-    from soter.lower.core import CoreSystem, Function
-    from soter.lower.layout import Struct
-    from soter.program.model.system import Component, System
-    from soter.program.model.types import Type
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type
 
 LINKED = "_linked"
 """How the name of a function ends that calls a linked one."""

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT, int_number
-from soter.lower.layout import INT_KINDS, scalar, struct_of
-from soter.program.model.types import (
+from soter.core.layout import INT_KINDS, scalar, struct_of
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -23,7 +23,7 @@ from soter.program.model.types import (
 )
 
 if TYPE_CHECKING:
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 EXTERN = c.Name("SOTER_EXTERN_FAULT")
 ZERO = c.Number("0")

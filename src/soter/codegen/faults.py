@@ -2,7 +2,7 @@
 
 Purpose: the tables of a system's faults, when releases happen, what becomes of publications and
 disturbances, which node steps next (`soter_faults.h` has what they share).
-Non-goals: which faults there are (`program/elaborate/tests_and_faults/faults.py`).
+Non-goals: which faults there are (`language/elaborate/tests_and_faults/faults.py`).
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.frame import CT, HEADER
-from soter.program.model.types import ArrayType, FloatType, RecordType, leaves
+from soter.language.model.types import ArrayType, FloatType, RecordType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.codegen.frame import Frame
-    from soter.lower import core
-    from soter.program.model.system import Bound, Component, Fault, System
-    from soter.program.model.types import Type
+    from soter.core import core
+    from soter.language.model.system import Bound, Component, Fault, System
+    from soter.language.model.types import Type
 
 LEAVES = 256
 """Indices of the stream of amounts that belong to one slot, or to one step."""

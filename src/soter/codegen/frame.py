@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
 from soter.codegen.storage.storage_plan import PlannedBody, output_name
-from soter.lower import core
-from soter.lower.footprint import always_published
+from soter.core import core
+from soter.core.footprint import always_published
 
 if TYPE_CHECKING:
     from soter.codegen.body import Body, StepBranch
     from soter.codegen.c.types import TypeTable
     from soter.diagnostics.span import Span
-    from soter.program.model.system import Component, System
+    from soter.language.model.system import Component, System
 
 S = c.Name("s")
 OK = c.Name("SOTER_OK")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.random_draws import DRAW_PARAMETERS, assemble, in_order, uniform
-from soter.program.model.types import (
+from soter.language.model.types import (
     ArrayType,
     FloatType,
     ListType,
@@ -21,7 +21,7 @@ from soter.program.model.types import (
 
 if TYPE_CHECKING:
     from soter.codegen.frame import Frame
-    from soter.program.model.types import Type, Value
+    from soter.language.model.types import Type, Value
 
 
 def init(frame: Frame, name: str) -> c.FunctionDef:

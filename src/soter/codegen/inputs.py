@@ -14,14 +14,14 @@ from soter.codegen.c.types import int_number
 from soter.codegen.extern_results import received
 from soter.codegen.frame import CT, OK, S
 from soter.codegen.random_draws import DRAW_PARAMETERS, assemble, in_order, uniform, whom
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.codegen.frame import Frame
-    from soter.program.model.system import Bound, InputDrive, System, Topic
-    from soter.program.model.types import Type
+    from soter.language.model.system import Bound, InputDrive, System, Topic
+    from soter.language.model.types import Type
 
 VALUE, TIME, STATUS = c.Name("value"), c.Name("time"), c.Name("status")
 PUBLISH_PARAMETERS = (("void *", "state"), ("const void *", "given"), ("int64_t", "time"))

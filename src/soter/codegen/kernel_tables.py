@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 from soter.codegen.body import stream_key
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import int_number
-from soter.program.model.system import environment_topics
+from soter.language.model.system import environment_topics
 
 if TYPE_CHECKING:
     from soter.codegen.frame import Frame
     from soter.codegen.inputs import InputEmitter
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import Component, Property
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import Component, Property
 
 ROLES = {
     "plant": "SOTER_ROLE_PLANT",

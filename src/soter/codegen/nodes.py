@@ -20,17 +20,17 @@ from soter.codegen.faults import disturb
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, S, enabled, where
 from soter.codegen.queues import empty, forgive, must_not_lose
 from soter.codegen.random_draws import choosing
-from soter.lower import core
-from soter.program.model.system import queues_of
-from soter.program.model.types import BOOL
+from soter.core import core
+from soter.language.model.system import queues_of
+from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.codegen.frame import Frame
     from soter.codegen.storage.storage_plan import PlannedBody
-    from soter.program.model.system import Component
-    from soter.program.model.typed import NodeSymbol
+    from soter.language.model.system import Component
+    from soter.language.model.typed import NodeSymbol
 
 
 def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:

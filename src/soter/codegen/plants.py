@@ -2,7 +2,7 @@
 
 Purpose: what `soter_step_fn` of the kernel's tables is for a plant: disturbances, integration,
 what is measured with which error.
-Non-goals: integration itself (`lower/plants.py`).
+Non-goals: integration itself (`core/plants.py`).
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from soter.codegen.c.types import int_number
 from soter.codegen.faults import disturb, leaf_of, scaled
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, enabled, where
 from soter.codegen.random_draws import assemble, choosing, in_order, uniform
-from soter.lower import core
-from soter.program.model.types import BOOL
+from soter.core import core
+from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
     from soter.codegen.frame import Frame
-    from soter.program.model.system import Component
+    from soter.language.model.system import Component
 
 
 def plant_step(

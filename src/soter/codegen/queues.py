@@ -1,7 +1,7 @@
 """Queues behind topics, in generated C.
 
 Purpose: how a topic's value is put into them, and the step fault of a lost value.
-Non-goals: what queues hold in memory (`lower/layout.py`).
+Non-goals: what queues hold in memory (`core/layout.py`).
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import FAULT
 from soter.codegen.frame import S
-from soter.program.model.system import queues_of
-from soter.program.model.types import ListType
+from soter.language.model.system import queues_of
+from soter.language.model.types import ListType
 
 if TYPE_CHECKING:
     from soter.codegen.frame import Frame
-    from soter.program.model.system import Component, Topic
+    from soter.language.model.system import Component, Topic
 
 
 def push(frame: Frame, topic: Topic) -> c.FunctionDef:

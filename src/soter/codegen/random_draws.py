@@ -13,14 +13,14 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.frame import CT, HEADER
-from soter.lower import core
-from soter.lower.footprint import walk
-from soter.program.model.types import ArrayType, RecordType
+from soter.core import core
+from soter.core.footprint import walk
+from soter.language.model.types import ArrayType, RecordType
 
 if TYPE_CHECKING:
     from soter.codegen.c.types import TypeTable
-    from soter.program.model.system import Component
-    from soter.program.model.types import Type
+    from soter.language.model.system import Component
+    from soter.language.model.types import Type
 
 DRAW_PARAMETERS = (("void *", "state"), ("const void *", "answer"))
 

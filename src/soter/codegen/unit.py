@@ -42,17 +42,17 @@ from soter.codegen.frame import Frame, where
 from soter.codegen.inputs import InputEmitter
 from soter.codegen.kernel_tables import TableEmitter
 from soter.codegen.storage.value_locations import MADE
+from soter.core.layout import Struct, arrange, state_layout
+from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.lower.layout import Struct, arrange, state_layout
-from soter.lower.steps import lower
-from soter.program.model.system import environment_topics
+from soter.language.model.system import environment_topics
 
 if TYPE_CHECKING:
     from soter.codegen.body import StepBranch
-    from soter.lower.core import CoreSystem, Function, Predicate
-    from soter.lower.layout import StateLayout
-    from soter.program.model.system import Property, System
-    from soter.program.model.types import Type
+    from soter.core.core import CoreSystem, Function, Predicate
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Property, System
+    from soter.language.model.types import Type
 
 COMPONENT_NAMES = (
     "_step",

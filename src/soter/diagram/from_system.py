@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from soter.diagram.graph import DiagramBox, DiagramGraph, Edge, ModuleFrame, cells
 from soter.diagram.value_rows import ValueRow, rows_of
-from soter.program.model.durations import show_ns
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from soter.diagram.graph import Part
-    from soter.program.model.system import Component, Module, System
+    from soter.language.model.system import Component, Module, System
 
 ROLES = {"ac": "AC", "sc": "SC", "dm": "DM"}
 TOGETHER_MAX = 9

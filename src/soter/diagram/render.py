@@ -12,7 +12,7 @@ from soter.diagram.from_system import graph_of
 from soter.diagram.svg import draw
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 
 def picture(system: System, *, live: bool = False) -> str:

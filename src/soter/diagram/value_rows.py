@@ -10,12 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.model.types import ArrayType, BoolType, EnumType, FloatType, IntType, RecordType
+from soter.language.model.types import ArrayType, BoolType, EnumType, FloatType, IntType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 ROWS_MAX = 6
 """So many rows of a topic or plant are shown; that there are more is said by the last."""

@@ -1,7 +1,7 @@
 """What the verdict on a test rests on, and what it does not say.
 
 Purpose: plain sentences; they are part of every result.
-Non-goals: what a proof rests on (`reach/problem/problem.py`).
+Non-goals: what a proof rests on (`verify/problem/problem.py`).
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from soter.explore import contract_use, explored_conditions
 from soter.explore.methods import LEAVES_MAX
 from soter.explore.trace.schedule import plan_of
-from soter.program.elaborate.derived_systems import OUTSIDE
-from soter.program.elaborate.elaborator import show_ns
-from soter.program.model.types import FloatType, leaves
+from soter.language.elaborate.derived_systems import OUTSIDE
+from soter.language.elaborate.elaborator import show_ns
+from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.search import Found
     from soter.explore.model.exploration_plan import TimeChoices
     from soter.explore.results import Options
-    from soter.program.model.system import System, TestPlan
+    from soter.language.model.system import System, TestPlan
 
 FINGERPRINT_BITS = 64
 PLACES = 3

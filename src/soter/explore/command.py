@@ -37,9 +37,9 @@ from soter.explore.results import (
 from soter.explore.trace.schedule import plan_of
 from soter.explore.trace.trace import TIME_MAX, VIOLATION_KINDS, Trace, write_trace
 from soter.explore.verdict import ENDS, covered_before, short_of_test, vacuous_parts, verdict_of
-from soter.program.elaborate.derived_systems import with_test
-from soter.program.elaborate.tests_and_faults.tested_system import MAX_STEPS
-from soter.program.model.durations import show_ns
+from soter.language.elaborate.derived_systems import with_test
+from soter.language.elaborate.tests_and_faults.tested_system import MAX_STEPS
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -49,8 +49,8 @@ if TYPE_CHECKING:
     from soter.explore.judge.replay import Replayed
     from soter.explore.results import Options, SearchProgress
     from soter.explore.trace.trace import Step
-    from soter.program.model.system import System
-    from soter.program.model.typed import TestSymbol
+    from soter.language.model.system import System
+    from soter.language.model.typed import TestSymbol
 
     Progress = Callable[[SearchProgress], None]
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.schedule import plan_of
-from soter.program.check.expressions.field import listed
-from soter.program.model import typed
+from soter.language.check.expressions.field import listed
+from soter.language.model import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.program.model.system import StandIn, System
+    from soter.language.model.system import StandIn, System
 
 
 def replaced_in(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:

@@ -11,17 +11,17 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.explore.trace_view import shown
-from soter.program.check.declarations import show
-from soter.program.model.durations import show_ns
-from soter.program.model.python_values import to_json
-from soter.program.model.typed import Literal
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.language.check.declarations import show
+from soter.language.model.durations import show_ns
+from soter.language.model.python_values import to_json
+from soter.language.model.typed import Literal
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.program.model.system import Bound, InputDrive, System, Topic
-    from soter.program.model.types import Type
+    from soter.language.model.system import Bound, InputDrive, System, Topic
+    from soter.language.model.types import Type
 
 NAMED = 12
 """So many parameters that are as declared are named; those that are not are, however many."""

@@ -20,7 +20,7 @@ from soter.explore.methods import (
     THREADS_BFS,
     WORDS_MAX,
 )
-from soter.program.model.durations import show_ns
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from soter.explore.judge.replay import Replayed
     from soter.explore.trace.trace import ViolationId
     from soter.explore.vacuity.vacuous_tests import VacuousPart
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ENDS_ONLY = ("all", "instants", "groups")
 """Reductions that store only ends of instants, where that can be."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from soter.explore.judge.replay import Replayed, ReplayedStep
     from soter.explore.trace.schedule import ScheduledActor
     from soter.explore.trace.trace import Choice
-    from soter.program.model.system import Component, System
+    from soter.language.model.system import Component, System
     from soter.report.sequence.view import Kind, Mode, Role
 
 KINDS = {BEGIN: "overrun"}

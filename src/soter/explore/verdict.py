@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.search import Found, Search
     from soter.explore.results import Options
     from soter.explore.vacuity.vacuous_tests import VacuousPart
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ENDS = {
     "memory": MEMORY,

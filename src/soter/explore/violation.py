@@ -15,7 +15,7 @@ from soter.explore.command import TraceHeader, UnreproducedError, explore_test
 from soter.explore.results import VIOLATED, Options
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 SEARCH_S = 30.0
 SHORTEN_S = 5.0

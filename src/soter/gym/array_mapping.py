@@ -14,8 +14,8 @@ import numpy as np
 from gymnasium import spaces
 
 from soter.gym.outside_roles import wrong_choice
-from soter.program.model.python_values import from_python
-from soter.program.model.types import (
+from soter.language.model.python_values import from_python
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import SoterError
     from soter.gym.leaves import ObservedPart
-    from soter.program.model.system import Bound, Component, System, Topic
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound, Component, System, Topic
+    from soter.language.model.types import Type, Value
 
     Shapes = Sequence[tuple[str, Type]]
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled
 from soter.gym.outside_roles import chosen_module, observed_parts, without_python
-from soter.program.elaborate.derived_systems import answered_outside
+from soter.language.elaborate.derived_systems import answered_outside
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

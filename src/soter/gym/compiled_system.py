@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from soter.codegen.extern_interface import answer_fields
 from soter.codegen.unit import generate
+from soter.core.layout import arrange, state_dtype
 from soter.gym.leaves import LeafBuffer, is_flat, places
-from soter.lower.layout import arrange, state_dtype
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
 from soter.native.library import Library
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     import soter.api
     from soter.gym.leaves import MemoryLeaf, ObservedPart
-    from soter.program.model.system import Component, System
+    from soter.language.model.system import Component, System
 
 T = TypeVar("T")
 FOLDER = Path(__file__).resolve().parent / "c"

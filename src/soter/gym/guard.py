@@ -20,8 +20,8 @@ from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by, wr
 from soter.gym.plant_model import PlantModel, SessionPlant, tolerances, why_not
 from soter.gym.safety_warning import warn_of_start, warn_of_unseen, warn_of_wrappers
 from soter.gym.session import Session, numbers
-from soter.program.elaborate.derived_systems import answered_outside
-from soter.program.model.python_values import ValueShapeError, to_python
+from soter.language.elaborate.derived_systems import answered_outside
+from soter.language.model.python_values import ValueShapeError, to_python
 from soter.semantics.externs import converted
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gymnasium import spaces
 
     from soter.diagnostics.diagnostic import SoterError
-    from soter.program.model.types import Type, Value
+    from soter.language.model.types import Type, Value
 
 SEED_END = 2**63
 CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced")

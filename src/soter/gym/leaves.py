@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from soter.lower.layout import scalar, size_of, struct_of
-from soter.program.model.types import (
+from soter.core.layout import scalar, size_of, struct_of
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -23,7 +23,7 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 FLOAT, BOOL = 0, 1
 KINDS = {"b": 2, "B": 3, "h": 4, "H": 5, "i": 6, "I": 7, "q": 8}

@@ -1,7 +1,7 @@
 """What of a system is answered from outside: which module's controller, which plant.
 
 Purpose: the module and the plant that a caller names, or the only ones; what an agent observes.
-Non-goals: the system that is left (`program/elaborate/derived_systems.py`); stepping
+Non-goals: the system that is left (`language/elaborate/derived_systems.py`); stepping
 (`session.py`).
 """
 
@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.gym.leaves import ObservedPart, is_flat
-from soter.program.elaborate.derived_systems import with_components
+from soter.language.elaborate.derived_systems import with_components
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.program.model.system import Component, Module, System
-    from soter.program.model.types import Type
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Type
 
 
 def wrong_choice(message: str, *helps: str) -> SoterError:

@@ -17,10 +17,10 @@ from soter.codegen.unit import generate
 from soter.gym.compiled_system import ENGINE, driver
 from soter.gym.leaves import LeafBuffer, places
 from soter.gym.outside_roles import wrong_choice
+from soter.language.elaborate.derived_systems import faultless, undriven, with_components
+from soter.language.model.tree_walk import chosen_lets
+from soter.language.model.types import ArrayType, FloatType, leaf_count, leaves
 from soter.native.build import library
-from soter.program.elaborate.derived_systems import faultless, undriven, with_components
-from soter.program.model.tree_walk import chosen_lets
-from soter.program.model.types import ArrayType, FloatType, leaf_count, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.gym.compiled_system import CompiledEnvironment
-    from soter.program.model.system import Component, System
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type, Value
 
     Array = npt.NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.core.layout import decode_from, encode_into
 from soter.gym.compiled_system import refuse_call
-from soter.lower.layout import decode_from, encode_into
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.native.library import RunStatus
-from soter.program.evaluate.arithmetic import FaultKind
 from soter.semantics.externs import reset
 from soter.simulate.externs.bindings import bind_again, callables
 from soter.simulate.externs.python_answers import ExternAnswers
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
     from soter.gym.compiled_system import CompiledEnvironment
     from soter.gym.plant_model import SessionPlant
+    from soter.language.model.system import Component
+    from soter.language.model.types import Value
     from soter.native.library import Bytes
-    from soter.program.model.system import Component
-    from soter.program.model.types import Value
 
 FAR_NS = 2**62
 """No run gets there: the session ends before its clock does."""

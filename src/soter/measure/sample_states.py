@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.lower.layout import encode_into
-from soter.program.model.system import queues_of
-from soter.program.model.types import (
+from soter.core.layout import encode_into
+from soter.language.model.system import queues_of
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     import random
     from collections.abc import Iterator
 
-    from soter.lower.layout import StateLayout
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Bound, Component, System
+    from soter.language.model.types import Type, Value
     from soter.native.library import Bytes
-    from soter.program.model.system import Bound, Component, System
-    from soter.program.model.types import Type, Value
 
 WILD = 1e3
 """Floats of a topic without a set are drawn between this, below and above zero."""

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.codegen.unit import generate
-from soter.lower.layout import state_dtype
+from soter.core.layout import state_dtype
+from soter.language.model.durations import write_ns
 from soter.measure.sample_states import of_run, varied
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
-from soter.program.model.durations import write_ns
 from soter.simulate.externs.c_extern import linked_symbols
 from soter.timing.trusted_thread import in_thread
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.lower.core import CoreSystem
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import Component, System
     from soter.native.library import Bytes
-    from soter.program.model.system import Component, System
 
 FOLDER = Path(__file__).resolve().parent / "c"
 ENGINE = (FOLDER / "soter_stopwatch.c", FOLDER / "soter_stopwatch.h")

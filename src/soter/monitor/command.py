@@ -13,12 +13,12 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.monitor.model_membership import topic_names
 from soter.monitor.monitor_node import monitor_source
-from soter.reach.problem.extract import extract_sets
+from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.program.model.system import Module, System
+    from soter.language.model.system import Module, System
 
 
 def write_monitor(

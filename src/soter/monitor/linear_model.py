@@ -3,7 +3,7 @@
 Purpose: x' (flows) or the next x (maps) = A x + B u + c + W d, the driven topics y = M x + m, for
 one combination of parameter values; for monitoring.
 Non-goals: proofs: entries are binary64 as the interpreter computes them, nothing rounds outward
-(`reach/grid/group_model.py` does that from enclosures).
+(`verify/grid/group_model.py` does that from enclosures).
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.evaluate.environment import Environment
-from soter.program.evaluate.statements import Evaluator, replaced
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType, RecordType, leaves
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator, replaced
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, RecordType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from soter.program.model.types import Type, Value
-    from soter.reach.problem.problem import Problem
-    from soter.reach.problem.quantities import Leaf
+    from soter.language.model.types import Type, Value
+    from soter.verify.problem.problem import Problem
+    from soter.verify.problem.quantities import Leaf
 
     Floats = NDArray[np.float64]
 

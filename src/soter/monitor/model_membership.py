@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
 from soter.monitor.linear_model import (
     AffineStep,
     Plants,
@@ -24,20 +26,18 @@ from soter.monitor.linear_model import (
     parameter_leaves,
     step_of,
 )
-from soter.program.evaluate.environment import Environment
-from soter.program.evaluate.statements import Evaluator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from soter.language.model.system import Module, System
+    from soter.language.model.typed import TopicSymbol
+    from soter.language.model.types import Value
     from soter.monitor.linear_model import LinearModel
-    from soter.program.model.system import Module, System
-    from soter.program.model.typed import TopicSymbol
-    from soter.program.model.types import Value
-    from soter.reach.problem.problem import Problem
     from soter.report.recorded_run import RecordedRun
+    from soter.verify.problem.problem import Problem
 
     Floats = NDArray[np.float64]
 

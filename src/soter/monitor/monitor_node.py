@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.language.model.durations import show_ns
 from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
 from soter.monitor.model_membership import ROUNDING, sight_of
-from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from soter.reach.problem.problem import Problem
+    from soter.verify.problem.problem import Problem
 
     Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.evaluate.floating_point_mode import require_plain
+from soter.language.evaluate.floating_point_mode import require_plain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

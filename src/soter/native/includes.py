@@ -11,7 +11,7 @@ from pathlib import Path
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.program.load.bounded_read import read_bytes
+from soter.language.load.bounded_read import read_bytes
 
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
 FILES_MAX = 1000

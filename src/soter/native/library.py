@@ -1,7 +1,7 @@
 """A loaded program: the kernel's functions on a state in memory.
 
 Purpose: the thinnest Python face of `soter.h`; states and traces are numpy arrays of bytes.
-Non-goals: decoding (`lower/layout.py`), answering externs (`simulate/`).
+Non-goals: decoding (`core/layout.py`), answering externs (`simulate/`).
 """
 
 from __future__ import annotations

@@ -19,9 +19,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-ROOMS = (
-    "diagnostics", "diagram", "playground", "prelude", "program", "report", "semantics", "syntax",
-)  # fmt: skip
+ROOMS = ("diagnostics", "diagram", "language", "playground", "report", "semantics")
 """What runs in the page; of `report` only what shows texts."""
 ONLY = {"report": ("__init__.py", "printable_text.py")}
 ENDINGS = {".py", ".md", ".soter"}

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.model.types import ArrayType, BoolType, FloatType, IntType, RecordType
+from soter.language.model.types import ArrayType, BoolType, FloatType, IntType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.program.model.system import System
-    from soter.program.model.types import Type
+    from soter.language.model.system import System
+    from soter.language.model.types import Type
     from soter.semantics.configuration import Configuration
 
 SIGNALS_MAX = 16

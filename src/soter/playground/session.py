@@ -19,19 +19,19 @@ from soter.diagnostics.explain import named, suggestions
 from soter.diagnostics.render import render_all, to_json
 from soter.diagnostics.source import Source
 from soter.diagram.render import picture
+from soter.language.evaluate.signal_limits import limits
+from soter.language.front_end import check_file, system_of
+from soter.language.model.durations import show_ns
+from soter.language.syntax.printer import format_source
 from soter.playground.plotted_signals import signals_of
-from soter.program.evaluate.signal_limits import limits
-from soter.program.front_end import check_file, system_of
-from soter.program.model.durations import show_ns
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import AC
 from soter.semantics.rules import next_instant
-from soter.syntax.printer import format_source
 
 if TYPE_CHECKING:
-    from soter.program.front_end import CheckResult
-    from soter.program.model.system import System
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import System
 
 UNTIL_NS = 10 * 10**9
 """Of systems that say no `until`."""

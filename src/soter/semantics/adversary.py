@@ -2,7 +2,7 @@
 
 Purpose: the twin of `native/c/soter_adversary.h`, so that a run that was found natively can be run
 again by the reference interpreter, draw by draw; and draws that are written down (`Recorded`).
-Non-goals: which seeds are worth trying (`reach/attack/refute.py`).
+Non-goals: which seeds are worth trying (`verify/attack/refute.py`).
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.semantics.random.random_draws import SeededDraws, fnv, mix
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.program.model.system import Bound
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound
+    from soter.language.model.types import Type, Value
     from soter.semantics.random.random_draws import Draws
 
 _MASK = 2**64 - 1

@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.semantics.random.random_draws import SeededDraws
 
 if TYPE_CHECKING:
-    from soter.program.model.system import Bound, System
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound, System
+    from soter.language.model.types import Type, Value
 
 Answer = Callable[[str, int], int]
 """(stream, count) -> pick, 0 <= pick < count; called in the order in which steps ask."""

@@ -2,7 +2,7 @@
 
 Purpose: the whole state of a system as one immutable value: a rule makes a new one, so whoever
 searches forks by keeping the old one.
-Non-goals: what observers want to count (`record.py`), the bytes of a state (`lower/layout.py`),
+Non-goals: what observers want to count (`record.py`), the bytes of a state (`core/layout.py`),
 the hidden state of externs, which lives with them.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from soter.program.model.types import Value
+    from soter.language.model.types import Value
 
 NEVER = -(2**62)
 """The stamp of a topic before its first publication; of a queue, always but for `LOST`."""

@@ -15,7 +15,7 @@ from soter.semantics.observer_records import AC, SC
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.program.model.system import Module, System
+    from soter.language.model.system import Module, System
 
 
 def enabled(

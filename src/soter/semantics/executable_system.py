@@ -11,9 +11,9 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.environment import Environment
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model.system import queues_of
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.system import queues_of
 from soter.semantics.externs import (
     UnboundExternError,
     extern_node,
@@ -30,11 +30,11 @@ from soter.semantics.stored_values import storer
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.program.evaluate.expressions import Compiled, Extern
-    from soter.program.evaluate.statements import Executed
-    from soter.program.model.system import Component, Module, Property, Scope, System
-    from soter.program.model.typed import FunSymbol, Variable
-    from soter.program.model.types import Value
+    from soter.language.evaluate.expressions import Compiled, Extern
+    from soter.language.evaluate.statements import Executed
+    from soter.language.model.system import Component, Module, Property, Scope, System
+    from soter.language.model.typed import FunSymbol, Variable
+    from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.random.random_draws import Draws
 

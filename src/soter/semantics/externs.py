@@ -10,18 +10,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.program.evaluate.arithmetic import FaultKind, StepFault
-from soter.program.model.python_values import inputs_to_python, outputs_from_python
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.model.python_values import inputs_to_python, outputs_from_python
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.program.evaluate.environment import Environment
-    from soter.program.evaluate.statements import Executed
-    from soter.program.model.system import Component, Topic
-    from soter.program.model.typed import TopicSymbol
-    from soter.program.model.types import Type, Value
+    from soter.language.evaluate.environment import Environment
+    from soter.language.evaluate.statements import Executed
+    from soter.language.model.system import Component, Topic
+    from soter.language.model.typed import TopicSymbol
+    from soter.language.model.types import Type, Value
 
     Step = Callable[[Any], object]
     Move = Callable[[Environment, tuple[Value, ...]], tuple[Value, ...]]

@@ -11,16 +11,16 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.arithmetic import FaultKind, StepFault
-from soter.program.model.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.model.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
 from soter.semantics.configuration import LOST, NEVER, put
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from soter.diagnostics.span import Span
-    from soter.program.model.system import Bound, Module, Topic
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound, Module, Topic
+    from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration
 
     Check = Callable[[Value, Span], None]

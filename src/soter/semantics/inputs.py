@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.arithmetic import FaultKind, StepFault
-from soter.program.model.system import environment_topics
-from soter.program.model.types import (
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.model.system import environment_topics
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -23,7 +23,7 @@ from soter.program.model.types import (
 from soter.semantics.rules import next_instant
 
 if TYPE_CHECKING:
-    from soter.program.model.types import Type, Value
+    from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
 

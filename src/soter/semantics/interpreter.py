@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.model.system import Bound
-from soter.program.model.types import leaf_count
+from soter.language.model.system import Bound
+from soter.language.model.types import leaf_count
 from soter.semantics.configuration import NEVER, Configuration
 from soter.semantics.control import enabled_at_first
 from soter.semantics.executable_system import ExecutableSystem
@@ -41,9 +41,9 @@ from soter.semantics.rules import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from soter.program.evaluate.arithmetic import FaultKind
-    from soter.program.model.system import Component, InputDrive, Module, System
-    from soter.program.model.types import Value
+    from soter.language.evaluate.arithmetic import FaultKind
+    from soter.language.model.system import Component, InputDrive, Module, System
+    from soter.language.model.types import Value
     from soter.semantics.observer_records import DecisionVerdict, StepOutcome
     from soter.semantics.random.random_draws import Draws
 
@@ -62,7 +62,7 @@ class Interpreter:
 
     `externs` maps the names of extern nodes, plants and functions to callables of one argument
     (functions: of their own arguments), or to objects with a method `step` and perhaps
-    `reset(seed)`; see `program/model/python_values.py` for what they get and may give. Raises
+    `reset(seed)`; see `language/model/python_values.py` for what they get and may give. Raises
     `UnboundExternError` where one is missing. `draws` chooses what is left to the environment.
     """
 

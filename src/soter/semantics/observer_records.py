@@ -16,8 +16,8 @@ from soter.semantics.configuration import NEVER
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.program.evaluate.arithmetic import StepFault
-    from soter.program.model.types import Value
+    from soter.language.evaluate.arithmetic import StepFault
+    from soter.language.model.types import Value
 
 SC, AC = 0, 1
 """The members of `types.MODE`."""

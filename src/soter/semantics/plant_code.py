@@ -11,19 +11,19 @@ import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate import vectors
-from soter.program.model.tree_walk import chosen_lets, first_lets
-from soter.program.model.types import leaves
+from soter.language.evaluate import vectors
+from soter.language.model.tree_walk import chosen_lets, first_lets
+from soter.language.model.types import leaves
 from soter.semantics.stored_values import storer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.program.evaluate.expressions import Compiled
-    from soter.program.evaluate.statements import Evaluator
-    from soter.program.model.system import Component, Topic
-    from soter.program.model.typed import TypedExpr, Variable
-    from soter.program.model.types import RecordType, Type, Value
+    from soter.language.evaluate.expressions import Compiled
+    from soter.language.evaluate.statements import Evaluator
+    from soter.language.model.system import Component, Topic
+    from soter.language.model.typed import TypedExpr, Variable
+    from soter.language.model.types import RecordType, Type, Value
     from soter.semantics.externs import Move
 
     Named = tuple[tuple[Variable, Compiled], ...]

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.arithmetic import StepFault
-from soter.program.evaluate.statements import replaced
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.statements import replaced
 from soter.semantics.configuration import put
 from soter.semantics.gate import check_publications, latch, publish
 from soter.semantics.observer_records import StepOutcome
@@ -22,10 +22,10 @@ from soter.semantics.random.random_draws import assemble, chooser
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.evaluate.environment import Environment
-    from soter.program.model.system import Component, Disturbance
-    from soter.program.model.typed import Variable
-    from soter.program.model.types import Value
+    from soter.language.evaluate.environment import Environment
+    from soter.language.model.system import Component, Disturbance
+    from soter.language.model.typed import Variable
+    from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
     from soter.semantics.plant_code import Arithmetic, PlantCode

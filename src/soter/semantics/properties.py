@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.arithmetic import StepFault
+from soter.language.evaluate.arithmetic import StepFault
 
 if TYPE_CHECKING:
-    from soter.program.evaluate.environment import Environment
-    from soter.program.model.system import Component
+    from soter.language.evaluate.environment import Environment
+    from soter.language.model.system import Component
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
 

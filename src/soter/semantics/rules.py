@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.semantics.configuration import NEVER, put
 from soter.semantics.control import enabled
 from soter.semantics.gate import (
@@ -32,10 +32,10 @@ from soter.semantics.random.faults import disturbed, is_released, next_release, 
 from soter.semantics.random.random_draws import chooser, draw_bits
 
 if TYPE_CHECKING:
-    from soter.program.evaluate.environment import Environment
-    from soter.program.evaluate.expressions import Compiled
-    from soter.program.model.system import Component, Module
-    from soter.program.model.types import Value
+    from soter.language.evaluate.environment import Environment
+    from soter.language.evaluate.expressions import Compiled
+    from soter.language.model.system import Component, Module
+    from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.arithmetic import canonical
-from soter.program.model.types import ArrayType, FloatType, ListType, RecordType
+from soter.language.evaluate.arithmetic import canonical
+from soter.language.model.types import ArrayType, FloatType, ListType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from soter.program.model.types import Type, Value
+    from soter.language.model.types import Type, Value
 
     Store = Callable[[Value], Value]
 

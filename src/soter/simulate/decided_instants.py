@@ -15,7 +15,7 @@ from soter.semantics.random.faults import by_component, is_released
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 
 def decided_at(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.lower.layout import StateLayout
-    from soter.program.model.system import Module, System
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Module, System
     from soter.simulate.run_observer import ModeChange
 
 Mode = Literal["SC", "AC"]

@@ -18,23 +18,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from soter.lower.layout import COMPONENT, HEADER, MODULE, decode_from
-from soter.program.evaluate.arithmetic import FaultKind, StepFault
-from soter.program.evaluate.conjuncts import conjuncts, disjuncts
-from soter.program.evaluate.environment import Environment
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model import typed
-from soter.program.model.python_values import to_json
-from soter.program.model.types import FLOAT, BoolType, EnumType, FloatType, IntType
+from soter.core.layout import COMPONENT, HEADER, MODULE, decode_from
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.evaluate.conjuncts import conjuncts, disjuncts
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model import typed
+from soter.language.model.python_values import to_json
+from soter.language.model.types import FLOAT, BoolType, EnumType, FloatType, IntType
 from soter.semantics.configuration import NEVER
 from soter.semantics.observer_records import AC
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.lower.layout import StateLayout
-    from soter.program.model.system import Component, Module, System
-    from soter.program.model.types import Value
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Value
 
 T = TypeVar("T")
 Number = float | int | bool | str

@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.core.layout import state_dtype, state_layout
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.lower.layout import state_dtype, state_layout
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
 from soter.simulate.externs.extern_server import write_spec
@@ -34,8 +34,8 @@ from soter.targets.posix import nodes_of, posix_package
 from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import System
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import System
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.interrupt import StopRequest
     from soter.simulate.run_observer import Also

@@ -10,12 +10,12 @@ import json
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from soter.core.layout import decode_from
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.lower.layout import decode_from
-from soter.program.load.bounded_read import opened
-from soter.program.model.python_values import ValueShapeError, from_json
-from soter.program.model.types import RecordType
+from soter.language.load.bounded_read import opened
+from soter.language.model.python_values import ValueShapeError, from_json
+from soter.language.model.types import RecordType
 from soter.report.mcap_log import METADATA_NAME
 from soter.report.recorded_run import RecordedRun
 from soter.simulate.outputs.figures import truth_value
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from soter.program.model.system import System
-    from soter.program.model.types import Type
+    from soter.language.model.system import System
+    from soter.language.model.types import Type
     from soter.simulate.result import Run
 
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.lower.layout import group_field
-from soter.program.evaluate.arithmetic import FaultKind
-from soter.program.model.types import ArrayType, ListType, RecordType
+from soter.core.layout import group_field
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.model.types import ArrayType, ListType, RecordType
 from soter.simulate.decisions import DecisionStepRecord, changes, margins
 from soter.simulate.run_settings import did_you_mean, usage_error
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.core.layout import StateLayout
     from soter.diagnostics.span import Span
-    from soter.lower.layout import StateLayout
-    from soter.program.model.proof_verdicts import Proof
-    from soter.program.model.system import Component, System
-    from soter.program.model.types import Type, Value
+    from soter.language.model.proof_verdicts import Proof
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type, Value
     from soter.simulate.externs.python_answers import Tally
     from soter.simulate.run_observer import FirstFault, ModeChange
 

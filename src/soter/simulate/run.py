@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.codegen.unit import Unit, generate
+from soter.core.layout import state_dtype, state_layout
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.lower.layout import state_dtype, state_layout
+from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.build import library
 from soter.native.library import Library, RunStatus
-from soter.program.evaluate.floating_point_mode import require_plain
 from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
@@ -35,10 +35,10 @@ from soter.simulate.trace_parts import TraceParts, names_of, wanted
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.lower.core import CoreSystem
-    from soter.lower.layout import StateLayout
+    from soter.core.core import CoreSystem
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import System
     from soter.native.library import Bytes
-    from soter.program.model.system import System
     from soter.semantics.configuration import Configuration
     from soter.semantics.observer_records import Record
     from soter.simulate.externs.python_answers import Tally

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
     from soter.simulate.trace_parts import TraceParts
 
     Rows = npt.NDArray[np.uint8]

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.elaborate.elaborator import show_ns
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model.python_values import to_json
-from soter.program.model.types import BoolType, DurationType, EnumType
+from soter.language.elaborate.elaborator import show_ns
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.python_values import to_json
+from soter.language.model.types import BoolType, DurationType, EnumType
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import System
+    from soter.language.model.types import Type, Value
 
 
 def changed(system: System) -> dict[str, tuple[str, str]]:

@@ -2,7 +2,7 @@
 
 Purpose: `--set K=3`, `--until 30s` and their twins in Python become values of the program's
 types, or a diagnostic that says what would have been right (U001, U004).
-Non-goals: bounds of parameters (`program/elaborate/elaborator.py` knows them), bindings
+Non-goals: bounds of parameters (`language/elaborate/elaborator.py` knows them), bindings
 (`bindings.py`).
 """
 
@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.near import closest
-from soter.program.elaborate.parameter_values import has_param
-from soter.program.model.python_values import ValueShapeError, from_python
-from soter.program.model.types import BoolType, DurationType, EnumType, FloatType, IntType
-from soter.syntax.tokens import UNIT_NS
+from soter.language.elaborate.parameter_values import has_param
+from soter.language.model.python_values import ValueShapeError, from_python
+from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
+from soter.language.syntax.tokens import UNIT_NS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from soter.program.model.typed import TypedProgram
-    from soter.program.model.types import Type, Value
+    from soter.language.model.typed import TypedProgram
+    from soter.language.model.types import Type, Value
 
 DURATION_NS_MAX = 2**62
 """About 146 years: the sum of a time and a period still fits 64 bits."""

@@ -9,13 +9,13 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
-from soter.lower.layout import COMPONENT, HEADER, MODULE, PROPERTY, encode_into
+from soter.core.layout import COMPONENT, HEADER, MODULE, PROPERTY, encode_into
 from soter.semantics.random.faults import by_component, next_release
 from soter.semantics.random.random_draws import mix
 
 if TYPE_CHECKING:
-    from soter.lower.layout import StateLayout
-    from soter.program.model.system import Component, System
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Component, System
     from soter.semantics.configuration import Configuration
     from soter.semantics.observer_records import Record
 

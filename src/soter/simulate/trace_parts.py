@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.lower.layout import group_field
+from soter.core.layout import group_field
 from soter.simulate.run_settings import did_you_mean, usage_error
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from soter.lower.layout import StateLayout
-    from soter.program.model.system import System
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import System
 
     Kept = bool | str | Collection[str]
     """All of a trace, nothing of it, or the named parts."""

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import System
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import System
     from soter.targets.package import Package, PackageFile
 
     Maker = Callable[[System, CoreSystem, Path], Package]

@@ -27,8 +27,8 @@ from soter.targets.package import Package, PackageFile
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import Component, System
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import Component, System
 
 STUBS = "externs.c"
 APP = "soter_app"

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, file_level_name, legal
 from soter.codegen.c.printer import print_file
-from soter.lower.layout import scalar, size_of, storage_range, struct_of
-from soter.program.elaborate.deployment.deployed_systems import allowed_lateness
-from soter.program.model.system import environment_topics
-from soter.program.model.types import (
+from soter.core.layout import scalar, size_of, storage_range, struct_of
+from soter.language.elaborate.deployment.deployed_systems import allowed_lateness
+from soter.language.model.system import environment_topics
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.codegen.unit import Unit
-    from soter.program.model.system import System, Topic
-    from soter.program.model.types import Type
+    from soter.language.model.system import System, Topic
+    from soter.language.model.types import Type
 
 RUNTIME_FILES = ("soter_firmware.h", "soter_firmware.c")
 MESSAGES = "messages.json"

@@ -12,13 +12,13 @@ from math import lcm
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.program.check.constants import Calculator
-from soter.program.model.durations import show_ns
+from soter.language.check.constants import Calculator
+from soter.language.model.durations import show_ns
 from soter.targets.leases import on_the_way
 
 if TYPE_CHECKING:
-    from soter.program.model import typed
-    from soter.program.model.system import Component, Module, System
+    from soter.language.model import typed
+    from soter.language.model.system import Component, Module, System
 
 LATE_NS = 1_000_000
 """Where nothing is declared, or a fifth of the period if that is less."""

@@ -4,7 +4,7 @@ Purpose: for every module with a fail-safe law `PREFIX_lease.h`, `PREFIX_lease.c
 side: the law and the length of a lease, for `soter_lease.c`) and `PREFIX_grant.c` (the trusted
 side: the times that every release is held to, for `soter_grant.c`); docs/proof.md, "When the
 trusted part stops". None of them needs the program or the kernel.
-Non-goals: who calls them; proofs of the law (`reach/claims/failsafe_claim.py`).
+Non-goals: who calls them; proofs of the law (`verify/claims/failsafe_claim.py`).
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, field_name
 from soter.codegen.c.printer import print_file
 from soter.codegen.c.types import TypeTable
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model.durations import show_ns
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.durations import show_ns
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.program.model import typed
-    from soter.program.model.system import Component, Module, System
+    from soter.language.model import typed
+    from soter.language.model.system import Component, Module, System
 
 FILES = ("soter_lease.h", "soter_lease.c", "soter_grant.h", "soter_grant.c")
 """Of the runtime: what the emitted files are for."""

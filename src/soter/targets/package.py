@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.program.load.bounded_read import read_bytes
+from soter.language.load.bounded_read import read_bytes
 from soter.report.atomic_write import atomic_write
 
 if TYPE_CHECKING:

@@ -31,8 +31,8 @@ from soter.workers.exchange_layout import Exchange, exchange_of
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import Component, System
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import Component, System
 
 POSIX = RUNTIME / "posix"
 CHECK = ("soter_posix_check.h", "soter_posix_check.c")

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name
-from soter.lower.layout import size_of
-from soter.program.model.durations import show_ns
+from soter.core.layout import size_of
+from soter.language.model.durations import show_ns
 from soter.targets.firmware import described, topic_names
 from soter.targets.lateness_limits import AgeLimit, ages_of
 from soter.targets.leases import lease_names, lease_times, leased
@@ -24,7 +24,7 @@ from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
-    from soter.program.model.system import Module, System, Topic
+    from soter.language.model.system import Module, System, Topic
 
 OUTSIDE = ("soter_outside.h", "soter_outside.c")
 ACTUATOR = ("soter_actuator.h", "soter_actuator.c")

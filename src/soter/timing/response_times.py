@@ -2,7 +2,7 @@
 
 Purpose: from who is released when, in which order, how late and for how long, the latest start and
 end of every step, over all executions; where a deadline is missed, an execution that misses it.
-Non-goals: which nodes those are (`trusted_thread.py`), what a proof makes of it (`reach/time/`).
+Non-goals: which nodes those are (`trusted_thread.py`), what a proof makes of it (`verify/time/`).
 
 The thread works in order: all that is due at an instant, in the deployed order, then what is due
 at the next. A step that is released at t starts when everything before it has ended and its own

@@ -3,7 +3,7 @@
 Purpose: who runs in it, from a flat system; `timing_of`: the latest start and end of every step of
 theirs, or what is missing to say so; a deadline that is missed, as a diagnostic.
 Non-goals: the analysis (`calendar.py`), whether a proof's times hold
-(`reach/time/deployed_times.py`).
+(`verify/time/deployed_times.py`).
 
 A deployed system has no plants. All that is Soter code runs in one thread: decision modules, safe
 controllers, then ACs and other nodes, those that `takes` time, too. Only extern nodes run
@@ -16,14 +16,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.model.durations import show_ns
+from soter.language.model.durations import show_ns
 from soter.timing.response_times import Miss, ScheduledStep, Task, WorstResponse, analyse
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.program.model.system import Component, System
+    from soter.language.model.system import Component, System
 
 FITS, MISSES, UNDECIDED = "fits", "misses", "undecided"
 TOLD = 8

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.codegen.extern_interface import answer_fields, request_fields
-from soter.lower.layout import LayoutMember, Struct, align_of, arrange, size_of
-from soter.program.model.types import ArrayType, EnumType, ListType, RecordType
+from soter.core.layout import LayoutMember, Struct, align_of, arrange, size_of
+from soter.language.model.types import ArrayType, EnumType, ListType, RecordType
 
 if TYPE_CHECKING:
-    from soter.program.model.system import Component, System
-    from soter.program.model.types import Type
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type
 
 
 @dataclass(frozen=True)

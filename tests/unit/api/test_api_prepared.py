@@ -13,7 +13,7 @@ import pytest
 
 import soter
 from soter.api.compiled_systems import KEPT_MAX, PreparedSystems
-from soter.lower import steps
+from soter.core import steps
 from soter.simulate.externs import bindings
 
 if TYPE_CHECKING:

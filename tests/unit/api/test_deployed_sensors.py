@@ -11,9 +11,9 @@ import pytest
 import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
-from soter.program.front_end import check_file, system_of
-from soter.reach.deploy import sensor_skew
-from soter.reach.problem.extract import extract
+from soter.language.front_end import check_file, system_of
+from soter.verify.deploy import sensor_skew
+from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
     from pathlib import Path

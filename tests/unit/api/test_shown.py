@@ -13,7 +13,7 @@ import pytest
 import browser
 import soter
 from processes import run
-from unit.reach_undecided.tank_modules import TANK
+from unit.verify.diagnosis.tank_modules import TANK
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 FRAME_MB = 2.5

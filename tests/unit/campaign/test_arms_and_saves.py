@@ -18,13 +18,13 @@ from soter.campaign.arms import NAMES, arms_of
 from soter.campaign.batch_flights import EVENT, Fleet
 from soter.campaign.fault_attribution import occurred, outside
 from soter.campaign.release_lateness import Lateness, measured
-from soter.program.elaborate.derived_systems import forced
-from soter.program.front_end import check_file, system_of
+from soter.language.elaborate.derived_systems import forced
+from soter.language.front_end import check_file, system_of
 from soter.semantics.random.faults import begins
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
     from soter.simulate.result import Run
 
 ROOT = Path(__file__).resolve().parents[3]

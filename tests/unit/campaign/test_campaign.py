@@ -19,14 +19,14 @@ from soter import SoterError, load
 from soter.campaign import batch_flights as fleets
 from soter.campaign.batch_flights import EVENT, TO_AC, TO_SC, VIOLATED, Fleet
 from soter.campaign.store import digest_of
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.api.campaigning import Campaign
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"

@@ -17,8 +17,8 @@ from soter.campaign.fault_attribution import outside
 from soter.campaign.statistics import FLIGHTS, POISSON, rate, share
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.explain import explain
-from soter.program.elaborate.derived_systems import only_inside
-from soter.program.front_end import check_file, system_of
+from soter.language.elaborate.derived_systems import only_inside
+from soter.language.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,7 +19,7 @@ from soter.campaign.batch_flights import Fleet, Flyer
 from soter.campaign.compiled_unit import unpacked
 from soter.campaign.ray_cluster import TRIES, WorkerReply, fly_there, own_digest
 from soter.diagnostics.diagnostic import Diagnostic
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,13 +10,13 @@ from soter.campaign import compiled_unit
 from soter.campaign.batch_flights import Fleet
 from soter.campaign.compiled_unit import generate_measured
 from soter.codegen.unit import UnitBuilder
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.simulate.run import run_interpreted
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 SECOND = 10**9
 PLANS = """soter 1;

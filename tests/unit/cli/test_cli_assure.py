@@ -263,7 +263,7 @@ def test_a_compiled_decision_module_that_differs_refutes(
     monkeypatch.setattr("soter.api.assurance.certificate.recheck", lambda *_: report)
     assert assured(soter, "--cert", "proof")[0] == 0
     assert "compiled to" not in json.dumps(case_of(cart))
-    monkeypatch.setattr("soter.reach.deploy.dm_check.decided", lambda *_, **__: 0)
+    monkeypatch.setattr("soter.verify.deploy.dm_check.decided", lambda *_, **__: 0)
     code, goals = assured(soter, "--cert", "proof")
     assert (code, goals["G1"], goals["G6"], goals["G6.1"]) == (
         3, "supported", "undeveloped", "undeveloped",

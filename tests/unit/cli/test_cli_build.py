@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import System
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import System
 
     Soter = Callable[..., Any]
 

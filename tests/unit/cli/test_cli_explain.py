@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.explain import all_codes, all_words
-from soter.reach.claims.results import PROPERTIES
+from soter.verify.claims.results import PROPERTIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable

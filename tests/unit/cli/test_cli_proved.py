@@ -10,7 +10,7 @@ import pytest
 
 from soter.api import load
 from soter.native import cache
-from soter.reach import proof_cache
+from soter.verify import proof_cache
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,9 +10,9 @@ import pytest
 
 from soter.api.assurance.replayed_flights import read_flights
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.load.bounded_read import ReadError, read_bytes
 from soter.monitor.logs import bounded_gzip
 from soter.native.cache import limit
-from soter.program.load.bounded_read import ReadError, read_bytes
 from soter.targets.package import Package, PackageFile
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from generators.file_listing import files_below
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.explain import all_codes, explain, suggestions, title
 from soter.diagnostics.source import Source
-from soter.syntax.parser import parse
+from soter.language.syntax.parser import parse
 
 ROOT = Path(__file__).parents[3]
 SYNTAX_CODES = [code for code in all_codes() if code[0] in "LS"]
@@ -53,7 +53,7 @@ def test_mended_example_of_a_syntax_page_parses(code: str) -> None:
 
 
 def test_every_code_of_lexer_and_parser_has_a_page() -> None:
-    sources = files_below(ROOT / "src" / "soter" / "syntax", "*.py")
+    sources = files_below(ROOT / "src" / "soter" / "language" / "syntax", "*.py")
     used = {c for f in sources for c in re.findall(r'"([LS]\d{3})"', f.read_text("utf-8"))}
     assert used == set(SYNTAX_CODES)
 

@@ -16,10 +16,10 @@ from soter.diagram.graph import DiagramBox, DiagramGraph, cells
 from soter.diagram.layered_layout import Link, Spot, lay_out
 from soter.diagram.render import picture
 from soter.diagram.svg import draw
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ROOT = Path(__file__).resolve().parents[3]
 PROGRAMS = (

@@ -12,14 +12,14 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.lower.layout import (
+from soter.core.layout import (
     NEVER,
     decode_from,
     encode_into,
     size_of,
     state_layout,
 )
-from soter.program.model.types import (
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.explore.engine.explorer_library import Engine
-    from soter.program.model.system import Bound
-    from soter.program.model.types import Type
+    from soter.language.model.system import Bound
+    from soter.language.model.types import Type
 
     World = npt.NDArray[np.uint8]
 

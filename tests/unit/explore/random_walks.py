@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from generators.brute_force import Answers, BruteForce
 from soter.explore.trace.trace import BEGIN, EFFECT, LOST, START, STEP, Choice, Step, Trace
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
     from soter.semantics.configuration import Configuration
 
 KINDS = {"step": STEP, "lost": LOST, "begins": BEGIN, "effect": EFFECT}

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.core.steps import lower
 from soter.explore.engine.explorer_library import Engine, RawChoice, RawStep
 from soter.explore.model.actors import plan_of
-from soter.lower.steps import lower
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from soter.explore.model.exploration_plan import ExplorationPlan, PlannedActor

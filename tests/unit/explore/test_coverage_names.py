@@ -17,7 +17,7 @@ from soter.explore.engine.coverage import (
     modules_parts,
     values_part,
 )
-from soter.program.model.types import (
+from soter.language.model.types import (
     BOOL,
     FLOAT,
     ArrayType,

@@ -11,7 +11,7 @@ import pytest
 import soter
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.results import CHOICES, EXHAUSTED, MEMORY, SAMPLED, STATES
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -21,11 +21,11 @@ from generators.empty_tests import (
 from long_tests import examples
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.results import Options, TestResult
-from soter.program.elaborate.time_grid import quantum_of, times_read
-from soter.program.front_end import check_file, system_of_test
+from soter.language.elaborate.time_grid import quantum_of, times_read
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 PROGRAMS = examples("SOTER_GRIDDED_PROGRAMS", quick=8, long=96)
 MS = 1_000_000

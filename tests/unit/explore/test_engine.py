@@ -10,8 +10,8 @@ import pytest
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings, sources
 from soter.explore.methods import EXHAUSTIVE, STRATEGIES
+from soter.language.front_end import check_file, system_of_test
 from soter.native.own_files import SOTER
-from soter.program.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from soter.explore.engine.explorer_library import Searched

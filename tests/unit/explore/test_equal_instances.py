@@ -13,10 +13,10 @@ from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
 from soter.explore.model.symmetry import RenamingCheck
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 FAST = ("-O0",)
 

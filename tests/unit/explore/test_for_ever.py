@@ -12,7 +12,7 @@ from long_tests import examples
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 PROGRAMS = examples("SOTER_FOR_EVER_PROGRAMS", quick=20, long=180)
 CHUNKS = 4 if PROGRAMS >= 60 else 2

@@ -12,7 +12,7 @@ from generators.explorer_configurations import Decoder
 from soter.api.program import load
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 EXAMPLES = Path(__file__).parents[3] / "examples/testing"
 

@@ -10,7 +10,7 @@ from soter.explore.engine.composed import ComposedSearch
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 HEAD = """soter 1;
 type Cell = int in [0, 9];

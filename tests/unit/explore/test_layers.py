@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 HEAD = "soter 1; type Cell = int in [0, 9];"
 WALK = (

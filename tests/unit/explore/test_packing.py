@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from soter.core.layout import NEVER
 from soter.explore.engine.explorer_library import Engine, EngineSettings, RawChoice, RawStep
-from soter.lower.layout import NEVER
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 from unit.explore.random_configurations import WorldMaker
 
 if TYPE_CHECKING:

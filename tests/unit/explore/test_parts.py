@@ -8,7 +8,7 @@ import pytest
 
 import soter
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples/testing"
 

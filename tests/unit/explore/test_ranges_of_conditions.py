@@ -12,13 +12,13 @@ from generators.vacuous_tests import program
 from long_tests import examples
 from soter.explore.vacuity.constant_truth import holds_always
 from soter.explore.vacuity.domains import MOST, Domains
-from soter.program.evaluate.arithmetic import StepFault
-from soter.program.evaluate.environment import Environment
-from soter.program.evaluate.statements import Evaluator
-from soter.program.front_end import check_file, system_of_test
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 CONDITIONS = examples("SOTER_RANGE_CONDITIONS", quick=200, long=8_000)
 INTS = ("x", "u", "late", "Half(x)", "LIMIT", "3", "9", "0", "-1", "1", "min(x, u)", "abs(u)")

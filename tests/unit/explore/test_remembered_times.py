@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 PROGRAM = """soter 1;
 topic place: int in [-3, 3] max_age 20ms;

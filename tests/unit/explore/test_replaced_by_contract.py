@@ -13,7 +13,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.explore import command, contract_use
 from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path

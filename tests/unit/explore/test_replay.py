@@ -10,7 +10,7 @@ import pytest
 
 from soter.explore.judge.replay import replay
 from soter.explore.trace.trace import BEGIN, EFFECT, LOST, STEP, Choice, Step, ViolationId
-from soter.program.model.python_values import to_json
+from soter.language.model.python_values import to_json
 from unit.explore.explored_programs import (
     CONTRACTS,
     FAULTS,
@@ -22,7 +22,7 @@ from unit.explore.explored_programs import (
 from unit.explore.random_walks import Walk, system_of_text, walk
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 NAMES = (
     "Far",

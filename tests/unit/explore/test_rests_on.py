@@ -11,7 +11,7 @@ import pytest
 from soter.cli.main import main
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.results import Options, TestResult
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.shrink import Cost
     from soter.explore.judge.replay import Replayed
     from soter.explore.results import TestResult
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 TOLD = TraceHeader("small.soter", {})
 CART = """

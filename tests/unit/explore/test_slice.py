@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.explore.judge.replay import Replayed
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 TOLD = TraceHeader("small.soter", {})
 PROGRAMS = examples("SOTER_SLICED_PROGRAMS", quick=32, long=96)

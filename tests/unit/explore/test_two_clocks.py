@@ -10,9 +10,9 @@ from generators.brute_force import enumerate_all
 from long_tests import examples
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.results import Options, TestResult
-from soter.program.elaborate.tests_and_faults.clock_comparisons import FINEST
-from soter.program.elaborate.time_grid import quantum_of, times_read
-from soter.program.front_end import check_file, system_of_test
+from soter.language.elaborate.tests_and_faults.clock_comparisons import FINEST
+from soter.language.elaborate.time_grid import quantum_of, times_read
+from soter.language.front_end import check_file, system_of_test
 
 PROGRAMS = examples("SOTER_CLOCK_PROGRAMS", quick=16, long=300)
 MS = 1_000_000

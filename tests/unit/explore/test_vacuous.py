@@ -14,7 +14,7 @@ from soter.explore.command import TraceHeader, explore_test
 from soter.explore.contract_use import replaced_in
 from soter.explore.results import Options, TestResult
 from soter.explore.vacuity import constant_truth, vacuous_tests
-from soter.program.front_end import check_file, system_of_test
+from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path

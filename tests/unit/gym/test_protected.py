@@ -21,7 +21,7 @@ from soter.codegen import unit
 from soter.gym import Protected, SafetyWarning
 from soter.gym import compiled_system as compiled_module
 from soter.gym.array_mapping import action_space
-from soter.program.model.system import Bound
+from soter.language.model.system import Bound
 
 FULL = np.array([3.0], dtype=np.float32)
 

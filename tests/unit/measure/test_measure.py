@@ -11,8 +11,8 @@ import pytest
 
 import soter
 from soter.api.measuring import document, measure, written
+from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
-from soter.lower.layout import state_layout
 from soter.measure.sample_states import of_run, varied
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from soter.explore.engine.explorer_library import FLAGS as EXPLORER
 from soter.native.build import CHECK_FAILED, RUNTIME, include_flags
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.own_files import SOTER
-from soter.reach.enclose.engine_library import FLAGS as SETS
+from soter.verify.enclose.engine_library import FLAGS as SETS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,8 +55,8 @@ BROKEN = {
 }
 REVERSED = """
 import numpy as np
-from soter.reach.grid.sets import GridGroup, GridInputs
-from unit.reach_grids.small_enclosure_units import hill
+from soter.verify.grid.sets import GridGroup, GridInputs
+from unit.verify.grid.small_enclosure_units import hill
 inputs = GridInputs(kind="map", states=((-2.0, 2.0), (-2.0, 2.0)),
     controls=((-1.0, 1.0),), period_ns=10**9)
 edges = np.linspace(-1, 1, 5)
@@ -76,7 +76,7 @@ def _function(said: str) -> str:
     if found is None:
         assert said == ""
         return ""
-    lines = (SOTER / "reach" / "engine" / found[1]).read_text(encoding="utf-8").splitlines()
+    lines = (SOTER / "verify" / "engine" / found[1]).read_text(encoding="utf-8").splitlines()
     last: str = BEGIN.findall("\n".join(lines[: int(found[2])]))[-1]
     return last
 
@@ -119,7 +119,7 @@ def test_a_broken_invariant_of_the_set_engine_ends_the_process_with_70() -> None
 def test_a_form_that_encloses_nothing_is_a_defect(tmp_path: Path, where: str, call: str) -> None:
     (tmp_path / "forms.c").write_text(FORMS % call, encoding="utf-8")
     made = str(tmp_path / "forms")
-    headers = include_flags(SOTER / "reach" / "engine" / "soter_form.h")
+    headers = include_flags(SOTER / "verify" / "engine" / "soter_form.h")
     build = [*find().command, *STRICT, *WARNINGS, *headers, "-o", made, str(CHECK_FAILED)]
     built = _run([*build, str(tmp_path / "forms.c"), "-lm"])
     assert built.returncode == 0, built.stderr
@@ -144,7 +144,7 @@ def test_what_may_be_no_number_is_anything(tmp_path: Path, operation: str) -> No
     source = FORMS.replace("return other.lo <= other.hi ? 0 : 1;", "return 0;") % call
     (tmp_path / "wild.c").write_text(source, encoding="utf-8")
     made = str(tmp_path / "wild")
-    headers = include_flags(SOTER / "reach" / "engine" / "soter_form.h")
+    headers = include_flags(SOTER / "verify" / "engine" / "soter_form.h")
     build = [*find().command, *STRICT, *WARNINGS, *headers, "-o", made, str(CHECK_FAILED)]
     built = _run([*build, str(tmp_path / "wild.c"), "-lm"])
     assert built.returncode == 0, built.stderr

@@ -10,10 +10,10 @@ import pytest
 
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file, system_of
 from soter.native.build import KERNEL, RUNTIME, library
 from soter.native.compiler import compile_with
 from soter.native.includes import included
-from soter.program.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 import soter
+from soter.language import front_end
 from soter.native import own_files
 from soter.native.own_files import SOTER, files_below, soter_sha256
-from soter.program import front_end
-from soter.reach.deploy import computed_predicates
+from soter.verify.deploy import computed_predicates
 
 
 def test_a_folder_without_such_files_is_a_defect_and_no_empty_list(tmp_path: Path) -> None:
@@ -28,7 +28,7 @@ def test_kept_sets_depend_on_every_file_of_the_engine_however_deep() -> None:
     engine = list(SOTER.rglob("soter_reach*.[ch]"))
     assert len(engine) > 10
     assert set(engine) <= files
-    assert set((SOTER / "reach").rglob("*.py")) <= files
+    assert set((SOTER / "verify").rglob("*.py")) <= files
 
 
 def test_whatever_soter_is_made_of_changes_its_hash(

@@ -10,9 +10,9 @@ import pytest
 
 from generators.engine_comparison import Subject, compile_library, subject
 from generators.outside_input_driver import Outside
-from soter.lower.layout import encode_into, size_of, struct_of
-from soter.program.evaluate.arithmetic import FaultKind
-from soter.program.model.system import environment_topics
+from soter.core.layout import encode_into, size_of, struct_of
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.model.system import environment_topics
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import AC, SC
@@ -21,7 +21,7 @@ from soter.semantics.rules import discrete_time_progress_step
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.program.model.types import Value
+    from soter.language.model.types import Value
 
 MS = 1_000_000
 PROGRAM = """soter 1;

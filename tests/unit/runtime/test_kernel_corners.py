@@ -14,7 +14,7 @@ from generators.engine_comparison import (
     subject,
 )
 from generators.outside_input_driver import Outside
-from soter.program.evaluate.arithmetic import FaultKind
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.semantics.interpreter import Interpreter
 
 if TYPE_CHECKING:

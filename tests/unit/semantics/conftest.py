@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.semantics.interpreter import Interpreter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ONE_MODULE = """
 input topic x: float in [-100.0, 100.0] max_age 50ms;

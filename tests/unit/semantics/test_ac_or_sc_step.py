@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.program.evaluate.arithmetic import FaultKind
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.semantics.configuration import NEVER
 from soter.semantics.observer_records import AC, SC
 from soter.semantics.rules import ac_or_sc_step

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.codegen.unit import generate
-from soter.lower.layout import state_layout
+from soter.core.layout import state_layout
+from soter.language.front_end import check_file, system_of
+from soter.language.model.system import Bound
+from soter.language.model.types import BOOL, FLOAT, EnumType, IntType
 from soter.native.build import library
 from soter.native.library import Library
-from soter.program.front_end import check_file, system_of
-from soter.program.model.system import Bound
-from soter.program.model.types import BOOL, FLOAT, EnumType, IntType
 from soter.semantics.adversary import (
     CORNER,
     HOLDS,
@@ -33,8 +33,8 @@ from soter.semantics.interpreter import Interpreter
 from soter.simulate.state_bytes import state_bytes
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
-    from soter.program.model.types import Type
+    from soter.language.model.system import System
+    from soter.language.model.types import Type
 
 TEXT = """soter 1;
 type Motion = { x: float, v: float };

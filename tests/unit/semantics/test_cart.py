@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.semantics.interpreter import Interpreter
 
 CART = Path(__file__).parents[3] / "examples" / "wall" / "cart.soter"

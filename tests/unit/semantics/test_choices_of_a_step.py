@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.evaluate.fair_choice import allowed, taken
-from soter.program.front_end import check_file, system_of
-from soter.program.model.types import IntType
+from soter.language.evaluate.fair_choice import allowed, taken
+from soter.language.front_end import check_file, system_of
+from soter.language.model.types import IntType
 from soter.semantics.adversary import ChoiceError, RecordedDraws, Recorder
 from soter.semantics.answered_draws import AnsweredDraws
 from soter.semantics.interpreter import Interpreter
@@ -19,7 +19,7 @@ from soter.semantics.random.random_draws import SeededDraws, draw_bits
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 MS = 1_000_000
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import StepOutcome
 from soter.semantics.properties import violated

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.program.evaluate.arithmetic import FaultKind
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.semantics.externs import ExternResetError, UnboundExternError
 from soter.semantics.observer_records import AC, SC
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.evaluate.arithmetic import FaultKind
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.semantics.random.random_draws import draw_float
 
 if TYPE_CHECKING:

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.semantics.answered_draws import AnsweredDraws
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.random.random_draws import draw_bits
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 MS = 1_000_000
 BOAT = """soter 1;

@@ -9,7 +9,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.program.model.types import Value
+    from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.interpreter import Interpreter
     from soter.semantics.observer_records import PropertyRecord

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.program.evaluate.arithmetic import FaultKind
-from soter.program.front_end import check_file, system_of
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.front_end import check_file, system_of
 from soter.semantics.configuration import LOST, NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import StepOutcome

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soter.program.model.system import Bound
-from soter.program.model.types import BOOL, FLOAT, INT, ArrayType, EnumType, IntType, RecordType
+from soter.language.model.system import Bound
+from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, EnumType, IntType, RecordType
 from soter.semantics.random.random_draws import (
     draw_bits,
     draw_float,

@@ -11,18 +11,18 @@ import pytest
 
 import soter
 from generators.random_programs import program
-from soter.lower import core
-from soter.lower import plants as lowered
-from soter.lower.footprint import walk
-from soter.lower.steps import lower
-from soter.program.front_end import check_file, system_of
+from soter.core import core
+from soter.core import plants as lowered
+from soter.core.footprint import walk
+from soter.core.steps import lower
+from soter.language.front_end import check_file, system_of
+from soter.language.syntax.schemes import SCHEMES
 from soter.semantics import plants as interpreted
 from soter.semantics.interpreter import Interpreter
-from soter.syntax.schemes import SCHEMES
 
 if TYPE_CHECKING:
-    from soter.program.model.system import System
-    from soter.syntax.schemes import Scheme
+    from soter.language.model.system import System
+    from soter.language.syntax.schemes import Scheme
 
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"

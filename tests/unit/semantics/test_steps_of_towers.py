@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.front_end import check_file, system_of
-from soter.program.model.system import modules_above
+from soter.language.front_end import check_file, system_of
+from soter.language.model.system import modules_above
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import StepOutcome
 

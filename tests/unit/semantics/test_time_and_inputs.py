@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import AC, SC
@@ -18,7 +18,7 @@ from soter.semantics.rules import discrete_time_progress_step, environment_input
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.model.types import Value
+    from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.observer_records import Record
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"

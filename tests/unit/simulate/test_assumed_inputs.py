@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.simulate.outputs.assumptions import of_environment
 
 PROGRAM = """soter 1;

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import soter
-from soter.program.evaluate.signal_limits import limits
-from soter.program.front_end import check_file, system_of
+from soter.language.evaluate.signal_limits import limits
+from soter.language.front_end import check_file, system_of
 from soter.simulate.outputs.to_report import report_page
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"

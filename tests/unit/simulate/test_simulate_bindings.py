@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
     Flat = Callable[..., System]
 

@@ -22,7 +22,7 @@ from soter.simulate.run import NativeProgram, run_interpreted
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
     Cart = Callable[[str], System]
 

@@ -11,8 +11,8 @@ import processes
 import soter
 from generators.c_packages import CART
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.evaluate.floating_point_mode import changed, put_back
 from soter.native.compiler import find
-from soter.program.evaluate.floating_point_mode import changed, put_back
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,13 +15,13 @@ from bench.lease_engine import Grant, Lease
 import soter
 from generators.c_packages import EXAMPLES, command, package
 from long_tests import examples
+from soter.language.front_end import check_file, system_of
 from soter.native.build import CHECK_FAILED, RUNTIME
 from soter.native.compiler import STANDARD, WARNINGS, find
-from soter.program.front_end import check_file, system_of
-from soter.reach.problem.extract import extract
-from soter.reach.time.schedule import ActuationPath, Releases, Schedule
 from soter.targets.lateness_limits import ages_of
 from soter.targets.leases import lease_times
+from soter.verify.problem.extract import extract
+from soter.verify.time.schedule import ActuationPath, Releases, Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

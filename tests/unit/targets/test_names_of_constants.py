@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from soter.codegen.unit import generate
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 
 TEXT = """soter 1;
 const WALL: float = 10.0;

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import soter
-from soter.program.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of
 from soter.targets import lateness_limits
 from soter.targets.lateness_limits import longest_turn, takeovers
 

@@ -16,14 +16,14 @@ from soter.api.rechecking import no_certificate, recheck
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.program.front_end import system_to_prove
-from soter.program.load.bounded_read import opened
+from soter.language.front_end import system_to_prove
+from soter.language.load.bounded_read import opened
 
 if TYPE_CHECKING:
     from soter.api.arguments import Progress
     from soter.certificate.format.folder import Certificate
     from soter.certificate.report import RecheckedModule, Report
-    from soter.program.model.system import Module, System
+    from soter.language.model.system import Module, System
 
 OTHER_PROGRAM = "the certificate is of another program: the hashes differ"
 OTHER_PARAMETERS = "the certificate is about other values of the parameters"

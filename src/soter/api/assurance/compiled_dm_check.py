@@ -2,7 +2,7 @@
 
 Purpose: `compiled_as_proved`: the check of `soter verify`, row DM, once more; where `ttf` and
 `safer` are computed with the tables of the certificate, which the re-checker has confirmed.
-Non-goals: the check (`reach/deploy/dm_check.py`); what it does not try supports nothing.
+Non-goals: the check (`verify/deploy/dm_check.py`); what it does not try supports nothing.
 """
 
 from __future__ import annotations
@@ -10,18 +10,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.elaborate.derived_systems import faultless
-from soter.program.elaborate.views import systems_by_view
-from soter.program.model import typed
-from soter.program.model.tree_walk import nodes
+from soter.language.elaborate.derived_systems import faultless
+from soter.language.elaborate.views import systems_by_view
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.certificate.format.folder import Certificate
-    from soter.program.model.system import Module, System
-    from soter.reach.problem.problem import Problem
-    from soter.reach.tables.grid_tables import GroupTable
+    from soter.language.model.system import Module, System
+    from soter.verify.problem.problem import Problem
+    from soter.verify.tables.grid_tables import GroupTable
 
 UNTRIED = (typed.AgeRead, typed.ModeRead)
 """What the check gives no values to."""
@@ -34,8 +34,8 @@ def compiled_as_proved(
 
     `flat`: as it is declared; `entries`: what the certificate has of the module, a view each.
     """
-    from soter.reach.deploy.dm_check import check_problem  # noqa: PLC0415 - compiles
-    from soter.reach.problem.extract import extract  # noqa: PLC0415 - needs NumPy
+    from soter.verify.deploy.dm_check import check_problem  # noqa: PLC0415 - compiles
+    from soter.verify.problem.extract import extract  # noqa: PLC0415 - needs NumPy
 
     symbol = module.symbol
     read = nodes([e for e in (symbol.ttf, symbol.safer) if e is not None])
@@ -66,7 +66,7 @@ def _tables(
     """
     import numpy as np  # noqa: PLC0415 - only then
 
-    from soter.reach.tables.grid_tables import PER_BYTE, GroupTable  # noqa: PLC0415 - needs NumPy
+    from soter.verify.tables.grid_tables import PER_BYTE, GroupTable  # noqa: PLC0415 - needs NumPy
 
     entry = next((e for e in entries if e.get("view", "") == problem.view), None)
     if entry is None:

@@ -17,13 +17,13 @@ from soter.api.assurance.replayed_flights import FlightFolder, read_flights, rep
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.program.load.bounded_read import read_json_text
+from soter.language.load.bounded_read import read_json_text
 from soter.report.assurance.safety_case import CaseNode
 
 if TYPE_CHECKING:
     from soter.api.assurance.replayed_flights import AssuredProgram
     from soter.explore.results import ExploreReport, TestResult
-    from soter.program.model.system import System
+    from soter.language.model.system import System
     from soter.report.assurance.safety_case import SafetyCase
 
 

@@ -16,7 +16,7 @@ from soter.report.assurance.safety_case import CaseNode
 if TYPE_CHECKING:
     from soter.api.assurance.certificate import CertifiedProof
     from soter.certificate.report import RecheckedModule
-    from soter.program.model.system import Module, System
+    from soter.language.model.system import Module, System
     from soter.report.assurance.safety_case import SafetyCase
 
 PROPERTIES = {

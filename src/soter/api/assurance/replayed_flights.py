@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.api.assurance.certificate import file_hash
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.load.bounded_read import read_json_text
+from soter.language.load.bounded_read import read_json_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
     from soter.explore.results import ExploreReport
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 
 class AssuredProgram(Protocol):

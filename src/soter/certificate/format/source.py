@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.format.errors import RejectedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.program.elaborate.parameter_values import has_param
-from soter.program.front_end import check_file
-from soter.program.load.loader import load
-from soter.program.model.types import BoolType, DurationType, FloatType, IntType
-from soter.syntax import tree
+from soter.language.elaborate.parameter_values import has_param
+from soter.language.front_end import check_file
+from soter.language.load.loader import load
+from soter.language.model.types import BoolType, DurationType, FloatType, IntType
+from soter.language.syntax import tree
 
 if TYPE_CHECKING:
     from soter.certificate.format.folder import Certificate
-    from soter.program.front_end import CheckResult
-    from soter.program.model.typed import TypedProgram
+    from soter.language.front_end import CheckResult
+    from soter.language.model.typed import TypedProgram
 
 
 def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:

@@ -24,8 +24,8 @@ from soter.certificate.terms.arb_balls import (
     magnitude,
 )
 from soter.certificate.terms.terms import both, conjuncts, influence, inputs_of, negation
-from soter.program.model.tree_walk import topic_reads
-from soter.program.model.types import leaves
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from soter.certificate.inclusions.group_claims import GroupTables
     from soter.certificate.reading.facts import Facts
     from soter.certificate.terms.terms import Proposition, Terms
-    from soter.program.model import typed
+    from soter.language.model import typed
 
     Box = list[tuple[arb, arb]]
 

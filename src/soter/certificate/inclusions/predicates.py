@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from soter.certificate.inclusions.tables import Block
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.terms import Linear, Proposition
-    from soter.program.model import typed
+    from soter.language.model import typed
 
 SPLITS_OF_PREDICATES = 10
 """How often a cell is halved where a predicate is evaluated: errors are halved, too."""

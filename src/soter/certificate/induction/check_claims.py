@@ -22,11 +22,11 @@ from soter.certificate.induction.facts import (
 from soter.certificate.report import RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.model.durations import show_ns
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     from soter.certificate.induction.facts import InductionFacts
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 KEYS = ("system", "module", "claims", "assumptions", "recover_ns", "induction")
 TOGETHER = ("P2a", "P3", "ttf", "safer", "start")

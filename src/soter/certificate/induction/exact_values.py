@@ -6,9 +6,9 @@ Non-goals: reading (`solver_reading.py`).
 
 from __future__ import annotations
 
-from soter.program.model import typed
-from soter.program.model.tree_walk import nodes as parts_of
-from soter.program.model.types import (
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes as parts_of
+from soter.language.model.types import (
     BoolType,
     DurationType,
     EnumType,

@@ -15,12 +15,12 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.trusted_thread import delayed
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.program.check.constants import Calculator
-from soter.program.model import typed
-from soter.program.model.tree_walk import nodes as parts_of
+from soter.language.check.constants import Calculator
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes as parts_of
 
 if TYPE_CHECKING:
-    from soter.program.model.system import Component, Module, System
+    from soter.language.model.system import Component, Module, System
 
 ROLES = ("dm", "sc", "ac", "node")
 REFUSED = ("groups", "abstracts", "commands", "core", "horizon", "levels", "acts", "dropout")

@@ -20,17 +20,17 @@ import z3
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import contents, either, flat, known, unknown
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.program.model import typed
-from soter.program.model.tree_walk import children
-from soter.program.model.tree_walk import nodes as parts_of
-from soter.program.model.types import MODE, RecordType
+from soter.language.model import typed
+from soter.language.model.tree_walk import children
+from soter.language.model.tree_walk import nodes as parts_of
+from soter.language.model.types import MODE, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.certificate.reading.facts import Facts
-    from soter.program.model.system import Component, Scope, Topic
-    from soter.program.model.types import Type
+    from soter.language.model.system import Component, Scope, Topic
+    from soter.language.model.types import Type
 
 Term = Any
 Path = tuple[int, ...]

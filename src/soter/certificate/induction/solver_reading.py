@@ -39,8 +39,8 @@ from soter.certificate.induction.solver_values import (
     unknown,
 )
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.program.model import typed
-from soter.program.model.types import (
+from soter.language.model import typed
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     FloatType,
@@ -52,7 +52,7 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.program.model.system import Scope
+    from soter.language.model.system import Scope
 
 Term = Any
 ROUNDS_MAX = 4_000

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import z3
 
 from soter.certificate.induction.exact_values import is_plain
-from soter.program.model.types import (
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -28,8 +28,8 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.program.model.system import Bound
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound
+    from soter.language.model.types import Type, Value
 
 Term = Any
 OPAQUE = z3.DeclareSort("opaque")

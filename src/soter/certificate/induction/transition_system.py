@@ -17,13 +17,13 @@ import z3
 from soter.certificate.induction.exact_values import is_exact
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import either, inside, known, opaque, unknown
-from soter.program.model import typed
-from soter.program.model.tree_walk import nodes as parts_of
-from soter.program.model.types import MODE
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes as parts_of
+from soter.language.model.types import MODE
 
 if TYPE_CHECKING:
     from soter.certificate.induction.facts import InductionFacts
-    from soter.program.model.system import Component
+    from soter.language.model.system import Component
 
 Term = Any
 YES, NO = z3.BoolVal(True), z3.BoolVal(False)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from soter.certificate.inclusions.group_claims import GroupTables
     from soter.certificate.inclusions.tables import Cells
     from soter.certificate.polytope.certificate_tables import HalfSpaces, PolytopeTables
-    from soter.program.model import typed
+    from soter.language.model import typed
 
     Floats = NDArray[np.float64]
     Extents = tuple[tuple[float, float], ...]

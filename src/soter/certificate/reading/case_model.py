@@ -26,16 +26,16 @@ from soter.certificate.terms.terms import (
     both,
     negation,
 )
-from soter.program.evaluate import arithmetic
-from soter.program.model.tree_walk import topic_reads
-from soter.program.model.types import BoolType, FloatType, leaves
+from soter.language.evaluate import arithmetic
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import BoolType, FloatType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.certificate.reading.problem import Facts, Input
-    from soter.program.model import typed
-    from soter.program.model.system import Component
+    from soter.language.model import typed
+    from soter.language.model.system import Component
 
 
 @dataclass(eq=False)

@@ -11,16 +11,16 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model.tree_walk import topic_reads
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.certificate.time.derived_times import DerivedTimes, TimingSetting
     from soter.certificate.time.sensor_paths import ModulePaths
-    from soter.program.model import typed
-    from soter.program.model.system import Component, Module, System
+    from soter.language.model import typed
+    from soter.language.model.system import Component, Module, System
 
 
 class DiffersError(Exception):

@@ -2,7 +2,8 @@
 
 Purpose: `law_of`: the problem of the law, of which K_fs is a core (docs/proof.md, "When the trusted
 part stops"): the same module, plants and times, with constants for what SC computes.
-Non-goals: what K_fs is good for (`case.py`); sharing code with `reach/problem/failsafe_problem.py`.
+Non-goals: what K_fs is good for (`case.py`); sharing code with the prover's
+`verify/problem/failsafe_problem.py`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.certificate.reading.facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported import check_supported
-from soter.program.model import typed
+from soter.language.model import typed
 
 if TYPE_CHECKING:
     from soter.certificate.reading.facts import Facts

@@ -29,8 +29,8 @@ from soter.certificate.terms.terms import (
     choice_of_truths,
     negation,
 )
-from soter.prelude.bounds import BOUNDS
-from soter.program.evaluate import arithmetic as arith
+from soter.language.evaluate import arithmetic as arith
+from soter.language.prelude.bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

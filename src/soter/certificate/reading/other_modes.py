@@ -3,7 +3,7 @@
 Purpose: who decides them is no part of a certificate: a step of SC is read once for each
 combination of them, a predicate with each of them open.
 Non-goals: what a module waits for (P2b is not claimed of one that waits); sharing code with
-`reach/problem/other_modes.py`, which reads topics in their place.
+`verify/problem/other_modes.py`, which reads topics in their place.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.reading.symbolic_values import whole
 from soter.certificate.terms.arb_balls import ONE, ZERO
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.program.model import typed
-from soter.program.model.tree_walk import nodes
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -2,7 +2,7 @@
 
 Purpose: plants, inputs with their ranges, times, H*, declared axes of one module, as
 docs/verification.md (section 1) defines them, to be compared with what a certificate says.
-Non-goals: sharing code with `reach/problem/extract.py`; diagnostics (a program that determines no
+Non-goals: sharing code with `verify/problem/extract.py`; diagnostics (a program that determines no
 problem has no certificate: `NotRecheckedError` or `DiffersError`).
 """
 
@@ -26,16 +26,16 @@ from soter.certificate.reading.verification_system import as_it_runs, verificati
 from soter.certificate.reading.views import seen
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.module_times import read_times
-from soter.program.evaluate.abstraction_start import start_behind
-from soter.program.model import typed
-from soter.program.model.tree_walk import topic_reads
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.language.evaluate.abstraction_start import start_behind
+from soter.language.model import typed
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.program.model.system import Component, System
-    from soter.program.model.types import Type
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type
 
 __all__ = [
     "DiffersError",

@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.reading.symbolic_values import filled, whole
 from soter.certificate.terms.arb_balls import ONE, exact, key_of
 from soter.certificate.terms.terms import Atom, NotRecheckedError
-from soter.program.model.types import BoolType, EnumType, IntType, leaves
+from soter.language.model.types import BoolType, EnumType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.certificate.terms.terms import Linear, Proposition, Terms
-    from soter.program.model import typed
-    from soter.program.model.types import Type
+    from soter.language.model import typed
+    from soter.language.model.types import Type
 
 COMBINATIONS_MAX = 256
 WIDEST = 2**31

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.other_modes import only_modes_of_others
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.program.model import typed as t
+from soter.language.model import typed as t
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.certificate.reading.facts import Facts
-    from soter.program.model.system import Component
+    from soter.language.model.system import Component
 
 _EXPR = "type span"
 CODE: dict[type, str] = {

@@ -36,10 +36,10 @@ from soter.certificate.terms.terms import (
     either,
     negation,
 )
-from soter.program.evaluate import arithmetic
-from soter.program.model import typed as t
-from soter.program.model.tree_walk import nodes
-from soter.program.model.types import ArrayType, BoolType, DurationType, IntType
+from soter.language.evaluate import arithmetic
+from soter.language.model import typed as t
+from soter.language.model.tree_walk import nodes
+from soter.language.model.types import ArrayType, BoolType, DurationType, IntType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from soter.certificate.terms.terms import TRUE, Linear, NotRecheckedError, Proposition, negation
-from soter.program.model.types import default_value
+from soter.language.model.types import default_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 Value: TypeAlias = Any
 NOT_HERE = "is not rechecked yet"

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.reading.facts import Facts, read_by_sc
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.program.elaborate.derived_systems import at_once
-from soter.program.elaborate.elaborator import Elaborator
-from soter.program.model import typed
-from soter.program.model.tree_walk import topic_reads
+from soter.language.elaborate.derived_systems import at_once
+from soter.language.elaborate.elaborator import Elaborator
+from soter.language.model import typed
+from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
-    from soter.program.model.system import Component, Module, System
+    from soter.language.model.system import Component, Module, System
 
 
 def verification_system_of(

@@ -2,7 +2,7 @@
 
 Purpose: `seen` (the module with those parts), `entered` (those of `enters`), `left_out` (what no
 view of a certificate shows).
-Non-goals: sharing code with `program/elaborate/views.py`, which the prover goes by.
+Non-goals: sharing code with `language/elaborate/views.py`, which the prover goes by.
 
 A part is what must hold beside the others: of `safe` and `safer` as they are, of "not `ttf`". A
 view shows a part if its plants drive every topic in it. Dropping a part of what the DM finds makes
@@ -16,14 +16,14 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.program.model import typed
-from soter.program.model.tree_walk import topic_reads
-from soter.program.model.types import BOOL
+from soter.language.model import typed
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from soter.program.model.system import Module
+    from soter.language.model.system import Module
 
     Part = tuple[typed.TypedExpr, bool]
     """What must hold: the expression, or (False) that it does not."""

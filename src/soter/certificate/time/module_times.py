@@ -20,8 +20,8 @@ from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import derive
 from soter.certificate.time.sensor_paths import ModulePaths, setting_of
 from soter.certificate.time.trusted_thread import check_thread
-from soter.program.model.durations import show_ns
-from soter.program.model.tree_walk import topic_reads
+from soter.language.model.durations import show_ns
+from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
     from soter.certificate.time.derived_times import TimingSetting

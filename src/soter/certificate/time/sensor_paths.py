@@ -19,12 +19,12 @@ from soter.certificate.time.derived_times import (
     TopicPath,
     TopicReading,
 )
-from soter.program.model import typed
+from soter.language.model import typed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from soter.program.model.system import Component, Module, System
+    from soter.language.model.system import Component, Module, System
 
 NODES_MAX = 16
 """On a path; more is no path that a person wrote."""

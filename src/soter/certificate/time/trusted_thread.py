@@ -22,13 +22,13 @@ from typing import TYPE_CHECKING
 from soter.certificate.reading.facts import DiffersError
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import RELEASES_MAX
-from soter.program.model.durations import show_ns
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.certificate.time.derived_times import Clock, TimingSetting
-    from soter.program.model.system import Component, Module, System
+    from soter.language.model.system import Component, Module, System
 
 
 @dataclass(frozen=True)

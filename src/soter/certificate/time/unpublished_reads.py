@@ -17,12 +17,12 @@ from soter.certificate.reading.symbolic_values import filled, flat
 from soter.certificate.terms.arb_balls import ONE, exact
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.terms import NotRecheckedError, Terms, inputs_of, negation
-from soter.program.evaluate import arithmetic
-from soter.program.model.types import FloatType, leaves
+from soter.language.evaluate import arithmetic
+from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
     from soter.certificate.reading.facts import Facts
-    from soter.program.model.system import Topic
+    from soter.language.model.system import Topic
 
 CERTAIN = 2
 

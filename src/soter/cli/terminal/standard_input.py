@@ -1,7 +1,7 @@
 """A program on standard input: what `-` means where a file is asked for.
 
 Purpose: the text, or a diagnostic where it is none.
-Non-goals: files (`program/load/`).
+Non-goals: files (`language/load/`).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.load.loader import MAX_FILE_BYTES
+from soter.language.load.loader import MAX_FILE_BYTES
 
 STDIN = "<stdin>"
 """What it is called; imports are read from the current folder."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from soter.program.model.durations import show_ns
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     from soter.api.timing import ThreadRow, TimingReport

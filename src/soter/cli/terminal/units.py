@@ -1,7 +1,7 @@
 """Rates and sizes as people write them.
 
 Purpose: three digits and a unit.
-Non-goals: times (`program/model/durations.py`).
+Non-goals: times (`language/model/durations.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """`soter fmt FILE...`: one layout for all programs.
 
 Purpose: rewrite files in place, each whole or not at all; `--check` and `--diff` only look.
-Non-goals: the layout (`syntax/printer.py`).
+Non-goals: the layout (`language/syntax/printer.py`).
 """
 
 from __future__ import annotations

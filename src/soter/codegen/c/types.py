@@ -1,6 +1,6 @@
 """C types of Soter types, constants as C values, and the helpers that types need.
 
-Purpose: one struct definition a type, laid out exactly as `lower/layout.py` says; per type, on
+Purpose: one struct definition a type, laid out exactly as `core/layout.py` says; per type, on
 demand, the check on the way to a topic and the canonical form on the way into the state.
 Non-goals: statements.
 """
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, field_name
-from soter.lower.layout import image_of_table, scalar, size_of, struct_of
-from soter.program.model.data_table import Table
-from soter.program.model.types import (
+from soter.core.layout import image_of_table, scalar, size_of, struct_of
+from soter.language.model.data_table import Table
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -28,8 +28,8 @@ from soter.program.model.types import (
 )
 
 if TYPE_CHECKING:
-    from soter.program.model.system import Bound
-    from soter.program.model.types import Value
+    from soter.language.model.system import Bound
+    from soter.language.model.types import Value
 
 FAULT = c.Name("fault")
 LARGE = 64

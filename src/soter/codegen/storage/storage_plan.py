@@ -16,14 +16,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.lower import core
-from soter.lower.footprint import walk, written_names
-from soter.program.model.types import RecordType
+from soter.core import core
+from soter.core.footprint import walk, written_names
+from soter.language.model.types import RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 RESULT = "$result"
 """The place that the caller of a function gives for what it returns."""

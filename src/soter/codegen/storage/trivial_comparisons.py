@@ -6,9 +6,9 @@ Non-goals: the C itself (`codegen/body.py`).
 
 from __future__ import annotations
 
-from soter.lower import core
-from soter.lower.layout import LENGTH, scalar, storage_range
-from soter.program.model.types import EnumType, FloatType, IntType
+from soter.core import core
+from soter.core.layout import LENGTH, scalar, storage_range
+from soter.language.model.types import EnumType, FloatType, IntType
 
 LOGICAL = frozenset(("&&", "||"))
 STORED = (core.Get, core.Field, core.Element, core.Fact)

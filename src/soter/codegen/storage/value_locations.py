@@ -21,16 +21,16 @@ from soter.codegen.storage.storage_plan import (
     output_name,
     plan_of,
 )
-from soter.lower import core
-from soter.lower.footprint import walk
-from soter.lower.layout import struct_of
-from soter.program.model.types import ArrayType, ListType, RecordType
+from soter.core import core
+from soter.core.footprint import walk
+from soter.core.layout import struct_of
+from soter.language.model.types import ArrayType, ListType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.codegen.c.types import TypeTable
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 MADE = c.Unary("*", c.Name("made"))
 """Where a function puts what it returns, if that is large: its caller says where that is."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.explore.results import Options
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 EVERY_S = 60.0
 EVERY_MAX_S = 10**6

@@ -11,12 +11,12 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.program.model.types import ArrayType, BoolType, EnumType, IntType, RecordType
+from soter.language.model.types import ArrayType, BoolType, EnumType, IntType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
 EACH_VALUE_MAX = 64
 """An int with at most so many values has a class for each of them."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.explore.model.explorer_model import ExplorerModel
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
     Bytes = npt.NDArray[np.uint8]
     Words = npt.NDArray[np.uint64]

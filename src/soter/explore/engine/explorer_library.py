@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from soter.core.steps import lower
 from soter.explore.engine.coverage_counters import coverage_of, empty_counters
 from soter.explore.engine.progress import progress_of
 from soter.explore.engine.symmetry_reduction import SymmetricInstances
@@ -25,7 +26,6 @@ from soter.explore.model.actors import plan_of
 from soter.explore.model.explorer_model import generate_model
 from soter.explore.model.independent_parts import IndependentPart, loose_parts_of, parts_of
 from soter.explore.results import Options
-from soter.lower.steps import lower
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
 from soter.native.own_files import files_below
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.core.core import CoreSystem
     from soter.explore.checkpoint.saver import Saver
     from soter.explore.engine.observations import Observations
     from soter.explore.engine.progress import EngineProgress
     from soter.explore.model.symmetric_blocks import Family
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
     Bytes = npt.NDArray[np.uint8]
     Words = npt.NDArray[np.uint64]

@@ -42,7 +42,7 @@ from soter.explore.results import Robustness, SearchProgress
 from soter.explore.trace.choice_names import ENDING
 from soter.explore.trace.schedule import INPUT, plan_of
 from soter.explore.trace.trace import STEP_KINDS, Choice, Step
-from soter.program.model.types import IntType, leaves
+from soter.language.model.types import IntType, leaves
 from soter.semantics.observer_records import AC, SC
 from soter.semantics.random.random_draws import fnv, leaf_name
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from soter.explore.judge.replay import Replayed
     from soter.explore.model.independent_parts import IndependentPart
     from soter.explore.results import Options
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 
 JUDGED, MET = 1, 2

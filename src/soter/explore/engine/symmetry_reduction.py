@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.core.core import CoreSystem
     from soter.explore.engine.coverage_counters import CoverageCounters
     from soter.explore.model.explorer_model import ExplorerModel
     from soter.explore.model.independent_parts import IndependentPart
     from soter.explore.model.symmetric_blocks import Family
     from soter.explore.model.symmetry import Renaming
     from soter.explore.results import Options
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 
 class SymmetricInstances:

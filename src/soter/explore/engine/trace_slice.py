@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.core.steps import lower
 from soter.explore.model.actors import Footprints
 from soter.explore.trace.trace import BEGIN, EFFECT, LOST, PROPERTY, START, TIMED, VIOLATION_KINDS
-from soter.lower.steps import lower
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

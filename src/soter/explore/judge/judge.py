@@ -2,7 +2,7 @@
 
 Purpose: properties, deadlines and invariants along one execution of the reference interpreter.
 Non-goals: contracts and step faults, which the step itself tells
-(`reach/attack/counterexample.py`).
+(`verify/attack/counterexample.py`).
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 
 from soter.explore.trace.schedule import plan_of
 from soter.explore.trace.trace import PROPERTY, TIMED, ViolationId
-from soter.program.evaluate.arithmetic import StepFault
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model.durations import show_ns
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.durations import show_ns
 from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
 from soter.semantics.properties import fault_of, violated
 
 if TYPE_CHECKING:
-    from soter.program.evaluate.expressions import Compiled
-    from soter.program.model.system import Module, System, TimedProperty
-    from soter.program.model.typed import TypedExpr
+    from soter.language.evaluate.expressions import Compiled
+    from soter.language.model.system import Module, System, TimedProperty
+    from soter.language.model.typed import TypedExpr
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
 

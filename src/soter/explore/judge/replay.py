@@ -27,8 +27,8 @@ from soter.explore.trace.trace import (
     Step,
     ViolationId,
 )
-from soter.program.model.python_values import to_json
-from soter.program.model.types import ListType
+from soter.language.model.python_values import to_json
+from soter.language.model.types import ListType
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import DecisionVerdict, StepOutcome
 from soter.semantics.properties import fault_of
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
     from soter.explore.trace.schedule import ScheduledActor
     from soter.explore.trace.trace import Choice, Trace
-    from soter.program.model.system import System
-    from soter.program.model.types import Value
+    from soter.language.model.system import System
+    from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
 
 MODES = ("SC", "AC")

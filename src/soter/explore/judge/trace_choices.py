@@ -10,15 +10,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.trace import Choice
-from soter.program.model.python_values import to_json
-from soter.program.model.types import FloatType
+from soter.language.model.python_values import to_json
+from soter.language.model.types import FloatType
 from soter.semantics.answered_draws import AnsweredDraws
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from soter.program.model.system import Bound, System
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound, System
+    from soter.language.model.types import Type, Value
 
 
 class WrongChoiceError(Exception):

@@ -21,19 +21,19 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from soter.core import core
+from soter.core.footprint import walk
 from soter.explore.model.exploration_plan import ExplorationPlan, PlannedActor, TimeChoices
-from soter.lower import core
-from soter.lower.footprint import walk
-from soter.program.elaborate.time_grid import quantum_of, times_read
-from soter.program.model.system import modules_above
-from soter.program.model.types import FloatType, IntType, leaves
+from soter.language.elaborate.time_grid import quantum_of, times_read
+from soter.language.model.system import modules_above
+from soter.language.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.explore.model.exploration_plan import Label
-    from soter.program.elaborate.time_grid import TimesRead
-    from soter.program.model.system import Component, InputDrive, Property, System, TestPlan
+    from soter.language.elaborate.time_grid import TimesRead
+    from soter.language.model.system import Component, InputDrive, Property, System, TestPlan
 
 
 TIME: Label = ("time", 0)

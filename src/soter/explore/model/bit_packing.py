@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import int_number
-from soter.lower.layout import scalar
-from soter.program.model.types import (
+from soter.core.layout import scalar
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from soter.explore.model.exploration_plan import Label
-    from soter.program.model.system import Bound
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound
+    from soter.language.model.types import Type, Value
 
     Hull = tuple[int, int] | None
     """Smallest and largest value of an int leaf; None for other leaves."""

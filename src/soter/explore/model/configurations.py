@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import int_number
+from soter.core.layout import size_of
 from soter.explore.model.bit_packing import Packing, hulls, unsigned, word
-from soter.lower.layout import size_of
-from soter.program.model.system import modules_above
-from soter.program.model.types import leaves
+from soter.language.model.system import modules_above
+from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
     from soter.codegen.c.types import TypeTable
     from soter.codegen.frame import Frame
+    from soter.core.layout import StateLayout
     from soter.explore.model.exploration_plan import ExplorationPlan
-    from soter.lower.layout import StateLayout
-    from soter.program.model.system import Component, Module, System, TimedProperty, Topic
+    from soter.language.model.system import Component, Module, System, TimedProperty, Topic
 
 X, S, NOW, SINCE_START = c.Name("x"), c.Name("s"), c.Name("now"), c.Name("from")
 

@@ -15,12 +15,12 @@ from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.unit import Unit, UnitBuilder
+from soter.core.layout import scalar, size_of, struct_of
 from soter.explore.methods import LEAVES_MAX
 from soter.explore.model.bit_packing import word
 from soter.explore.model.configurations import ConfigurationEmitter, within
 from soter.explore.model.robustness_functions import Guides
-from soter.lower.layout import scalar, size_of, struct_of
-from soter.program.model.types import (
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -34,13 +34,13 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from soter.core.core import CoreSystem
     from soter.explore.model.bit_packing import Packing
     from soter.explore.model.configurations import AgeingField
     from soter.explore.model.exploration_plan import ExplorationPlan, Label, PlannedActor
     from soter.explore.model.robustness_functions import Aim
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import Bound, System, Topic
-    from soter.program.model.types import Type
+    from soter.language.model.system import Bound, System, Topic
+    from soter.language.model.types import Type
 
 KINDS = {
     "eventually": "SOTER_EVENTUALLY",

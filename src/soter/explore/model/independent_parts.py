@@ -18,9 +18,9 @@ from soter.explore.model.actors import TIME, Footprints
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from soter.core.core import CoreSystem
     from soter.explore.model.exploration_plan import ExplorationPlan, Label
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 WIDTH = 64
 """Actors, properties and timed properties that a mask can name."""

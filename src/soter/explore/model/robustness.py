@@ -15,9 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from soter.lower import core
-from soter.lower.footprint import walk
-from soter.program.model.types import BOOL, FLOAT, FloatType, IntType
+from soter.core import core
+from soter.core.footprint import walk
+from soter.language.model.types import BOOL, FLOAT, FloatType, IntType
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

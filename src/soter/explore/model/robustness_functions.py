@@ -16,13 +16,13 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number
 from soter.codegen.frame import OK, where
 from soter.codegen.storage.storage_plan import PlannedBody
+from soter.core import core
 from soter.explore.model.robustness import Margin, RobustnessTable
-from soter.lower import core
 
 if TYPE_CHECKING:
     from soter.codegen.c.types import TypeTable
     from soter.codegen.frame import Frame
-    from soter.program.model.system import System
+    from soter.language.model.system import System
 
 SCALE = c.Name("soter_scale")
 """No temporary of a program is called so (`codegen/c/names.py`)."""

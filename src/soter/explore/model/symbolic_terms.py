@@ -16,13 +16,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.lower import core
-from soter.program.model.types import BoolType, IntType
+from soter.core import core
+from soter.language.model.types import BoolType, IntType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping, Sequence
 
-    from soter.program.model.types import Value
+    from soter.language.model.types import Value
 
     Term = int
     Rename = Callable[[core.Cell | core.Fact], Hashable]

@@ -18,11 +18,11 @@ from soter.explore.model.symmetry import Renaming, RenamingCheck
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from soter.core.core import CoreSystem
     from soter.explore.model.exploration_plan import ExplorationPlan, Label
     from soter.explore.model.independent_parts import IndependentPart
     from soter.explore.model.symmetry import Field
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import Component, System
+    from soter.language.model.system import Component, System
 
     Span = tuple[int, int]
     """First bit and width of a field."""

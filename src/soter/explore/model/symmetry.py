@@ -15,6 +15,8 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING
 
+from soter.core import core
+from soter.core.footprint import walk
 from soter.explore.model.symbolic_terms import (
     InternedTerms,
     TermTooLongError,
@@ -22,15 +24,13 @@ from soter.explore.model.symbolic_terms import (
     of_predicate,
     of_step,
 )
-from soter.lower import core
-from soter.lower.footprint import walk
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
 
     from soter.explore.model.exploration_plan import ExplorationPlan, Label, PlannedActor
     from soter.explore.model.symbolic_terms import Computed
-    from soter.program.model.system import Component, Module, System, Topic
+    from soter.language.model.system import Component, Module, System, Topic
 
     Field = tuple[Label, int, int]
 

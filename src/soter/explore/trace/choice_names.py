@@ -10,18 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.environment import Environment
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model import typed
-from soter.program.model.python_values import to_json
-from soter.program.model.tree_walk import nodes, plant_code
-from soter.program.model.types import BoolType
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model import typed
+from soter.language.model.python_values import to_json
+from soter.language.model.tree_walk import nodes, plant_code
+from soter.language.model.types import BoolType
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.explore.trace.trace import Choice
-    from soter.program.model.system import Component, System
+    from soter.language.model.system import Component, System
 
 ENDING = ".choose"
 _CLOSED = (

@@ -2,7 +2,7 @@
 
 Purpose: releases, windows, times, lost releases and overruns, as a replay follows them step by
 step. Written from the page alone: it shares nothing with the engine whose traces it judges.
-Non-goals: what a step does (`reach/attack/counterexample.py`), enumerating executions.
+Non-goals: what a step does (`verify/attack/counterexample.py`), enumerating executions.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.trace import BEGIN, EFFECT, LOST, START
-from soter.program.elaborate.time_grid import quantum_of
-from soter.program.model.durations import show_ns
+from soter.language.elaborate.time_grid import quantum_of
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     from soter.explore.trace.trace import Step
-    from soter.program.model.system import System, TestPlan
+    from soter.language.model.system import System, TestPlan
 
 INPUT = "input."
 

@@ -2,7 +2,7 @@
 
 Purpose: plain data for the steps of docs/testing.md, written as JSON (docs/json.md) and read
 back with every field looked at: a file may be damaged, or made by somebody who means harm.
-Non-goals: whether the steps are allowed and what they lead to (`reach/attack/counterexample.py`).
+Non-goals: whether the steps are allowed and what they lead to (`verify/attack/counterexample.py`).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.program.load.bounded_read import read_bytes
-from soter.program.load.data_files import parse_json
+from soter.language.load.bounded_read import read_bytes
+from soter.language.load.data_files import parse_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 from soter.explore.vacuity.range_evaluation import RangeEvaluator, ReadPlace, TooHardError
 from soter.explore.vacuity.ranges import Range
 from soter.explore.vacuity.solver import solved
-from soter.program.model import typed
-from soter.program.model.tree_walk import calls_in, nodes
+from soter.language.model import typed
+from soter.language.model.tree_walk import calls_in, nodes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
-    from soter.program.model.system import Scope
+    from soter.language.model.system import Scope
 
     Read = Callable[[ReadPlace], Range]
 

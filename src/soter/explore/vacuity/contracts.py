@@ -1,6 +1,6 @@
 """Whether a contract leaves its stand-in anything to publish.
 
-Purpose: the step of a stand-in (`program/elaborate/tests_and_faults/contract_stand_ins.py`), read
+Purpose: the step of a stand-in (`language/elaborate/tests_and_faults/contract_stand_ins.py`), read
 over ranges.
 Non-goals: what a contract forbids one by one: the search tries all of it.
 """
@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.explore.vacuity.constant_truth import holds_always
-from soter.program.model import typed
-from soter.program.model.tree_walk import children, nodes
-from soter.program.model.types import BOOL
+from soter.language.model import typed
+from soter.language.model.tree_walk import children, nodes
+from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
     from soter.explore.vacuity.constant_truth import Read
-    from soter.program.model.system import Component
+    from soter.language.model.system import Component
 
 
 def permits_nothing(c: Component, read: Read) -> bool:

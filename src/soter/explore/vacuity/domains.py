@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 from soter.explore.trace.schedule import plan_of
 from soter.explore.vacuity.range_evaluation import anything, constant
 from soter.explore.vacuity.ranges import ANY_FLOAT, INF, Range
-from soter.program.model.types import BoolType, FloatType, IntType, RecordType, leaf_count
+from soter.language.model.types import BoolType, FloatType, IntType, RecordType, leaf_count
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.explore.vacuity.range_evaluation import Known, ReadPlace
-    from soter.program.model.system import Bound, Component, System, Topic
-    from soter.program.model.types import Type
+    from soter.language.model.system import Bound, Component, System, Topic
+    from soter.language.model.types import Type
 
 MOST = sys.float_info.max
 
@@ -118,7 +118,7 @@ def _leaf(topic: Topic, path: tuple[int, ...]) -> int:
 
 def _bounds_in(of: Type) -> int:
     """How many bounds a part has; all elements of a list share those of one."""
-    from soter.program.model.types import leaves  # noqa: PLC0415 - only here
+    from soter.language.model.types import leaves  # noqa: PLC0415 - only here
 
     return len(list(leaves(of)))
 

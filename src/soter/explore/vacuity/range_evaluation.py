@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from soter.explore.vacuity import ranges
 from soter.explore.vacuity.ranges import ANY_FLOAT, ANY_INT, EITHER, FALSE, TRUE, Faults, Range
 from soter.explore.vacuity.same_expression import same_expression
-from soter.program.model import typed as t
-from soter.program.model.types import (
+from soter.language.model import typed as t
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     DurationType,
@@ -29,8 +29,8 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.program.model.system import Scope
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Scope
+    from soter.language.model.types import Type, Value
 
     Key = tuple[str, int, tuple[int, ...]]
     """Of a scalar: what is read, its number, and where in it."""

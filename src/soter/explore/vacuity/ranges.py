@@ -3,7 +3,7 @@
 Purpose: sound bounds of every operation on binary64 and 64-bit ints, with whether it may give a
 NaN and whether it may fault. Rounding to nearest is monotone, so the bounds of a float operation
 are what it makes of the ends.
-Non-goals: expressions (`evaluate.py`), reals (`reach/enclose/`).
+Non-goals: expressions (`evaluate.py`), reals (`verify/enclose/`).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate import arithmetic
-from soter.program.model.types import INT_MAX, INT_MIN
+from soter.language.evaluate import arithmetic
+from soter.language.model.types import INT_MAX, INT_MIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from soter.program.model import typed as t
-from soter.program.model.tree_walk import children
+from soter.language.model import typed as t
+from soter.language.model.tree_walk import children
 
 
 def same_expression(a: t.TypedExpr, b: t.TypedExpr) -> bool:

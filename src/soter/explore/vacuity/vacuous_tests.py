@@ -16,16 +16,16 @@ from soter.explore.trace.schedule import plan_of
 from soter.explore.vacuity.constant_truth import holds_always
 from soter.explore.vacuity.contracts import permits_nothing
 from soter.explore.vacuity.domains import Domains, written_by
-from soter.program.evaluate.conjuncts import premise_of
-from soter.program.model import typed
-from soter.program.model.durations import show_ns
-from soter.program.model.tree_walk import nodes, topic_reads
-from soter.program.model.types import BOOL
+from soter.language.evaluate.conjuncts import premise_of
+from soter.language.model import typed
+from soter.language.model.durations import show_ns
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.program.model.system import Component, Property, System, TimedProperty
+    from soter.language.model.system import Component, Property, System, TimedProperty
 
 CANNOT_FAIL = "property"
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.model.tree_walk import calls_in, mode_reads, topic_reads
+from soter.language.model.tree_walk import calls_in, mode_reads, topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from soter.program.model.system import Component, Module, System
-    from soter.program.model.typed import FunSymbol
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.typed import FunSymbol
 
 
 @dataclass(frozen=True)

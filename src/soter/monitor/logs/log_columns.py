@@ -18,8 +18,8 @@ from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
+from soter.language.load.bounded_read import opened
 from soter.monitor.logs.bounded_gzip import BoundedGzip
-from soter.program.load.bounded_read import opened
 from soter.simulate.outputs.to_log import require_log_package
 from soter.simulate.recorded_run import damaged
 from soter.simulate.run_settings import did_you_mean

@@ -15,15 +15,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from soter.program.evaluate.arithmetic import StepFault
-from soter.program.model import typed as t
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.model import typed as t
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.evaluate.environment import Environment
-    from soter.program.evaluate.statements import Evaluator
-    from soter.program.model.types import Value
+    from soter.language.evaluate.environment import Environment
+    from soter.language.evaluate.statements import Evaluator
+    from soter.language.model.types import Value
 
 TEXT_MAX = 70
 COMPARED = ("<", "<=", ">", ">=")

@@ -17,11 +17,11 @@ from math import copysign, isinf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.statements import Evaluator
 from soter.monitor.logs.log_columns import unusable
 from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
 from soter.monitor.logs.result import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
-from soter.program.evaluate.arithmetic import StepFault
-from soter.program.evaluate.statements import Evaluator
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import AC, DecisionVerdict, StepOutcome
@@ -31,11 +31,11 @@ from soter.simulate.decisions import PredicateValues, reason
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from soter.language.evaluate.environment import Environment
+    from soter.language.model.system import Component, Module, System
     from soter.monitor.logs.decidable_modules import Decidable
     from soter.monitor.logs.predicate_margins import Distance
     from soter.monitor.logs.samples import TopicSamples
-    from soter.program.evaluate.environment import Environment
-    from soter.program.model.system import Component, Module, System
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
 

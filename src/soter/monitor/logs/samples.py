@@ -14,11 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
-from soter.monitor.logs.log_columns import unusable
-from soter.monitor.logs.topic_mapping import ConstantSource, SignalSource, SlopeSource
-from soter.program.model.durations import show_ns
-from soter.program.model.types import (
+from soter.language.model.durations import show_ns
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     DurationType,
@@ -28,15 +25,18 @@ from soter.program.model.types import (
     RecordType,
     leaves,
 )
+from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
+from soter.monitor.logs.log_columns import unusable
+from soter.monitor.logs.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.report.recorded_run import RecordedRun
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from soter.language.model.system import System, Topic
+    from soter.language.model.types import Type, Value
     from soter.monitor.logs.log_columns import Columns
     from soter.monitor.logs.topic_mapping import LeafPath, LogMap, TopicMap
-    from soter.program.model.system import System, Topic
-    from soter.program.model.types import Type, Value
 
 TRUTHS = {"true": True, "false": False, "1": True, "0": False}
 

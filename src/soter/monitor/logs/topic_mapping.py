@@ -17,17 +17,17 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.program.load.bounded_read import read_json_text
-from soter.program.model.python_values import ValueShapeError, from_json
-from soter.program.model.types import FloatType, ListType, Type, leaves
+from soter.language.load.bounded_read import read_json_text
+from soter.language.model.python_values import ValueShapeError, from_json
+from soter.language.model.types import FloatType, ListType, Type, leaves
 from soter.simulate.run_settings import WrongTextError, did_you_mean, duration_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from soter.program.model.system import System, Topic
-    from soter.program.model.types import Value
+    from soter.language.model.system import System, Topic
+    from soter.language.model.types import Value
 
 TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 UNITS = {

@@ -3,7 +3,7 @@
 Purpose: whether a fault is there at a time, when a release really happens, what becomes of a
 publication (docs/semantics.md, Faults). All of it follows from seed and time alone: a run that is
 continued from a copy meets the same faults.
-Non-goals: which faults a system has (`program/elaborate/tests_and_faults/faults.py`).
+Non-goals: which faults a system has (`language/elaborate/tests_and_faults/faults.py`).
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.arithmetic import canonical, maximum, minimum
-from soter.program.evaluate.statements import replaced
-from soter.program.model.types import ArrayType, RecordType, leaves
+from soter.language.evaluate.arithmetic import canonical, maximum, minimum
+from soter.language.evaluate.statements import replaced
+from soter.language.model.types import ArrayType, RecordType, leaves
 from soter.semantics.random.random_draws import draw_bits, draw_float
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.program.model.system import Bound, Component, Fault, System
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound, Component, Fault, System
+    from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration
 
 FINE = 20

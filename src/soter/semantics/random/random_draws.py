@@ -12,7 +12,7 @@ from functools import lru_cache
 from itertools import count
 from typing import TYPE_CHECKING, Protocol
 
-from soter.program.model.types import (
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -25,8 +25,8 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from soter.program.model.system import Bound, Component
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Bound, Component
+    from soter.language.model.types import Type, Value
 
 _MASK = 2**64 - 1
 GOLDEN = 0x9E3779B97F4A7C15

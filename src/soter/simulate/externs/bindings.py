@@ -12,18 +12,18 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.lower.steps import lower
 from soter.simulate.externs.python_extern import PythonExtern, instantiated, load_python
 from soter.simulate.run_settings import did_you_mean, usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from soter.core.core import CoreSystem
     from soter.diagnostics.span import Span
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import Component, System
-    from soter.program.model.typed import FunSymbol
+    from soter.language.model.system import Component, System
+    from soter.language.model.typed import FunSymbol
     from soter.simulate.interrupt import StopRequest
 
 KINDS = ("python", "c")

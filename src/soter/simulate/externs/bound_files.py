@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, Severity
-from soter.program.load.bounded_read import read_bytes
+from soter.language.load.bounded_read import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from soter.diagnostics.span import Span
-    from soter.program.model.typed import NodeSymbol, TypedProgram
+    from soter.language.model.typed import NodeSymbol, TypedProgram
 
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 

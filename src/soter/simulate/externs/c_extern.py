@@ -13,24 +13,24 @@ from typing import TYPE_CHECKING, Any
 
 from soter.codegen.extern_interface import answer_fields
 from soter.codegen.unit import generate
+from soter.core.layout import align_of, arrange, decode_from, encode_into, scalar, size_of
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.lower.layout import align_of, arrange, decode_from, encode_into, scalar, size_of
+from soter.language.model.python_values import from_python, to_python
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.native.build import library
 from soter.native.cache import digest
 from soter.native.cffi_interface import interface, opened
 from soter.native.includes import included
-from soter.program.model.python_values import from_python, to_python
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType
 from soter.simulate.externs.python_answers import PlainError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from types import SimpleNamespace
 
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import Component, System
-    from soter.program.model.typed import FunSymbol
-    from soter.program.model.types import Type
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import Component, System
+    from soter.language.model.typed import FunSymbol
+    from soter.language.model.types import Type
 
 
 class CFaultError(PlainError):

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
-from soter.lower.layout import decode_from, encode_into
-from soter.program.model.python_values import inputs_to_python
+from soter.language.model.python_values import inputs_to_python
 from soter.semantics.externs import converted
 from soter.simulate.externs.python_answers import described
 from soter.simulate.externs.python_extern import PythonExtern, load_python
@@ -24,8 +24,8 @@ from soter.workers.exchange_layout import Exchange, exchange_of
 from soter.workers.shared_memory_channel import Channel, LayoutError
 
 if TYPE_CHECKING:
-    from soter.program.model.system import Component, System
-    from soter.program.model.types import Type
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type
 
 EXIT_LAYOUT, EXIT_LOAD = 3, 4
 

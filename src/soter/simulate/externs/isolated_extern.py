@@ -15,7 +15,7 @@ import pickle
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.program.model.types import (
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     DurationType,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from soter.diagnostics.span import Span
-    from soter.program.model.types import Type, Value
+    from soter.language.model.types import Type, Value
 
     Shapes = Sequence[tuple[str, Type]]
 

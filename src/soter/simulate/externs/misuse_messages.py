@@ -19,7 +19,7 @@ from soter.simulate.externs import process_surroundings
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.program.model.types import Type
+    from soter.language.model.types import Type
 
     Shapes = Sequence[tuple[str, Type]]
 

@@ -15,7 +15,7 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from soter.program.evaluate.floating_point_mode import put_back
+from soter.language.evaluate.floating_point_mode import put_back
 
 if TYPE_CHECKING:
     from collections.abc import Callable

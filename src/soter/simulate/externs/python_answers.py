@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.codegen.extern_interface import answer_fields
-from soter.lower.layout import arrange, decode_from, encode_into
+from soter.core.layout import arrange, decode_from, encode_into
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.model.python_values import ValueShapeError, inputs_to_python
 from soter.native.own_files import SOTER
-from soter.program.evaluate.arithmetic import FaultKind, StepFault
-from soter.program.model.python_values import ValueShapeError, inputs_to_python
 from soter.report.printable_text import visible
 from soter.semantics.externs import Converted, Stop, converted, message_of, step_of, visible_error
 from soter.semantics.gate import check_of, messages
@@ -25,11 +25,11 @@ from soter.semantics.gate import check_of, messages
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.lower.layout import StateLayout
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Component, System
+    from soter.language.model.typed import TopicSymbol
+    from soter.language.model.types import Type, Value
     from soter.native.library import Bytes, Library
-    from soter.program.model.system import Component, System
-    from soter.program.model.typed import TopicSymbol
-    from soter.program.model.types import Type, Value
 
 
 OWN_FOLDER = str(SOTER)

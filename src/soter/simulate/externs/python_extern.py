@@ -3,7 +3,7 @@
 Purpose: `python:file.py:name` becomes an object whose `step` never raises anything but
 `Exception` and whose file, name and construction errors are diagnostics (X002, X003).
 Non-goals: which extern it answers (`bindings.py`), what its answers mean
-(`program/model/python_values.py`), crashes of the process and code that never returns (`workers/`).
+(`language/model/python_values.py`), crashes of the process, code that never returns (`workers/`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.near import closest
 from soter.diagnostics.os_error_text import reason
-from soter.program.load.bounded_read import read_bytes
+from soter.language.load.bounded_read import read_bytes
 from soter.semantics.externs import Stop, step_of
 from soter.simulate.externs.misuse_messages import hint
 from soter.simulate.externs.process_surroundings import outside

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.program.evaluate.environment import Environment
-from soter.program.evaluate.statements import Evaluator
-from soter.program.model.python_values import from_python, to_python
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.python_values import from_python, to_python
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.model.typed import FunSymbol, TypedProgram
+    from soter.language.model.typed import FunSymbol, TypedProgram
 
 
 def python_function(program: TypedProgram, fun: FunSymbol) -> Callable[..., Any]:

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.elaborate.elaborator import show_ns
+from soter.language.elaborate.elaborator import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.program.model.proof_verdicts import Proof
-    from soter.program.model.system import Component, Module, System
+    from soter.language.model.proof_verdicts import Proof
+    from soter.language.model.system import Component, Module, System
 
 PROVED = ("P1a", "P1b")
 ASSUMED = ("P1c", "P2a", "P2b", "P3")

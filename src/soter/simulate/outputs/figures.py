@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.lower.layout import decode_from
-from soter.program.evaluate.arithmetic import FaultKind
-from soter.program.model.python_values import to_json
+from soter.core.layout import decode_from
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.model.python_values import to_json
 from soter.simulate.decisions import changes
 from soter.simulate.run_parameters import as_json
 
 if TYPE_CHECKING:
-    from soter.lower.layout import StateLayout
-    from soter.program.model.system import Component
-    from soter.program.model.types import Type, Value
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Component
+    from soter.language.model.types import Type, Value
     from soter.simulate.result import Run, Violation
 
 CHANGES_MAX = 1000

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from soter.core.layout import group_field
 from soter.diagram.from_system import live_rows, saw_key
-from soter.lower.layout import group_field
-from soter.program.model.types import ArrayType, RecordType
+from soter.language.model.types import ArrayType, RecordType
 from soter.report.run.live_diagram import STEPS_MAX, Control, Live, Steps, Values
 from soter.semantics.random.faults import by_component, next_release
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.program.model.system import Module, System
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Type, Value
     from soter.simulate.result import Run
 
 T = TypeVar("T")

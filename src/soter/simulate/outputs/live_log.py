@@ -15,8 +15,8 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagram.render import picture
-from soter.program.model.python_values import ValueShapeError, from_json
-from soter.program.model.types import RecordType
+from soter.language.model.python_values import ValueShapeError, from_json
+from soter.language.model.types import RecordType
 from soter.report.errors import ReportError
 from soter.report.html import write_replay
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
@@ -29,8 +29,8 @@ from soter.simulate.recorded_run import messages, metadata, unreadable
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.program.model.system import System
-    from soter.program.model.types import Type, Value
+    from soter.language.model.system import System
+    from soter.language.model.types import Type, Value
 
 PREDICATES = [name.replace("saw_", "") for name, _ in SAW]
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.core.layout import decode_from
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.lower.layout import decode_from
-from soter.program.model.python_values import to_json
-from soter.program.model.types import (
+from soter.language.model.python_values import to_json
+from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -57,9 +57,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.lower.layout import StateLayout
-    from soter.program.model.system import Component, System, Topic
-    from soter.program.model.types import Type
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Component, System, Topic
+    from soter.language.model.types import Type
     from soter.report.mcap_log import JsonSchema, Message
     from soter.simulate.result import Run
     from soter.simulate.run_observer import ModeChange as ChangeSeen

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.core.layout import group_field
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagram.render import picture as draw
-from soter.lower.layout import group_field
-from soter.program.evaluate.signal_limits import limits
-from soter.program.model import typed
-from soter.program.model.types import BoolType, FloatType, IntType, RecordType, leaves
+from soter.language.evaluate.signal_limits import limits
+from soter.language.model import typed
+from soter.language.model.types import BoolType, FloatType, IntType, RecordType, leaves
 from soter.report.errors import ReportError
 from soter.report.html import inline_document, write_html
 from soter.report.run.record import (
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.program.model.system import System
-    from soter.program.model.types import Type
+    from soter.language.model.system import System
+    from soter.language.model.types import Type
     from soter.simulate.result import Run
 
 SERIES_MAX = 24

@@ -1,0 +1,416 @@
+"""Core: what a checked system is lowered to, and the one thing every back end reads.
+
+Purpose: about twenty kinds of node; typed, structured, single-exit, strict order of evaluation,
+with source spans. C over doubles, C over intervals, footprints, costs and stack bounds all
+come from here.
+Non-goals: names of C things (`codegen/`), storage (`layout.py`).
+
+What Core guarantees:
+- expressions are pure and cannot fault: whatever may fault is a statement of its own, in the
+  order of strict left-to-right evaluation;
+- faults are sticky: the first one is remembered, execution goes on with harmless values to
+  the single exit, and nothing is committed there;
+- every loop has a constant bound; every function one exit: its `result`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.language.evaluate.arithmetic import FaultKind
+    from soter.language.model.system import Bound
+    from soter.language.model.types import Type, Value
+
+
+# ---------------------------------------------------------------- state cells
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A piece of the state: `kind` is "topic", "local" (node local), "state" (plant state)."""
+
+    kind: str
+    owner: int
+    """Index of the topic or component."""
+    name: str
+
+
+# ---------------------------------------------------------------- expressions
+
+
+@dataclass(frozen=True)
+class Expr:
+    """A pure expression."""
+
+    type: Type
+
+
+@dataclass(frozen=True)
+class Const(Expr):
+    """A constant; `name` is the source constant it came from."""
+
+    value: Value
+    name: str | None = None
+
+
+@dataclass(frozen=True)
+class Var(Expr):
+    """A temporary of the function, by its unique name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Get(Expr):
+    """The content of a state cell."""
+
+    cell: Cell
+
+
+@dataclass(frozen=True)
+class Fact(Expr):
+    """A fact of the run: "time" (s), "in_control", "mode" (module `index`), "age" (s, topic)."""
+
+    fact: str
+    index: int = 0
+
+
+@dataclass(frozen=True)
+class Unary(Expr):
+    """neg (float), not, sqrt, floor, abs (float), to_float (int)."""
+
+    op: str
+    operand: Expr
+
+
+@dataclass(frozen=True)
+class Binary(Expr):
+    """+ - * / (float, divisor guarded before), < <= > >= == !=, && || (both sides pure)."""
+
+    op: str
+    left: Expr
+    right: Expr
+
+
+@dataclass(frozen=True)
+class Extreme(Expr):
+    """min or max; `op` "min": b < a ? b : a, "max": b > a ? b : a (operands are atoms)."""
+
+    op: str
+    left: Expr
+    right: Expr
+
+
+@dataclass(frozen=True)
+class Select(Expr):
+    """condition ? then : otherwise, all three pure."""
+
+    condition: Expr
+    then: Expr
+    otherwise: Expr
+
+
+@dataclass(frozen=True)
+class Field(Expr):
+    """Field of a record."""
+
+    target: Expr
+    index: int
+
+
+@dataclass(frozen=True)
+class Element(Expr):
+    """Element of an array or list at an index known to be inside."""
+
+    target: Expr
+    index: Expr
+
+
+@dataclass(frozen=True)
+class Length(Expr):
+    """Length of a bounded list."""
+
+    target: Expr
+
+
+@dataclass(frozen=True)
+class Make(Expr):
+    """A record, array or list from its elements in declared order."""
+
+    elements: tuple[Expr, ...]
+
+
+# ---------------------------------------------------------------- statements
+
+
+@dataclass(frozen=True)
+class Stmt:
+    """A statement."""
+
+    span: Span
+
+
+@dataclass(frozen=True)
+class Let(Stmt):
+    """A new temporary; `mutable` ones may be Set later."""
+
+    name: str
+    value: Expr
+    mutable: bool = False
+
+
+@dataclass(frozen=True)
+class Checked(Stmt):
+    """A new temporary from an operation that may fault; then its value is harmless.
+
+    int: add sub mul neg abs div mod; to_int (float -> int); narrow (into `type`);
+    index (a safe index below `limit`, which is an expression for lists).
+    """
+
+    name: str
+    type: Type
+    op: str
+    operands: tuple[Expr, ...]
+    limit: Expr | None = None
+
+
+@dataclass(frozen=True)
+class Choose(Stmt):
+    """A new temporary of type `type`: number `low + k` (bool, enum, int), k < `count`, picked.
+
+    `ages`: the temporary of the hidden local of a fair choice, which is updated; else None.
+    """
+
+    name: str
+    type: Type
+    count: int
+    low: int
+    ages: str | None = None
+
+
+@dataclass(frozen=True)
+class Guard(Stmt):
+    """A fault of this kind unless the condition holds."""
+
+    condition: Expr
+    kind: FaultKind
+
+
+@dataclass(frozen=True)
+class Call(Stmt):
+    """A new temporary from a function; its faults become the caller's."""
+
+    name: str
+    function: str
+    arguments: tuple[Expr, ...]
+    type: Type
+
+
+@dataclass(frozen=True)
+class Set(Stmt):
+    """Assignment to a mutable temporary, or a part: field indices and safe index expressions."""
+
+    name: str
+    type: Type
+    path: tuple[int | Expr, ...]
+    value: Expr
+
+
+@dataclass(frozen=True)
+class Push(Stmt):
+    """Append to a bounded list that is (part of) a mutable temporary; faults when full."""
+
+    name: str
+    type: Type
+    path: tuple[int | Expr, ...]
+    value: Expr
+
+
+@dataclass(frozen=True)
+class If(Stmt):
+    """Two-way branch; both sides join behind it."""
+
+    condition: Expr
+    then: tuple[Stmt, ...]
+    otherwise: tuple[Stmt, ...]
+
+
+@dataclass(frozen=True)
+class Loop(Stmt):
+    """For `variable` = low, ..., high - 1."""
+
+    variable: str
+    low: int
+    high: int
+    body: tuple[Stmt, ...]
+
+
+@dataclass(frozen=True)
+class Publish(Stmt):
+    """Remember a publication: output number `output` of the step.
+
+    With a `limit` after those that the step made before; faults where there are as many already.
+    """
+
+    output: int
+    value: Expr
+    limit: int | None = None
+
+
+# ---------------------------------------------------------------- functions, steps, systems
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a Core function."""
+
+    name: str
+    type: Type
+
+
+@dataclass(eq=False, kw_only=True)
+class Function:
+    """A pure function; `result` is evaluated at its single exit. `source` binds an extern.
+
+    `leave`: the flag of having returned, if there is one; once it is set nothing has an effect.
+    """
+
+    name: str
+    source_name: str
+    parameters: tuple[Parameter, ...]
+    result_type: Type
+    body: tuple[Stmt, ...]
+    result: Expr | None
+    span: Span
+    source: str | None = None
+    can_fault: bool = False
+    leave: str | None = None
+
+
+@dataclass(eq=False)
+class LocalCopy:
+    """A state cell that a step works on as a temporary: loaded first, stored at the exit."""
+
+    cell: Cell
+    name: str
+    type: Type
+    written: bool
+
+
+@dataclass(eq=False)
+class Output:
+    """One output of a step: the topic and its bounds per leaf (None: finite is enough).
+
+    `type` is that of the topic; of a `burst`, of which a step may publish several messages, the
+    list of them.
+    """
+
+    topic: int
+    type: Type
+    bounds: tuple[Bound | None, ...]
+    burst: bool = False
+
+
+@dataclass(eq=False)
+class Footprint:
+    """Cells a step may read and write; what the explorer's reduction rests on."""
+
+    reads: set[Cell] = field(default_factory=set)
+    writes: set[Cell] = field(default_factory=set)
+    modes: set[int] = field(default_factory=set)
+    stamps: set[int] = field(default_factory=set)
+
+
+@dataclass(eq=False)
+class NodeStep:
+    """The step of a node: takeover block, body, publications."""
+
+    component: int
+    locals: tuple[LocalCopy, ...]
+    takeover: tuple[Stmt, ...]
+    body: tuple[Stmt, ...]
+    outputs: tuple[Output, ...]
+    footprint: Footprint
+    span: Span
+
+
+@dataclass(eq=False)
+class Draw:
+    """One random leaf: stream, bounds, and how its index follows from the release."""
+
+    stream: str
+    low: float
+    high: float
+    hold_ns: int
+
+
+@dataclass(eq=False, kw_only=True)
+class PlantStep:
+    """A plant: choose, integrate (but for the first release), then publish.
+
+    `choose`: statements with the lets that choose, on the states that the step begins with.
+    `disturbances`: temporaries, each built from its draws in leaf order. `derivative` is a
+    function (states..., disturbances..., ) -> record of the `der` states, None without any.
+    `next`: statements computing one temporary per `next` state from the old states.
+    `publish`: statements and values for the driven topics, on the new states.
+    """
+
+    component: int
+    states: tuple[LocalCopy, ...]
+    disturbances: tuple[tuple[str, Type, tuple[Draw, ...]], ...]
+    choose: tuple[Stmt, ...]
+    integrate: tuple[Stmt, ...]
+    publish: tuple[Stmt, ...]
+    outputs: tuple[Output, ...]
+    noise: tuple[tuple[int, int, Draw], ...]
+    """(output, leaf, draw): measurement errors."""
+    footprint: Footprint
+    span: Span
+    extern: bool = False
+
+
+@dataclass(eq=False)
+class Predicate:
+    """A boolean over the state: `value` after `body`."""
+
+    body: tuple[Stmt, ...]
+    value: Expr
+    footprint: Footprint
+    span: Span
+
+
+@dataclass(eq=False)
+class Decision:
+    """The predicates of a module's DM."""
+
+    module: int
+    ttf: Predicate
+    safer: Predicate
+
+
+@dataclass(eq=False)
+class Timed:
+    """A timed property of a test; the condition of an invariant is its module's `safe`."""
+
+    premise: Predicate | None
+    condition: Predicate
+
+
+@dataclass(eq=False)
+class CoreSystem:
+    """Everything that is generated for one system."""
+
+    functions: tuple[Function, ...]
+    nodes: dict[int, NodeStep]
+    plants: dict[int, PlantStep]
+    decisions: tuple[Decision, ...]
+    properties: tuple[Predicate, ...]
+    timed: tuple[Timed, ...] = ()
+    """Of a system that was flattened for a test: as `TestPlan.timed`."""
+    premises: tuple[Predicate | None, ...] = ()
+    """Of such a system, as `System.properties`: of those that are implications."""
+    measures: tuple[Predicate, ...] = ()
+    """As `System.measures`; floats in the place of truth values."""

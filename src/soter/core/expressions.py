@@ -1,0 +1,418 @@
+"""Lower typed expressions to Core, into the current block.
+
+Purpose: strict left-to-right order made explicit: whatever may fault becomes a statement, the
+rest stays a pure expression; names and blocks.
+Non-goals: statements and functions (`statements.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from soter.core import core
+from soter.core.vector_values import core_type, index_components, rebuild, select
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.model.types import (
+    BOOL,
+    FLOAT,
+    INT,
+    MODE,
+    ArrayType,
+    DurationType,
+    FloatType,
+    IntType,
+    RecordType,
+    default_value,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from soter.diagnostics.span import Span
+    from soter.language.model import typed
+    from soter.language.model.system import Scope, System
+    from soter.language.model.types import Type, Value
+
+INT_OPS = {"+": "add", "-": "sub", "*": "mul", "/": "div", "%": "mod"}
+
+
+class Functions(Protocol):
+    """What expressions ask of the functions of their system."""
+
+    by_name: dict[str, core.Function]
+
+    def require(
+        self, fun: typed.FunSymbol, params: Mapping[typed.ParamSymbol, Value]
+    ) -> core.Function:
+        """The Core function of a source function where parameters have these values."""
+
+
+class ExpressionBuilder:
+    """Lowers expressions, and keeps the blocks that they emit statements into."""
+
+    def __init__(
+        self,
+        functions: Functions,
+        system: System,
+        scope: Scope | None,
+        params: Mapping[typed.ParamSymbol, Value] | None = None,
+    ) -> None:
+        self.functions = functions
+        self.system = system
+        self.scope = scope
+        self.params = scope.params if params is None and scope is not None else params or {}
+        self.names: dict[typed.Variable, str] = {}
+        self._taken: set[str] = set()
+        self._blocks: list[list[core.Stmt]] = [[]]
+        self.period_ns = 0
+        self.can_fault = False
+
+    # ------------------------------------------------------------ names and blocks
+
+    def fresh(self, base: str) -> str:
+        """A name nobody uses yet."""
+        name, n = base, 2
+        while name in self._taken:
+            name = f"{base}_{n}"
+            n += 1
+        self._taken.add(name)
+        return name
+
+    def bind(self, variable: typed.Variable, name: str | None = None) -> str:
+        """Give a variable its name."""
+        chosen = self.fresh(name or variable.name.replace(" ", "_"))  # a hidden local's
+        self.names[variable] = chosen
+        return chosen
+
+    def emit(self, stmt: core.Stmt) -> None:
+        """Append to the current block."""
+        if isinstance(stmt, (core.Checked, core.Guard, core.Push)) or (
+            isinstance(stmt, core.Call) and self.functions.by_name[stmt.function].can_fault
+        ):
+            self.can_fault = True
+        self._blocks[-1].append(stmt)
+
+    def capture(
+        self, action: Callable[[], core.Expr | None]
+    ) -> tuple[tuple[core.Stmt, ...], core.Expr | None]:
+        """Run `action` and give what it emitted, and its expression."""
+        self._blocks.append([])
+        value = action()
+        return tuple(self._blocks.pop()), value
+
+    def finish(self) -> tuple[core.Stmt, ...]:
+        """Everything emitted at the outermost level so far."""
+        block = tuple(self._blocks[0])
+        self._blocks[0] = []
+        return block
+
+    def let(self, span: Span, base: str, value: core.Expr, *, mutable: bool = False) -> core.Var:
+        """A new temporary holding `value`."""
+        name = self.fresh(base)
+        self.emit(core.Let(span, name, value, mutable))
+        return core.Var(value.type, name)
+
+    def atom(self, e: core.Expr, span: Span, base: str = "t") -> core.Expr:
+        """The same value in a form that costs nothing to repeat."""
+        probe = e
+        while isinstance(probe, core.Field):
+            probe = probe.target
+        if isinstance(probe, (core.Var, core.Const)):
+            return e
+        return self.let(span, base, e)
+
+    # ------------------------------------------------------------ expressions
+
+    def expr(self, e: typed.TypedExpr) -> core.Expr:
+        """A pure Core expression; what may fault was emitted before."""
+        method = getattr(self, "_" + type(e).__name__.removeprefix("Typed").lower())
+        result = method(e)
+        assert isinstance(result, core.Expr)
+        return result
+
+    def _literal(self, e: typed.Literal) -> core.Expr:
+        return core.Const(core_type(e.type), e.value, e.name)
+
+    def _paramread(self, e: typed.ParamRead) -> core.Expr:
+        return core.Const(core_type(e.type), self.params[e.param], e.param.name)
+
+    def _varread(self, e: typed.VarRead) -> core.Expr:
+        return core.Var(e.type, self.names[e.variable])
+
+    def topic_cell(self, topic: typed.TopicSymbol) -> core.Cell:
+        """The state cell of a topic in this scope."""
+        assert self.scope is not None
+        index = self.scope.topics[topic]
+        return core.Cell("topic", index, self.system.topics[index].name)
+
+    def _topicread(self, e: typed.TopicRead) -> core.Expr:
+        return core.Get(e.type, self.topic_cell(e.topic))
+
+    def _truthread(self, e: typed.TruthRead) -> core.Expr:
+        assert self.scope is not None
+        owner = self.scope.plants[e.instance]
+        assert isinstance(e.type, RecordType)
+        return core.Make(
+            e.type,
+            tuple(core.Get(t, core.Cell("state", owner, n)) for n, t in e.type.fields),
+        )
+
+    def _moderead(self, e: typed.ModeRead) -> core.Expr:
+        assert self.scope is not None
+        return core.Fact(e.type, "mode", self.scope.modules[e.module])
+
+    def _marginread(self, e: typed.MarginRead) -> core.Expr:
+        """(looks * period - late - age) / 1e9 in mode AC where that is positive, else 0.
+
+        In whole ns, which floats hold exactly: a period is below 2^53 ns.
+        """
+        assert self.scope is not None
+        module = self.system.modules[self.scope.modules[e.module]]
+        assert module.looked is not None, module.name
+        topic = self.system.topics[module.looked]
+
+        def op(name: str, left: core.Expr, right: float | core.Expr) -> core.Expr:
+            other = core.Const(FLOAT, right) if isinstance(right, float) else right
+            return core.Binary(BOOL if name == ">" else FLOAT, name, left, other)
+
+        looks = core.Get(topic.type, core.Cell("topic", topic.index, topic.name))
+        room = op("*", core.Unary(FLOAT, "to_float", looks), float(module.period_ns))
+        seconds = core.Fact(FLOAT, "age", topic.index)
+        age = core.Unary(FLOAT, "floor", op("+", op("*", seconds, 1e9), 0.5))
+        left = self.atom(op("-", op("-", room, float(module.late_ns)), age), e.span, "left")
+        mode = core.Fact(MODE, "mode", module.index)
+        in_ac = core.Binary(BOOL, "==", mode, core.Const(MODE, MODE.members.index("AC")))
+        some = core.Binary(BOOL, "&&", in_ac, op(">", left, 0.0))
+        return core.Select(FLOAT, some, op("/", left, 1e9), core.Const(FLOAT, 0.0))
+
+    def _incontrol(self, e: typed.InControl) -> core.Expr:
+        return core.Fact(e.type, "in_control")
+
+    def _timeread(self, e: typed.TimeRead) -> core.Expr:
+        return core.Fact(e.type, "time")
+
+    def _periodread(self, e: typed.PeriodRead) -> core.Expr:
+        return core.Const(e.type, float(self.period_ns) / 1e9, "dt")
+
+    def _ageread(self, e: typed.AgeRead) -> core.Expr:
+        index = self.topic_cell(e.topic).owner
+        source = self.system.topics[index].queue_of  # a queue is as old as its topic
+        return core.Fact(e.type, "age", index if source is None else source)
+
+    def _unary(self, e: typed.TypedUnary) -> core.Expr:
+        operand = self.expr(e.operand)
+        if e.op == "!":
+            return core.Unary(BOOL, "not", operand)
+        if isinstance(e.type, IntType):
+            return self._checked(e.span, "neg", INT, (operand,))
+        if isinstance(e.type, FloatType):
+            return core.Unary(FLOAT, "neg", operand)
+        source = self.atom(operand, e.span, "v")
+        return rebuild(e.type, lambda p: core.Unary(FLOAT, "neg", select(source, p)))
+
+    def _checked(
+        self,
+        span: Span,
+        op: str,
+        t: Type,
+        operands: tuple[core.Expr, ...],
+        limit: core.Expr | None = None,
+    ) -> core.Expr:
+        name = self.fresh({"index": "i", "narrow": "n"}.get(op, op))
+        self.emit(core.Checked(span, name, t, op, operands, limit))
+        return core.Var(t, name)
+
+    def _binary(self, e: typed.TypedBinary) -> core.Expr:
+        if e.op in {"&&", "||"}:
+            return self._short_circuit(e)
+        left = self.expr(e.left)
+        right = self.expr(e.right)
+        if e.type == BOOL:
+            return core.Binary(BOOL, e.op, left, right)
+        if isinstance(e.type, (IntType, DurationType)):
+            return self._checked(e.span, INT_OPS[e.op], INT, (left, right))
+        if e.op == "/":
+            right = self._divisor(right, e.right.span)
+        return core.Binary(FLOAT, e.op, left, right)
+
+    def _divisor(self, right: core.Expr, span: Span) -> core.Expr:
+        if isinstance(right, core.Const) and right.value != 0.0:
+            return right
+        right = self.atom(right, span, "d")
+        nonzero = core.Binary(BOOL, "!=", right, core.Const(FLOAT, 0.0))
+        self.emit(core.Guard(span, nonzero, FaultKind.DIVIDE))
+        return right
+
+    def _short_circuit(self, e: typed.TypedBinary) -> core.Expr:
+        left = self.expr(e.left)
+        if isinstance(left, core.Const):
+            return self.expr(e.right) if left.value == (e.op == "&&") else left
+        block, right = self.capture(lambda: self.expr(e.right))
+        assert right is not None
+        if not block:
+            return core.Binary(BOOL, e.op, left, right)
+        result = self.let(e.span, "both" if e.op == "&&" else "either", left, mutable=True)
+        block = (*block, core.Set(e.span, result.name, BOOL, (), right))
+        condition: core.Expr = result if e.op == "&&" else core.Unary(BOOL, "not", result)
+        self.emit(core.If(e.span, condition, block, ()))
+        return result
+
+    def _vector(self, e: typed.Vector) -> core.Expr:
+        left = self.atom(self.expr(e.left), e.left.span, "a")
+        right_value = self.expr(e.right)
+        right_is_scalar = isinstance(e.right.type, FloatType)
+        if e.op == "/":
+            right = self._divisor(right_value, e.right.span)
+        else:
+            right = self.atom(right_value, e.right.span, "b")
+        left_is_scalar = isinstance(e.left.type, FloatType)
+
+        def leaf(path: tuple[int, ...]) -> core.Expr:
+            a = left if left_is_scalar else select(left, path)
+            b = right if right_is_scalar else select(right, path)
+            return core.Binary(FLOAT, e.op, a, b)
+
+        return rebuild(e.type, leaf)
+
+    def _conditional(self, e: typed.Conditional) -> core.Expr:
+        condition = self.expr(e.condition)
+        if isinstance(condition, core.Const):
+            return self.expr(e.then if condition.value else e.otherwise)
+        then_block, then = self.capture(lambda: self.expr(e.then))
+        else_block, otherwise = self.capture(lambda: self.expr(e.otherwise))
+        assert then is not None
+        assert otherwise is not None
+        t = core_type(e.type)
+        if not then_block and not else_block:
+            return core.Select(t, condition, then, otherwise)
+        result = self.let(e.span, "chosen", core.Const(t, default_value(t)), mutable=True)
+        set_then = core.Set(e.span, result.name, t, (), then)
+        set_else = core.Set(e.span, result.name, t, (), otherwise)
+        self.emit(core.If(e.span, condition, (*then_block, set_then), (*else_block, set_else)))
+        return result
+
+    def _call(self, e: typed.TypedCall) -> core.Expr:
+        arguments = tuple(self.expr(a) for a in e.arguments)
+        function = self.functions.require(e.fun, self.params)
+        name = self.fresh(e.fun.name.rsplit(".", 1)[-1].lower())
+        self.emit(core.Call(e.span, name, function.name, arguments, e.type))
+        return core.Var(e.type, name)
+
+    def _builtin(self, e: typed.Builtin) -> core.Expr:
+        if e.name == "seconds":
+            return self._seconds(self.expr(e.arguments[0]))
+        arguments = [self.expr(a) for a in e.arguments]
+        first = arguments[0]
+        if e.name in {"sqrt", "floor"}:
+            return core.Unary(FLOAT, e.name, first)
+        if e.name == "abs":
+            if isinstance(e.type, IntType):
+                return self._checked(e.span, "abs", INT, (first,))
+            return core.Unary(FLOAT, "abs", first)
+        if e.name in {"min", "max"}:
+            a = self.atom(first, e.span, "a")
+            b = self.atom(arguments[1], e.span, "b")
+            return core.Extreme(e.type, e.name, a, b)
+        if e.name == "float":
+            return (
+                first if isinstance(first.type, FloatType) else core.Unary(FLOAT, "to_float", first)
+            )
+        if e.name == "int":
+            if isinstance(first.type, IntType):
+                return first
+            return self._checked(e.span, "to_int", INT, (first,))
+        if e.name == "dot":
+            return self._dot(self.atom(first, e.span, "a"), self.atom(arguments[1], e.span, "b"))
+        if e.name == "norm":
+            v = self.atom(first, e.span, "v")
+            return core.Unary(FLOAT, "sqrt", self._dot(v, v))
+        assert e.name == "saturate"
+        v = self.atom(first, e.span, "v")
+        limit = self.atom(arguments[1], e.span, "limit")
+        low = self.atom(core.Unary(FLOAT, "neg", limit), e.span, "low")
+
+        def leaf(path: tuple[int, ...]) -> core.Expr:
+            raised = self.let(e.span, "r", core.Extreme(FLOAT, "max", select(v, path), low))
+            return core.Extreme(FLOAT, "min", raised, limit)
+
+        return rebuild(e.type, leaf)
+
+    def _seconds(self, ns: core.Expr) -> core.Expr:
+        if isinstance(ns, core.Const):
+            return core.Const(FLOAT, float(ns.value) / 1e9, ns.name)
+        whole = core.Unary(FLOAT, "to_float", ns)
+        return core.Binary(FLOAT, "/", whole, core.Const(FLOAT, 1e9))
+
+    def _dot(self, a: core.Expr, b: core.Expr) -> core.Expr:
+        total: core.Expr | None = None
+        for path, _ in index_components(a.type):
+            product = core.Binary(FLOAT, "*", select(a, path), select(b, path))
+            total = product if total is None else core.Binary(FLOAT, "+", total, product)
+        assert total is not None
+        return total
+
+    def _field(self, e: typed.TypedField) -> core.Expr:
+        target = self.expr(e.target)
+        if isinstance(target, core.Make):
+            return target.elements[e.index]
+        return core.Field(e.type, target, e.index)
+
+    def _index(self, e: typed.Index) -> core.Expr:
+        target = self.expr(e.target)
+        if not isinstance(target, core.Const):
+            target = self._stable(target, e.target.span)
+        index = self.safe_index(target, self.expr(e.index), e.index.span)
+        return core.Element(e.type, target, index)
+
+    def _stable(self, e: core.Expr, span: Span) -> core.Expr:
+        """Something that can be indexed in place: a temporary, a cell, or a part of one."""
+        probe = e
+        while isinstance(probe, (core.Field, core.Element)):
+            probe = probe.target
+        return e if isinstance(probe, (core.Var, core.Get, core.Const)) else self.let(span, "v", e)
+
+    def safe_index(self, target: core.Expr, index: core.Expr, span: Span) -> core.Expr:
+        """An index that is inside, whatever happens; faults when the given one is not."""
+        t = target.type
+        if isinstance(t, ArrayType):
+            if isinstance(index, core.Const) and 0 <= index.value < t.size:
+                return index
+            return self._checked(span, "index", INT, (index,), core.Const(INT, t.size))
+        return self._checked(span, "index", INT, (index,), core.Length(INT, target))
+
+    def _length(self, e: typed.TypedLength) -> core.Expr:
+        return core.Length(INT, self._stable(self.expr(e.target), e.span))
+
+    def _aggregate(self, e: typed.Aggregate) -> core.Expr:
+        values = [self.expr(x) for x in e.elements]
+        if e.order is not None:
+            ordered = list(values)
+            for position, index in enumerate(e.order):
+                ordered[index] = values[position]
+            values = ordered
+        return core.Make(e.type, tuple(values))
+
+    def _choose(self, e: typed.TypedChoose) -> core.Expr:
+        """The options first, left to right; then the choice, also where there is only one."""
+        options = [self.atom(self.expr(o), o.span, "option") for o in e.options]
+        ages = None if e.ages is None else self.names[e.ages]
+        t = INT if options else core_type(e.type)
+        name = self.fresh("choice")
+        self.emit(core.Choose(e.span, name, t, e.count, 0 if options else e.low, ages))
+        chosen = core.Var(t, name)
+        if not options:
+            return chosen
+        value = options[-1]
+        for k in range(len(options) - 2, -1, -1):
+            is_k = core.Binary(BOOL, "==", chosen, core.Const(INT, k))
+            value = core.Select(value.type, is_k, options[k], value)
+        return self.let(e.span, "chosen", value)
+
+    def _narrow(self, e: typed.Narrow) -> core.Expr:
+        operand = self.expr(e.operand)
+        have, want = e.operand.type, e.type
+        assert isinstance(have, IntType)
+        assert isinstance(want, IntType)
+        if want.low <= have.low and have.high <= want.high:
+            return operand
+        return self._checked(e.span, "narrow", e.type, (operand,))

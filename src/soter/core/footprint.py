@@ -1,0 +1,76 @@
+"""Which cells Core reads and writes.
+
+Purpose: the footprint of a step: what reduction in the explorer and the frame of a proof rest on.
+Non-goals: alias analysis; cells are whole topics, locals and states.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from soter.core import core
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.language.model.system import System
+
+
+def walk(root: object) -> Iterator[object]:
+    """Every Core expression and statement below `root`, in order."""
+    stack = [root]
+    while stack:
+        node = stack.pop()
+        if isinstance(node, tuple):
+            stack.extend(reversed(node))
+        elif isinstance(node, (core.Expr, core.Stmt)):
+            yield node
+            stack.extend(
+                getattr(node, f.name)
+                for f in reversed(fields(node))
+                if f.name not in {"type", "span", "value"}
+                or isinstance(getattr(node, f.name), core.Expr)
+            )
+
+
+def footprint_of(statements: tuple[core.Stmt, ...]) -> core.Footprint:
+    """Cells, modes and stamps that some statements may read."""
+    result = core.Footprint()
+    for node in walk(statements):
+        if isinstance(node, core.Get):
+            result.reads.add(node.cell)
+        elif isinstance(node, core.Fact):
+            if node.fact == "mode":
+                result.modes.add(node.index)
+            elif node.fact == "age":
+                result.stamps.add(node.index)
+    return result
+
+
+def written_names(statements: tuple[core.Stmt, ...]) -> set[str]:
+    """Names of temporaries that are assigned after their creation."""
+    names = set()
+    for n in walk(statements):
+        if isinstance(n, (core.Set, core.Push)):
+            names.add(n.name)
+        elif isinstance(n, core.Choose) and n.ages is not None:
+            names.add(n.ages)
+    return names
+
+
+def written_topics(system: System, topic: int) -> list[core.Cell]:
+    """The cells that a publication changes: the topic and the queues behind it."""
+    indices = (topic, *system.topics[topic].queues)
+    return [core.Cell("topic", i, system.topics[i].name) for i in indices]
+
+
+def always_published(code: tuple[core.Stmt, ...]) -> set[int]:
+    """The outputs that every way through a step publishes."""
+    outputs: set[int] = set()
+    for s in code:
+        if isinstance(s, core.Publish):
+            outputs.add(s.output)
+        elif isinstance(s, core.If):
+            outputs |= always_published(s.then) & always_published(s.otherwise)
+    return outputs

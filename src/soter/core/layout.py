@@ -1,0 +1,449 @@
+"""Storage: how the state of a system lies in memory.
+
+Purpose: sizes, alignments, offsets, the numpy dtype and the byte image of values; the one
+definition behind the generated struct, the trace and `trace_sha256`.
+Non-goals: C text (`codegen/`).
+
+Rules: fields are ordered by alignment, largest first, ties as declared; every struct is padded
+to its alignment by explicit bytes that are always zero; groups are padded to 8. So there are no
+implicit holes and a state is its bytes.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any
+
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from soter.language.model.data_table import Table
+    from soter.language.model.system import System
+    from soter.language.model.types import Type, Value
+
+INT_KINDS = (
+    ("b", 1, -(2**7), 2**7 - 1, "int8_t", "<i1"),
+    ("B", 1, 0, 2**8 - 1, "uint8_t", "<u1"),
+    ("h", 2, -(2**15), 2**15 - 1, "int16_t", "<i2"),
+    ("H", 2, 0, 2**16 - 1, "uint16_t", "<u2"),
+    ("i", 4, -(2**31), 2**31 - 1, "int32_t", "<i4"),
+    ("I", 4, 0, 2**32 - 1, "uint32_t", "<u4"),
+    ("q", 8, -(2**63), 2**63 - 1, "int64_t", "<i8"),
+)
+CANONICAL_NAN = struct.pack("<Q", 0x7FF8000000000000)
+NEVER = -(2**62)
+
+FORMATS = {"<i8": "q", "<u8": "Q", "<u4": "I", "<u1": "B"}
+RESERVED = "reserved"
+"""Of a fixed struct: bytes that are zero at the end of every instant."""
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A struct of `soter.h` that every state has: (name, numpy format, count) in order."""
+
+    fields: tuple[tuple[str, str, int], ...]
+
+    @cached_property
+    def image(self) -> struct.Struct:
+        """How it is packed."""
+        parts = [self._format(*f) for f in self.fields]
+        return struct.Struct("<" + "".join(parts))
+
+    def _format(self, name: str, numpy: str, count: int) -> str:
+        one = FORMATS[numpy]
+        return f"{struct.calcsize(one) * count}x" if name == RESERVED else one * count
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return self.image.size
+
+    def dtype(self) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
+        """The fields for a numpy dtype."""
+        return [(n, t) if count == 1 else (n, t, (count,)) for n, t, count in self.fields]
+
+    def pack_into(self, buffer: bytearray, offset: int, **values: int) -> None:
+        """Write one; `values` has every field but what is reserved, by name."""
+        assert len(values) == len(self._names), values.keys() ^ set(self._names)
+        self.image.pack_into(buffer, offset, *[values[name] for name in self._names])
+
+    def unpack_from(self, buffer: bytes, offset: int) -> dict[str, int]:
+        """Every field but what is reserved, by name."""
+        return dict(zip(self._names, self.image.unpack_from(buffer, offset), strict=True))
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple([name for name, _, _ in self.fields if name != RESERVED])
+
+
+HEADER = Fixed(
+    (
+        ("ct", "<i8", 1),
+        ("seed", "<u8", 1),
+        ("seed_key", "<u8", 1),
+        ("violations", "<u4", 1),
+        ("reserved", "<u4", 1),
+    )
+)
+COMPONENT = Fixed(
+    (
+        ("next", "<i8", 1),
+        ("faults", "<u4", 1),
+        ("last_fault", "<u1", 1),
+        ("oe", "<u1", 1),
+        ("latched", "<u1", 1),
+        ("had_control", "<u1", 1),
+        ("pending", "<u1", 1),
+        ("reserved", "<u1", 7),
+    )
+)
+MODULE = Fixed(
+    (
+        ("ac_ns", "<i8", 1),
+        ("mode_since", "<i8", 1),
+        ("to_sc", "<u4", 1),
+        ("to_ac", "<u4", 1),
+        ("gate_faults", "<u4", 1),
+        ("clean_needed", "<u4", 1),
+        ("mode", "<u1", 1),
+        ("gate_fault", "<u1", 1),
+        ("ttf", "<u1", 1),
+        ("safer", "<u1", 1),
+        ("stale", "<u1", 1),
+        ("saw_gate_fault", "<u1", 1),
+        ("reserved", "<u1", 2),
+    )
+)
+PROPERTY = Fixed(
+    (("first_ns", "<i8", 1), ("count", "<u4", 1), ("active", "<u1", 1), ("reserved", "<u1", 3))
+)
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """Storage of a scalar: struct format, size, C type, numpy format."""
+
+    format: str
+    size: int
+    c_type: str
+    numpy: str
+
+
+@cache
+def scalar(t: Type) -> Scalar | None:
+    """Storage of a scalar type, None for aggregates."""
+    if isinstance(t, FloatType):
+        return Scalar("d", 8, "double", "<f8")
+    if isinstance(t, BoolType):
+        return Scalar("B", 1, "uint8_t", "<u1")
+    if isinstance(t, EnumType):
+        return (
+            Scalar("B", 1, "uint8_t", "<u1")
+            if len(t.members) <= 256
+            else Scalar("H", 2, "uint16_t", "<u2")
+        )
+    if isinstance(t, IntType):
+        for fmt, size, low, high, c_type, numpy in INT_KINDS:
+            if low <= t.low and t.high <= high:
+                return Scalar(fmt, size, c_type, numpy)
+    return None
+
+
+def storage_range(s: Scalar) -> tuple[int, int]:
+    """The smallest and largest int that the storage can hold."""
+    return next((low, high) for fmt, _, low, high, _, _ in INT_KINDS if fmt == s.format)
+
+
+@dataclass(frozen=True)
+class LayoutMember:
+    """A member of a struct: source name, type (None for raw bytes), offset."""
+
+    name: str
+    type: Type
+    offset: int
+    index: int
+    """Position in declared order."""
+
+
+@dataclass(frozen=True)
+class Struct:
+    """A laid-out struct: members in storage order, then `padding` zero bytes."""
+
+    members: tuple[LayoutMember, ...]
+    size: int
+    align: int
+    padding: int
+
+
+def arrange(fields: tuple[tuple[str, Type], ...], minimum_align: int = 1) -> Struct:
+    """Order fields by alignment and place them without holes."""
+    order = sorted(range(len(fields)), key=lambda i: -align_of(fields[i][1]))
+    offset = 0
+    members = []
+    for i in order:
+        name, t = fields[i]
+        members.append(LayoutMember(name, t, offset, i))
+        offset += size_of(t)
+    align = max([minimum_align, *(align_of(t) for _, t in fields)])
+    size = -(-offset // align) * align
+    return Struct(tuple(members), size, align, size - offset)
+
+
+LENGTH = IntType(0, 2**31 - 1)
+
+
+@cache
+def struct_of(t: Type) -> Struct:
+    """The struct behind a record or a bounded list (members `items` and `len`)."""
+    if isinstance(t, RecordType):
+        return arrange(t.fields)
+    assert isinstance(t, ListType)
+    return arrange((("items", ArrayType(t.element, t.capacity)), ("len", LENGTH)))
+
+
+@cache
+def size_of(t: Type) -> int:
+    """Bytes of a stored value."""
+    s = scalar(t)
+    if s is not None:
+        return s.size
+    if isinstance(t, ArrayType):
+        return t.size * size_of(t.element)
+    return struct_of(t).size
+
+
+@cache
+def align_of(t: Type) -> int:
+    """Alignment of a stored value."""
+    s = scalar(t)
+    if s is not None:
+        return s.size
+    if isinstance(t, ArrayType):
+        return align_of(t.element)
+    return struct_of(t).align
+
+
+def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
+    """Write a value's image; the buffer is zero there beforehand."""
+    s = scalar(t)
+    if s is not None:
+        if isinstance(t, FloatType) and value != value:  # noqa: PLR0124 - NaN is stored canonically
+            buffer[offset : offset + 8] = CANONICAL_NAN
+        else:
+            struct.pack_into("<" + s.format, buffer, offset, value)
+    elif isinstance(t, RecordType):
+        for m in struct_of(t).members:
+            encode_into(buffer, offset + m.offset, m.type, value[m.index])
+    elif isinstance(t, ArrayType):
+        step = size_of(t.element)
+        for i, element in enumerate(value):
+            encode_into(buffer, offset + i * step, t.element, element)
+    else:
+        assert isinstance(t, ListType)
+        layout = struct_of(t)
+        items = next(m for m in layout.members if m.name == "items")
+        length = next(m for m in layout.members if m.name == "len")
+        step = size_of(t.element)
+        for i, element in enumerate(value):
+            encode_into(buffer, offset + items.offset + i * step, t.element, element)
+        struct.pack_into("<i", buffer, offset + length.offset, len(value))
+
+
+def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
+    """The image of a table."""
+    if not value.of_floats or len(value) * size_of(t.element) != len(value.packed):
+        whole = bytearray(size_of(t))
+        encode_into(whole, 0, t, value)
+        return bytes(whole)
+    if isinstance(t, ArrayType):
+        return value.packed
+    whole = bytearray(size_of(t))
+    places = {m.name: m.offset for m in struct_of(t).members}
+    struct.pack_into("<i", whole, places["len"], len(value))
+    whole[places["items"] : places["items"] + len(value.packed)] = value.packed
+    return bytes(whole)
+
+
+def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - any buffer
+    """Read a value back from its image. ValueError for a list of a length that its type has not."""
+    s = scalar(t)
+    if s is not None:
+        value = struct.unpack_from("<" + s.format, buffer, offset)[0]
+        return bool(value) if isinstance(t, BoolType) else value
+    if isinstance(t, RecordType):
+        fields: list[Value] = [None] * len(t.fields)
+        for m in struct_of(t).members:
+            fields[m.index] = decode_from(buffer, offset + m.offset, m.type)
+        return tuple(fields)
+    if isinstance(t, ArrayType):
+        step = size_of(t.element)
+        return tuple(decode_from(buffer, offset + i * step, t.element) for i in range(t.size))
+    assert isinstance(t, ListType)
+    layout = struct_of(t)
+    items = next(m for m in layout.members if m.name == "items")
+    length = next(m for m in layout.members if m.name == "len")
+    n = struct.unpack_from("<i", buffer, offset + length.offset)[0]
+    if not 0 <= n <= t.capacity:
+        raise ValueError(f"a length of {n} in `{t}`")
+    step = size_of(t.element)
+    return tuple(decode_from(buffer, offset + items.offset + i * step, t.element) for i in range(n))
+
+
+def numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
+    """A numpy dtype (argument) of the same image."""
+    import numpy as np  # noqa: PLC0415 - only traces need numpy
+
+    s = scalar(t)
+    if s is not None:
+        return np.dtype(s.numpy)
+    if isinstance(t, ArrayType):
+        return np.dtype((numpy_dtype(t.element), (t.size,)))
+    layout = struct_of(t)
+    return np.dtype(
+        {
+            "names": [m.name for m in layout.members],
+            "formats": [numpy_dtype(m.type) for m in layout.members],
+            "offsets": [m.offset for m in layout.members],
+            "itemsize": layout.size,
+        }
+    )
+
+
+@dataclass(frozen=True)
+class StructGroup:
+    """A named struct inside the state: all topics, or one component's locals."""
+
+    name: str
+    owner: int
+    """Component index, -1 for the topics."""
+    struct: Struct
+    offset: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateLayout:
+    """The state struct of a system."""
+
+    components: int
+    modules: int
+    properties: int
+    topics: int
+    component_offset: int
+    module_offset: int
+    property_offset: int
+    stamp_offset: int
+    groups: tuple[StructGroup, ...]
+    size: int
+
+    def topic_offset(self, index: int) -> int:
+        """Byte offset of a topic's value."""
+        group = self.groups[0]
+        return group.offset + next(m.offset for m in group.struct.members if m.index == index)
+
+    def member(self, owner: int, index: int) -> tuple[int, Type]:
+        """Offset and type of local or state number `index` of a component."""
+        group = next(g for g in self.groups if g.owner == owner)
+        m = next(m for m in group.struct.members if m.index == index)
+        return group.offset + m.offset, m.type
+
+
+def state_layout(system: System) -> StateLayout:
+    """Lay out the state of a system."""
+    n, m, p, t = (
+        len(system.components),
+        len(system.modules),
+        len(system.properties),
+        len(system.topics),
+    )
+    component_offset = HEADER.size
+    module_offset = component_offset + n * COMPONENT.size
+    property_offset = module_offset + m * MODULE.size
+    stamp_offset = property_offset + p * PROPERTY.size
+    offset = stamp_offset + 8 * t
+    groups: list[StructGroup] = []
+
+    def add(name: str, owner: int, fields: tuple[tuple[str, Type], ...]) -> None:
+        nonlocal offset
+        layout = arrange(fields, minimum_align=8)
+        groups.append(StructGroup(name, owner, layout, offset))
+        offset += layout.size
+
+    add("topics", -1, tuple((x.name, x.type) for x in system.topics))
+    for c in system.components:
+        variables = c.node.locals if c.node else c.plant.states if c.plant else ()
+        if variables:
+            add(c.name, c.index, tuple((v.name, v.type) for v in variables))
+    return StateLayout(
+        components=n,
+        modules=m,
+        properties=p,
+        topics=t,
+        component_offset=component_offset,
+        module_offset=module_offset,
+        property_offset=property_offset,
+        stamp_offset=stamp_offset,
+        groups=tuple(groups),
+        size=offset,
+    )
+
+
+FIXED_FIELDS = ("header", "components", "modules", "properties", "stamps", "topics")
+
+
+def group_field(group: StructGroup) -> str:
+    """The field of the dtype that holds a group: its name, or `header_` for one called `header`."""
+    taken = group.owner >= 0 and group.name.rstrip("_") in FIXED_FIELDS
+    return f"{group.name}_" if taken else group.name
+
+
+def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
+    """The whole state as a numpy dtype: header, components, modules, properties, stamps, groups."""
+    import numpy as np  # noqa: PLC0415 - only traces need numpy
+
+    names = [*FIXED_FIELDS[:5]]
+    formats: list[Any] = [
+        np.dtype(HEADER.dtype()),
+        np.dtype((np.dtype(COMPONENT.dtype()), (layout.components,))),
+        np.dtype((np.dtype(MODULE.dtype()), (layout.modules,))),
+        np.dtype((np.dtype(PROPERTY.dtype()), (layout.properties,))),
+        np.dtype(("<i8", (layout.topics,))),
+    ]
+    offsets = [
+        0,
+        layout.component_offset,
+        layout.module_offset,
+        layout.property_offset,
+        layout.stamp_offset,
+    ]
+    for g in layout.groups:
+        if not g.struct.members:
+            continue
+        names.append(group_field(g))
+        formats.append(
+            np.dtype(
+                {
+                    "names": [m.name for m in g.struct.members],
+                    "formats": [numpy_dtype(m.type) for m in g.struct.members],
+                    "offsets": [m.offset for m in g.struct.members],
+                    "itemsize": g.struct.size,
+                }
+            )
+        )
+        offsets.append(g.offset)
+    del system
+    return np.dtype(
+        {"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.size}
+    )

@@ -1,0 +1,257 @@
+"""Lower plants: draws, integration, publication.
+
+Purpose: the numerical scheme of docs/semantics.md written out in Core, so that every back end
+(doubles, intervals) sees the same operations in the same order.
+Non-goals: the random generator (the runtime's), validated integration (`reach/`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.core import core
+from soter.core.footprint import footprint_of, written_topics
+from soter.core.statements import Builder
+from soter.core.vector_values import rebuild, select
+from soter.language.model.tree_walk import chosen_lets, first_lets
+from soter.language.model.types import FLOAT, RecordType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.core.statements import FunctionTable
+    from soter.language.model import typed
+    from soter.language.model.system import Component, System
+
+    Derivative = Callable[[core.Expr, str], core.Var]
+
+
+def lower_plant(functions: FunctionTable, system: System, component: Component) -> core.PlantStep:
+    """One release of a plant."""
+    return _Plant(functions, system, component).run()
+
+
+class _Plant:
+    def __init__(self, functions: FunctionTable, system: System, component: Component) -> None:
+        assert component.plant is not None
+        self.functions = functions
+        self.system = system
+        self.component = component
+        self.plant: typed.PlantSymbol = component.plant
+        self.builder = Builder(functions, system, component.scope)
+        self.builder.period_ns = component.period_ns
+        self.copies: list[core.LocalCopy] = []
+        self.chosen = chosen_lets(component.plant)
+
+    def run(self) -> core.PlantStep:
+        b, plant = self.builder, self.plant
+        for v in plant.states:
+            name = b.bind(v)
+            written = plant.extern or v in plant.der or v in plant.next
+            cell = core.Cell("state", self.component.index, v.name)
+            self.copies.append(core.LocalCopy(cell, name, v.type, written))
+        disturbances = []
+        for d in self.component.disturbances:
+            name = b.bind(d.variable)
+            draws = tuple(core.Draw(s, d.low, d.high, d.hold_ns) for s in d.streams)
+            disturbances.append((name, d.variable.type, draws))
+        for variable, value in first_lets(plant):
+            self._let(variable, value)
+        choose = b.finish()
+        integrate: tuple[core.Stmt, ...] = ()
+        if not plant.extern:
+            self._integrate()
+            integrate = b.finish()
+        self._lets()
+        outputs = []
+        for number, (topic, value) in enumerate(plant.drives):
+            b.emit(core.Publish(plant.span, number, b.expr(value)))
+            index = self.component.scope.topics[topic]
+            outputs.append(core.Output(index, topic.type, self.system.topics[index].bounds))
+        publish = b.finish()
+        by_topic = {o.topic: i for i, o in enumerate(outputs)}
+        noise = tuple(
+            (by_topic[m.topic], m.leaf, core.Draw(m.stream, -m.bound, m.bound, -1))
+            for m in self.component.measured
+        )
+        footprint = footprint_of((*choose, *integrate, *publish))
+        for c in self.copies:
+            footprint.reads.add(c.cell)
+            if c.written:
+                footprint.writes.add(c.cell)
+        for o in outputs:
+            footprint.writes.update(written_topics(self.system, o.topic))
+        return core.PlantStep(
+            component=self.component.index,
+            states=tuple(self.copies),
+            disturbances=tuple(disturbances),
+            choose=choose,
+            integrate=integrate,
+            publish=publish,
+            outputs=tuple(outputs),
+            noise=noise,
+            footprint=footprint,
+            span=plant.span,
+            extern=plant.extern,
+        )
+
+    def _lets(self) -> None:
+        """All lets on the present states, but for those that chose; fresh temporaries each time."""
+        for variable, value in self.plant.lets:
+            if variable not in self.chosen:
+                self._let(variable, value)
+
+    def _let(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
+        e = self.builder.expr(value)
+        name = self.builder.bind(variable)
+        self.builder.emit(core.Let(self.plant.span, name, e))
+
+    def _integrate(self) -> None:
+        b, plant, span = self.builder, self.plant, self.plant.span
+        new: list[tuple[typed.Variable, core.Expr]] = []
+        if plant.next:
+            self._lets()
+            for v, e in plant.next.items():
+                new.append((v, b.let(span, f"next_{v.name}", b.expr(e))))
+        if plant.der:
+            x = self._scheme()
+            for i, v in enumerate(plant.der):
+                t = v.type
+                new.append((v, core.Field(t, x, i)))
+        for v, value in new:
+            b.emit(core.Set(span, b.names[v], v.type, (), value))
+
+    def _scheme(self) -> core.Expr:
+        """Integrate all `der` states together; gives the record of their new values."""
+        b, plant, span = self.builder, self.plant, self.plant.span
+        step_of_scheme = STEPS[plant.method]
+        record = RecordType(tuple((v.name, v.type) for v in plant.der), f"{plant.name}.derivative")
+        function, extra = self._derivative(record)
+        h = float(self.component.period_ns) / 1e9 / float(self.component.substeps)
+        old = core.Make(record, tuple(core.Var(v.type, b.names[v]) for v in plant.der))
+        x = b.let(span, "x", old, mutable=True)
+
+        def f(at: core.Expr, name: str) -> core.Var:
+            result = b.fresh(name)
+            b.emit(core.Call(span, result, function.name, (at, *extra), record))
+            return core.Var(record, result)
+
+        def step() -> None:
+            value = step_of_scheme(self, record, x, f, h)
+            b.emit(core.Set(span, x.name, record, (), value))
+
+        if self.component.substeps == 1:
+            step()
+        else:
+            body, _ = b.capture(step)
+            b.emit(core.Loop(span, b.fresh("substep"), 0, self.component.substeps, body))
+        return x
+
+    def euler(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
+        """One step of Euler's scheme."""
+        k = f(x, "k1")
+        return rebuild(record, lambda p: _add(select(x, p), _mul(h, select(k, p))))
+
+    def rk4(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
+        """One step of the classical Runge-Kutta scheme."""
+        b, span = self.builder, self.plant.span
+
+        def moved(name: str, scale: float, k: core.Var) -> core.Var:
+            value = rebuild(record, lambda p: _add(select(x, p), _mul(scale, select(k, p))))
+            return b.let(span, name, value)
+
+        k1 = f(x, "k1")
+        k2 = f(moved("x2", h * 0.5, k1), "k2")
+        k3 = f(moved("x3", h * 0.5, k2), "k3")
+        k4 = f(moved("x4", h, k3), "k4")
+
+        def leaf(p: tuple[int, ...]) -> core.Expr:
+            total = _add(
+                _add(_add(select(k1, p), _mul(2.0, select(k2, p))), _mul(2.0, select(k3, p))),
+                select(k4, p),
+            )
+            return _add(select(x, p), _mul(h / 6.0, total))
+
+        return rebuild(record, leaf)
+
+    def _derivative(self, record: RecordType) -> tuple[core.Function, tuple[core.Expr, ...]]:
+        """The right-hand side as a function of the `der` states and everything else it reads."""
+        outer, plant, span = self.builder, self.plant, self.plant.span
+        inner = _RightHandSide(self.functions, self.system, self.component.scope)
+        inner.period_ns = self.component.period_ns
+        parameters = [core.Parameter(inner.fresh("x"), record)]
+        extra: list[core.Expr] = []
+        for i, v in enumerate(plant.der):
+            name = inner.bind(v)
+            inner.emit(core.Let(span, name, core.Field(v.type, core.Var(record, "x"), i)))
+        others = [v for v in plant.states if v not in plant.der]
+        others += [d.variable for d in self.component.disturbances]
+        others += self.chosen
+        for v in others:
+            parameters.append(core.Parameter(inner.bind(v), v.type))
+            extra.append(core.Var(v.type, outer.names[v]))
+        for topic in plant.reads:
+            name = inner.fresh(topic.name.rsplit(".", 1)[-1])
+            inner.topics[topic] = name
+            parameters.append(core.Parameter(name, topic.type))
+            extra.append(core.Get(topic.type, outer.topic_cell(topic)))
+        inner.time = inner.fresh("time")
+        parameters.append(core.Parameter(inner.time, FLOAT))
+        extra.append(core.Fact(FLOAT, "time"))
+        for variable, value in plant.lets:
+            if variable not in self.chosen:
+                e = inner.expr(value)
+                inner.emit(core.Let(span, inner.bind(variable), e))
+        values = tuple(inner.expr(e) for e in plant.der.values())
+        for index, name in inner.ages.items():
+            parameters.append(core.Parameter(name, FLOAT))
+            extra.append(core.Fact(FLOAT, "age", index))
+        function = core.Function(
+            name=self.functions.unique(f"{self.component.name}_derivative"),
+            source_name=f"{plant.name}: der",
+            parameters=tuple(parameters),
+            result_type=record,
+            body=inner.finish(),
+            result=core.Make(record, values),
+            span=span,
+            source=None,
+            can_fault=inner.can_fault,
+        )
+        self.functions.add(function)
+        return function, tuple(extra)
+
+
+STEPS = {"euler": _Plant.euler, "rk4": _Plant.rk4}
+"""One step of every scheme (`SCHEMES`)."""
+
+
+class _RightHandSide(Builder):
+    """A builder inside a pure function: topics, time and ages come as parameters."""
+
+    def __init__(self, functions: FunctionTable, system: System, scope: object) -> None:
+        super().__init__(functions, system, scope)  # type: ignore[arg-type]
+        self.topics: dict[typed.TopicSymbol, str] = {}
+        self.time = ""
+        self.ages: dict[int, str] = {}
+        """Topic index -> parameter with its age, for the ages that are read."""
+
+    def _topicread(self, e: typed.TopicRead) -> core.Expr:
+        return core.Var(e.type, self.topics[e.topic])
+
+    def _timeread(self, e: typed.TimeRead) -> core.Expr:
+        return core.Var(e.type, self.time)
+
+    def _ageread(self, e: typed.AgeRead) -> core.Expr:
+        index = self.topic_cell(e.topic).owner
+        if index not in self.ages:
+            short = e.topic.name.rsplit(".", 1)[-1]
+            self.ages[index] = self.fresh(f"age_{short}")
+        return core.Var(e.type, self.ages[index])
+
+
+def _add(a: core.Expr, b: core.Expr) -> core.Expr:
+    return core.Binary(FLOAT, "+", a, b)
+
+
+def _mul(scale: float, e: core.Expr) -> core.Expr:
+    return core.Binary(FLOAT, "*", core.Const(FLOAT, scale), e)

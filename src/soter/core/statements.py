@@ -1,0 +1,315 @@
+"""Lower statements to Core, and the functions that they call.
+
+Purpose: early returns become a single exit. Functions are lowered on demand, callees first, under
+unique names.
+Non-goals: expressions (`expressions.py`), what steps consist of (`steps.py`, `plants.py`), C names.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.core import core
+from soter.core.expressions import ExpressionBuilder
+from soter.language.check.statements import always_returns
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.model import typed
+from soter.language.model.data_table import Table
+from soter.language.model.tree_walk import nodes
+from soter.language.model.types import (
+    BOOL,
+    INT,
+    ArrayType,
+    ListType,
+    RecordType,
+    default_value,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.diagnostics.span import Span
+    from soter.language.model.system import Scope, System
+    from soter.language.model.types import Type, Value
+
+
+class Builder(ExpressionBuilder):
+    """Lowers the body of one function, step or predicate."""
+
+    def __init__(
+        self,
+        functions: FunctionTable,
+        system: System,
+        scope: Scope | None,
+        params: Mapping[typed.ParamSymbol, Value] | None = None,
+    ) -> None:
+        super().__init__(functions, system, scope, params)
+        self.outputs: dict[typed.TopicSymbol, int] = {}
+        self._result: tuple[str, Type] | None = None
+        self.leave: str | None = None
+        """The flag of having returned."""
+
+    # ------------------------------------------------------------ statements
+
+    def block(self, statements: tuple[typed.TypedStmt, ...]) -> None:
+        """Lower a sequence; what follows a possible return runs only if it did not happen."""
+        for position, s in enumerate(statements):
+            rest = statements[position + 1 :]
+            if self._result is not None and may_return(s):
+                self._returning(s, rest)
+                return
+            self.statement(s)
+
+    def _returning(self, s: typed.TypedStmt, rest: tuple[typed.TypedStmt, ...]) -> None:
+        if isinstance(s, typed.TypedReturn):
+            self.statement(s)
+            return
+        if isinstance(s, typed.TypedIf):
+            arms = [*(b for _, b in s.arms), s.otherwise]
+            falling = [i for i, b in enumerate(arms) if not always_returns(b)]
+            partly = [i for i in falling if any(may_return(x) for x in arms[i])]
+            if len(falling) <= 1 and not partly:
+                appended = [(*b, *rest) if i in falling else b for i, b in enumerate(arms)]
+                new = typed.TypedIf(
+                    s.span,
+                    tuple((c, b) for (c, _), b in zip(s.arms, appended[:-1], strict=True)),
+                    appended[-1],
+                )
+                self._if(new)
+                return
+        if self.leave is None:
+            self.leave = self.fresh("done")
+            self._blocks[0].insert(
+                0,
+                core.Let(s.span, self.leave, core.Const(BOOL, False), True),
+            )
+        self.statement(s)
+        if rest:
+            inner, _ = self.capture(lambda: self.block(rest))
+            if inner:
+                undone = core.Unary(BOOL, "not", core.Var(BOOL, self.leave))
+                self.emit(core.If(rest[0].span, undone, inner, ()))
+
+    def statement(self, s: typed.TypedStmt) -> None:
+        """Lower one statement."""
+        if isinstance(s, typed.TypedDeclare):
+            value = self.expr(s.value)
+            name = self.bind(s.variable)
+            self.emit(core.Let(s.span, name, value, s.variable.kind == "var"))
+        elif isinstance(s, typed.TypedAssign):
+            path = self._path(s.place)
+            value = self.expr(s.value)
+            variable = s.place.variable
+            self.emit(core.Set(s.span, self.names[variable], variable.type, path, value))
+        elif isinstance(s, typed.TypedPush):
+            path = self._path(s.place)
+            value = self.expr(s.value)
+            variable = s.place.variable
+            self.emit(core.Push(s.span, self.names[variable], variable.type, path, value))
+        elif isinstance(s, typed.TypedPublish):
+            self.emit(core.Publish(s.span, self.outputs[s.topic], self.expr(s.value), s.limit))
+        elif isinstance(s, typed.TypedReturn):
+            assert self._result is not None
+            value = self.expr(s.value)
+            self.emit(core.Set(s.span, self._result[0], self._result[1], (), value))
+            if self.leave is not None:
+                self.emit(core.Set(s.span, self.leave, BOOL, (), core.Const(BOOL, True)))
+        elif isinstance(s, typed.Assert):
+            self.emit(core.Guard(s.span, self.expr(s.condition), FaultKind.ASSERT))
+        elif isinstance(s, typed.TypedIf):
+            self._if(s)
+        elif isinstance(s, typed.ForRange):
+            self._for_range(s)
+        else:
+            assert isinstance(s, typed.ForEach)
+            self._for_each(s)
+
+    def _path(self, place: typed.Place) -> tuple[int | core.Expr, ...]:
+        path: list[int | core.Expr] = []
+        prefix: core.Expr = core.Var(place.variable.type, self.names[place.variable])
+        for step in place.path:
+            t = prefix.type
+            if isinstance(step, int):
+                assert isinstance(t, RecordType)
+                path.append(step)
+                prefix = core.Field(t.fields[step][1], prefix, step)
+            else:
+                index = self.safe_index(prefix, self.expr(step), step.span)
+                assert isinstance(t, (ArrayType, ListType))
+                path.append(index)
+                prefix = core.Element(t.element, prefix, index)
+        return tuple(path)
+
+    def _if(self, s: typed.TypedIf) -> None:
+        (condition, body), *more = s.arms
+        c = self.expr(condition)
+        if isinstance(c, core.Const):  # a parameter decides: the other branch is not there
+            if c.value:
+                self.block(body)
+            elif more:
+                self._if(typed.TypedIf(more[0][0].span, tuple(more), s.otherwise))
+            else:
+                self.block(s.otherwise)
+            return
+        then, _ = self.capture(lambda: self.block(body))
+        if more:
+            rest = typed.TypedIf(more[0][0].span, tuple(more), s.otherwise)
+            otherwise, _ = self.capture(lambda: self._if(rest))
+        else:
+            otherwise, _ = self.capture(lambda: self.block(s.otherwise))
+        self.emit(core.If(s.span, c, then, otherwise))
+
+    def _guarded_body(self, body: tuple[typed.TypedStmt, ...], span: Span) -> None:
+        """A loop body that is skipped once the function has returned."""
+        if self.leave is None or self._result is None or not any(may_return(x) for x in body):
+            self.block(body)
+            return
+        inner, _ = self.capture(lambda: self.block(body))
+        self.emit(core.If(span, core.Unary(BOOL, "not", core.Var(BOOL, self.leave)), inner, ()))
+
+    def _for_range(self, s: typed.ForRange) -> None:
+        name = self.bind(s.variable)
+        body, _ = self.capture(lambda: self._guarded_body(s.body, s.span))
+        if s.low < s.high:
+            self.emit(core.Loop(s.span, name, s.low, s.high, body))
+
+    def _for_each(self, s: typed.ForEach) -> None:
+        sequence = self.expr(s.sequence)
+        if not isinstance(sequence, core.Const) or not isinstance(sequence.value, Table):
+            sequence = self.let(s.span, "items", sequence)
+        t = sequence.type
+        index = self.fresh("k")
+        i = core.Var(INT, index)
+        assert isinstance(t, (ArrayType, ListType))
+
+        def body() -> None:
+            name = self.bind(s.variable)
+            self.emit(core.Let(s.span, name, core.Element(t.element, sequence, i)))
+            self._guarded_body(s.body, s.span)
+
+        block, _ = self.capture(body)
+        limit = t.size if isinstance(t, ArrayType) else t.capacity
+        if isinstance(t, ListType):
+            inside = core.Binary(BOOL, "<", i, core.Length(INT, sequence))
+            block = (core.If(s.span, inside, block, ()),)
+        self.emit(core.Loop(s.span, index, 0, limit, block))
+
+    # ------------------------------------------------------------ functions
+
+    def function_body(
+        self, body: tuple[typed.TypedStmt, ...], result: Type, span: Span
+    ) -> tuple[tuple[core.Stmt, ...], core.Expr]:
+        """Statements and result of a function, with a single exit."""
+        straight = (
+            body
+            and isinstance(body[-1], typed.TypedReturn)
+            and not any(may_return(s) for s in body[:-1])
+        )
+        if straight:
+            last = body[-1]
+            assert isinstance(last, typed.TypedReturn)
+            for s in body[:-1]:
+                self.statement(s)
+            value = self.expr(last.value)
+            return self.finish(), value
+        name = self.fresh("result")
+        self.emit(core.Let(span, name, core.Const(result, default_value(result)), True))
+        self._result = (name, result)
+        if needs_flag(body):
+            self.leave = self.fresh("done")
+            self.emit(core.Let(span, self.leave, core.Const(BOOL, False), True))
+        self.block(body)
+        return self.finish(), core.Var(result, name)
+
+
+def may_return(s: typed.TypedStmt) -> bool:
+    """Whether a statement contains a `return`."""
+    if isinstance(s, typed.TypedReturn):
+        return True
+    if isinstance(s, typed.TypedIf):
+        return any(may_return(x) for b in (*(b for _, b in s.arms), s.otherwise) for x in b)
+    if isinstance(s, (typed.ForRange, typed.ForEach)):
+        return any(may_return(x) for x in s.body)
+    return False
+
+
+def needs_flag(body: tuple[typed.TypedStmt, ...]) -> bool:
+    """Whether some loop may return: then a flag says so from the start."""
+    for s in body:
+        if isinstance(s, (typed.ForRange, typed.ForEach)) and may_return(s):
+            return True
+        if isinstance(s, typed.TypedIf) and any(
+            needs_flag(b) for b in (*(b for _, b in s.arms), s.otherwise)
+        ):
+            return True
+    return False
+
+
+class FunctionTable:
+    """Lowered functions of one system."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.by_name: dict[str, core.Function] = {}
+        self._made: dict[object, core.Function] = {}
+        self._reads: dict[typed.FunSymbol, frozenset[typed.ParamSymbol]] = {}
+
+    def unique(self, base: str) -> str:
+        """A function name not taken yet."""
+        name, n = base.replace(".", "_"), 2
+        while name in self.by_name:
+            name = f"{base.replace('.', '_')}_{n}"
+            n += 1
+        return name
+
+    def add(self, function: core.Function) -> None:
+        """Enter a function that did not come from a `fun` declaration."""
+        self.by_name[function.name] = function
+
+    def require(
+        self, fun: typed.FunSymbol, params: Mapping[typed.ParamSymbol, Value]
+    ) -> core.Function:
+        """The Core function of a source function where parameters have these values.
+
+        One for all places in which those that it reads are the same.
+        """
+        key = fun, *sorted((p.name, repr(params[p])) for p in self._reads_of(fun))
+        known = self._made.get(key)
+        if known is not None:
+            return known
+        builder = Builder(self, self.system, None, params)
+        parameters = tuple(core.Parameter(builder.bind(p), p.type) for p in fun.parameters)
+        if fun.body is None:
+            body: tuple[core.Stmt, ...] = ()
+            result: core.Expr | None = None
+            can_fault = True
+        else:
+            body, result = builder.function_body(fun.body, fun.result, fun.span)
+            can_fault = builder.can_fault
+        function = core.Function(
+            name=self.unique(fun.name),
+            source_name=fun.name,
+            parameters=parameters,
+            result_type=fun.result,
+            body=body,
+            result=result,
+            span=fun.span,
+            source=fun.source,
+            can_fault=can_fault,
+            leave=builder.leave,
+        )
+        self._made[key] = function
+        self.by_name[function.name] = function
+        return function
+
+    def _reads_of(self, fun: typed.FunSymbol) -> frozenset[typed.ParamSymbol]:
+        """The parameters that a function reads, itself or in what it calls."""
+        known = self._reads.get(fun)
+        if known is None:
+            body = list(nodes(fun.body or ()))
+            params = {n.param for n in body if isinstance(n, typed.ParamRead)}
+            params |= {
+                p for n in body if isinstance(n, typed.TypedCall) for p in self._reads_of(n.fun)
+            }
+            known = self._reads[fun] = frozenset(params)
+        return known

@@ -1,0 +1,157 @@
+"""Lower nodes, decision modules and properties.
+
+Purpose: what each component does in one release, as Core with its footprint.
+Non-goals: plants (`plants.py`), the kernel's part (gate, switching, calendars).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.core import core
+from soter.core.footprint import footprint_of, written_names, written_topics
+from soter.core.plants import lower_plant
+from soter.core.statements import Builder, FunctionTable
+from soter.language.evaluate.conjuncts import premise_of
+from soter.language.model import typed
+from soter.language.model.system import queues_of
+from soter.language.model.types import BOOL
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.language.model.system import Component, Property, Scope, System, TimedProperty
+
+
+def outputs_of(system: System, component: Component) -> tuple[core.Output, ...]:
+    """Outputs of a node with the bounds the gate checks."""
+    node, topics = component.node, component.scope.topics
+    assert node is not None
+    return tuple(
+        core.Output(topics[t], node.given(t), system.topics[topics[t]].bounds, t in node.bursts)
+        for t in node.publishes
+    )
+
+
+def lower_node(functions: FunctionTable, system: System, component: Component) -> core.NodeStep:
+    """The step of a node; an extern one has no body."""
+    node = component.node
+    assert node is not None
+    builder = Builder(functions, system, component.scope)
+    builder.period_ns = component.period_ns
+    builder.outputs = {t: i for i, t in enumerate(node.publishes)}
+    names = [(v, builder.bind(v)) for v in node.locals]
+    takeover: tuple[core.Stmt, ...] = ()
+    if node.takeover is not None:
+        builder.block(node.takeover)
+        takeover = builder.finish()
+    builder.block(node.step)
+    body = builder.finish()
+    written = written_names((*takeover, *body))
+    copies = tuple(
+        core.LocalCopy(core.Cell("local", component.index, v.name), name, v.type, name in written)
+        for v, name in names
+    )
+    outputs = outputs_of(system, component)
+    footprint = footprint_of((*takeover, *body))
+    for copy in copies:
+        footprint.reads.add(copy.cell)
+        if copy.written:
+            footprint.writes.add(copy.cell)
+    for s in node.subscribes:
+        if component.extern:
+            index = component.scope.topics[s.topic]
+            footprint.reads.add(core.Cell("topic", index, system.topics[index].name))
+    for q in queues_of(system, component):
+        cell = core.Cell("topic", q, system.topics[q].name)
+        footprint.reads.add(cell)
+        footprint.writes.add(cell)
+        if system.topics[q].policy == "fault":
+            footprint.stamps.add(q)
+    for o in outputs:
+        footprint.writes.update(written_topics(system, o.topic))
+        footprint.stamps.add(o.topic)
+    return core.NodeStep(component.index, copies, takeover, body, outputs, footprint, node.span)
+
+
+def lower_predicate(
+    functions: FunctionTable,
+    system: System,
+    scope: Scope,
+    condition: typed.TypedExpr,
+    span: Span,
+    period_ns: int = 0,
+) -> core.Predicate:
+    """A boolean over topics and truths; a contract knows the period of its node."""
+    builder = Builder(functions, system, scope)
+    builder.period_ns = period_ns
+    value = builder.expr(condition)
+    body = builder.finish()
+    probe = core.Let(span, "value", value)
+    return core.Predicate(body, value, footprint_of((*body, probe)), span)
+
+
+def lower_decision(functions: FunctionTable, system: System, module: int) -> core.Decision:
+    """The predicates of a module.
+
+    A module whose predicates are still to be computed never trusts AC: ttf true, safer false.
+    """
+    m = system.modules[module]
+    span = m.symbol.span
+    ttf = m.symbol.ttf or typed.Literal(BOOL, span, True)
+    safer = m.symbol.safer or typed.Literal(BOOL, span, False)
+    return core.Decision(
+        module,
+        lower_predicate(functions, system, m.scope, ttf, ttf.span),
+        lower_predicate(functions, system, m.scope, safer, safer.span),
+    )
+
+
+def lower_property(functions: FunctionTable, system: System, p: Property) -> core.Predicate:
+    """The condition of a property or a contract."""
+    period_ns = 0 if p.component is None else system.components[p.component].period_ns
+    return lower_predicate(functions, system, p.scope, p.condition, p.span, period_ns)
+
+
+def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) -> core.Timed:
+    """The predicates of a timed property."""
+    scope, condition = timed.scope, timed.condition
+    if timed.module is not None:
+        module = system.modules[timed.module]
+        scope, condition = module.scope, module.symbol.safe
+    assert condition is not None
+    premise = None
+    if timed.premise is not None:
+        premise = lower_predicate(functions, system, scope, timed.premise, timed.premise.span)
+    return core.Timed(premise, lower_predicate(functions, system, scope, condition, condition.span))
+
+
+def lower_premise(functions: FunctionTable, system: System, p: Property) -> core.Predicate | None:
+    """Of an `always` that is an implication."""
+    premise = premise_of(p.condition) if p.kind == "always" else None
+    if premise is None:
+        return None
+    return lower_predicate(functions, system, p.scope, premise, p.span)
+
+
+def lower(system: System) -> core.CoreSystem:
+    """Lower a whole system."""
+    functions = FunctionTable(system)
+    nodes: dict[int, core.NodeStep] = {}
+    plants: dict[int, core.PlantStep] = {}
+    for c in system.components:
+        if c.node is not None:
+            nodes[c.index] = lower_node(functions, system, c)
+        elif c.plant is not None:
+            plants[c.index] = lower_plant(functions, system, c)
+    decisions = tuple(lower_decision(functions, system, m.index) for m in system.modules)
+    properties = tuple(lower_property(functions, system, p) for p in system.properties)
+    asked = system.test.timed if system.test else ()
+    timed = tuple(lower_timed(functions, system, t) for t in asked)
+    premises = tuple(lower_premise(functions, system, p) for p in system.properties if system.test)
+    measures = tuple(
+        lower_predicate(functions, system, m.scope, m.value, m.span) for m in system.measures
+    )
+    used = tuple(functions.by_name.values())
+    return core.CoreSystem(
+        used, nodes, plants, decisions, properties, timed, premises=premises, measures=measures
+    )

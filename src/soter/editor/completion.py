@@ -1,0 +1,265 @@
+"""What could be written at the cursor.
+
+Purpose: the words that can begin something here, the names that are in reach and of the kind that
+is asked for, and what is behind a dot.
+Non-goals: the place itself (`place.py`); ranking beyond what is near first.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lsprotocol import types as lsp
+
+from soter.editor import keywords
+from soter.editor.cursor_context import CursorContext, cursor_at
+from soter.editor.hover import head, shape_text
+from soter.editor.names.definitions import Shape
+from soter.editor.names.resolve import Members
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.editor.names.definitions import Definition, NameIndex
+    from soter.language.load.loader import LoadedFile
+
+KIND = lsp.CompletionItemKind
+ICONS = {
+    "type": KIND.Struct,
+    "constant": KIND.Constant,
+    "parameter": KIND.Property,
+    "function": KIND.Function,
+    "topic": KIND.Event,
+    "node": KIND.Class,
+    "module": KIND.Interface,
+    "plant": KIND.Class,
+    "system": KIND.Module,
+    "test": KIND.Module,
+    "import": KIND.Module,
+    "field": KIND.Field,
+    "member": KIND.EnumMember,
+    "instance": KIND.Value,
+}
+VALUES = {"constant", "parameter", "function", "topic", "type", "import", "instance"}
+AFTER: dict[str, set[str]] = {
+    "publish": {"topic"},
+    "subscribes": {"topic"},
+    "publishes": {"topic"},
+    "reads": {"topic"},
+    "drives": {"topic"},
+    "failsafe": {"topic"},
+    "ac": {"node"},
+    "sc": {"node"},
+    "module": {"module"},
+    "node": {"node"},
+    "force": {"module", "instance"},
+    "deploys": {"system"},
+    "system": {"system"},
+    "by": {"node", "plant"},
+    "set": {"parameter", "instance"},
+    "replace": {"node", "plant", "instance", "module"},
+    "inline": {"node", "instance", "module"},
+    "input": {"topic", "instance"},
+    "mode": {"module", "instance"},
+    "margin": {"module", "instance"},
+    "invariant": {"module", "instance"},
+    "age": {"topic", "instance"},
+}
+"""By the word in front, the kinds of names that can follow; imports always can."""
+LISTS = {"subscribes", "publishes", "reads"}
+
+
+def completed(
+    text: str, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
+) -> list[lsp.CompletionItem]:
+    """The items for the cursor at a character offset of `text`.
+
+    `file` and `index` are of the text as it is now; `good` is of the last text that parsed: where a
+    declaration is broken its locals are found there.
+    """
+    cursor = cursor_at(text, offset)
+    if cursor.quiet:
+        return []
+    item_by_label: dict[str, lsp.CompletionItem] = {}
+    for item in _items(cursor, offset, file, index, good):
+        item_by_label.setdefault(item.label, item)
+    return list(item_by_label.values())
+
+
+def _items(
+    cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
+) -> Iterator[lsp.CompletionItem]:
+    names = _names(cursor, offset, file, index, good)
+    if cursor.item and cursor.item[-1] == ".":
+        yield from _behind_dots(cursor, names, index)
+        return
+    if not cursor.item:
+        yield from (_word(w, cursor.body) for w in keywords.PLACES.get(cursor.body, ()))
+        if cursor.body == "block":
+            kinds = {"variable", "state"}
+            yield from (_named(d, "0") for d in names.values() if d.kind in kinds)
+        return
+    wanted = _wanted(cursor)
+    if wanted == {"new"}:
+        return
+    if wanted == {"a type"}:
+        yield from (_word(w, "type") for w in keywords.TYPES)
+        yield from (_named(d, "1") for d in names.values() if d.kind in {"type", "import"})
+        return
+    if wanted is not None:
+        asked = {*wanted, "import"}
+        yield from (_named(d, "0") for d in names.values() if d.kind in asked)
+        return
+    yield from (_named(d, _near(d, file)) for d in names.values() if _is_value(d))
+    for word in (*keywords.BUILTINS, *keywords.SPECIALS, *keywords.VALUES):
+        yield _word(word, "value")
+
+
+def _wanted(cursor: CursorContext) -> set[str] | None:
+    """The kinds of names that can stand here; None: any value. {"new"}: a name of one's own."""
+    last, first = cursor.item[-1], cursor.item[0]
+    before = cursor.item[-2] if len(cursor.item) > 1 else ""
+    if last in {"let", "var", "const", "param", "fun", "topic", "state", "rta", "plant", "type"}:
+        return {"new"}
+    if cursor.body == "file" and last in {"node", "system", "test", "as"}:
+        return {"new"}
+    if last == "(" and before in AFTER:
+        return AFTER[before]
+    if last == ":" and cursor.body == "system":
+        return {"plant", "module", "system", "node"}
+    if (
+        last == ":"
+        and first
+        in {
+            "let",
+            "var",
+            "const",
+            "param",
+            "fun",
+            "topic",
+            "input",
+            "state",
+            "disturbance",
+            "type",
+            "extern",
+        }
+        and "=" not in cursor.item
+    ):
+        return {"a type"}
+    if last == ":" and first == "fun":
+        return {"a type"}
+    if last in AFTER:
+        return AFTER[last]
+    if last == "," and first in LISTS:
+        return AFTER[first]
+    return None
+
+
+def _names(
+    cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
+) -> dict[str, Definition]:
+    """All names in reach, the innermost of each."""
+    definition_by_name: dict[str, Definition] = {}
+    for prelude in index.files:
+        if prelude.prelude:
+            declared = index.declared_in(prelude)
+            definition_by_name |= {n: d for n, d in declared.items() if not n.startswith("_")}
+    definition_by_name |= index.declared_in(file)
+    for each in (good, index):
+        if each is None:
+            continue
+        home = next((f for f in each.files if f.path == file.path), None)
+        decl = _declaration(cursor, each, home)
+        if decl is not None and isinstance(decl.node, tree.SystemDecl) and home is not None:
+            definition_by_name |= {
+                n: d for n, (d, _) in each.instances.get(id(decl.node), {}).items()
+            }
+        if each is good and decl is not None and home is not None:
+            reached = each.reach.get(id(home.source), [])
+            definition_by_name |= {d.name: d for _, _, d in reached if d.owner is decl}
+    return definition_by_name | index.locals_at(file.source, offset)
+
+
+def _declaration(
+    cursor: CursorContext, index: NameIndex, home: LoadedFile | None
+) -> Definition | None:
+    """The declaration around the cursor, by its name."""
+    if home is None:
+        return None
+    declared = index.declared_in(home)
+    names = [w for w in cursor.head if w in declared]
+    return declared[names[0]] if names else None
+
+
+def _is_value(d: Definition) -> bool:
+    return d.kind in VALUES or not isinstance(d.node, tree.Decl)
+
+
+def _near(d: Definition, file: LoadedFile) -> str:
+    """Locals first, then this file, then imports and the prelude."""
+    if not isinstance(d.node, tree.Decl):
+        return "0"
+    return "1" if d.file is file else "2"
+
+
+# ---------------------------------------------------------------- behind dots
+
+
+def _behind_dots(
+    cursor: CursorContext, names: dict[str, Definition], index: NameIndex
+) -> Iterator[lsp.CompletionItem]:
+    if not cursor.dotted:
+        return
+    first, *rest = cursor.dotted
+    members = Members(index)
+    shape: Shape | None = None
+    if first in names:
+        d = names[first]
+        instance = d.kind == "instance" or d.kind in {"module", "node"}
+        shape = d.shape
+        if instance and shape is None and isinstance(d.node, tree.Decl):
+            shape = Shape(d.node, d.file)
+    elif first == "Mode":
+        yield from (lsp.CompletionItem(m, kind=KIND.EnumMember) for m in ("AC", "SC"))
+    for name in rest:
+        shape = members.after(shape, name)
+    wanted = _wanted_behind(cursor)
+    for name, detail, kind in members.inside(shape):
+        if wanted is None or kind in wanted or kind in {"field", "member", "state", "len"}:
+            yield lsp.CompletionItem(name, kind=ICONS.get(kind, KIND.Field), detail=detail)
+
+
+def _wanted_behind(cursor: CursorContext) -> set[str] | None:
+    """The kinds that can follow `import.` here."""
+    item = cursor.item[: len(cursor.item) - 2 * len(cursor.dotted)]
+    if not item:
+        return None
+    return _wanted(CursorContext(cursor.body, cursor.head, item, (), "", cursor.start))
+
+
+# ---------------------------------------------------------------- items
+
+
+def _word(word: str, body: str) -> lsp.CompletionItem:
+    parts = word.split()
+    first = parts[-1] if parts[0] in {"on", "order"} else parts[0]
+    builtin = word in keywords.BUILTINS
+    return lsp.CompletionItem(
+        word,
+        kind=KIND.Function if builtin else KIND.Keyword,
+        detail=keywords.meaning(first),
+        sort_text=f"{'0' if body not in {'value', 'type'} else '3'}{word}",
+    )
+
+
+def _named(d: Definition, near: str) -> lsp.CompletionItem:
+    detail = shape_text(d.shape) if not isinstance(d.node, tree.Decl) else _one_line(head(d))
+    return lsp.CompletionItem(
+        d.name, kind=ICONS.get(d.kind, KIND.Variable), detail=detail, sort_text=f"{near}{d.name}"
+    )
+
+
+def _one_line(text: str) -> str:
+    first = " ".join(text.split())
+    return first if len(first) <= 100 else first[:97] + "..."

@@ -1,0 +1,269 @@
+"""The open documents, what was found in each, and what has to be looked at again.
+
+Purpose: every open document is checked as a program of its own, imports that are open but not saved
+included; a file is told what any of these checks found in it.
+Non-goals: when to check (`server.py`), what to answer to a question.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lsprotocol import types as lsp
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.editor.diagnostics import by_file
+from soter.editor.names.resolve import index_of
+from soter.editor.overlay import Overlay
+from soter.editor.positions import Lines, path_of, path_of_span, uri_of
+from soter.language.front_end import CheckResult, check_file
+from soter.language.load.loader import LoadedFile, load
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from soter.diagnostics.source import Source
+    from soter.diagnostics.span import Span
+    from soter.editor.names.definitions import NameIndex
+    from soter.language.load.loader import LoadedProgram
+
+    Publish = Callable[[str, int | None, list[lsp.Diagnostic]], None]
+
+KEPT_LINES = 64
+FILES_MAX = 2000
+"""So many files of a folder are searched for a name."""
+LEFT_OUT = {"node_modules", "__pycache__", "build"}
+
+
+@dataclass(eq=False)
+class Document:
+    """An open document. `path` is where it is saved, or a name of its own where it is not."""
+
+    uri: str
+    path: Path
+    version: int | None
+    text: str
+    checked: CheckResult | None = None
+    """What the last check said, of this text or an older one."""
+    good: CheckResult | None = None
+    """The last check without errors."""
+    found: dict[Path, list[lsp.Diagnostic]] = field(default_factory=dict)
+    """Diagnostics of the last check, by file."""
+    indexed: tuple[tuple[int, ...], LoadedProgram, NameIndex] | None = None
+    _good_index: tuple[CheckResult, NameIndex] | None = None
+
+    @property
+    def good_index(self) -> NameIndex | None:
+        """The names of the last text without errors."""
+        if self.good is None or self.good.loaded is None:
+            return None
+        if self._good_index is None or self._good_index[0] is not self.good:
+            self._good_index = self.good, index_of(self.good.loaded)
+        return self._good_index[1]
+
+
+class Documents:
+    """All of them. `publish` is given the URI, version and diagnostics of a file."""
+
+    def __init__(self, publish: Publish) -> None:
+        self.encoding = "utf-16"
+        self.folders: tuple[Path, ...] = ()
+        """The folders of the workspace."""
+        self.reading = Overlay(self.text_of)
+        self._publish = publish
+        self._open: dict[Path, Document] = {}
+        self._waiting: dict[Path, None] = {}
+        self._lines: dict[int, tuple[Source, Lines]] = {}
+
+    # ------------------------------------------------------------ what is open
+
+    def __iter__(self) -> Iterator[Document]:
+        return iter(tuple(self._open.values()))
+
+    def get(self, uri: str) -> Document | None:
+        """The open document that a URI means."""
+        return self._open.get(whole(path_of(uri)))
+
+    def text_of(self, path: Path) -> str | None:
+        """The text of an open document."""
+        document = self._open.get(whole(path))
+        return None if document is None else document.text
+
+    def uri(self, path: Path) -> str:
+        """The URI of a file: the one the editor uses, where it is open."""
+        document = self._open.get(whole(path))
+        return document.uri if document is not None else uri_of(Path(os.path.normpath(path)))
+
+    def opened(self, uri: str, version: int | None, text: str) -> None:
+        """A document was opened, or opened again."""
+        path = path_of(uri)
+        self._open[whole(path)] = Document(uri, path, version, text)
+        self.touched([path])
+
+    def changed(self, uri: str, version: int | None, text: str) -> None:
+        """Somebody typed."""
+        document = self.get(uri)
+        if document is None:
+            self.opened(uri, version, text)
+            return
+        document.version = version
+        document.text = text
+        self.touched([document.path])
+
+    def closed(self, uri: str) -> None:
+        """A document was closed: what is on the disk counts from now on."""
+        document = self._open.pop(whole(path_of(uri)), None)
+        if document is None:
+            return
+        self._waiting.pop(whole(document.path), None)
+        self._tell(document.found)
+        self.touched([document.path])
+
+    # ------------------------------------------------------------ checking
+
+    def touched(self, paths: Iterable[Path]) -> None:
+        """Files that were written or typed in: they and what imports them wait for a check."""
+        for path in paths:
+            key = whole(path)
+            if key in self._open:
+                self._waiting.setdefault(key)
+            for other, document in self._open.items():
+                if other != key and key in self._files(document):
+                    self._waiting.setdefault(other)
+
+    def touched_data(self) -> None:
+        """A file that is no program was written: anything may read it."""
+        self._waiting.update(dict.fromkeys(self._open))
+
+    @property
+    def waiting(self) -> bool:
+        """Whether something has to be checked."""
+        return bool(self._waiting)
+
+    def check_next(self) -> None:
+        """Check what has waited longest, if anything waits, and tell what was found."""
+        if self._waiting:
+            self._check(self._open[next(iter(self._waiting))])
+
+    def settle(self, document: Document) -> None:
+        """Check a document now if it waits: what is answered next is of its text as it is."""
+        if whole(document.path) in self._waiting:
+            self._check(document)
+
+    def _check(self, document: Document) -> None:
+        del self._waiting[whole(document.path)]
+        checked = check_file(str(document.path), document.text, reading=self.reading)
+        document.checked = checked
+        if checked.ok:
+            document.good = checked
+        before = document.found
+        document.found = by_file(checked.diagnostics.items, document.path, self.lines_of)
+        self._tell({document.path: [], **document.found, **before})
+
+    def _tell(self, files: Iterable[Path]) -> None:
+        """Publish what all checks together found in each of some files."""
+        for key in dict.fromkeys(whole(path) for path in files):
+            items: dict[str, lsp.Diagnostic] = {}
+            for document in self._open.values():
+                for path, diagnostics in document.found.items():
+                    if whole(path) == key:
+                        items |= {f"{d.range} {d.code} {d.message}": d for d in diagnostics}
+            document_here = self._open.get(key)
+            version = None if document_here is None else document_here.version
+            self._publish(self.uri(key), version, list(items.values()))
+
+    def _files(self, document: Document) -> set[Path]:
+        """The files that a document was made of when it was last looked at."""
+        loaded = None if document.checked is None else document.checked.loaded
+        return set() if loaded is None else {whole(f.path) for f in loaded.files}
+
+    # ------------------------------------------------------------ for questions
+
+    def loaded(self, document: Document) -> LoadedProgram:
+        """The trees of a document's text as it is now, and of what it imports."""
+        return self.parsed_names(document)[0]
+
+    def index(self, document: Document) -> NameIndex:
+        """The names of a document's text as it is now, and of what it imports."""
+        return self.parsed_names(document)[1]
+
+    def parsed_names(self, document: Document) -> tuple[LoadedProgram, NameIndex]:
+        """Trees and names; made again only where a text has changed."""
+        loaded = load(str(document.path), Diagnostics(), document.text, self.reading)
+        assert loaded is not None, "a text can always be read"
+        key = tuple(id(f.file) for f in loaded.files)
+        if document.indexed is None or document.indexed[0] != key:
+            document.indexed = key, loaded, index_of(loaded)
+        return document.indexed[1:]
+
+    def every_file(self) -> Iterator[LoadedFile]:
+        """Every file of the workspace, parsed, what is open first."""
+        for path in self.programs():
+            text = self.reading.text(path, str(path), Diagnostics())
+            if text is not None:
+                source, file = self.reading.parsed(str(path), text, Diagnostics())
+                yield LoadedFile(path, source, file, "", library=False)
+
+    def programs(self, about: Document | None = None) -> list[Path]:
+        """Every program of the workspace: open documents, files of its folders and beside one."""
+        paths = {whole(d.path): d.path for d in self}
+        beside = () if about is None else (about.path.parent,)
+        for folder in (*self.folders, *beside):
+            for path in islice(_soter_files(folder), FILES_MAX):
+                paths.setdefault(whole(path), path)
+        return list(paths.values())
+
+    def mentioning(self, name: str, about: Document) -> list[tuple[Path, NameIndex]]:
+        """The programs that say a name anywhere in their main file, and the document itself."""
+        word = re.compile(rf"\b{re.escape(name)}\b")
+        programs = [(about.path, self.index(about))]
+        for path in self.programs(about):
+            if whole(path) == whole(about.path):
+                continue
+            text = self.reading.text(path, str(path), Diagnostics())
+            if text is None or not word.search(text):
+                continue
+            loaded = load(str(path), Diagnostics(), text, self.reading)
+            assert loaded is not None
+            programs.append((path, index_of(loaded)))
+        return programs
+
+    def lines_of(self, span: Span) -> Lines:
+        """The lines of the text that a span is of."""
+        return self.lines(span.source)
+
+    def lines(self, source: Source) -> Lines:
+        """The lines of a source."""
+        known = self._lines.get(id(source))
+        if known is None:
+            known = self._lines[id(source)] = source, Lines(source.text, self.encoding)
+            if len(self._lines) > KEPT_LINES:
+                del self._lines[next(iter(self._lines))]
+        return known[1]
+
+    def location(self, span: Span) -> lsp.Location:
+        """Where a span is, for the editor."""
+        lines = self.lines_of(span)
+        return lsp.Location(self.uri(path_of_span(span)), lines.range(span.start, span.end))
+
+
+def _soter_files(folder: Path) -> Iterator[Path]:
+    """The programs below a folder, hidden folders and environments left out."""
+    for at, folders, files in os.walk(folder):
+        folders[:] = sorted(f for f in folders if not f.startswith(".") and f not in LEFT_OUT)
+        yield from (Path(at) / f for f in sorted(files) if f.endswith(".soter"))
+
+
+@lru_cache(maxsize=1024)
+def whole(path: Path) -> Path:
+    """One name for a file, however it is reached."""
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return path

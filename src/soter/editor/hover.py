@@ -1,0 +1,204 @@
+"""What is said of a name when the mouse rests on it.
+
+Purpose: the declaration in one look: its head as it is written, the comment above it, its type,
+set, age and period, and the numbers that the last good check computed.
+Non-goals: where the mouse is (`server.py`).
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.editor.names.definitions import PlantTruth
+from soter.editor.positions import path_of_span
+from soter.language.check.constants import Calculator
+from soter.language.load.loader import LoadedFile
+from soter.language.model.data_table import Table
+from soter.language.model.durations import write_ns
+from soter.language.model.python_values import to_json
+from soter.language.model.types import DurationType
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.editor.names.definitions import Definition, Shape
+    from soter.language.front_end import CheckResult
+    from soter.language.model.typed import TypedExpr, TypedProgram
+    from soter.language.model.types import Type, Value
+
+LINES_MAX = 12
+"""So many lines of a declaration are shown."""
+VALUE_MAX = 200
+BUDGETS = (20_000, 200_000)
+"""Operations that a number, and all of them, may take: somebody waits."""
+
+
+def described(d: Definition, checked: CheckResult | None) -> str:
+    """Markdown about a definition; `checked` is the last good check of the program."""
+    parts = [f"```soter\n{head(d)}\n```"]
+    parts += facts(d, checked)
+    comment = comment_above(d)
+    if comment:
+        parts.append(comment)
+    return "\n\n".join(parts)
+
+
+def head(d: Definition) -> str:
+    """The declaration as it is written, without its body."""
+    node = d.node
+    if isinstance(node, (tree.NodeDecl, tree.PlantDecl, tree.RtaDecl)):
+        return _outside_of(node.span.text, _inner(node))
+    if isinstance(node, (tree.SystemDecl, tree.TestDecl)):
+        return _first(node.span.text, "{").rstrip() + " { ... }"
+    if isinstance(node, tree.FunDecl) and d.kind == "function":
+        return " ".join(_first(node.span.text, "{").split()).rstrip(";")
+    if d.kind in {"field", "argument"}:
+        return f"({d.kind}) {d.name}: {shape_text(d.shape)}"
+    if d.kind == "member":
+        assert isinstance(node, tree.TypeDecl)
+        return f"(member) {node.name.text}.{d.name}"
+    if d.kind in {"let", "loop variable"} and getattr(node, "type", None) is None:
+        return f"({d.kind}) {d.name}: {shape_text(d.shape)}"
+    text = getattr(node, "span", d.span).text
+    if d.kind == "instance":
+        text = _first(text, "{").rstrip()
+    lines = text.splitlines()
+    if len(lines) > LINES_MAX:
+        lines = [*lines[:LINES_MAX], "  ..."]
+    return "\n".join(lines) if d.kind in DECLARED else f"({d.kind}) " + "\n".join(lines)
+
+
+DECLARED = {"type", "constant", "parameter", "topic", "import"}
+
+
+def _inner(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[str, ...]:
+    """The words of the lines that are worth showing."""
+    if isinstance(node, tree.NodeDecl):
+        return ("subscribes", "publishes", "takes", "wcet")
+    if isinstance(node, tree.PlantDecl):
+        return ("reads", "state", "disturbance", "measured")
+    return ("ac", "sc", "period", "safe", "safer", "ttf")
+
+
+def _outside_of(text: str, words: tuple[str, ...]) -> str:
+    """The head of a body, and the lines in it that begin with one of the words."""
+    lines = [line.rstrip() for line in text.splitlines()]
+    kept = [line for line in lines[1:] if line.split(" ", 1)[0:1] and _word(line) in words]
+    shown = [f"  {line.strip()}" for line in kept[: LINES_MAX - 2]]
+    return "\n".join([lines[0], *shown, "}" if len(lines) > 1 else ""]).rstrip()
+
+
+def _word(line: str) -> str:
+    parts = line.split()
+    return parts[0] if parts else ""
+
+
+def _first(text: str, sign: str) -> str:
+    return text.split(sign, 1)[0]
+
+
+def comment_above(d: Definition) -> str:
+    """The comment lines right above a declaration of a file, and the one at its end."""
+    node = d.node
+    if not isinstance(node, tree.Decl) or d.kind in {"member", "instance"}:
+        return ""
+    source = node.span.source
+    number = node.span.line - 1
+    lines: list[str] = []
+    while number >= 1 and source.line(number).lstrip().startswith("//"):
+        lines.append(source.line(number).strip().lstrip("/").strip())
+        number -= 1
+    lines.reverse()
+    last = source.line(source.line_of(node.span.end))
+    behind = last[source.column_of(node.span.end) - 1 :].strip()
+    if behind.startswith("//"):
+        lines.append(behind.lstrip("/").strip())
+    return " ".join(line for line in lines if line.strip("-= "))
+
+
+def facts(d: Definition, checked: CheckResult | None) -> list[str]:
+    """What a check computed: values, periods, sets."""
+    program = None if checked is None else checked.program
+    if program is None or checked is None or checked.loaded is None:
+        return []
+    prefix = next((f.prefix for f in checked.loaded.files if f.path == path_of_span(d.span)), None)
+    if prefix is None:
+        return []
+    return list(_facts(d.kind, prefix + d.name, program))
+
+
+def _facts(kind: str, name: str, program: TypedProgram) -> Iterable[str]:
+    number = _Numbers(program)
+    if kind == "constant" and name in program.consts:
+        const = program.consts[name]
+        yield f"value: `{shown(const.type, const.value)}`"
+    elif kind == "parameter" and name in program.params:
+        yield f"default: `{number(program.params[name].default)}`"
+    elif kind == "topic" and name in program.topics:
+        topic = program.topics[name]
+        for path, bounds in topic.values.items():
+            what = ".".join((name, *path))
+            yield f"`{what}` in [{number(bounds.low)}, {number(bounds.high)}]"
+        if topic.max_age is not None:
+            yield f"fresh for {number(topic.max_age)}"
+        else:
+            yield "never stale: no `max_age`"
+        writers = [n.name for n in program.nodes.values() if topic in n.publishes]
+        writers += [p.name for p in program.plants.values() if topic in [t for t, _ in p.drives]]
+        readers = [
+            n.name for n in program.nodes.values() if topic in [s.topic for s in n.subscribes]
+        ]
+        readers += [p.name for p in program.plants.values() if topic in p.reads]
+        yield f"published by {_listed(writers)}; read by {_listed(readers)}"
+    elif kind in {"node", "plant", "module"}:
+        symbol = program.nodes.get(name) or program.plants.get(name) or program.modules.get(name)
+        if symbol is not None:
+            yield f"period: {number(symbol.period)}"
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(f"`{n}`" for n in names) if names else "nobody"
+
+
+class _Numbers:
+    """Numbers of a program, its parameters at their defaults."""
+
+    def __init__(self, program: TypedProgram) -> None:
+        constant = Calculator(Diagnostics(), None, BUDGETS)
+        values = {p: constant.value(p.default, "") for p in program.params.values()}
+        params = {p: value for p, value in values.items() if value is not None}
+        self._calculator = Calculator(Diagnostics(), params, BUDGETS)
+
+    def __call__(self, expr: TypedExpr) -> str:
+        """The number as people write it; as it stands in the text where it cannot be computed."""
+        value = self._calculator.value(expr, "")
+        return " ".join(expr.span.text.split()) if value is None else shown(expr.type, value)
+
+
+def shown(t: Type, value: Value) -> str:
+    """A value as people write it, not too long."""
+    if isinstance(t, DurationType):
+        return write_ns(value)
+    if isinstance(value, Table):
+        return f"a table of {len(value)}"
+    text = json.dumps(to_json(t, value), default=str)
+    return text if len(text) <= VALUE_MAX else text[:VALUE_MAX] + "..."
+
+
+def shape_text(shape: Shape | None) -> str:
+    """A shape as a type is written."""
+    if shape is None or not shape.of:
+        return "?"
+    of = shape.of
+    if isinstance(of, str):
+        return of
+    if isinstance(of, LoadedFile):
+        return "import"
+    if isinstance(of, PlantTruth):
+        return f"{of.plant.name.text}.truth"
+    if isinstance(of, tree.Decl):
+        return of.name.text
+    return " ".join(of.span.text.split())

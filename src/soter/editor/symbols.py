@@ -1,0 +1,121 @@
+"""The outline of a file, and the declarations of all files.
+
+Purpose: document symbols as a tree; workspace symbols by name.
+Non-goals: finding the files (`server.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lsprotocol import types as lsp
+
+from soter.language.check.scope import KINDS
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.span import Span
+    from soter.editor.positions import Lines
+    from soter.language.load.loader import LoadedFile
+
+KIND = lsp.SymbolKind
+ICONS = {
+    "type": KIND.Struct,
+    "constant": KIND.Constant,
+    "parameter": KIND.Property,
+    "function": KIND.Function,
+    "topic": KIND.Event,
+    "node": KIND.Class,
+    "module": KIND.Interface,
+    "plant": KIND.Object,
+    "system": KIND.Namespace,
+    "test": KIND.Method,
+    "import": KIND.Module,
+}
+
+
+def outline(file: LoadedFile, lines: Lines) -> list[lsp.DocumentSymbol]:
+    """The declarations of a file, with what they have inside."""
+    imports = [_symbol(i.name, i.span, KIND.Module, i.path, lines, ()) for i in file.file.imports]
+    symbols = []
+    for decl in file.file.declarations:
+        kind = KINDS[type(decl).__name__]
+        inside = tuple(_symbol(n, s, k, t, lines, ()) for n, s, k, t in _inside(decl))
+        symbols.append(_symbol(decl.name, decl.span, ICONS[kind], kind, lines, inside))
+    return [*imports, *symbols]
+
+
+def _symbol(
+    name: tree.Name,
+    whole: Span,
+    kind: lsp.SymbolKind,
+    detail: str,
+    lines: Lines,
+    inside: tuple[lsp.DocumentSymbol, ...],
+) -> lsp.DocumentSymbol:
+    selected = lines.range(name.span.start, name.span.end)
+    around = lines.range(min(whole.start, name.span.start), max(whole.end, name.span.end))
+    return lsp.DocumentSymbol(
+        name.text or "?", kind, around, selected, detail or None, children=list(inside) or None
+    )
+
+
+def _inside(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
+    """Name, place, kind and detail of what a declaration has inside."""
+    if isinstance(decl, tree.TypeDecl):
+        if isinstance(decl.type, tree.RecordTypeExpr):
+            for name, type_ in decl.type.fields:
+                yield name, name.span.to(type_.span), KIND.Field, _line(type_.span)
+        elif isinstance(decl.type, tree.EnumTypeExpr):
+            for name in decl.type.members:
+                yield name, name.span, KIND.EnumMember, ""
+    elif isinstance(decl, tree.NodeDecl):
+        for local in decl.locals:
+            yield local.name, local.span, KIND.Variable, _line(local.type.span)
+    elif isinstance(decl, tree.PlantDecl):
+        for state in decl.states:
+            yield state.name, state.span, KIND.Field, _line(state.type.span)
+        for d in decl.disturbances:
+            yield d.name, d.span, KIND.Variable, "disturbance"
+    elif isinstance(decl, tree.RtaDecl):
+        for clause in decl.contract:
+            yield clause.name, clause.span, KIND.Boolean, clause.kind
+        for view in decl.verify.views if decl.verify is not None else ():
+            yield view.name, view.span, KIND.Namespace, "view"
+    elif isinstance(decl, tree.SystemDecl):
+        yield from _instances(decl.instances)
+
+
+def _instances(
+    items: tuple[object, ...],
+) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
+    for item in items:
+        if isinstance(item, tree.Instance):
+            yield item.name, item.span, KIND.Object, item.what.text
+        elif isinstance(item, tree.Repeated):
+            yield from _instances(item.items)
+
+
+def _line(span: Span) -> str:
+    return " ".join(span.text.split())
+
+
+def matching(
+    files: list[LoadedFile], query: str
+) -> Iterator[tuple[tree.Decl, lsp.SymbolKind, LoadedFile]]:
+    """The declarations whose names have all letters of the query in order, in any case."""
+    for file in files:
+        for decl in file.file.declarations:
+            if _fits(query.casefold(), decl.name.text.casefold()):
+                yield decl, ICONS[KINDS[type(decl).__name__]], file
+
+
+def _fits(query: str, name: str) -> bool:
+    at = 0
+    for letter in query:
+        at = name.find(letter, at) + 1
+        if not at:
+            return False
+    return True

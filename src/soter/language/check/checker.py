@@ -1,0 +1,227 @@
+"""The checker: from loaded files to a checked `Program`.
+
+Purpose: resolve every declaration once and on demand, then every body; all errors in one pass.
+Non-goals: numbers of a particular system (`elaborator.py`), the paper's P1 (`wellformed.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.check.call_graph import CallGraph
+from soter.language.check.constants import ConstantChecker
+from soter.language.check.declarations import DeclChecker
+from soter.language.check.expressions.expr import ExprChecker
+from soter.language.check.resolution_order import in_order_of_need
+from soter.language.check.scope import Entry, FileScope, Names
+from soter.language.check.statements import StmtChecker
+from soter.language.check.step_cost import count_costs
+from soter.language.check.types import TypeChecker
+from soter.language.check.unused import UnusedDeclarations
+from soter.language.model import typed
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.language.load.loader import LoadedProgram
+    from soter.language.syntax import tree
+
+NAMES_IN_CYCLE = 8
+
+
+class Checker:
+    """One checking run over one loaded program; what its parts may ask of it is `Shared`."""
+
+    def __init__(self, loaded: LoadedProgram, diagnostics: Diagnostics) -> None:
+        self.loaded = loaded
+        self.diagnostics = diagnostics
+        self.names = Names(diagnostics)
+        self.unused = UnusedDeclarations(diagnostics)
+        self.calls = CallGraph(diagnostics, self._fun_body)
+        expressions = ExprChecker(self)
+        constants = ConstantChecker(self, loaded.digest, loaded.reading)
+        self.declarations = DeclChecker(self, constants)
+        self.resolve_type = TypeChecker(self).check
+        self.check_expr = expressions.check
+        self.check_block = StmtChecker(self, expressions).block
+        self.constant = constants.constant
+        self.evaluate = constants.value
+        self.number = constants.number
+        self.topic_ref = self.declarations.topic_ref
+        self.topic_path = self.declarations.topic_path
+        self.topics_of = self.declarations.topics_of
+        self.lost: dict[typed.SystemSymbol, frozenset[str]] = {}
+        self.published: dict[typed.NodeSymbol, set[typed.TopicSymbol]] = {}
+        self.damaged: set[object] = set()
+        self.stand_ins: dict[typed.TopicSymbol, tuple[tuple[str, ...], typed.TopicSymbol]] = {}
+        self._known_stand_ins: dict[tuple[int, tuple[str, ...], int], typed.TopicSymbol] = {}
+        self._bodies: list[tuple[object, tree.Decl, FileScope]] = []
+        self._late_bodies: list[tuple[object, tree.Decl, FileScope]] = []
+        self._resolving: list[Entry] = []
+        self._absorbed = [0, 0]
+
+    # ------------------------------------------------------------ the whole
+
+    def run(self) -> typed.TypedProgram:
+        """Check everything; the program is only meaningful without errors."""
+        for prelude in self.loaded.prelude:
+            self.names.add_prelude(prelude)
+        main = self.names.add_program(self.loaded.main)
+        entries = [e for scope in self.names.scopes for e in scope.entries.values()]
+        ordered, circles = in_order_of_need(entries, self.names)
+        for circle, span in circles:
+            if all(e.state == "new" for e in circle):
+                self._report_cycle(circle, span)
+                circle[0].state = "done"
+        for entry in ordered:
+            self.resolve(entry, entry.decl.name.span, use=False)
+        self._check_bodies()
+        self.calls.report_recursion()
+        program = typed.TypedProgram(str(self.loaded.main.path), "")
+        for entry in entries:
+            _register(program, entry)
+        if not self.diagnostics.has_errors:
+            count_costs(program, self.diagnostics)
+        self.unused.declarations(main)
+        self.unused.report()
+        program.stand_ins = self.stand_ins
+        program.damaged = self.damaged
+        program.incomplete = any(e.symbol is None for e in main.entries.values()) or bool(
+            main.broken
+        )
+        program.sha256 = self.loaded.digest.hexdigest()
+        return program
+
+    def _check_bodies(self) -> None:
+        self.calls.check_bodies()
+        for bodies in (self._bodies, self._late_bodies):
+            for symbol, decl, scope in bodies:
+                self.declarations.body(symbol, decl, scope)
+                self.calls.check_bodies()
+
+    def _fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> bool:
+        mark = self.mark()
+        self.declarations.fun_body(fun, decl, scope)
+        return self.mark() == mark
+
+    def later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
+        """Check a body once every signature is known; systems see what is inside the others."""
+        late = isinstance(symbol, (typed.SystemSymbol, typed.TestSymbol))
+        (self._late_bodies if late else self._bodies).append((symbol, decl, scope))
+
+    # ------------------------------------------------------------ damage
+
+    def mark(self) -> tuple[int, int]:
+        """Grows when something goes wrong, or turns out to have gone wrong, in what is at hand."""
+        errors, losses = self._absorbed
+        return self.diagnostics.error_count - errors, self.names.losses - losses
+
+    def absorb(self, mark: tuple[int, int]) -> None:
+        """What went wrong since `mark` concerns another declaration than the one at hand."""
+        now = self.mark()
+        self._absorbed[0] += now[0] - mark[0]
+        self._absorbed[1] += now[1] - mark[1]
+
+    # ------------------------------------------------------------ resolution on demand
+
+    def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
+        """The symbol of a declaration; cycles are T012; None after an error."""
+        if use:
+            entry.used = True
+        if entry.state == "resolving":
+            self._cycle(entry, span)
+        elif entry.state == "new":
+            self._resolve_now(entry)
+        if entry.symbol is None:
+            self.names.losses += 1
+        return entry.symbol
+
+    def _resolve_now(self, entry: Entry) -> None:
+        entry.state = "resolving"
+        self._resolving.append(entry)
+        outer, self.calls.current = self.calls.current, None
+        mark = self.mark()
+        symbol = self.declarations.symbol(entry)
+        if symbol is not None and (
+            self.mark() != mark or entry.decl.name.text in entry.scope.broken
+        ):
+            self.damaged.add(symbol)
+            if isinstance(symbol, typed.FunSymbol):
+                self.calls.mark_invalid(symbol)
+        self.absorb(mark)
+        self.calls.current = outer
+        self._resolving.pop()
+        entry.symbol = symbol
+        entry.state = "done"
+
+    def _cycle(self, entry: Entry, span: Span) -> None:
+        self._report_cycle(self._resolving[self._resolving.index(entry) :], span)
+
+    def _report_cycle(self, circle: list[Entry], span: Span) -> None:
+        """T012: each entry of the circle needs the next, the last one the first (at `span`)."""
+        entry = circle[0]
+        names = [e.decl.name.text for e in (*circle, entry)]
+        names[0:1] = [f"{names[0]}` needs `{names[1]}"]
+        del names[1]
+        if len(names) > NAMES_IN_CYCLE:
+            names[3:-3] = ["..."]
+        name = entry.decl.name
+        self.diagnostics.error(
+            "T012",
+            f"{entry.kind} `{name.text}` is defined by itself",
+            name.span,
+            "this needs itself",
+            also=((span, "needed again here"),) if span != name.span else (),
+            notes=(", which needs ".join(f"`{n}`" if n != "..." else n for n in names),)
+            if len(circle) > 1
+            else (),
+        )
+
+    # ------------------------------------------------------------ topics of sub-systems
+
+    def stand_in(
+        self,
+        system: typed.SystemSymbol,
+        prefix: list[str],
+        topic: typed.TopicSymbol,
+        span: Span,
+    ) -> typed.TopicSymbol:
+        """The symbol that means a topic of a sub-system instance, one for each path."""
+        key = (id(system), tuple(prefix), id(topic))
+        known = self._known_stand_ins.get(key)
+        if known is None:
+            name = ".".join((*prefix, topic.name.rsplit(".", 1)[-1]))
+            known = typed.TopicSymbol(name, span, topic.type, topic.input, {}, None, None)
+            self._known_stand_ins[key] = known
+            self.stand_ins[known] = (tuple(prefix), topic)
+        return known
+
+
+def _register(program: typed.TypedProgram, entry: Entry) -> None:
+    symbol, name = entry.symbol, entry.full_name
+    if isinstance(symbol, typed.ConstSymbol):
+        program.consts[name] = symbol
+    elif isinstance(symbol, typed.ParamSymbol):
+        program.params[name] = symbol
+    elif isinstance(symbol, typed.FunSymbol):
+        program.funs[name] = symbol
+    elif isinstance(symbol, typed.TopicSymbol):
+        program.topics[name] = symbol
+    elif isinstance(symbol, typed.NodeSymbol):
+        program.nodes[name] = symbol
+    elif isinstance(symbol, typed.ModuleSymbol):
+        program.modules[name] = symbol
+    elif isinstance(symbol, typed.PlantSymbol):
+        program.plants[name] = symbol
+    elif isinstance(symbol, typed.SystemSymbol):
+        program.systems[name] = symbol
+    elif isinstance(symbol, typed.TestSymbol):
+        program.tests[name] = symbol
+
+
+def check(loaded: LoadedProgram, diagnostics: Diagnostics) -> typed.TypedProgram:
+    """Check a loaded program; errors go into `diagnostics`."""
+    return Checker(loaded, diagnostics).run()
+
+
+__all__ = ["Checker", "check"]

@@ -1,0 +1,424 @@
+"""Check declarations: signatures first, bodies when every signature is known.
+
+Purpose: which checker knows which kind of declaration; types, constants, parameters, functions
+and topics themselves.
+Non-goals: name look-up order (`scope.py`), numbers (`elaborator.py`), P1 (`wellformed.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import the_other_way
+from soter.language.check.expression_base import a_type, is_error, sound
+from soter.language.check.expression_context import Context
+from soter.language.check.extern_bindings import check_binding, located
+from soter.language.check.parts.module import ModuleChecker
+from soter.language.check.parts.node import NodeChecker
+from soter.language.check.parts.plant import PlantChecker
+from soter.language.check.parts.test_block import TestChecker
+from soter.language.check.statements import always_returns
+from soter.language.model import typed
+from soter.language.model.durations import write_ns
+from soter.language.model.tree_walk import topics_beside
+from soter.language.model.types import (
+    DURATION,
+    FLOAT,
+    INT,
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    ErrorType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    is_vector_part,
+)
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.language.check.checker_interface import Shared
+    from soter.language.check.constants import ConstantChecker
+    from soter.language.check.scope import Entry, FileScope
+    from soter.language.model.types import Type, Value
+
+MAX_MEMBERS = 65_536
+"""Of an enum, which is stored in two bytes at most."""
+
+
+class DeclChecker:
+    """Checks declarations of one program."""
+
+    def __init__(self, shared: Shared, constants: ConstantChecker) -> None:
+        self.shared = shared
+        self.constants = constants
+        self.diagnostics = shared.diagnostics
+        self.nodes = NodeChecker(shared)
+        self.modules = ModuleChecker(shared)
+        self.plants = PlantChecker(shared)
+        self.systems = TestChecker(shared)
+        self._topics: dict[typed.SystemSymbol, list[typed.TopicSymbol]] = {}
+
+    def symbol(self, entry: Entry) -> object:
+        """The symbol of any declaration, or None when it is too broken."""
+        decl, scope, full = entry.decl, entry.scope, entry.full_name
+        if isinstance(decl, tree.TypeDecl):
+            return self._type(decl, scope, full)
+        if isinstance(decl, tree.ConstDecl):
+            return self._const(decl, scope, full)
+        if isinstance(decl, tree.ParamDecl):
+            return self._param(decl, scope, full)
+        if isinstance(decl, tree.FunDecl):
+            return self._fun(decl, scope, full)
+        if isinstance(decl, tree.TopicDecl):
+            return self._topic(decl, scope, full)
+        if isinstance(decl, tree.NodeDecl):
+            return self.nodes.signature(decl, scope, full)
+        if isinstance(decl, tree.RtaDecl):
+            return self.modules.signature(decl, scope, full)
+        if isinstance(decl, tree.PlantDecl):
+            return self.plants.signature(decl, scope, full)
+        if isinstance(decl, tree.SystemDecl):
+            return self.systems.signature(decl, scope, full)
+        if isinstance(decl, tree.TestDecl):
+            return self.systems.test_signature(decl, scope, full)
+        return None
+
+    def body(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
+        """The part of a declaration that may mention everything else."""
+        if isinstance(symbol, typed.NodeSymbol) and isinstance(decl, tree.NodeDecl):
+            self.nodes.body(symbol, decl, scope)
+        elif isinstance(symbol, typed.ModuleSymbol) and isinstance(decl, tree.RtaDecl):
+            self.modules.body(symbol, decl, scope)
+        elif isinstance(symbol, typed.PlantSymbol) and isinstance(decl, tree.PlantDecl):
+            self.plants.body(symbol, decl, scope)
+        elif isinstance(symbol, typed.SystemSymbol) and isinstance(decl, tree.SystemDecl):
+            self.systems.body(symbol, decl, scope)
+        elif isinstance(symbol, typed.TestSymbol) and isinstance(decl, tree.TestDecl):
+            self.systems.test_body(symbol, decl, scope)
+
+    # ------------------------------------------------------------ types, constants, parameters
+
+    def _type(self, decl: tree.TypeDecl, scope: FileScope, full: str) -> object:
+        if isinstance(decl.type, tree.EnumTypeExpr):
+            members: dict[str, Span] = {}
+            for member in decl.type.members:
+                if member.text in members:
+                    first = members[member.text]
+                    self.shared.names.twice(member.text, member.span, first, "member")
+                else:
+                    members[member.text] = member.span
+            if len(members) > MAX_MEMBERS:
+                self.diagnostics.error(
+                    "T011",
+                    "this enum is too large",
+                    decl.name.span,
+                    f"{len(members)} members, at most {MAX_MEMBERS} are possible",
+                )
+                return None
+            return EnumType(full, tuple(members))
+        t = self.shared.resolve_type(decl.type, scope, duration=True)
+        if isinstance(t, RecordType):
+            return RecordType(t.fields, full)
+        return None if isinstance(t, ErrorType) else t
+
+    def _const(self, decl: tree.ConstDecl, scope: FileScope, full: str) -> object:
+        data = decl.data is not None
+        t = self.shared.resolve_type(decl.type, scope, duration=True, table=data)
+        what = f"constant `{decl.name.text}`"
+        value = None
+        if decl.data is not None and not isinstance(t, (ErrorType, DurationType)):
+            value = self.constants.data(decl, t, scope)
+        elif decl.data is not None and isinstance(t, DurationType):
+            self.diagnostics.error(
+                "T018",
+                "a data file holds no `duration`",
+                decl.type.span,
+                helps=("read a `float` of seconds",),
+            )
+        elif decl.value is not None:
+            value = self.shared.constant(decl.value, scope, t, what)
+        if value is None or isinstance(t, ErrorType):
+            return None
+        return typed.ConstSymbol(full, decl.name.span, t, value)
+
+    def _param(self, decl: tree.ParamDecl, scope: FileScope, full: str) -> object:
+        t = self.shared.resolve_type(decl.type, scope, duration=True)
+        what = f"parameter `{decl.name.text}`"
+        if not isinstance(t, (FloatType, IntType, DurationType, EnumType, BoolType, ErrorType)):
+            self.diagnostics.error(
+                "T018",
+                f"a parameter is a single value, not {a_type(t)}",
+                decl.type.span,
+                notes=("it can be set on the command line: `--set NAME=VALUE`",),
+                helps=("declare one parameter for each number",),
+            )
+            return None
+        default = self._constant_expr(decl.default, scope, t, what)
+        low = high = None
+        if decl.interval is not None and isinstance(t, (BoolType, EnumType)):
+            self.diagnostics.error(
+                "V004", f"{a_type(t)} has no order, so no interval", decl.interval.span
+            )
+        elif decl.interval is not None:
+            low = self._constant_expr(decl.interval.low, scope, t, what)
+            high = self._constant_expr(decl.interval.high, scope, t, what)
+            if low is None or high is None or not self._ordered(low, high, decl.interval):
+                low = high = None
+        if default is None or isinstance(t, ErrorType):
+            return None
+        if isinstance(t, FloatType) and not math.isfinite(default.value):
+            self.diagnostics.error(
+                "V006", f"{what} must be finite", default.span, f"this is {default.value!r}"
+            )
+            return None
+        if low and high and not low.value <= default.value <= high.value:
+            shown = [show(x.value, t) for x in (default, low, high)]
+            self.diagnostics.error(
+                "V007",
+                f"{what} is {shown[0]}, outside [{shown[1]}, {shown[2]}]",
+                default.span,
+                "its default",
+                also=((decl.interval.span, "its range"),) if decl.interval else (),
+            )
+        return typed.ParamSymbol(full, decl.name.span, t, default, low, high)
+
+    def _ordered(self, low: typed.Literal, high: typed.Literal, at: tree.IntervalExpr) -> bool:
+        """V001 for an interval without a value."""
+        if low.value <= high.value:
+            return True
+        shown = f"[{show(low.value, low.type)}, {show(high.value, high.type)}]"
+        self.diagnostics.error(
+            "V001",
+            f"{shown} is empty",
+            at.span,
+            "the lower bound is above the upper one",
+            helps=(the_other_way(at.low.span, at.high.span),),
+        )
+        return False
+
+    def _constant_expr(
+        self, expr: tree.SyntaxExpr, scope: FileScope, t: Type, what: str
+    ) -> typed.Literal | None:
+        """A constant as a literal, or None after a report."""
+        value = self.shared.constant(expr, scope, t, what)
+        return None if value is None else typed.Literal(t, expr.span, value)
+
+    # ------------------------------------------------------------ functions
+
+    def _fun(self, decl: tree.FunDecl, scope: FileScope, full: str) -> object:
+        parameters: dict[str, typed.Variable] = {}
+        for name, type_expr in decl.parameters:
+            t = self.shared.resolve_type(type_expr, scope)
+            if name.text in parameters:
+                first = parameters[name.text].span
+                self.shared.names.twice(name.text, name.span, first, "argument")
+                parameters[f"{name.text} {name.span.start}"] = typed.Variable(
+                    name.text, t, "parameter", name.span
+                )
+                continue
+            parameters[name.text] = typed.Variable(name.text, t, "parameter", name.span)
+        result = self.shared.resolve_type(decl.result, scope)
+        body: tuple[typed.TypedStmt, ...] | None = None if decl.extern else ()
+        check_binding(decl.source, decl.source_span, self.diagnostics)
+        fun = typed.FunSymbol(
+            full,
+            decl.name.span,
+            parameters=tuple(parameters.values()),
+            result=result,
+            body=body,
+            extern=decl.extern,
+            source=located(decl.source, scope),
+            prelude=scope.loaded.prelude,
+        )
+        if decl.body is not None:
+            self.shared.calls.add(fun, decl, scope)
+        return fun
+
+    def fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
+        """Check a function's body and store it in the symbol."""
+        assert decl.body is not None
+        context = Context(
+            scope,
+            f"function `{decl.name.text}`",
+            result=fun.result,
+            result_span=decl.result.span,
+            broken=decl.name.text in scope.broken,
+        )
+        context.locals.append({p.name: p for p in fun.parameters})
+        fun.body = self.shared.check_block(decl.body, context)
+        if always_returns(fun.body) or decl.name.text in scope.broken:
+            return
+        self.diagnostics.error(
+            "T005",
+            f"`{decl.name.text}` may end without `return`",
+            decl.name.span,
+            also=((decl.result.span, "every path must give this"),),
+            helps=("add a `return` at the end",),
+        )
+
+    # ------------------------------------------------------------ topics
+
+    def _topic(self, decl: tree.TopicDecl, scope: FileScope, full: str) -> object:
+        t = self.shared.resolve_type(decl.type, scope)
+        number = self.shared.number
+        context = Context(scope, f"the declaration of topic `{decl.name.text}`")
+        values: dict[tuple[str, ...], typed.RangeSet] = {}
+        if decl.values is not None and not isinstance(t, ErrorType):
+            self._value_set(decl.values, t, (), values, context)
+        default = None
+        if decl.default is not None:
+            because = (decl.type.span, f"the topic is `{t}`")
+            default = number(decl.default, context, t, "a default", because)
+        max_age = None
+        if decl.max_age is not None:
+            max_age = number(decl.max_age, context, DURATION, "`max_age`")
+        if isinstance(t, ErrorType):
+            return None
+        return typed.TopicSymbol(
+            full, decl.name.span, t, decl.input, values, sound(default), sound(max_age)
+        )
+
+    def _value_set(
+        self,
+        values: tree.ValueSet,
+        t: Type,
+        path: tuple[str, ...],
+        out: dict[tuple[str, ...], typed.RangeSet],
+        context: Context,
+    ) -> None:
+        if isinstance(values, tree.IntervalExpr):
+            interval = self._interval(values, t, context)
+            if interval is not None:
+                out[path] = interval
+            return
+        if not isinstance(t, RecordType):
+            self.diagnostics.error(
+                "V004",
+                f"`{t}` has no fields that could have sets of their own",
+                values.span,
+                helps=("give one interval: `in [-1.0, 1.0]`",) if scalar_of(t) else (),
+            )
+            return
+        seen: dict[str, Span] = {}
+        for name, inner in values.fields:
+            index = t.index(name.text)
+            if index is None:
+                fields = [n for n, _ in t.fields]
+                self.diagnostics.error(
+                    "N004",
+                    f"`{t}` has no field `{name.text}`",
+                    name.span,
+                    notes=(f"its fields are {', '.join(f'`{n}`' for n in fields)}",),
+                    helps=self.diagnostics.did_you_mean(name.text, fields, name.span),
+                )
+            elif name.text in seen:
+                self.diagnostics.error(
+                    "N002",
+                    f"the set of `{name.text}` is given twice",
+                    name.span,
+                    "again",
+                    also=((seen[name.text], "the first time"),),
+                )
+            else:
+                seen[name.text] = name.span
+                self._value_set(inner, t.fields[index][1], (*path, name.text), out, context)
+
+    def _interval(
+        self, values: tree.IntervalExpr, t: Type, context: Context
+    ) -> typed.RangeSet | None:
+        scalar = scalar_of(t)
+        if scalar is None:
+            kinds = "numbers of one kind" if isinstance(t, RecordType) else "numbers"
+            self.diagnostics.error(
+                "V004",
+                f"one interval does not fit `{t}`: it is not made of {kinds}",
+                values.span,
+                helps=("give a set to each field: `in { x in [0, 1], y in [-1, 1] }`",)
+                if isinstance(t, RecordType)
+                else (),
+            )
+            return None
+        low = self.shared.number(values.low, context, scalar, "a bound")
+        high = self.shared.number(values.high, context, scalar, "a bound")
+        return None if is_error(low, high) else typed.RangeSet(low, high, values.span)
+
+    def topic_ref(self, ref: tree.Ref, scope: FileScope) -> typed.TopicSymbol | None:
+        """The topic a reference means, or None after a report."""
+        entry = self.shared.names.find_ref(scope, ref, "topic")
+        if entry is None:
+            return None
+        symbol = self.shared.resolve(entry, ref.span)
+        if entry.kind != "topic":
+            self.diagnostics.error(
+                "N003",
+                f"`{ref.text}` is a {entry.kind}, not a topic",
+                ref.span,
+                also=((entry.decl.name.span, "declared here"),),
+            )
+            return None
+        return symbol if isinstance(symbol, typed.TopicSymbol) else None
+
+    def topic_path(
+        self, path: tree.DottedPath, scope: FileScope
+    ) -> tuple[typed.TopicSymbol, tuple[str, ...], Type] | None:
+        """`topic.field...`: the topic, the path below it and the type there."""
+        parts = list(path.parts)
+        first = parts.pop(0)
+        ref = tree.Ref(None, first, first.span)
+        if first.text in scope.imports and first.text not in scope.entries and parts:
+            second = parts.pop(0)
+            ref = tree.Ref(first, second, first.span.to(second.span))
+        topic = self.topic_ref(ref, scope)
+        if topic is None:
+            return None
+        t: Type = topic.type
+        for part in parts:
+            fields = [n for n, _ in t.fields] if isinstance(t, RecordType) else []
+            if not isinstance(t, RecordType) or part.text not in fields:
+                self.diagnostics.error(
+                    "N004",
+                    f"`{t}` has no field `{part.text}`",
+                    part.span,
+                    notes=(f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
+                    if fields
+                    else (),
+                    helps=self.diagnostics.did_you_mean(part.text, fields, part.span),
+                )
+                return None
+            t = t.fields[fields.index(part.text)][1]
+        return topic, tuple(p.text for p in parts), t
+
+    # ------------------------------------------------------------ topics of systems
+
+    def topics_of(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
+        """The topics that stand beside the instances of a system, wires applied."""
+        if system not in self._topics:
+            beside = topics_beside(system)
+            self._topics[system] = [t for t in beside if t not in self.shared.stand_ins]
+        return self._topics[system]
+
+
+def show(value: Value, t: Type) -> str:
+    """A scalar as people write it."""
+    if isinstance(t, DurationType):
+        return write_ns(value)
+    return f"{value!r}" if not isinstance(value, bool) else str(value).lower()
+
+
+def scalar_of(t: Type) -> Type | None:
+    """The one kind of number a type is made of (FLOAT or INT), or None."""
+    if is_vector_part(t):
+        return FLOAT
+    if isinstance(t, IntType):
+        return INT
+    if isinstance(t, RecordType):
+        kinds = {scalar_of(f) for f in {id(f): f for _, f in t.fields}.values()}
+        return kinds.pop() if len(kinds) == 1 else None
+    if isinstance(t, (ArrayType, ListType)):
+        return scalar_of(t.element)
+    return None

@@ -1,0 +1,265 @@
+"""What all parts of the expression checker share.
+
+Purpose: errors as expressions, conversions made explicit, int literals read as floats.
+Non-goals: any particular kind of expression.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import append, replace
+from soter.language.model import typed
+from soter.language.model.types import (
+    ERROR,
+    FLOAT,
+    INT,
+    ArrayType,
+    BoolType,
+    DurationType,
+    ErrorType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.diagnostics.fix import Help
+    from soter.diagnostics.span import Span
+    from soter.language.check.checker_interface import Because, Shared
+    from soter.language.check.expression_context import Context
+    from soter.language.model.types import Type
+    from soter.language.syntax import tree
+
+
+def error_expr(span: Span) -> typed.TypedExpr:
+    """An expression that was already reported."""
+    return typed.Literal(ERROR, span, None)
+
+
+def is_error(*exprs: typed.TypedExpr) -> bool:
+    """Whether any of them was already reported."""
+    return any(isinstance(e.type, ErrorType) for e in exprs)
+
+
+def sound(expr: typed.TypedExpr | None) -> typed.TypedExpr | None:
+    """The expression, None where it was already reported."""
+    return None if expr is None or is_error(expr) else expr
+
+
+def a_type(t: Type) -> str:
+    """A type with its article: a `float`, an `int`."""
+    return f"an `{t}`" if str(t).startswith(("int", "A", "E", "I", "O")) else f"a `{t}`"
+
+
+def plain(t: Type) -> Type:
+    """The type a fresh variable gets from a value: ranged ints become plain ints."""
+    return INT if isinstance(t, IntType) else t
+
+
+def float_literal(expr: typed.TypedExpr) -> typed.TypedExpr | None:
+    """An unnamed int literal (or + - * of such) read as a float, else None."""
+    if not isinstance(expr.type, IntType):
+        return None
+    if isinstance(expr, typed.Literal) and expr.name is None:
+        return typed.Literal(FLOAT, expr.span, float(expr.value))
+    if isinstance(expr, typed.TypedBinary) and expr.op in {"+", "-", "*"}:
+        left, right = float_literal(expr.left), float_literal(expr.right)
+        if left is not None and right is not None:
+            return typed.TypedBinary(FLOAT, expr.span, expr.op, left, right)
+    return None
+
+
+def unify_literals(
+    left: typed.TypedExpr, right: typed.TypedExpr
+) -> tuple[typed.TypedExpr, typed.TypedExpr]:
+    """Read an int literal beside a float as a float."""
+    if isinstance(left.type, FloatType):
+        return left, float_literal(right) or right
+    if isinstance(right.type, FloatType):
+        return float_literal(left) or left, right
+    return left, right
+
+
+def difference(expected: Type, actual: Type) -> str:
+    """In which part two types differ, where they are alike enough to say; else ""."""
+    if isinstance(expected, RecordType) and isinstance(actual, RecordType):
+        have, want = dict(actual.fields), dict(expected.fields)
+        for name, t in want.items():
+            if name not in have:
+                return f"`{expected}` has a field `{name}`, `{actual}` has none"
+            if have[name] != t:
+                deeper = difference(t, have[name])
+                return deeper or f"the field `{name}` is `{have[name]}` instead of `{t}`"
+        extra = [n for n in have if n not in want]
+        if extra:
+            return f"`{expected}` has no field `{extra[0]}`"
+        return "the fields stand in another order"
+    for kind in (ArrayType, ListType):
+        if isinstance(expected, kind) and isinstance(actual, kind):
+            return difference(expected.element, actual.element)
+    return ""
+
+
+class ExprBase(ABC):
+    """Entry points of the expression checker and conversions."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+        self.names = shared.names
+
+    def unknown(
+        self,
+        name: tree.Name,
+        context: Context,
+        more: Iterable[str] = (),
+        *,
+        dotted: bool = False,
+        helps: tuple[Help, ...] = (),
+        otherwise: tuple[Help, ...] = (),
+    ) -> None:
+        """N001, unless what the name stands for may have been lost.
+
+        `helps` and `otherwise` as `Names.unknown` has them.
+        """
+        if context.broken:
+            self.names.losses += 1
+            return
+        elements = [n for n in context.instances or () if n.startswith(f"{name.text}[")]
+        if elements:
+            self.diagnostics.error(
+                "N001",
+                f"`{name.text}` is an array of instances",
+                name.span,
+                "which of them is not said",
+                helps=(replace(name.span, elements[0]),),
+            )
+            return
+        gone = context.gone.get(name.text)
+        if gone is not None and not helps:
+            self.names.unknown(
+                context.scope,
+                name.text,
+                name.span,
+                where=context.where,
+                helps=(f"declare it before the block: `var {name.text}: {gone.type};`",),
+                also=((gone.span, "declared here, for the block it stands in"),),
+            )
+            return
+        known = chain(context.local_names(), more, context.instances or ())
+        self.names.unknown(
+            context.scope,
+            name.text,
+            name.span,
+            known,
+            where=context.where,
+            dotted=dotted,
+            helps=helps,
+            otherwise=otherwise,
+        )
+
+    def value_of_type(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
+        """The local or topic that a type was taken for: `motion` for `Motion`."""
+        values = [n for n, e in context.scope.entries.items() if e.kind != "type"]
+        for other in chain(context.local_names(), values):
+            if other != name.text and other.casefold() == name.text.casefold():
+                return (replace(name.span, other, f"did you mean `{other}`?"),)
+        return ()
+
+    @abstractmethod
+    def dispatch(
+        self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """The typed expression, not yet converted; `expected` is a hint for literals."""
+
+    @abstractmethod
+    def container(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
+        """The typed expression of which a part is read in place: it may be a table."""
+
+    def check(
+        self,
+        expr: tree.SyntaxExpr,
+        context: Context,
+        expected: Type | None = None,
+        because: Because | None = None,
+    ) -> typed.TypedExpr:
+        """The typed expression; where `expected` is given it has that type (or ERROR).
+
+        `because` says where the expectation comes from.
+        """
+        result = self.dispatch(expr, context, expected)
+        if expected is None or is_error(result):
+            return result
+        return self.convert(result, expected, because)
+
+    def convert(
+        self, expr: typed.TypedExpr, expected: Type, because: Because | None = None
+    ) -> typed.TypedExpr:
+        """Fit an expression into a place of type `expected`, or report T001."""
+        if isinstance(expected, ErrorType) or is_error(expr) or expr.type == expected:
+            return expr
+        if isinstance(expected, IntType) and isinstance(expr.type, IntType):
+            return self._narrow(expr, expected, because)
+        if isinstance(expected, FloatType):
+            as_float = float_literal(expr)
+            if as_float is not None:
+                return as_float
+        why = difference(expected, expr.type)
+        self.diagnostics.error(
+            "T001",
+            f"expected `{expected}`, found `{expr.type}`",
+            expr.span,
+            f"this is `{expr.type}`",
+            also=(because,) if because else (),
+            notes=(why,) if why else (),
+            helps=_conversion(expected, expr),
+        )
+        return error_expr(expr.span)
+
+    def _narrow(
+        self, expr: typed.TypedExpr, expected: IntType, because: Because | None
+    ) -> typed.TypedExpr:
+        if not isinstance(expr, typed.Literal):
+            return typed.Narrow(expected, expr.span, expr)
+        if expected.low <= expr.value <= expected.high:
+            return typed.Literal(expected, expr.span, expr.value, expr.name)
+        self.diagnostics.error(
+            "T015",
+            f"{expr.value} does not fit into `{expected}`",
+            expr.span,
+            f"{expected.low} to {expected.high} are allowed",
+            also=(because,) if because else (),
+        )
+        return error_expr(expr.span)
+
+
+def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
+    """What makes a value of one type one of another, most of it as an edit."""
+    actual, span = expr.type, expr.span
+    text = span.text
+    if isinstance(expected, FloatType) and isinstance(actual, IntType):
+        return (replace(span, f"float({text})", "convert it: `float(...)`"),)
+    if isinstance(expected, IntType) and isinstance(actual, FloatType):
+        title = "convert it: `int(...)` cuts off what is behind the point"
+        return (replace(span, f"int({text})", title),)
+    if isinstance(expected, BoolType) and isinstance(actual, IntType):
+        if isinstance(expr, typed.Literal) and expr.value in (0, 1):
+            return (replace(span, "true" if expr.value else "false"),)
+        if isinstance(expr, typed.Literal):
+            return ()
+        if isinstance(expr, typed.TypedBinary):
+            return (replace(span, f"({text}) != 0", "compare it: `... != 0`"),)
+        return (append(span, " != 0", f"write `{text} != 0`"),)
+    if isinstance(expected, DurationType):
+        return ("write a time with its unit, such as `10ms`",)
+    if isinstance(expected, FloatType) and isinstance(actual, DurationType):
+        return (replace(span, f"seconds({text})", "convert it: `seconds(...)`"),)
+    if isinstance(expected, (ArrayType, ListType)) and expected.element == actual:
+        return (replace(span, f"[{text}]", "put it into brackets: `[...]`"),)
+    return ()

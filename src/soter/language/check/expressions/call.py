@@ -1,0 +1,327 @@
+"""Check calls: declared functions, built-in operations, `mode(M)`, `age(t)`.
+
+Purpose: what may be called with what, and what it gives.
+Non-goals: the operations themselves (`arithmetic.py`), bodies of functions
+(`language/check/declarations.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import replace
+from soter.language.check import foreign_names
+from soter.language.check.expression_base import (
+    a_type,
+    error_expr,
+    float_literal,
+    is_error,
+    unify_literals,
+)
+from soter.language.check.expressions.field import FieldChecker, find_instance, flat_names
+from soter.language.check.scope import BUILTIN_FUNCTIONS
+from soter.language.model import typed
+from soter.language.model.types import (
+    FLOAT,
+    INT,
+    MODE,
+    DurationType,
+    ErrorType,
+    FloatType,
+    IntType,
+    is_vector,
+)
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.diagnostics.fix import Help
+    from soter.language.check.expression_context import Context
+    from soter.language.model.types import Type
+
+TAKES = {
+    "sqrt": "a float",
+    "floor": "a float",
+    "abs": "a float or an int",
+    "min": "two floats or two ints",
+    "max": "two floats or two ints",
+    "dot": "two vectors of one type",
+    "norm": "a vector: a record or an array of floats",
+    "saturate": "a float or a vector, and a float",
+    "seconds": "a duration",
+    "float": "an int",
+    "int": "a float",
+}
+ARITY = {"min": 2, "max": 2, "dot": 2, "saturate": 2}
+
+
+class CallChecker(FieldChecker):
+    """The part of the expression checker that knows calls."""
+
+    def call(self, expr: tree.CallExpr, context: Context, expected: Type | None) -> typed.TypedExpr:
+        """`callee(arguments)`."""
+        callee = expr.callee
+        if isinstance(callee, tree.NameExpr):
+            name = callee.name.text
+            if context.find_local(name) is not None:
+                return self._no_function("a variable", name, expr, context)
+            entry = self.names.find(context.scope, name)
+            if entry is None:
+                return self._builtin(name, expr, context, expected)
+        elif isinstance(callee, tree.FieldExpr) and isinstance(callee.target, tree.NameExpr):
+            name = f"{callee.target.name.text}.{callee.field.text}"
+            first = callee.target.name.text
+            if context.find_local(first) is not None or first in context.scope.entries:
+                return self._no_function("a field", name, expr, context)
+            entry = self.names.find_in_import(context.scope, callee.target.name, callee.field)
+            if entry is None:
+                return self._failed(expr, context)
+        else:
+            if isinstance(callee, tree.ErrorExpr):
+                self.names.losses += 1
+            else:
+                self.diagnostics.error(
+                    "T004",
+                    "only functions can be called",
+                    callee.span,
+                    notes=("a call is the name of a function and its arguments",),
+                )
+            return self._failed(expr, context)
+        if entry.kind != "function":
+            return self._no_function(f"a {entry.kind}", name, expr, context)
+        fun = self.shared.resolve(entry, callee.span)
+        if not isinstance(fun, typed.FunSymbol):
+            return self._failed(expr, context)
+        return self._call_fun(fun, expr, context)
+
+    def _failed(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
+        """An error that was reported; the arguments may have errors of their own."""
+        for argument in expr.arguments:
+            self.check(argument, context)
+        return error_expr(expr.span)
+
+    def _no_function(
+        self, what: str, name: str, expr: tree.CallExpr, context: Context
+    ) -> typed.TypedExpr:
+        helps: tuple[Help, ...] = ()
+        last = name.rpartition(".")[2]
+        if isinstance(expr.callee, tree.FieldExpr) and last in ("size", "length", "len", "count"):
+            length = f"{expr.callee.target.span.text}.len"
+            helps = (replace(expr.span, length, f"its length is `{length}`"),)
+        message = f"`{name}` is {what}, not a function"
+        self.diagnostics.error("T004", message, expr.callee.span, helps=helps)
+        return self._failed(expr, context)
+
+    def _call_fun(
+        self, fun: typed.FunSymbol, expr: tree.CallExpr, context: Context
+    ) -> typed.TypedExpr:
+        self.shared.calls.call(fun, expr.span)
+        if len(expr.arguments) != len(fun.parameters) and fun in self.shared.damaged:
+            self.names.losses += 1
+            return self._failed(expr, context)
+        if len(expr.arguments) != len(fun.parameters):
+            signature = ", ".join(f"{p.name}: {p.type}" for p in fun.parameters)
+            self.diagnostics.error(
+                "T003",
+                _count(fun.name, len(fun.parameters), len(expr.arguments)),
+                expr.span,
+                also=((fun.span, "declared here"),),
+                notes=(f"it is declared as `{fun.name}({signature}): {fun.result}`",),
+            )
+            return self._failed(expr, context)
+        arguments = [
+            self.check(a, context, p.type, (p.span, f"`{p.name}` is `{p.type}`"))
+            for a, p in zip(expr.arguments, fun.parameters, strict=True)
+        ]
+        if isinstance(fun.result, ErrorType):
+            self.names.losses += 1
+            return error_expr(expr.span)
+        if is_error(*arguments):
+            return error_expr(expr.span)
+        return typed.TypedCall(fun.result, expr.span, fun, tuple(arguments))
+
+    # ------------------------------------------------------------ built in
+
+    def _builtin(
+        self, name: str, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        span = expr.span
+        if name in {"mode", "margin", "age"}:
+            return self._mode_or_age(name, expr, context)
+        if name not in TAKES:
+            assert isinstance(expr.callee, tree.NameExpr)
+            helps = foreign_names.a_function(expr, name, expr.callee.span)
+            self.unknown(expr.callee.name, context, BUILTIN_FUNCTIONS, helps=helps)
+            return self._failed(expr, context)
+        arity = ARITY.get(name, 1)
+        if not self._counted(name, expr, arity):
+            return self._failed(expr, context)
+        hint: Type | None = None
+        if name in {"sqrt", "floor"}:
+            hint = FLOAT
+        elif isinstance(expected, FloatType) and name in {"abs", "min", "max"}:
+            hint = expected
+        arguments = [self.dispatch(a, context, hint) for a in expr.arguments]
+        if is_error(*arguments):
+            return error_expr(span)
+        if arity == 2:
+            arguments = list(unify_literals(*arguments))
+        result = _result(name, arguments)
+        if result is None:
+            self._wrong_arguments(name, expr, arguments)
+            return error_expr(span)
+        first = arguments[0]
+        if name == "float" and isinstance(first, typed.Literal):
+            return typed.Literal(FLOAT, span, float(first.value))
+        if name in {"float", "int"} and type(first.type) is type(result):
+            return first
+        return typed.Builtin(result, span, name, tuple(arguments))
+
+    def _counted(self, name: str, expr: tree.CallExpr, wanted: int) -> bool:
+        if len(expr.arguments) == wanted:
+            return True
+        takes = TAKES.get(name, "a topic" if name == "age" else "a module")
+        a_range = name == "saturate" and len(expr.arguments) == 3
+        self.diagnostics.error(
+            "T003",
+            _count(name, wanted, len(expr.arguments)),
+            expr.span,
+            notes=(f"`{name}` takes {takes}",),
+            helps=(replace(expr.callee.span, "clamp"),) if a_range else (),
+        )
+        return False
+
+    def _wrong_arguments(
+        self, name: str, expr: tree.CallExpr, arguments: list[typed.TypedExpr]
+    ) -> None:
+        shown = " and ".join(f"`{a.type}`" for a in arguments)
+        kinds = {type(a.type) for a in arguments}
+        helps: tuple[str, ...] = ()
+        if name in {"min", "max"} and kinds == {IntType, FloatType}:
+            helps = ("convert the int: `float(...)`",)
+        elif name in {"sqrt", "floor"} and kinds == {IntType}:
+            helps = (f"convert the int: `{name}(float(...))`",)
+        self.diagnostics.error(
+            "T002",
+            f"`{name}` does not apply to {shown}",
+            expr.span,
+            also=tuple(
+                (e.span, f"`{a.type}`") for e, a in zip(expr.arguments, arguments, strict=True)
+            ),
+            notes=(f"`{name}` takes {TAKES[name]}",),
+            helps=helps,
+        )
+
+    # ------------------------------------------------------------ modes and ages
+
+    def _mode_or_age(self, name: str, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
+        span = expr.span
+        if not self._counted(name, expr, 1):
+            return error_expr(span)
+        argument = expr.arguments[0]
+        if name == "age":
+            read = self.check(argument, context)
+            if is_error(read):
+                return error_expr(span)
+            if isinstance(read, typed.TopicRead):
+                return typed.AgeRead(FLOAT, span, read.topic)
+            self.diagnostics.error(
+                "T002",
+                "`age` takes a topic",
+                argument.span,
+                f"this is {a_type(read.type)}",
+                notes=("a topic as a whole has an age, a part of it has none",),
+            )
+            return error_expr(span)
+        if not context.has_modes:
+            self.diagnostics.error(
+                "T013",
+                f"`{name}` has no meaning in {context.where}",
+                span,
+                notes=(f"only nodes, modules and properties see the {name} of a module",),
+            )
+            return error_expr(span)
+        module = self._module(argument, context, name)
+        if module is None:
+            return error_expr(span)
+        if name == "margin":
+            return typed.MarginRead(FLOAT, span, module)
+        return typed.ModeRead(MODE, span, module)
+
+    def _module(
+        self, argument: tree.SyntaxExpr, context: Context, asked: str
+    ) -> typed.ModuleSymbol | str | None:
+        names = flat_names(argument)
+        what = "an expression"
+        if isinstance(argument, tree.ErrorExpr):
+            self.names.losses += 1
+            return None
+        if names is not None and names[0].text in context.lost:
+            self.names.losses += 1
+            return None
+        if names is not None and context.find_local(names[0].text) is not None:
+            what = "a variable"
+        elif names is not None:
+            target, depth = find_instance(context.instances or {}, names)
+            if isinstance(target, typed.ModuleSymbol) and _is_below(target, names[depth:]):
+                return ".".join(n.text for n in names)
+            if depth:
+                what = "an instance of something else"
+            elif len(names) > 2:
+                what = "nothing that is known"
+            else:
+                ref = tree.Ref(names[0] if len(names) > 1 else None, names[-1], argument.span)
+                entry = self.names.find_ref(context.scope, ref)
+                if entry is None:
+                    return None
+                symbol = self.shared.resolve(entry, argument.span)
+                if entry.kind == "module":
+                    return symbol if isinstance(symbol, typed.ModuleSymbol) else None
+                what = f"a {entry.kind}"
+        self.diagnostics.error(
+            "T002", f"`{asked}` takes a module", argument.span, f"this is {what}"
+        )
+        return None
+
+
+def _count(name: str, wanted: int, count: int) -> str:
+    s = "" if wanted == 1 else "s"
+    none = "none are" if count == 0 else f"{count} {'is' if count == 1 else 'are'}"
+    return f"`{name}` takes {wanted or 'no'} argument{s}, but {none} given"
+
+
+def _result(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
+    """Result type of a builtin, None when it does not apply; may convert literals in place."""
+    first = arguments[0].type
+    if name in {"sqrt", "floor"}:
+        as_float = float_literal(arguments[0])
+        if as_float is not None:
+            arguments[0] = as_float
+            return FLOAT
+        return FLOAT if isinstance(first, FloatType) else None
+    if name == "float":
+        return FLOAT if isinstance(first, (IntType, FloatType)) else None
+    if name == "int":
+        return INT if isinstance(first, (FloatType, IntType)) else None
+    if name == "seconds":
+        return FLOAT if isinstance(first, DurationType) else None
+    if name in {"abs", "min", "max"}:
+        if all(isinstance(a.type, FloatType) for a in arguments):
+            return FLOAT
+        return INT if all(isinstance(a.type, IntType) for a in arguments) else None
+    if name == "dot":
+        return FLOAT if is_vector(first) and first == arguments[1].type else None
+    if name == "norm":
+        return FLOAT if is_vector(first) else None
+    bound = float_literal(arguments[1]) or arguments[1]  # saturate
+    if isinstance(bound.type, FloatType) and (is_vector(first) or isinstance(first, FloatType)):
+        arguments[1] = bound
+        return first
+    return None
+
+
+def _is_below(module: typed.ModuleSymbol, names: Sequence[tree.Name]) -> bool:
+    """Whether the names lead from a module to one below it (`ac module`), or to itself."""
+    own = [m.name.rpartition(".")[2] for m in module.below]
+    return [n.text for n in names] == own[: len(names)]

@@ -1,0 +1,325 @@
+"""Check what stands behind a dot or in brackets.
+
+Purpose: fields, `list.len`, members of enums, names of imported files, elements; inside a system
+also `plant.truth`, topics of sub-systems.
+Non-goals: bare names (`expr.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import insert, replace
+from soter.language.check import foreign_names
+from soter.language.check.expression_base import ExprBase, error_expr, is_error
+from soter.language.check.expression_context import SPECIALS
+from soter.language.check.scope import BUILTIN_FUNCTIONS
+from soter.language.model import typed
+from soter.language.model.types import (
+    INT,
+    MODE,
+    ArrayType,
+    EnumType,
+    ErrorType,
+    ListType,
+    RecordType,
+)
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from soter.diagnostics.fix import Help
+    from soter.diagnostics.span import Span
+    from soter.language.check.expression_context import Context
+    from soter.language.check.scope import Entry
+    from soter.language.model.types import Type
+
+NAMES_SHOWN = 12
+
+
+def flat_names(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
+    """The names of a dotted chain `a.b.c`, or None when it is something else."""
+    names: list[tree.Name] = []
+    while isinstance(expr, tree.FieldExpr):
+        names.append(expr.field)
+        expr = expr.target
+    if not isinstance(expr, tree.NameExpr):
+        return None
+    names.append(expr.name)
+    names.reverse()
+    return names
+
+
+def listed(names: list[str] | tuple[str, ...]) -> str:
+    """Names in backticks, not too many of them."""
+    shown = ", ".join(f"`{n}`" for n in names[:NAMES_SHOWN])
+    return shown + (f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else "")
+
+
+class FieldChecker(ExprBase):
+    """The part of the expression checker that knows dots and brackets."""
+
+    def entry(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
+        """A declaration used as a value."""
+        raise NotImplementedError
+
+    def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
+        """A read of a topic, if this place may read it."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------ dots
+
+    def field(self, expr: tree.FieldExpr, context: Context, _: Type | None) -> typed.TypedExpr:
+        """`target.field` in all its meanings."""
+        names = flat_names(expr)
+        if names is not None and names[0].text in context.lost:
+            self.names.losses += 1
+            return error_expr(expr.span)
+        if names is not None and context.find_local(names[0].text) is None:
+            if context.instances is not None and names[0].text in context.instances:
+                return self._below_instance(expr.span, names, context)
+            if self._is_unknown(names[0].text, context):
+                helps = foreign_names.without_object(names[0], names[1])
+                self.unknown(names[0], context, dotted=not helps, helps=helps)
+                return error_expr(expr.span)
+            typed_expr = self._constant_length(expr, names, context)
+            typed_expr = typed_expr or self._below_name(expr, names, context)
+            if typed_expr is not None:
+                return typed_expr
+        target = self.container(expr.target, context)
+        if is_error(target):
+            return error_expr(expr.span)
+        return self._select(target, expr.field, expr.span)
+
+    def _is_unknown(self, name: str, context: Context) -> bool:
+        scope = context.scope
+        return not (
+            name in scope.entries
+            or name in scope.imports
+            or name in self.names.prelude
+            or name in SPECIALS
+            or name in BUILTIN_FUNCTIONS
+            or name == "Mode"
+            or (context.hidden is not None and context.hidden.find_local(name) is not None)
+        )
+
+    def _constant_length(
+        self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
+    ) -> typed.TypedExpr | None:
+        """`xs.len` of an array, where only constants may stand: its type says it."""
+        if context.hidden is None or expr.field.text != "len":
+            return None
+        local = context.hidden.find_local(names[0].text)
+        t: Type | None = local.type if local is not None else None
+        for name in names[1:-1]:
+            t = dict(t.fields).get(name.text) if isinstance(t, RecordType) else None
+        if local is None or not isinstance(t, ArrayType):
+            return None
+        local.used = True
+        return typed.Literal(INT, expr.span, t.size)
+
+    def _below_name(
+        self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
+    ) -> typed.TypedExpr | None:
+        """`Enum.member`, `file.name`, `file.Enum.member`; None for a field of a value."""
+        scope, first = context.scope, names[0].text
+        if first in scope.imports and first not in scope.entries:
+            if len(names) == 2:
+                entry = self.names.find_in_import(scope, names[0], names[1])
+                return error_expr(expr.span) if not entry else self.entry(entry, expr.span, context)
+            child = scope.imports[first]
+            entry = child.entries.get(names[1].text) if child is not None else None
+            if len(names) == 3 and entry is not None and entry.kind == "type":
+                self.names.find_in_import(scope, names[0], names[1])
+                t = self.shared.resolve(entry, expr.target.span)
+                return self._member(t, names[2], expr.span)
+            return None
+        if len(names) != 2:
+            return None
+        entry = scope.entries.get(first) or self.names.prelude.get(first)
+        if entry is not None and entry.kind == "type":
+            entry.used = True
+            helps = self.value_of_type(names[0], context)
+            t = self.shared.resolve(entry, names[0].span)
+            return self._member(t, names[1], expr.span, helps)
+        return (
+            self._member(MODE, names[1], expr.span) if entry is None and first == "Mode" else None
+        )
+
+    def _select(self, target: typed.TypedExpr, name: tree.Name, span: Span) -> typed.TypedExpr:
+        """A field of a value, or the length of a list."""
+        t = target.type
+        helps: tuple[Help, ...] = ()
+        notes: tuple[str, ...] = ()
+        if isinstance(t, RecordType):
+            index = t.index(name.text)
+            if index is not None:
+                return typed.TypedField(t.fields[index][1], span, target, index)
+            fields = [n for n, _ in t.fields]
+            notes = (f"its fields are {listed(fields)}",)
+            helps = self.diagnostics.did_you_mean(name.text, fields, name.span)
+        elif isinstance(t, (ListType, ArrayType)):
+            if name.text == "len":
+                if isinstance(t, ArrayType):
+                    return typed.Literal(INT, span, t.size)
+                return typed.TypedLength(INT, span, target)
+            if name.text in {"length", "size", "count"}:
+                helps = (replace(name.span, "len", "its length is `.len`"),)
+        self.diagnostics.error(
+            "N004", f"`{t}` has no field `{name.text}`", name.span, notes=notes, helps=helps
+        )
+        return error_expr(span)
+
+    def _member(
+        self, t: object, name: tree.Name, span: Span, helps: tuple[Help, ...] = ()
+    ) -> typed.TypedExpr:
+        if t is None or isinstance(t, ErrorType):
+            return error_expr(span)
+        if not isinstance(t, EnumType):
+            self.diagnostics.error(
+                "N003",
+                f"`{t}` is a type, not a value",
+                span,
+                notes=("only the members of an enum are written `Type.member`",),
+                helps=helps,
+            )
+        elif name.text in t.members:
+            return typed.Literal(t, span, t.members.index(name.text), f"{t.name}.{name.text}")
+        else:
+            self.diagnostics.error(
+                "N004",
+                f"`{t}` has no member `{name.text}`",
+                name.span,
+                notes=(f"its members are {listed(t.members)}",),
+                helps=self.diagnostics.did_you_mean(name.text, t.members, name.span),
+            )
+        return error_expr(span)
+
+    # ------------------------------------------------------------ below an instance of a system
+
+    def _below_instance(
+        self, span: Span, names: list[tree.Name], context: Context
+    ) -> typed.TypedExpr:
+        """`plant.truth...`, `sub.topic...`, `sub.plant.truth...` inside a system."""
+        assert context.instances is not None
+        what, depth = find_instance(context.instances, names)
+        prefix, rest = names[:depth], names[depth:]
+        path = ".".join(n.text for n in prefix)
+        if not rest:
+            return self.no_value(what, path, span)
+        if isinstance(what, typed.PlantSymbol) and rest[0].text == "truth":
+            if what in self.shared.damaged and what.truth.index(rest[-1].text) is None:
+                self.names.losses += 1
+                return error_expr(span)
+            value: typed.TypedExpr = typed.TruthRead(what.truth, span, path)
+            return self._select_all(value, rest[1:], span)
+        if isinstance(what, typed.SystemSymbol):
+            topic = self._topic_of(what, [n.text for n in prefix], rest[0])
+            if topic is not None:
+                value = self.topic_read(topic, span, context)
+                return value if is_error(value) else self._select_all(value, rest[1:], span)
+        if what in self.shared.damaged:
+            self.names.losses += 1
+            return error_expr(span)
+        self._not_below(what, path, rest[0])
+        return error_expr(span)
+
+    def no_value(self, what: object, path: str, span: Span) -> typed.TypedExpr:
+        """N003 for an instance that stands where a value is needed."""
+        helps: tuple[str, ...] = ()
+        if isinstance(what, typed.PlantSymbol):
+            helps = (f"the plant's state is `{path}.truth`",)
+        elif isinstance(what, typed.ModuleSymbol):
+            helps = (f"the module's mode is `mode({path})`",)
+        self.diagnostics.error("N003", f"`{path}` is an instance, not a value", span, helps=helps)
+        return error_expr(span)
+
+    def _not_below(self, what: object, path: str, name: tree.Name) -> None:
+        helps: tuple[Help, ...] = ()
+        if isinstance(what, typed.PlantSymbol):
+            states = [n for n, _ in what.truth.fields]
+            helps = (
+                insert(name.span, "truth.", f"write `{path}.truth.{name.text}`")
+                if name.text in states
+                else f"the plant's state is `{path}.truth`",
+            )
+        elif isinstance(what, typed.SystemSymbol):
+            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(what)]
+            helps = self.diagnostics.did_you_mean(
+                name.text, [*topics, *(i.name for i in what.instances)], name.span
+            )
+        elif isinstance(what, typed.ModuleSymbol):
+            helps = (f"the module's mode is `mode({path})`",)
+        elif isinstance(what, typed.NodeSymbol):
+            helps = ("read a topic it publishes: locals of a node are its own",)
+        self.diagnostics.error(
+            "N004", f"`{path}` has no `{name.text}` that could be read", name.span, helps=helps
+        )
+
+    def _topic_of(
+        self, system: typed.SystemSymbol, prefix: list[str], name: tree.Name
+    ) -> typed.TopicSymbol | None:
+        """A stand-in symbol for a topic of a sub-system instance, one for each path."""
+        for topic in self.shared.topics_of(system):
+            if topic.name.rsplit(".", 1)[-1] == name.text:
+                return self.shared.stand_in(system, prefix, topic, name.span)
+        return None
+
+    def _select_all(
+        self, value: typed.TypedExpr, names: list[tree.Name], span: Span
+    ) -> typed.TypedExpr:
+        for name in names:
+            if is_error(value):
+                return value
+            value = self._select(value, name, span)
+        return value
+
+    # ------------------------------------------------------------ brackets
+
+    def index(self, expr: tree.IndexExpr, context: Context, _: Type | None) -> typed.TypedExpr:
+        """`target[index]`."""
+        target = self.container(expr.target, context)
+        index = self.check(expr.index, context, INT)
+        if is_error(target, index):
+            return error_expr(expr.span)
+        if not isinstance(target.type, (ArrayType, ListType)):
+            self.diagnostics.error(
+                "T002",
+                f"`{target.type}` cannot be indexed",
+                expr.target.span,
+                f"this is `{target.type}`",
+                notes=("only arrays and lists have elements",),
+            )
+            return error_expr(expr.span)
+        self.constant_index(target.type, index)
+        return typed.Index(target.type.element, expr.span, target, index)
+
+    def constant_index(self, t: ArrayType | ListType, index: typed.TypedExpr) -> None:
+        """T017 for a literal index that can never be right."""
+        if not isinstance(index, typed.Literal):
+            return
+        limit = t.size if isinstance(t, ArrayType) else t.capacity
+        if not 0 <= index.value < limit:
+            self.diagnostics.error(
+                "T017",
+                f"index {index.value} is outside `{t}`",
+                index.span,
+                f"0 to {limit - 1} are possible" if limit > 1 else "only 0 is possible",
+            )
+
+
+def find_instance(
+    instances: dict[str, typed.InstanceSymbol], names: list[tree.Name] | tuple[tree.Name, ...]
+) -> tuple[object, int]:
+    """What the longest prefix of a dotted path instantiates, and its length; (None, 0) if none."""
+    what: object = None
+    depth = 0
+    for name in names:
+        instance = instances.get(name.text)
+        if instance is None:
+            break
+        depth += 1
+        what = instance.what
+        if not isinstance(what, typed.SystemSymbol):
+            break
+        instances = what.by_name
+    return what, depth

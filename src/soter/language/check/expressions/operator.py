@@ -1,0 +1,224 @@
+"""Check operators: unary, binary, conditional.
+
+Purpose: which operators apply to which types, and what they give.
+Non-goals: their arithmetic (`arithmetic.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import replace
+from soter.diagnostics.span import Span
+from soter.language.check.expression_base import (
+    ExprBase,
+    error_expr,
+    float_literal,
+    is_error,
+    unify_literals,
+)
+from soter.language.model import typed
+from soter.language.model.types import (
+    BOOL,
+    DURATION,
+    FLOAT,
+    INT,
+    INT_MIN,
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    is_vector,
+)
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from soter.diagnostics.fix import Help
+    from soter.language.check.expression_context import Context
+    from soter.language.model.types import Type
+
+COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
+
+
+class OperatorChecker(ExprBase):
+    """The part of the expression checker that knows operators."""
+
+    def unary(
+        self, expr: tree.UnaryExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """`-e` and `!e`."""
+        if expr.op == "!":
+            operand = self.check(expr.operand, context, BOOL)
+            return operand if is_error(operand) else typed.TypedUnary(BOOL, expr.span, "!", operand)
+        if (
+            isinstance(expr.operand, tree.IntLit)
+            and expr.operand.value == -INT_MIN
+            and not isinstance(expected, FloatType)
+        ):
+            return typed.Literal(INT, expr.span, INT_MIN)  # its positive twin does not exist
+        operand = self.dispatch(expr.operand, context, _number_hint(expected))
+        if is_error(operand):
+            return operand
+        t = operand.type
+        if isinstance(operand, typed.Literal) and operand.name is None:
+            if isinstance(t, FloatType):
+                return typed.Literal(FLOAT, expr.span, -operand.value)
+            if isinstance(t, IntType) and operand.value != INT_MIN:
+                return typed.Literal(INT, expr.span, -operand.value)
+        if isinstance(t, IntType):
+            return typed.TypedUnary(INT, expr.span, "-", operand)
+        if isinstance(t, FloatType) or is_vector(t):
+            return typed.TypedUnary(t, expr.span, "-", operand)
+        helps: tuple[Help, ...] = ()
+        sign = Span(expr.span.source, expr.span.start, expr.operand.span.start)
+        if isinstance(t, BoolType):
+            helps = (replace(sign, "!", "for the opposite of a bool write `!`"),)
+        elif isinstance(t, DurationType):
+            helps = (replace(sign, "", f"no time is below 0: write `{expr.operand.span.text}`"),)
+        self.diagnostics.error(
+            "T002",
+            f"`-` does not apply to `{t}`",
+            expr.operand.span,
+            f"this is `{t}`",
+            helps=helps,
+        )
+        return error_expr(expr.span)
+
+    def binary(
+        self, expr: tree.BinaryExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """All operators with two sides."""
+        op = expr.op
+        if op in {"&&", "||"}:
+            left = self.check(expr.left, context, BOOL)
+            right = self.check(expr.right, context, BOOL)
+            if is_error(left, right):
+                return error_expr(expr.span)
+            return typed.TypedBinary(BOOL, expr.span, op, left, right)
+        hint = None
+        if op in {"+", "-"}:
+            hint = _number_hint(expected)
+        elif op in {"*", "/"} and isinstance(expected, FloatType):
+            hint = expected
+        left = self.dispatch(expr.left, context, hint)
+        right = self.dispatch(expr.right, context, hint)
+        if is_error(left, right):
+            return error_expr(expr.span)
+        left, right = unify_literals(left, right)
+        result = self._compared(expr, left, right) if op in COMPARISONS else None
+        if op not in COMPARISONS:
+            result = _arithmetic(expr, left, right)
+        if result is None:
+            self._does_not_apply(expr, left.type, right.type)
+            return error_expr(expr.span)
+        return result
+
+    def _compared(
+        self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
+    ) -> typed.TypedExpr | None:
+        lt, rt = left.type, right.type
+        ordered = isinstance(lt, (IntType, FloatType, DurationType))
+        same = type(lt) is type(rt) and (not isinstance(lt, EnumType) or lt == rt)
+        equality = expr.op in {"==", "!="} and isinstance(lt, (BoolType, EnumType))
+        if same and (ordered or equality):
+            return typed.TypedBinary(BOOL, expr.span, expr.op, left, right)
+        return None
+
+    def _does_not_apply(self, expr: tree.BinaryExpr, lt: Type, rt: Type) -> None:
+        self.diagnostics.error(
+            "T002",
+            f"`{expr.op}` does not apply to `{lt}` and `{rt}`",
+            expr.span,
+            also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
+            helps=_operator_help(expr, lt, rt),
+        )
+
+    def conditional(
+        self, expr: tree.ConditionalExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """`c ? a : b`."""
+        condition = self.check(expr.condition, context, BOOL)
+        then = self.check(expr.then, context, expected)
+        otherwise = self.check(expr.otherwise, context, expected)
+        if is_error(condition, then, otherwise):
+            return error_expr(expr.span)
+        then, otherwise = unify_literals(then, otherwise)
+        t = then.type
+        if isinstance(t, IntType) and isinstance(otherwise.type, IntType):
+            t = t if t == otherwise.type else INT
+        elif t != otherwise.type:
+            self.diagnostics.error(
+                "T001",
+                f"the two sides of `?:` differ: `{t}` and `{otherwise.type}`",
+                expr.span,
+                also=((then.span, f"`{t}`"), (otherwise.span, f"`{otherwise.type}`")),
+            )
+            return error_expr(expr.span)
+        return typed.Conditional(t, expr.span, condition, then, otherwise)
+
+
+def _number_hint(expected: Type | None) -> Type | None:
+    """The hint for the operands of `+` and `-`: they have the type of the result."""
+    if isinstance(expected, FloatType) or (expected is not None and is_vector(expected)):
+        return expected
+    return None
+
+
+def _arithmetic(
+    expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
+) -> typed.TypedExpr | None:
+    op, lt, rt, span = expr.op, left.type, right.type, expr.span
+    if isinstance(lt, IntType) and isinstance(rt, IntType):
+        return typed.TypedBinary(INT, span, op, left, right)
+    if isinstance(lt, FloatType) and isinstance(rt, FloatType) and op != "%":
+        return typed.TypedBinary(FLOAT, span, op, left, right)
+    if isinstance(lt, DurationType) and isinstance(rt, DurationType) and op in {"+", "-"}:
+        return typed.TypedBinary(DURATION, span, op, left, right)
+    if isinstance(lt, DurationType) and isinstance(rt, IntType) and op in {"*", "/"}:
+        return typed.TypedBinary(DURATION, span, op, left, right)
+    if isinstance(lt, IntType) and isinstance(rt, DurationType) and op == "*":
+        return typed.TypedBinary(DURATION, span, op, left, right)
+    if is_vector(lt) and lt == rt and op in {"+", "-"}:
+        return typed.Vector(lt, span, op, left, right)
+    if is_vector(rt) and op == "*":
+        scalar = left if isinstance(lt, FloatType) else float_literal(left)
+        if scalar is not None:
+            return typed.Vector(rt, span, op, scalar, right)
+    if is_vector(lt) and op in {"*", "/"}:
+        scalar = right if isinstance(rt, FloatType) else float_literal(right)
+        if scalar is not None:
+            return typed.Vector(lt, span, op, left, scalar)
+    return None
+
+
+def _operator_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
+    op, left, right = expr.op, expr.left.span, expr.right.span
+    kinds = {type(lt), type(rt)}
+    if kinds == {IntType, FloatType}:
+        of = left if isinstance(lt, IntType) else right
+        return (replace(of, f"float({of.text})", "convert the int: `float(...)`"),)
+    if is_vector(lt) and is_vector(rt):
+        if op == "*" and lt == rt:
+            dot = f"dot({left.text}, {right.text})"
+            return (replace(expr.span, dot, "for the scalar product write `dot(a, b)`"),)
+        if op in {"+", "-"}:
+            return ("both sides must be vectors of one type",)
+    if op == "%" and kinds == {FloatType}:
+        x, y = left.text, right.text
+        rest = f"({x}) - floor(({x}) / ({y})) * ({y})"
+        return (replace(expr.span, rest, "for floats write `x - floor(x / y) * y`"),)
+    if op not in "*/%" and kinds == {DurationType, FloatType}:
+        of = left if isinstance(lt, DurationType) else right
+        title = "`seconds(d)` is a time as a `float`"
+        return (replace(of, f"seconds({of.text})", title),)
+    if DurationType in kinds and kinds <= {DurationType, FloatType, IntType}:
+        return ("`seconds(d)` is a time as a `float`",)
+    if op in COMPARISONS and kinds <= {RecordType, ArrayType, ListType}:
+        return ("compare the parts one by one",)
+    if op in COMPARISONS and kinds <= {BoolType, EnumType} and lt == rt:
+        return ("only `==` and `!=` compare these",)
+    return ()

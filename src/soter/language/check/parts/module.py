@@ -1,0 +1,287 @@
+"""Check RTA modules: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
+
+Purpose: `rta` declarations -> `ModuleSymbol`; `verify.py` adds the `verify` block.
+Non-goals: P1a and P1b (`wellformed.py`), P2 and P3 (`reach/`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.check.expression_base import is_error, sound
+from soter.language.check.expression_context import Context
+from soter.language.check.expressions.field import listed
+from soter.language.check.parts.node import period_or_unknown
+from soter.language.check.parts.verify_block import VerifyChecker
+from soter.language.model import typed
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import BOOL, DURATION, INT
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.span import Span
+    from soter.language.check.checker_interface import Shared
+    from soter.language.check.scope import FileScope
+
+
+class ModuleChecker:
+    """Checks modules of one program."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+        self.verification = VerifyChecker(shared)
+
+    def node_ref(self, ref: tree.Ref, scope: FileScope) -> typed.NodeSymbol | None:
+        """The node a reference means, or None after a report."""
+        entry = self.shared.names.find_ref(scope, ref, "node")
+        if entry is None:
+            return None
+        symbol = self.shared.resolve(entry, ref.span)
+        if entry.kind != "node":
+            self.diagnostics.error(
+                "N003",
+                f"`{ref.text}` is a {entry.kind}, not a node",
+                ref.span,
+                also=((entry.decl.name.span, "declared here"),),
+            )
+            return None
+        return symbol if isinstance(symbol, typed.NodeSymbol) else None
+
+    def _module_ref(self, ref: tree.Ref, scope: FileScope) -> typed.ModuleSymbol | None:
+        """The module a reference means, or None after a report."""
+        entry = self.shared.names.find_ref(scope, ref, "module")
+        if entry is None:
+            return None
+        symbol = self.shared.resolve(entry, ref.span)
+        if entry.kind != "module":
+            self.diagnostics.error(
+                "N003",
+                f"`{ref.text}` is a {entry.kind}, not a module",
+                ref.span,
+                also=((entry.decl.name.span, "declared here"),),
+                helps=(f"write `ac {ref.text};`",) if entry.kind == "node" else (),
+            )
+            return None
+        return symbol if isinstance(symbol, typed.ModuleSymbol) else None
+
+    def _advanced(
+        self, decl: tree.RtaDecl, scope: FileScope
+    ) -> tuple[typed.NodeSymbol | None, typed.ModuleSymbol | None]:
+        """AC, and the module whose AC it is, where a module stands in its place."""
+        if not isinstance(decl.ac, tree.ModuleAsAc):
+            return (self.node_ref(decl.ac, scope) if decl.ac else None), None
+        over, name = self._module_ref(decl.ac.module, scope), decl.name.text
+        for what, part in (("clean", decl.clean), ("verify", decl.verify)):
+            if part is not None:
+                self.diagnostics.error(
+                    "M019",
+                    f"module `{name}` has `{what}`, but a module stands in the place of its AC",
+                    decl.ac.span,
+                    notes=(
+                        f"`{decl.ac.module.text}` answers itself for what its AC publishes",
+                        "a module above another one is not proved: `soter test` explores both",
+                    ),
+                    helps=(f"leave out `{what}`",),
+                )
+        return (None if over is None else over.ac), over
+
+    def signature(
+        self, decl: tree.RtaDecl, scope: FileScope, full: str
+    ) -> typed.ModuleSymbol | None:
+        """Controllers and period; None where one of them is missing."""
+        context = Context(scope, f"the declaration of module `{decl.name.text}`")
+        parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
+        missing = [word for word, part in parts.items() if part is None]
+        if missing and decl.name.text not in scope.broken:
+            examples = {
+                "ac": "ac Fast;",
+                "sc": "sc Careful;",
+                "period": "period 50ms;",
+                "safe": "safe motion.x < 10.0;",
+            }
+            self.diagnostics.error(
+                "M006",
+                f"module `{decl.name.text}` has no " + " and no ".join(f"`{m}`" for m in missing),
+                decl.name.span,
+                notes=("a module is an advanced and a safe controller, a period and a property",),
+                helps=("add " + ", ".join(f"`{examples[m]}`" for m in missing),),
+            )
+        number = self.shared.number
+        ac, over = self._advanced(decl, scope)
+        if isinstance(decl.sc, tree.Synthesized):
+            sc = self._synthesized(decl.sc, ac, context)
+        else:
+            sc = self.node_ref(decl.sc, scope) if decl.sc else None
+        period = number(decl.period, context, DURATION, "a period") if decl.period else None
+        clean = number(decl.clean, context, INT, "`clean`") if decl.clean else None
+        wcet = number(decl.wcet, context, DURATION, "`wcet`") if decl.wcet else None
+        jitter = number(decl.jitter, context, DURATION, "`jitter`") if decl.jitter else None
+        if decl.ac is None or decl.sc is None or decl.safe is None:
+            return None
+        if ac is None or sc is None or period is None:
+            return None
+        if {ac, sc, over} & self.shared.damaged:
+            self.shared.names.losses += 1
+        module = typed.ModuleSymbol(
+            full,
+            decl.name.span,
+            ac=ac,
+            sc=sc,
+            period=period_or_unknown(period),
+            safe=typed.Literal(BOOL, decl.safe.span, True),
+            safer=None,
+            ttf=None,
+            clean=sound(clean),
+            verify=typed.TypedVerifyBlock(),
+            ac_span=decl.ac.span,
+            sc_span=decl.sc.span,
+            over=over,
+            wcet=sound(wcet),
+            jitter=sound(jitter),
+        )
+        self.shared.later(module, decl, scope)
+        return module
+
+    def _synthesized(
+        self, decl: tree.Synthesized, ac: typed.NodeSymbol | None, context: Context
+    ) -> typed.NodeSymbol | None:
+        """An extern node in place of the controller that `soter verify --synthesize` finds.
+
+        It publishes what AC does; what it reads is known with the `verify` block.
+        """
+        period = self.shared.number(decl.period, context, DURATION, "a period")
+        if ac is None or period is None:
+            return None
+        return typed.NodeSymbol(
+            typed.SYNTHESIZED,
+            decl.span,
+            period=period_or_unknown(period),
+            phase=None,
+            extern=True,
+            source=None,
+            subscribes=(),
+            publishes=ac.publishes,
+            failsafe={},
+            locals=(),
+            initial=(),
+            assumes=(),
+            guarantees=(),
+            takeover=None,
+            step=(),
+        )
+
+    def body(self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope) -> None:
+        """Predicates and the `verify` block."""
+        assert decl.safe is not None
+        check = self.shared.check_expr
+        where = f"module `{decl.name.text}`"
+        context = Context(scope, where, topics="any", has_modes=True)
+        module.safe = check(decl.safe, context, BOOL)
+        context.topics_read = {}
+        module.ttf = check(decl.ttf, context, BOOL) if decl.ttf else None
+        module.safer = check(decl.safer, context, BOOL) if decl.safer else None
+        module.topics_read = tuple(context.topics_read)
+        if (decl.ttf is None) != (decl.safer is None) and decl.name.text not in scope.broken:
+            what, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")
+            self.diagnostics.error(
+                "M006",
+                f"module `{decl.name.text}` has `{other}` but no `{what}`",
+                decl.name.span,
+                notes=("one decides when to leave AC, the other when to return to it",),
+                helps=(f"write `{what}` too, or leave both out: then they are computed",),
+            )
+        module.contract = tuple(self._contract(module, decl, scope))
+        module.failsafe = self._law(module, decl, scope)
+        if decl.verify is not None:
+            self.verification.check(module, decl.verify, scope)
+
+    def _law(
+        self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
+    ) -> dict[typed.TopicSymbol, typed.TypedExpr]:
+        """A constant for every output: M009 for other topics, M026 where one is left out."""
+        name = decl.name.text
+        context = Context(scope, f"the fail-safe law of module `{name}`")
+        value_by_topic: dict[typed.TopicSymbol, typed.TypedExpr] = {}
+        spans: dict[typed.TopicSymbol, Span] = {}
+        for ref, expr in decl.failsafe:
+            topic = self.shared.topic_ref(ref, scope)
+            wanted = topic.type if topic else None
+            value = self.shared.number(expr, context, wanted, "a fail-safe value")
+            if topic is None:
+                continue
+            if topic not in module.sc.publishes:
+                self.diagnostics.error(
+                    "M009",
+                    f"module `{name}` does not publish `{ref.text}`",
+                    ref.span,
+                    notes=("the fail-safe law takes the place of what a module publishes",),
+                    helps=(f"leave `{ref.text}` out",),
+                )
+            elif topic in spans:
+                self.shared.names.twice(ref.text, ref.span, spans[topic])
+            elif not is_error(value):
+                value_by_topic[topic] = value
+            spans.setdefault(topic, ref.span)
+        left = [t.name for t in module.sc.publishes if t not in spans]
+        if decl.failsafe and left and module.sc not in self.shared.damaged:
+            self.diagnostics.error(
+                "M026",
+                f"the fail-safe law of module `{name}` says nothing of {listed(left)}",
+                decl.failsafe[0][0].span,
+                also=((module.sc_span or module.span, "publishes it"),),
+                notes=("when the lease ends all outputs of a module get a value at once",),
+                helps=(f"add `failsafe {left[0]} = ...;`",),
+            )
+        return value_by_topic if not left else {}
+
+    def _contract(
+        self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
+    ) -> Iterator[typed.ClauseSymbol]:
+        """What it relies on and promises: of topics, their ages, the time and modes."""
+        where = f"the contract of module `{decl.name.text}`"
+        context = Context(scope, where, topics="any", has_time=True, has_modes=True)
+        seen: dict[str, Span] = {}
+        for item in decl.contract:
+            name = item.name
+            condition = self.shared.check_expr(item.condition, context, BOOL)
+            first = seen.setdefault(name.text, name.span)
+            if first is not name.span:
+                self.shared.names.twice(name.text, name.span, first)
+            elif not is_error(condition):
+                self._about_its_outputs(module, item, condition)
+                text = " ".join(item.condition.span.text.split())
+                yield typed.ClauseSymbol(name.text, item.span, item.kind, condition, text)
+
+    def _about_its_outputs(
+        self, module: typed.ModuleSymbol, item: tree.Clause, condition: typed.TypedExpr
+    ) -> None:
+        """M022: a guarantee speaks of what the module publishes, an assumption does not."""
+        outputs = set(module.sc.publishes)
+        read = topic_reads(condition)
+        own = [e for t, e in read.items() if t in outputs]
+        published = listed([t.name for t in module.sc.publishes])
+        also = ((module.span, f"publishes {published}"),)
+        if item.kind == "guarantees" and not own:
+            self.diagnostics.error(
+                "M022",
+                f"`{item.name.text}` says nothing of what module `{module.name}` publishes",
+                item.condition.span,
+                also=also,
+                notes=("a module can promise what it publishes, and nothing that others do",),
+                helps=(
+                    "let the node that publishes it guarantee this",
+                    "or state it as a property: `always ...;`",
+                ),
+            )
+        elif item.kind == "assumes" and own:
+            self.diagnostics.error(
+                "M022",
+                f"`{item.name.text}` assumes something of what module `{module.name}` publishes",
+                own[0].span,
+                also=also,
+                notes=("a module relies on others, and answers for its own outputs",),
+                helps=("write `guarantees`, or leave its outputs out",),
+            )

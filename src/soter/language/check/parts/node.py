@@ -1,0 +1,389 @@
+"""Check nodes: what they read and write, their locals, their step.
+
+Purpose: `node` and `extern node` declarations -> `NodeSymbol`; inputs disjoint from outputs.
+Non-goals: modules (`module.py`), numbers (`elaborator.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import out_of_list
+from soter.language.check.expression_base import is_error, sound
+from soter.language.check.expression_context import Context
+from soter.language.check.extern_bindings import check_binding, located
+from soter.language.model import typed
+from soter.language.model.data_table import VALUE_MAX
+from soter.language.model.types import BOOL, DURATION, leaf_count
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.language.check.checker_interface import Shared
+    from soter.language.check.scope import FileScope
+    from soter.language.syntax import tree
+
+UNKNOWN = "<error>"
+"""Name of the literal that stands for a period with an error."""
+
+
+def period_or_unknown(period: typed.TypedExpr) -> typed.TypedExpr:
+    """The period, or a literal that `elaborator.py` says nothing about."""
+    return typed.Literal(DURATION, period.span, 0, UNKNOWN) if is_error(period) else period
+
+
+def input_is_set(topic: typed.TopicSymbol, span: Span, diagnostics: Diagnostics) -> None:
+    """M011 for an input topic that the program itself would set."""
+    diagnostics.error(
+        "M011",
+        f"`{topic.name}` is an input topic: only the environment sets it",
+        span,
+        "set by the program here",
+        also=((topic.span, "declared `input` here"),),
+        helps=("declare it without `input`",),
+    )
+
+
+MAX_OUTPUTS = 32
+"""Publications of a step are counted in one machine word."""
+
+
+class NodeChecker:
+    """Checks nodes of one program."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+
+    def signature(self, decl: tree.NodeDecl, scope: FileScope, full: str) -> typed.NodeSymbol:
+        """Everything but the code."""
+        context = Context(scope, f"the declaration of node `{decl.name.text}`")
+        number = self.shared.number
+        period = number(decl.period, context, DURATION, "a period")
+        phase = number(decl.phase, context, DURATION, "a phase") if decl.phase else None
+        check_binding(decl.source, decl.source_span, self.diagnostics)
+        subscribes = self._subscribes(decl, scope)
+        bursts: dict[typed.TopicSymbol, int] = {}
+        publishes = self._publishes(decl, scope, subscribes, bursts)
+        locals_, initial = self._locals(decl, scope, context)
+        failsafe = self._failsafe(decl, scope, publishes, context)
+        node = typed.NodeSymbol(
+            full,
+            decl.name.span,
+            period=period_or_unknown(period),
+            phase=sound(phase),
+            extern=decl.extern,
+            source=located(decl.source, scope),
+            subscribes=tuple(subscribes.values()),
+            publishes=tuple(publishes),
+            failsafe=failsafe,
+            locals=tuple(locals_),
+            initial=tuple(initial),
+            assumes=(),
+            guarantees=(),
+            takeover=None,
+            step=(),
+            bursts=bursts,
+            takes=self._takes(decl, context),
+            wcet=sound(number(decl.wcet, context, DURATION, "`wcet`")) if decl.wcet else None,
+            jitter=sound(number(decl.jitter, context, DURATION, "`jitter`"))
+            if decl.jitter
+            else None,
+        )
+        self.shared.later(node, decl, scope)
+        return node
+
+    def _takes(
+        self, decl: tree.NodeDecl, context: Context
+    ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
+        """How long a step lasts; None also after a report."""
+        if decl.takes is None:
+            return None
+        number, what = self.shared.number, "how long a step takes"
+        low = sound(number(decl.takes.low, context, DURATION, what))
+        high = sound(number(decl.takes.high, context, DURATION, what))
+        return None if low is None or high is None else (low, high)
+
+    # ------------------------------------------------------------ inputs and outputs
+
+    def _subscribes(
+        self, decl: tree.NodeDecl, scope: FileScope
+    ) -> dict[typed.TopicSymbol, typed.Subscribed]:
+        subscription_by_topic: dict[typed.TopicSymbol, typed.Subscribed] = {}
+        for s in decl.subscribes:
+            topic = self.shared.topic_ref(s.topic, scope)
+            if topic is None:
+                continue
+            if topic in subscription_by_topic:
+                self._twice(
+                    f"`{s.topic.text}` is subscribed to twice",
+                    s.span,
+                    subscription_by_topic[topic].span,
+                )
+                continue
+            if s.queue is not None and s.queue < 1:
+                self.diagnostics.error(
+                    "T011", "a queue holds at least one message", s.span, f"not {s.queue}"
+                )
+            elif s.queue is not None and s.queue * leaf_count(topic.type) > VALUE_MAX:
+                self.diagnostics.error(
+                    "T011",
+                    f"this queue holds {s.queue * leaf_count(topic.type)} numbers",
+                    s.span,
+                    f"at most {VALUE_MAX} are possible",
+                )
+            policy = s.policy or "drop_oldest"
+            queue = None if s.queue is None else max(s.queue, 1)
+            subscription_by_topic[topic] = typed.Subscribed(topic, queue, policy, s.span)
+        return subscription_by_topic
+
+    def _burst(self, publication: tree.Publication, topic: typed.TopicSymbol) -> int | None:
+        """How many messages a step may publish; T011 where that is none, or too many."""
+        count, span = publication.burst, publication.span
+        if count is None:
+            return None
+        if count < 1:
+            self.diagnostics.error(
+                "T011", "a step publishes at least one message", span, f"not {count}"
+            )
+        elif count * leaf_count(topic.type) > VALUE_MAX:
+            self.diagnostics.error(
+                "T011",
+                f"these messages hold {count * leaf_count(topic.type)} numbers",
+                span,
+                f"at most {VALUE_MAX} are possible",
+            )
+        return max(count, 1)
+
+    def _publishes(
+        self,
+        decl: tree.NodeDecl,
+        scope: FileScope,
+        subscribes: dict[typed.TopicSymbol, typed.Subscribed],
+        bursts: dict[typed.TopicSymbol, int],
+    ) -> dict[typed.TopicSymbol, Span]:
+        """I and O are disjoint (paper, Definition of a node): M001. Fills `bursts`."""
+        span_by_topic: dict[typed.TopicSymbol, Span] = {}
+        for publication in decl.publishes:
+            ref = publication.topic
+            topic = self.shared.topic_ref(ref, scope)
+            if topic is None:
+                continue
+            if topic in span_by_topic:
+                self._twice(f"`{ref.text}` is published twice", ref.span, span_by_topic[topic])
+                continue
+            if topic in subscribes:
+                self.diagnostics.error(
+                    "M001",
+                    f"`{decl.name.text}` both subscribes to and publishes `{topic.name}`",
+                    ref.span,
+                    "published here",
+                    also=((subscribes[topic].span, "subscribed to here"),),
+                    notes=("the inputs and the outputs of a node are disjoint",),
+                    helps=("keep the value in a local: `var last: ...;`",),
+                )
+            if topic.input:
+                input_is_set(topic, ref.span, self.diagnostics)
+            span_by_topic[topic] = ref.span
+            burst = self._burst(publication, topic)
+            if burst is not None:
+                bursts[topic] = burst
+        if len(span_by_topic) > MAX_OUTPUTS:
+            self.diagnostics.error(
+                "M016",
+                f"`{decl.name.text}` publishes {len(span_by_topic)} topics",
+                decl.name.span,
+                f"at most {MAX_OUTPUTS} are possible",
+                helps=("put values that belong together into one record",),
+            )
+        if decl.extern:
+            self._short_names(decl, [s.topic for s in subscribes.values()], subscribes, "reads")
+            self._short_names(decl, list(span_by_topic), span_by_topic, "publishes")
+        return span_by_topic
+
+    def _short_names(
+        self,
+        decl: tree.NodeDecl,
+        topics: list[typed.TopicSymbol],
+        spans: Mapping[typed.TopicSymbol, typed.Subscribed | Span],
+        verb: str,
+    ) -> None:
+        """M017 for topics that an extern could not tell apart: it knows them by their last name."""
+        taken: dict[str, typed.TopicSymbol] = {}
+        for topic in topics:
+            short = topic.name.rpartition(".")[2]
+            other = taken.get(short)
+            if other is None and verb == "publishes":
+                other = taken.get(short.removeprefix("has_")) if short.startswith("has_") else None
+                other = other or taken.get(f"has_{short}")
+            if other is not None:
+                place = spans[topic]
+                span = place.span if isinstance(place, typed.Subscribed) else place
+                self.diagnostics.error(
+                    "M017",
+                    f"extern `{decl.name.text}` {verb} `{other.name}` and `{topic.name}`, which it "
+                    "cannot tell apart",
+                    span,
+                    notes=(
+                        "an extern knows topics by the last part of their names",
+                        "in C `has_t` says that `t` is given",
+                    ),
+                    helps=("declare a topic of another name and wire it in the system",),
+                )
+            taken.setdefault(short, topic)
+
+    def _twice(self, message: str, again: Span, first: Span) -> None:
+        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
+
+    # ------------------------------------------------------------ locals and fail-safe values
+
+    def _locals(
+        self, decl: tree.NodeDecl, scope: FileScope, context: Context
+    ) -> tuple[list[typed.Variable], list[typed.TypedExpr | None]]:
+        variables: dict[str, typed.Variable] = {}
+        initial: list[typed.TypedExpr | None] = []
+        for local in decl.locals:
+            t = self.shared.resolve_type(local.type, scope)
+            because = (local.type.span, f"declared as `{t}`")
+            value = None
+            if local.initial is not None:
+                value = self.shared.number(local.initial, context, t, "a first value", because)
+            first = variables.get(local.name.text)
+            if first is not None:
+                self.shared.names.twice(local.name.text, local.name.span, first.span)
+                continue
+            variables[local.name.text] = typed.Variable(
+                local.name.text, t, "local", local.name.span
+            )
+            initial.append(sound(value))
+        return list(variables.values()), initial
+
+    def _failsafe(
+        self,
+        decl: tree.NodeDecl,
+        scope: FileScope,
+        publishes: dict[typed.TopicSymbol, Span],
+        context: Context,
+    ) -> dict[typed.TopicSymbol, typed.TypedExpr]:
+        result: dict[typed.TopicSymbol, typed.TypedExpr] = {}
+        spans: dict[typed.TopicSymbol, Span] = {}
+        for ref, expr in decl.failsafe:
+            topic = self.shared.topic_ref(ref, scope)
+            because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
+            wanted = topic.type if topic else None
+            value = self.shared.number(expr, context, wanted, "a fail-safe value", because)
+            if topic is None:
+                continue
+            if topic not in publishes:
+                self.diagnostics.error(
+                    "M009",
+                    f"`{decl.name.text}` does not publish `{ref.text}`",
+                    ref.span,
+                    notes=("fail-safe values take the place of what a node publishes",),
+                    helps=(f"add `{ref.text}` to `publishes`",),
+                )
+            elif topic in spans:
+                self._twice(
+                    f"the fail-safe value of `{ref.text}` is given twice", ref.span, spans[topic]
+                )
+            elif not is_error(value):
+                result[topic] = value
+            spans.setdefault(topic, ref.span)
+        return result
+
+    # ------------------------------------------------------------ code
+
+    def body(self, node: typed.NodeSymbol, decl: tree.NodeDecl, scope: FileScope) -> None:
+        """Assumptions, the reset on takeover, the step."""
+        frame = {v.name: v for v in node.locals}
+        inputs = {s.topic for s in node.subscribes}
+        where = f"node `{decl.name.text}`"
+        queues = {s.topic: s.queue for s in node.subscribes if s.queue is not None}
+        context = Context(
+            scope,
+            where,
+            topics=inputs,
+            queues=queues,
+            has_time=True,
+            has_period=True,
+            has_modes=True,
+            node=node,
+            owner=node,
+            broken=decl.name.text in scope.broken,
+            locals=[frame],
+        )
+        self._contracts(node, decl, context)
+        if decl.takeover is not None:
+            reset = Context(
+                scope,
+                f"`on takeover` of `{decl.name.text}`",
+                topics=inputs,
+                queues=queues,
+                has_time=True,
+                has_period=True,
+                owner=node,
+                broken=context.broken,
+                locals=[frame],
+                topics_read=context.topics_read,
+            )
+            node.takeover = self.shared.check_block(decl.takeover, reset)
+        if decl.step is not None:
+            context.choices = []
+            node.step = self.shared.check_block(decl.step, context)
+            node.locals += tuple(context.choices)
+            node.initial += (None,) * len(context.choices)
+            context.choices = None
+        if not decl.extern and not scope.loaded.library:
+            self._warn(node, decl, context)
+
+    def _contracts(self, node: typed.NodeSymbol, decl: tree.NodeDecl, step: Context) -> None:
+        """What it relies on and promises: about topics, the time and modes, not its locals."""
+        inputs = {s.topic for s in node.subscribes}
+        context = Context(
+            step.scope,
+            f"a contract of {step.where}",
+            topics=inputs,
+            queues=step.queues,
+            has_time=True,
+            has_modes=True,
+            owner=node,
+            broken=step.broken,
+            private=step.locals[0],
+            topics_read=step.topics_read,
+        )
+        check = self.shared.check_expr
+        assumes = [check(e, context, BOOL) for e in decl.assumes]
+        context.topics = inputs | set(node.publishes)
+        guarantees = [check(e, context, BOOL) for e in decl.guarantees]
+        node.assumes = tuple(e for e in assumes if not is_error(e))
+        node.guarantees = tuple(e for e in guarantees if not is_error(e))
+
+    def _warn(self, node: typed.NodeSymbol, decl: tree.NodeDecl, context: Context) -> None:
+        name = decl.name.text
+        published = self.shared.published.get(node, set())
+        spans = {
+            t: p.topic.span
+            for p in decl.publishes
+            if (t := self.shared.topic_ref(p.topic, context.scope)) is not None
+        }
+        for topic in node.publishes:
+            if topic not in published:
+                self.shared.unused.add(
+                    "W004",
+                    f"`{name}` never publishes `{topic.name}`",
+                    spans.get(topic, decl.name.span),
+                    "declared here",
+                    "publish it in the step, or leave it out here",
+                )
+        for s in node.subscribes:
+            if s.topic not in context.topics_read:
+                self.shared.unused.add(
+                    "W001",
+                    f"`{name}` never reads `{s.topic.name}`",
+                    s.span,
+                    "",
+                    out_of_list(s.span, "leave it out"),
+                )
+        self.shared.unused.variables(list(node.locals))

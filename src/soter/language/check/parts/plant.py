@@ -1,0 +1,410 @@
+"""Check plants: states, disturbances, dynamics, measurements.
+
+Purpose: `plant` and `extern plant` declarations -> `PlantSymbol`.
+Non-goals: numbers (`elaborator.py`), integration (`semantics/`, `lower/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import out_of_list
+from soter.language.check.expression_base import a_type, error_expr, is_error, plain, sound
+from soter.language.check.expression_context import Context
+from soter.language.check.extern_bindings import check_binding, located
+from soter.language.check.parts.node import input_is_set, period_or_unknown
+from soter.language.check.statements import no_duration
+from soter.language.model import typed
+from soter.language.model.types import (
+    DURATION,
+    ERROR,
+    FLOAT,
+    INT,
+    DurationType,
+    ErrorType,
+    FloatType,
+    RecordType,
+    is_vector,
+)
+from soter.language.syntax.schemes import DEFAULT_SCHEME
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.language.check.checker_interface import Shared
+    from soter.language.check.scope import FileScope
+    from soter.language.model.types import Type
+    from soter.language.syntax import tree
+
+
+class PlantChecker:
+    """Checks plants of one program."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+
+    def signature(self, decl: tree.PlantDecl, scope: FileScope, full: str) -> typed.PlantSymbol:
+        """Everything but the right-hand sides."""
+        number = self.shared.number
+        context = Context(scope, f"the declaration of plant `{decl.name.text}`")
+        period = number(decl.period, context, DURATION, "a period")
+        check_binding(decl.source, decl.source_span, self.diagnostics)
+        reads = self._reads(decl, scope)
+        states, initial, ranges = self._states(decl, scope, context)
+        disturbances = self._disturbances(decl, scope, context, states)
+        method, substeps = decl.integrate or (DEFAULT_SCHEME, None)
+        steps = None
+        if substeps is not None:
+            steps = number(substeps, context, INT, "the number of substeps")
+        truth = RecordType(
+            tuple((v.name, v.type) for v in states if not isinstance(v.type, ErrorType)),
+            f"{full}.truth",
+        )
+        plant = typed.PlantSymbol(
+            full,
+            decl.name.span,
+            period=period_or_unknown(period),
+            extern=decl.extern,
+            source=located(decl.source, scope),
+            reads=tuple(reads),
+            drives=self._drives(decl, scope),
+            states=tuple(states),
+            initial=tuple(initial),
+            initial_range=tuple(ranges),
+            disturbances=tuple(disturbances),
+            lets=(),
+            der={},
+            next={},
+            method=method,
+            substeps=sound(steps),
+            measured=(),
+            truth=truth,
+            read_spans=tuple(reads.values()),
+        )
+        self.shared.later(plant, decl, scope)
+        return plant
+
+    def _reads(self, decl: tree.PlantDecl, scope: FileScope) -> dict[typed.TopicSymbol, Span]:
+        reads: dict[typed.TopicSymbol, Span] = {}
+        for ref in decl.reads:
+            topic = self.shared.topic_ref(ref, scope)
+            if topic is None:
+                continue
+            if topic in reads:
+                self._twice(f"`{ref.text}` is read twice", ref.span, reads[topic])
+            reads.setdefault(topic, ref.span)
+        return reads
+
+    def _drives(
+        self, decl: tree.PlantDecl, scope: FileScope
+    ) -> tuple[tuple[typed.TopicSymbol, typed.TypedExpr], ...]:
+        """The driven topics; their values are checked with the body."""
+        spans: dict[typed.TopicSymbol, Span] = {}
+        for ref, expr in decl.drives:
+            topic = self.shared.topic_ref(ref, scope)
+            if expr is None:
+                self.diagnostics.error(
+                    "M006",
+                    f"`drives {ref.text}` has no value",
+                    ref.span,
+                    notes=("also of an extern plant: its code moves the states, nothing else",),
+                    helps=(f"write `drives {ref.text} = ...;` over its states",),
+                )
+            if expr is None or topic is None:
+                continue
+            if topic in spans:
+                self._twice(f"`{ref.text}` is driven twice", ref.span, spans[topic])
+                continue
+            spans[topic] = ref.span
+            if topic.input:
+                input_is_set(topic, ref.span, self.diagnostics)
+        return tuple((t, error_expr(span)) for t, span in spans.items())
+
+    def _twice(self, message: str, again: Span, first: Span) -> None:
+        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
+
+    def _states(
+        self, decl: tree.PlantDecl, scope: FileScope, context: Context
+    ) -> tuple[
+        list[typed.Variable],
+        list[typed.TypedExpr | None],
+        list[tuple[typed.TypedExpr, typed.TypedExpr] | None],
+    ]:
+        states: dict[str, typed.Variable] = {}
+        initial: list[typed.TypedExpr | None] = []
+        ranges: list[tuple[typed.TypedExpr, typed.TypedExpr] | None] = []
+        for s in decl.states:
+            t = self.shared.resolve_type(s.type, scope)
+            value = None
+            if s.initial is not None:
+                because = (s.type.span, f"declared as `{t}`")
+                value = self.shared.number(s.initial, context, t, "a first value", because)
+            interval = self._start(s, t, context)
+            first = states.get(s.name.text)
+            if first is not None:
+                self.shared.names.twice(s.name.text, s.name.span, first.span, "state")
+                continue
+            states[s.name.text] = typed.Variable(s.name.text, t, "state", s.name.span, used=True)
+            initial.append(sound(value))
+            ranges.append(interval)
+        return list(states.values()), initial, ranges
+
+    def _start(
+        self, s: tree.PlantState, t: Type, context: Context
+    ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
+        """The interval a state starts in, if it has one."""
+        if s.interval is None:
+            return None
+        interval = self._interval(s.interval, context)
+        if s.initial is not None:
+            self.diagnostics.error(
+                "V008",
+                f"state `{s.name.text}` starts at a value and in an interval",
+                s.initial.span,
+                "the value",
+                also=((s.interval.span, "the interval"),),
+                helps=("keep one of them",),
+            )
+        if _can_be_integrated(t):
+            return interval
+        self.diagnostics.error(
+            "V004",
+            f"{a_type(t)} cannot start anywhere in an interval",
+            s.interval.span,
+            notes=("the start is drawn for floats and vectors only",),
+            helps=(f"give it a value: `state {s.name.text}: {t} = ...;`",),
+        )
+        return None
+
+    def _interval(
+        self, interval: tree.IntervalExpr, context: Context
+    ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
+        low = self.shared.number(interval.low, context, FLOAT, "a bound")
+        high = self.shared.number(interval.high, context, FLOAT, "a bound")
+        return None if is_error(low, high) else (low, high)
+
+    def _disturbances(
+        self,
+        decl: tree.PlantDecl,
+        scope: FileScope,
+        context: Context,
+        states: list[typed.Variable],
+    ) -> list[typed.DisturbanceSymbol]:
+        disturbances: list[typed.DisturbanceSymbol] = []
+        taken = {v.name: v for v in states}
+        for d in decl.disturbances:
+            t = self.shared.resolve_type(d.type, scope)
+            interval = self._interval(d.interval, context)
+            hold = None
+            if d.hold is not None:
+                hold = self.shared.number(d.hold, context, DURATION, "`hold`")
+            first = taken.get(d.name.text)
+            if first is not None:
+                self.shared.names.twice(d.name.text, d.name.span, first.span)
+                continue
+            if not (isinstance(t, (FloatType, ErrorType)) or is_vector(t)):
+                self.diagnostics.error(
+                    "T018",
+                    f"a disturbance is a float or a vector, not {a_type(t)}",
+                    d.type.span,
+                )
+                t = ERROR
+            variable = typed.Variable(d.name.text, t, "disturbance", d.name.span)
+            taken[d.name.text] = variable
+            if interval is None:
+                zero = typed.Literal(FLOAT, d.interval.span, 0.0)
+                interval = (zero, zero)
+            disturbances.append(typed.DisturbanceSymbol(variable, *interval, sound(hold)))
+        return disturbances
+
+    # ------------------------------------------------------------ body
+
+    def body(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope) -> None:
+        """Lets, dynamics, outputs and measurement errors."""
+        frame = {v.name: v for v in plant.states}
+        frame.update({d.variable.name: d.variable for d in plant.disturbances})
+        context = Context(
+            scope,
+            f"plant `{decl.name.text}`",
+            topics=set(plant.reads),
+            inputs="reads",
+            owner=plant,
+            broken=decl.name.text in scope.broken,
+            has_time=True,
+            has_period=True,
+            locals=[frame],
+            choices=[],
+        )
+        plant.lets = tuple(self._let(item, frame, context) for item in decl.lets)
+        self._dynamics(plant, decl, context)
+        self._drive_values(plant, decl, context)
+        plant.measured = tuple(self._measured(plant, decl, scope))
+        if not plant.extern and not scope.loaded.library:
+            self._warn(plant, decl, context)
+
+    def _let(
+        self, item: tree.PlantLet, frame: dict[str, typed.Variable], context: Context
+    ) -> tuple[typed.Variable, typed.TypedExpr]:
+        t = self.shared.resolve_type(item.type, context.scope, context) if item.type else None
+        because = (item.type.span, f"declared as `{t}`") if item.type else None
+        value = self.shared.check_expr(item.value, context, t, because)
+        variable_type = t if t is not None else plain(value.type)
+        if isinstance(variable_type, DurationType):
+            no_duration(value.span, self.diagnostics)
+            variable_type = ERROR
+        first = frame.get(item.name.text)
+        if first is not None:
+            self.shared.names.twice(item.name.text, item.name.span, first.span)
+            first.used = True
+        variable = typed.Variable(item.name.text, variable_type, "plantlet", item.name.span)
+        frame[item.name.text] = variable
+        return variable, value
+
+    def _dynamics(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
+        states = {v.name: v for v in plant.states}
+        given: dict[str, Span] = {}
+        for table, items, word in ((plant.der, decl.der, "der"), (plant.next, decl.next, "next")):
+            for name, expr in items:
+                variable = states.get(name.text)
+                wanted = variable.type if variable else None
+                because = (variable.span, f"the state is `{wanted}`") if variable else None
+                at = replace(context, choices=None) if word == "der" else context
+                value = self.shared.check_expr(expr, at, wanted, because)
+                if variable is None:
+                    self._no_state(plant, decl, name, context)
+                elif name.text in given:
+                    message = f"the dynamics of `{name.text}` are given twice"
+                    self._twice(message, name.span, given[name.text])
+                elif word == "der" and not _can_be_integrated(variable.type):
+                    self.diagnostics.error(
+                        "T018",
+                        f"`der` is for floats and vectors, not for {a_type(variable.type)}",
+                        name.span,
+                        also=((variable.span, "declared here"),),
+                        helps=(f"write `next {name.text} = ...;`",),
+                    )
+                else:
+                    table[variable] = value
+                given.setdefault(name.text, name.span)
+        if plant.extern and given:
+            self.diagnostics.error(
+                "X010",
+                f"extern plant `{decl.name.text}` has dynamics of its own",
+                next(iter(given.values())),
+                notes=("the states of an extern plant are moved by the code it is bound to",),
+                helps=("leave out `extern`, or every `der` and `next`",),
+            )
+        if not plant.extern and not plant.states and decl.name.text not in context.scope.broken:
+            self.diagnostics.error(
+                "M006",
+                f"plant `{decl.name.text}` has no state",
+                decl.name.span,
+                helps=("add `state x: float;` and `der x = ...;`",),
+            )
+
+    def _no_state(
+        self, plant: typed.PlantSymbol, decl: tree.PlantDecl, name: tree.Name, context: Context
+    ) -> None:
+        if decl.name.text in context.scope.broken:
+            self.shared.names.losses += 1
+            return
+        self.shared.damaged.add(plant)
+        if not self.shared.names.first_miss(context.scope, name.text, context.where):
+            return
+        near = self.diagnostics.did_you_mean(name.text, [v.name for v in plant.states])
+        self.diagnostics.error(
+            "N001",
+            f"plant `{decl.name.text}` has no state `{name.text}`",
+            name.span,
+            "not declared",
+            helps=near or (f"add `state {name.text}: float;`",),
+        )
+
+    def _drive_values(
+        self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
+    ) -> None:
+        """The values of the driven topics, of each the one that was written first."""
+        values: dict[typed.TopicSymbol, typed.TypedExpr] = {}
+        for ref, expr in decl.drives:
+            topic = self.shared.topic_ref(ref, context.scope)
+            if expr is None:
+                continue
+            because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
+            wanted = topic.type if topic else None
+            value = self.shared.check_expr(expr, context, wanted, because)
+            if topic is not None:
+                values.setdefault(topic, value)
+        plant.drives = tuple((t, values[t]) for t, _ in plant.drives)
+
+    def _measured(
+        self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope
+    ) -> list[typed.MeasuredSymbol]:
+        context = Context(scope, f"the declaration of plant `{decl.name.text}`")
+        driven = {t for t, _ in plant.drives}
+        measured: list[typed.MeasuredSymbol] = []
+        taken: list[tuple[typed.TopicSymbol, tuple[str, ...], Span]] = []
+        for path, bound in decl.measured:
+            within = self.shared.number(bound, context, FLOAT, "the bound of an error")
+            topic_path = self.shared.topic_path(path, scope)
+            if topic_path is None:
+                continue
+            topic, below, t = topic_path
+            overlap = next(
+                (s for o, p, s in taken if o is topic and (_begins(below, p) or _begins(p, below))),
+                None,
+            )
+            if topic not in driven:
+                if plant not in self.shared.damaged:
+                    self.diagnostics.error(
+                        "M009",
+                        f"plant `{decl.name.text}` does not drive `{topic.name}`",
+                        path.span,
+                        notes=("a plant knows the errors of its own outputs only",),
+                    )
+            elif not _can_be_integrated(t):
+                self.diagnostics.error(
+                    "T018",
+                    f"only floats and vectors are measured with an error, not {a_type(t)}",
+                    path.span,
+                    helps=("name the fields that are floats",),
+                )
+            elif overlap is not None:
+                self._twice(f"the error of `{path.text}` is given twice", path.span, overlap)
+            elif not is_error(within):
+                measured.append(typed.MeasuredSymbol(topic, below, within, path.span))
+            taken.append((topic, below, path.span))
+        return measured
+
+    def _warn(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
+        unused = self.shared.unused
+        unused.variables([d.variable for d in plant.disturbances])
+        unused.variables([v for v, _ in plant.lets])
+        if unmoved(plant):
+            return  # what it reads is for the rules that are not there yet
+        for topic, span in zip(plant.reads, plant.read_spans, strict=True):
+            if topic not in context.topics_read:
+                message = f"plant `{decl.name.text}` never reads `{topic.name}`"
+                unused.add("W001", message, span, "", out_of_list(span, "leave it out"))
+
+
+def unmoved(plant: typed.PlantSymbol) -> list[typed.Variable]:
+    """States that nothing moves, unless they are unknown constants of a set or begin with `_`."""
+    if plant.extern:
+        return []
+    return [
+        state
+        for state, drawn in zip(plant.states, plant.initial_range, strict=True)
+        if state not in plant.der
+        and state not in plant.next
+        and drawn is None
+        and not state.name.startswith("_")
+    ]
+
+
+def _begins(path: tuple[str, ...], prefix: tuple[str, ...]) -> bool:
+    return path[: len(prefix)] == prefix
+
+
+def _can_be_integrated(t: Type) -> bool:
+    return isinstance(t, (FloatType, ErrorType)) or is_vector(t)

@@ -1,0 +1,401 @@
+"""Check `verify` blocks: names, types and constants of what `soter verify` needs.
+
+Purpose: grids, polytopes, abstractions, commands and times -> `VerifyBlock`.
+Non-goals: values of the numbers (`elaborator.py`), whether they determine a problem (`reach/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.language.check.expression_base import is_error, sound
+from soter.language.check.expression_context import Context
+from soter.language.check.resolution_order import mentioned
+from soter.language.model import typed
+from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType, RecordType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.span import Span
+    from soter.language.check.checker_interface import Shared
+    from soter.language.check.scope import FileScope
+    from soter.language.model.types import Type
+    from soter.language.syntax import tree
+
+AxisKey = tuple[object, tuple[str, ...]]
+
+
+class VerifyChecker:
+    """Checks the `verify` blocks of one program."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+
+    def check(self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope) -> None:
+        """Fill in `module.verify`, and what a synthesized SC subscribes to."""
+        block = module.verify = typed.TypedVerifyBlock(span=verify.span)
+        self._times(block, verify, scope)
+        self._sets(module, verify, scope)
+        block.views = tuple(self._views(module, verify, scope))
+        block.commands = tuple(self._commands(module, verify, scope))
+        if verify.core is not None:
+            context = Context(scope, f"module `{module.name}`", topics="any")
+            block.core = self.shared.check_expr(verify.core, context, BOOL)
+        if verify.enters is not None:
+            context = Context(scope, f"`enters` of module `{module.name}`", topics="any")
+            block.enters = self.shared.check_expr(verify.enters, context, BOOL)
+        block.induction = verify.induction
+        lemma = Context(scope, f"a lemma of module `{module.name}`", topics="any", has_modes=True)
+        block.lemmas = tuple(self.shared.check_expr(e, lemma, BOOL) for e in verify.lemmas)
+        block.progress = tuple(self.shared.check_expr(e, lemma, BOOL) for e in verify.progress)
+        if module.synthesized:
+            topics = [a.topic for g in block.groups for a in g.axes if a.topic is not None]
+            module.sc.subscribes = tuple(
+                typed.Subscribed(t, None, "drop_oldest", verify.span) for t in dict.fromkeys(topics)
+            )
+
+    def _sets(
+        self,
+        module: typed.ModuleSymbol,
+        where: tree.VerifyBlock | tree.View,
+        scope: FileScope,
+    ) -> None:
+        """Abstractions and groups, which belong to `module.verify`."""
+        links: list[typed.AbstractionLink] = []
+        for instance, parts in where.abstracts:
+            links += self._abstractions(module, instance, parts, scope)
+        module.verify.abstracts = tuple(links)
+        module.verify.groups = tuple(self._groups(module, where, scope))
+
+    def _views(
+        self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope
+    ) -> Iterator[typed.ViewSymbol]:
+        block = module.verify
+        seen: dict[str, Span] = {}
+        for view in verify.views:
+            if view.name.text in seen:
+                self.shared.names.twice(view.name.text, view.name.span, seen[view.name.text])
+            seen.setdefault(view.name.text, view.name.span)
+            module.verify = replace(block, abstracts=(), groups=(), span=view.span)
+            self._sets(module, view, scope)
+            yield typed.ViewSymbol(view.name.text, module.verify, view.span)
+        module.verify = block
+
+    def _times(
+        self, block: typed.TypedVerifyBlock, verify: tree.VerifyBlock, scope: FileScope
+    ) -> None:
+        context = Context(scope, "a `verify` block")
+
+        def time(expr: tree.SyntaxExpr | None, what: str) -> typed.TypedExpr | None:
+            if expr is None:
+                return None
+            return sound(self.shared.number(expr, context, DURATION, what))
+
+        block.horizon = time(verify.horizon, "`horizon`")
+        block.acts = time(verify.acts, "`acts within`")
+        block.recover = time(verify.recover, "`recover within`")
+        block.stays = verify.stays
+        block.dropout = time(verify.dropout, "`dropout`")
+
+        def times(word: str, delays: tree.Delays | None) -> list[typed.TypedExpr | None]:
+            nodes = {} if delays is None else self._by_node(word, delays)
+            time_by_node = {n: time(e, f"`{word} {n}`") for n, e in nodes.items()}
+            setattr(block, f"{word}_of", {n: e for n, e in time_by_node.items() if e is not None})
+            roles = (None, None) if delays is None else (delays.dm, delays.sc)
+            return [time(e, f"`{word} {r}`") for r, e in zip(("dm", "sc"), roles, strict=True)]
+
+        block.late_dm, block.late_sc = times("late", verify.late)
+        block.response_dm, block.response_sc = times("response", verify.response)
+        if verify.levels is not None:
+            number = self.shared.number
+            block.levels = sound(number(verify.levels, context, INT, "`levels`"))
+
+    def _by_node(self, word: str, delays: tree.Delays) -> dict[str, tree.SyntaxExpr]:
+        """Node -> its time; whether a system has such a node is seen where it is verified."""
+        expr_by_node: dict[str, tree.SyntaxExpr] = {}
+        for path, expr in delays.nodes:
+            if path.text in expr_by_node:
+                message = f"`{word}` says the time of `{path.text}` twice"
+                self.diagnostics.error("N002", message, path.span, "again")
+            expr_by_node.setdefault(path.text, expr)
+        return expr_by_node
+
+    # ------------------------------------------------------------ axes
+
+    def _groups(
+        self,
+        module: typed.ModuleSymbol,
+        verify: tree.VerifyBlock | tree.View,
+        scope: FileScope,
+    ) -> list[typed.TypedAxisGroup]:
+        seen: dict[AxisKey, typed.TypedGridAxis] = {}
+        groups = []
+        for group in verify.groups:
+            axes = []
+            for item in group.axes:
+                axis = self._axis(module, item, verify, scope)
+                if axis is not None and self._new(axis, item, seen):
+                    axes.append(axis)
+            groups.append(typed.TypedAxisGroup(group.kind, tuple(axes), group.span))
+        return groups
+
+    def _new(
+        self,
+        axis: typed.TypedGridAxis,
+        item: tree.GridAxis,
+        seen: dict[AxisKey, typed.TypedGridAxis],
+    ) -> bool:
+        key = (axis.topic or axis.instance, axis.path)
+        first = seen.setdefault(key, axis)
+        if first is not axis:
+            self.diagnostics.error(
+                "N002",
+                f"the axis `{item.path.text}` is given twice",
+                item.path.span,
+                "again",
+                also=((first.span, "the first time"),),
+            )
+        return first is axis
+
+    def _axis(
+        self,
+        module: typed.ModuleSymbol,
+        item: tree.GridAxis,
+        verify: tree.VerifyBlock | tree.View,
+        scope: FileScope,
+    ) -> typed.TypedGridAxis | None:
+        number = self.shared.number
+        context = Context(scope, "a `verify` block")
+        low = high = cells = end = None
+        if item.interval is not None:
+            low = number(item.interval.low, context, FLOAT, "a bound")
+            high = number(item.interval.high, context, FLOAT, "a bound")
+        if item.cells is not None:
+            cells = number(item.cells, context, INT, "the number of cells")
+        if item.open is not None:
+            end = number(item.open, context, FLOAT, "the end of an open axis")
+        place = self._place(module, item.path, verify, scope)
+        if place is None or (low is not None and high is not None and is_error(low, high)):
+            return None
+        if is_error(*(e for e in (cells, end) if e is not None)):
+            return None
+        axis, t = place
+        if isinstance(t, FloatType):
+            axis.low, axis.high, axis.cells, axis.open = low, high, cells, end
+            return axis
+        self.diagnostics.error(
+            "T001",
+            f"expected `float`, found `{t}`",
+            item.path.span,
+            "the axis of a grid is a `float`",
+            helps=("name one of its fields",),
+        )
+        return None
+
+    def _place(
+        self,
+        module: typed.ModuleSymbol,
+        path: tree.DottedPath,
+        verify: tree.VerifyBlock | tree.View,
+        scope: FileScope,
+    ) -> tuple[typed.TypedGridAxis, Type] | None:
+        """What an axis names: a state of a verification plant, otherwise a leaf of a topic."""
+        first = path.parts[0].text
+        plants = {link.name: link.plant for link in module.verify.abstracts}
+        if first not in plants and any(
+            part.name.text == first for _, parts in verify.abstracts for part in parts
+        ):
+            return None  # its plant could not be read: that was reported
+        if not plants and first not in scope.entries and first not in scope.imports:
+            plants = self._instances(module)
+        if first in plants:
+            return self._state(path, plants[first])
+        topic = self.shared.topic_path(path, scope)
+        if topic is None:
+            return None
+        return typed.TypedGridAxis(
+            topic=topic[0], path=topic[1], low=None, high=None, cells=None, span=path.span
+        ), topic[2]
+
+    def _state(
+        self, path: tree.DottedPath, plant: typed.PlantSymbol
+    ) -> tuple[typed.TypedGridAxis, Type] | None:
+        t: Type = plant.truth
+        for part in path.parts[1:]:
+            fields = [n for n, _ in t.fields] if isinstance(t, RecordType) else []
+            if not isinstance(t, RecordType) or part.text not in fields:
+                what = f"`{plant.name}`" if t is plant.truth else f"`{t}`"
+                if plant not in self.shared.damaged:
+                    self.diagnostics.error(
+                        "N004",
+                        f"{what} has no {'state' if t is plant.truth else 'field'} `{part.text}`",
+                        part.span,
+                        notes=(f"there are {', '.join(f'`{n}`' for n in fields)}",)
+                        if fields
+                        else (),
+                        helps=self.diagnostics.did_you_mean(part.text, fields, part.span),
+                    )
+                return None
+            t = t.fields[fields.index(part.text)][1]
+        names = tuple(p.text for p in path.parts[1:])
+        axis = typed.TypedGridAxis(
+            topic=None,
+            path=names,
+            low=None,
+            high=None,
+            cells=None,
+            span=path.span,
+            instance=path.parts[0].text,
+            plant=plant,
+        )
+        return axis, t
+
+    def _instances(self, module: typed.ModuleSymbol) -> dict[str, typed.PlantSymbol]:
+        """Plants that stand beside the module in a system, by name of the instance."""
+        plant_by_instance: dict[str, typed.PlantSymbol] = {}
+        for home in self.shared.names.scopes:
+            for entry in home.entries.values():
+                system = entry.symbol
+                if not isinstance(system, typed.SystemSymbol):
+                    continue
+                if any(i.what is module for i in system.instances):
+                    for i in system.instances:
+                        if isinstance(i.what, typed.PlantSymbol):
+                            plant_by_instance.setdefault(i.name, i.what)
+        return plant_by_instance
+
+    # ------------------------------------------------------------ commands
+
+    def _commands(
+        self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope
+    ) -> list[typed.TypedCommandSet]:
+        number = self.shared.number
+        context = Context(scope, "a `verify` block")
+        command_sets: dict[AxisKey, typed.TypedCommandSet] = {}
+        for item in verify.commands:
+            values = [number(v, context, FLOAT, "a command") for v in item.values]
+            place = self.shared.topic_path(item.path, scope)
+            if place is None or is_error(*values):
+                continue
+            topic, path, t = place
+            if topic not in module.sc.publishes:
+                self.diagnostics.error(
+                    "M009",
+                    f"module `{module.name}` does not publish `{topic.name}`",
+                    item.path.span,
+                    "commands are for its outputs",
+                    also=((topic.span, "the topic"),),
+                )
+            elif not isinstance(t, FloatType):
+                self.diagnostics.error(
+                    "T001",
+                    f"expected `float`, found `{t}`",
+                    item.path.span,
+                    "a command is a `float`",
+                    helps=("name one of its fields",),
+                )
+            elif (topic, path) in command_sets:
+                self.diagnostics.error(
+                    "N002",
+                    f"the commands of `{item.path.text}` are given twice",
+                    item.path.span,
+                    "again",
+                    also=((command_sets[topic, path].span, "the first time"),),
+                )
+            else:
+                known = tuple(v for v in values if v is not None)
+                command_sets[topic, path] = typed.TypedCommandSet(
+                    topic, path, known, item.path.span
+                )
+        return list(command_sets.values())
+
+    # ------------------------------------------------------------ abstractions
+
+    def _abstractions(
+        self,
+        module: typed.ModuleSymbol,
+        instance: tree.Name,
+        parts: tuple[tree.Abstraction, ...],
+        scope: FileScope,
+    ) -> list[typed.AbstractionLink]:
+        """`abstracts d by along: Axis = e`: `e` is checked where `d` is, in every system."""
+        links: list[typed.AbstractionLink] = []
+        homes = self._homes(module, instance, scope)
+        names: dict[str, Span] = {}
+        for part in parts:
+            if part.name.text in names:
+                self.shared.names.twice(part.name.text, part.name.span, names[part.name.text])
+            names.setdefault(part.name.text, part.name.span)
+            plant = self._plant(part.plant, scope)
+            value = None
+            for context in homes:
+                wanted = plant.truth if plant is not None else None
+                checked = self.shared.check_expr(part.value, context, wanted)
+                value = value or (None if is_error(checked) else checked)
+            if not homes:
+                self._mentioned(part.value, scope)
+            if plant is not None:
+                links.append(
+                    typed.AbstractionLink(
+                        instance.text, part.name.text, plant, value, part.value.span
+                    )
+                )
+        return links
+
+    def _plant(self, ref: tree.Ref, scope: FileScope) -> typed.PlantSymbol | None:
+        entry = self.shared.names.find_ref(scope, ref, "plant")
+        if entry is None:
+            return None
+        plant = self.shared.resolve(entry, ref.span)
+        if entry.kind != "plant":
+            self.diagnostics.error(
+                "N003",
+                f"`{ref.text}` is a {entry.kind}, not a plant",
+                ref.span,
+                also=((entry.decl.name.span, "declared here"),),
+            )
+        return plant if isinstance(plant, typed.PlantSymbol) else None
+
+    def _homes(
+        self, module: typed.ModuleSymbol, instance: tree.Name, scope: FileScope
+    ) -> list[Context]:
+        """A context in each system that has module and instance; M013 where all lack the latter."""
+        contexts: list[Context] = []
+        lacking: list[tuple[typed.SystemSymbol, dict[str, typed.InstanceSymbol]]] = []
+        for home in self.shared.names.scopes:
+            for entry in home.entries.values():
+                system = entry.symbol
+                if not isinstance(system, typed.SystemSymbol):
+                    continue
+                if all(i.what is not module for i in system.instances):
+                    continue
+                instances = {i.name: i for i in system.instances}
+                if instance.text in self.shared.lost.get(system, ()):
+                    continue
+                if instance.text in instances:
+                    where = f"the abstraction of `{instance.text}`"
+                    contexts.append(Context(scope, where, topics="any", instances=instances))
+                else:
+                    lacking.append((system, instances))
+        if lacking and not contexts and all(s not in self.shared.damaged for s, _ in lacking):
+            system, instances = lacking[0]
+            self.diagnostics.error(
+                "M013",
+                f"system `{system.name}` has no instance `{instance.text}`",
+                instance.span,
+                "abstracted here",
+                also=((system.span, f"has module `{module.name}`"),),
+                helps=self.diagnostics.did_you_mean(instance.text, instances, instance.span),
+            )
+        return contexts
+
+    def _mentioned(self, expr: tree.SyntaxExpr, scope: FileScope) -> None:
+        """Names in an expression that nobody can check yet are used all the same."""
+        for qualifier, name, _ in mentioned(expr):
+            if qualifier is not None and qualifier in scope.imports:
+                scope.used_imports.add(qualifier)
+            elif qualifier is None:
+                self.shared.names.find(scope, name)

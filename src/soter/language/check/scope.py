@@ -1,0 +1,332 @@
+"""Names: which declaration a name means, resolved on demand and once.
+
+Purpose: one table a file, one look-up rule (own file, then prelude), and what to say about a
+name that means nothing.
+Non-goals: what the declarations mean (the checkers).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import replace
+from soter.language.check import foreign_names
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
+    from soter.diagnostics.span import Span
+    from soter.language.load.loader import LoadedFile
+    from soter.language.syntax import tree
+
+KINDS = {
+    "TypeDecl": "type",
+    "ConstDecl": "constant",
+    "ParamDecl": "parameter",
+    "FunDecl": "function",
+    "TopicDecl": "topic",
+    "NodeDecl": "node",
+    "RtaDecl": "module",
+    "PlantDecl": "plant",
+    "SystemDecl": "system",
+    "TestDecl": "test",
+}
+BUILTIN_FUNCTIONS = (
+    "sqrt",
+    "floor",
+    "abs",
+    "min",
+    "max",
+    "dot",
+    "norm",
+    "saturate",
+    "seconds",
+    "mode",
+    "margin",
+    "age",
+)
+EXAMPLES = {
+    "type": "type {} = {{ ... }};",
+    "topic": "topic {}: float;",
+    "parameter": "param {}: float = 1.0;",
+    "node": "node {} period 10ms {{ ... }}",
+    "plant": "plant {} period 5ms {{ ... }}",
+}
+"""How a declaration that is missing would begin."""
+
+
+@dataclass(eq=False)
+class Entry:
+    """A declared name: its syntax, its file, and its symbol once resolved."""
+
+    decl: tree.Decl
+    scope: FileScope
+    kind: str
+    state: str = "new"
+    """new -> resolving -> done; `resolving` met again is a cycle."""
+    symbol: object = None
+    used: bool = False
+
+    @property
+    def full_name(self) -> str:
+        """Name with the prefix of its file."""
+        return self.scope.loaded.prefix + self.decl.name.text
+
+
+@dataclass(eq=False)
+class FileScope:
+    """All names one file declares, and the files it imports."""
+
+    loaded: LoadedFile
+    entries: dict[str, Entry] = field(default_factory=dict)
+    imports: dict[str, FileScope | None] = field(default_factory=dict)
+    used_imports: set[str] = field(default_factory=set)
+    broken: frozenset[str] = frozenset()
+    """Names whose declarations did not parse: using them is not reported again."""
+
+
+class Names:
+    """The scopes of a whole program.
+
+    `losses` counts how often something was missing that had been reported before: whoever sees
+    it grow while it works knows that its result is incomplete through no fault of its own.
+    """
+
+    def __init__(self, diagnostics: Diagnostics) -> None:
+        self.diagnostics = diagnostics
+        self.scopes: list[FileScope] = []
+        self.prelude: dict[str, Entry] = {}
+        self.losses = 0
+        self._by_file: dict[int, FileScope] = {}
+        self._missing: set[tuple[object, ...]] = set()
+
+    # ------------------------------------------------------------ entering
+
+    def add_program(self, main: LoadedFile) -> FileScope:
+        """Enter the declarations of a file and of everything it imports."""
+        scope = self._scope_of(main)
+        waiting = [main]
+        entered = {id(main)}
+        while waiting:
+            loaded = waiting.pop(0)
+            own = self._scope_of(loaded)
+            for name, child in loaded.imports.items():
+                own.imports[name] = self._scope_of(child) if child is not None else None
+                if child is not None and id(child) not in entered:
+                    entered.add(id(child))
+                    waiting.append(child)
+                if name in own.entries:
+                    self._import_and_declaration(own, name)
+        return scope
+
+    def add_prelude(self, loaded: LoadedFile) -> None:
+        """Enter the declarations of a prelude file, which every file sees."""
+        self.prelude.update(self._scope_of(loaded).entries)
+
+    def _scope_of(self, loaded: LoadedFile) -> FileScope:
+        known = self._by_file.get(id(loaded))
+        if known is not None:
+            return known
+        scope = FileScope(loaded, broken=loaded.file.broken)
+        self._by_file[id(loaded)] = scope
+        if not loaded.prelude:
+            self.scopes.append(scope)
+        for decl in loaded.file.declarations:
+            name = decl.name.text
+            first = scope.entries.get(name)
+            if first is None:
+                scope.entries[name] = Entry(decl, scope, KINDS[type(decl).__name__])
+            else:
+                self.twice(name, decl.name.span, first.decl.name.span)
+        return scope
+
+    def _import_and_declaration(self, scope: FileScope, name: str) -> None:
+        imported = next(i for i in scope.loaded.file.imports if i.name.text == name)
+        self.diagnostics.error(
+            "N002",
+            f"`{name}` is both an import and a {scope.entries[name].kind}",
+            scope.entries[name].decl.name.span,
+            "declared here",
+            also=((imported.name.span, "imported here"),),
+            helps=("import the file under another name",),
+        )
+
+    def twice(self, name: str, again: Span, first: Span, what: str = "") -> None:
+        """N002: one name for two things of one place; `what` says which kind of things."""
+        kind = f"{what} " if what else ""
+        self.diagnostics.error(
+            "N002",
+            f"{kind}`{name}` is declared twice",
+            again,
+            "declared again here",
+            also=((first, "first declared here"),),
+        )
+
+    # ------------------------------------------------------------ looking up
+
+    def find(self, scope: FileScope, name: str) -> Entry | None:
+        """The entry a bare name means in a file, or None; marks it used."""
+        entry = scope.entries.get(name)
+        if entry is None:
+            entry = self.prelude.get(name)
+        if entry is not None:
+            entry.used = True
+        return entry
+
+    def find_ref(self, scope: FileScope, ref: tree.Ref, wanted: str = "name") -> Entry | None:
+        """The entry a reference means; reports N001 or N006 and gives None when there is none.
+
+        `wanted` is the kind of declaration that would do.
+        """
+        if ref.qualifier is not None:
+            return self.find_in_import(scope, ref.qualifier, ref.name, wanted)
+        name = ref.name.text
+        entry = self.find(scope, name)
+        if entry is None and (id(scope), name) in self._missing:
+            self.losses += 1
+        elif entry is None:
+            self.unknown(scope, name, ref.name.span, kind=wanted)
+            self._missing.add((id(scope), name))
+        return entry
+
+    def find_in_import(
+        self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str = "name"
+    ) -> Entry | None:
+        """The entry `qualifier.name`; reports what is wrong."""
+        if qualifier.text not in scope.imports:
+            if not self._library(scope, qualifier, name, wanted):
+                self._no_import(scope, qualifier)
+            return None
+        scope.used_imports.add(qualifier.text)
+        child = scope.imports[qualifier.text]
+        entry = child.entries.get(name.text) if child is not None else None
+        if child is None or (entry is None and name.text in child.broken):
+            self.losses += 1
+            return None
+        if entry is None:
+            self.diagnostics.error(
+                "N001",
+                f"`{qualifier.text}` declares no `{name.text}`",
+                name.span,
+                f"not in `{child.loaded.source.name}`",
+                helps=self.diagnostics.did_you_mean(name.text, child.entries, name.span),
+            )
+            return None
+        entry.used = True
+        return entry
+
+    # ------------------------------------------------------------ what to say
+
+    def _library(
+        self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
+    ) -> bool:
+        """N006 for `math.sin` and the like, which the prelude has; False for anything else."""
+        helps = foreign_names.of_a_library(qualifier, name, wanted)
+        if helps is None or qualifier.text in scope.entries or qualifier.text in scope.broken:
+            return False
+        self.diagnostics.error(
+            "N006",
+            f"there is no `{qualifier.text}.{name.text}`",
+            qualifier.span.to(name.span),
+            notes=("the functions and types of the prelude need no import",),
+            helps=helps,
+        )
+        return True
+
+    def _no_import(self, scope: FileScope, qualifier: tree.Name) -> None:
+        name = qualifier.text
+        if name in scope.broken or (id(scope), name) in self._missing:
+            self.losses += 1
+            return
+        entry = scope.entries.get(name)
+        if entry is not None:
+            self.diagnostics.error(
+                "N006",
+                f"`{name}` is a {entry.kind}, not an imported file",
+                qualifier.span,
+                also=((entry.decl.name.span, "declared here"),),
+                notes=("before a dot a reference names an import",),
+                helps=(f"name all of it, `{name}`: what it is given is a whole record",)
+                if entry.kind == "topic"
+                else (),
+            )
+            return
+        self._missing.add((id(scope), name))
+        near = self.diagnostics.did_you_mean(name, scope.imports, qualifier.span)
+        self.diagnostics.error(
+            "N006",
+            f"there is no import called `{name}`",
+            qualifier.span,
+            "not imported",
+            helps=near or (f'add `import "{name}.soter" as {name};` after the first line',),
+        )
+
+    def unknown(
+        self,
+        scope: FileScope,
+        name: str,
+        span: Span,
+        more: Iterable[str] = (),
+        kind: str = "name",
+        where: str = "",
+        *,
+        dotted: bool = False,
+        helps: tuple[Help, ...] = (),
+        otherwise: tuple[Help, ...] = (),
+        also: tuple[tuple[Span, str], ...] = (),
+    ) -> None:
+        """N001 for a name that means nothing here; `more` are local names that would.
+
+        `helps` come before all guesses, `otherwise` where nothing is close.
+
+        A declaration that is missing is missed once, and so is what stands before a dot: it may
+        be an import.
+        """
+        known = {(id(scope), name), (id(scope), name, where)} & self._missing
+        if name in scope.broken or known:
+            self.losses += 1
+            return
+        if dotted:
+            self._missing.add((id(scope), name))
+        if not helps and kind == "type":
+            helps = foreign_names.a_type(name, span)
+        elif not helps and kind == "name":
+            helps = foreign_names.a_value((e.decl for e in scope.entries.values()), name, span)
+        if not helps:
+            helps = self.diagnostics.did_you_mean(name, chain(more, scope.entries), span)
+        if not helps:
+            helps = self._elsewhere(scope, name, span)
+        if not helps:
+            public = (n for n in chain(self.prelude, BUILTIN_FUNCTIONS) if not n.startswith("_"))
+            helps = self.diagnostics.did_you_mean(name, public, span)
+        if not helps and name in scope.imports:
+            helps = (f"it is an imported file: write `{name}.` and the name it declares",)
+        if not helps:
+            helps = otherwise
+        if not helps and kind in EXAMPLES:
+            helps = (f"declare it: `{EXAMPLES[kind].format(name)}`",)
+        self.diagnostics.error(
+            "N001", f"unknown {kind} `{name}`", span, "not declared", also=also, helps=helps
+        )
+
+    def _elsewhere(self, scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
+        """A help line for a name that an imported file declares."""
+        for qualifier, child in scope.imports.items():
+            if child is not None and name in child.entries:
+                scope.used_imports.add(qualifier)
+                near = f"{qualifier}.{name}"
+                return (replace(span, near, f"did you mean `{near}`?"),)
+        return ()
+
+    def first_miss(self, scope: FileScope, name: str, where: str) -> bool:
+        """Whether a name is missed at a place for the first time; later times are losses."""
+        key = (id(scope), name, where)
+        if key in self._missing:
+            self.losses += 1
+            return False
+        self._missing.add(key)
+        return True

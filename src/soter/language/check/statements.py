@@ -1,0 +1,434 @@
+"""Check statements and bodies of functions and nodes.
+
+Purpose: blocks of syntax -> tuples of typed statements; scoping, assignment rules, returns.
+Non-goals: expressions (`language/check/expressions/expr.py`), what a body belongs to
+(`declarations.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import insert, replace
+from soter.diagnostics.span import Span
+from soter.language.check import foreign_names
+from soter.language.check.expression_base import error_expr, is_error, plain
+from soter.language.check.expression_context import SPECIALS
+from soter.language.check.scope import BUILTIN_FUNCTIONS
+from soter.language.model import typed
+from soter.language.model.types import (
+    BOOL,
+    ERROR,
+    INT,
+    ArrayType,
+    DurationType,
+    ErrorType,
+    ListType,
+    RecordType,
+    default_value,
+)
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
+    from soter.language.check.checker_interface import Shared
+    from soter.language.check.expression_context import Context
+    from soter.language.check.expressions.expr import ExprChecker
+    from soter.language.model.types import Type
+
+ASSIGNABLE = {"var", "local"}
+MAX_LOOP = 1_000_000
+
+
+class StmtChecker:
+    """Checks statements of one program."""
+
+    def __init__(self, shared: Shared, expressions: ExprChecker) -> None:
+        self.shared = shared
+        self.expressions = expressions
+        self.diagnostics = shared.diagnostics
+
+    def block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
+        """All statements of a block in a scope of its own."""
+        context.locals.append({})
+        statements = [self.statement(s, context) for s in block.statements]
+        frame = context.locals.pop()
+        context.gone.update(frame)
+        if not context.scope.loaded.library:
+            self.shared.unused.variables(list(frame.values()))
+        return tuple(s for s in statements if s is not None)
+
+    def declare(self, name: tree.Name, t: Type, kind: str, context: Context) -> typed.Variable:
+        """Enter a new local; the same name twice in one scope is N002."""
+        frame = context.locals[-1]
+        first = frame.get(name.text)
+        if first is not None:
+            self.shared.names.twice(name.text, name.span, first.span)
+            first.used = True
+        variable = typed.Variable(name.text, t, kind, name.span)
+        frame[name.text] = variable
+        if kind in ("let", "var") and context.node is not None:
+            self._hides(name, context.node, context)
+        return variable
+
+    def _hides(self, name: tree.Name, node: typed.NodeSymbol, context: Context) -> None:
+        """W017 for a local called like a topic that the node subscribes to."""
+        topics = [s.topic for s in node.subscribes]
+        entry = context.scope.entries.get(name.text)
+        hidden = next((t for t in topics if entry is not None and t is entry.symbol), None)
+        if hidden is not None:
+            self.diagnostics.warning(
+                "W017",
+                f"`{name.text}` hides the topic of the same name",
+                name.span,
+                "a local of the step",
+                also=((hidden.span, "the topic"),),
+                helps=(f"give it another name, such as `{name.text}_now`",),
+            )
+
+    def statement(self, s: tree.SyntaxStmt, context: Context) -> typed.TypedStmt | None:
+        """One statement, or None when it was too broken to keep."""
+        if isinstance(s, (tree.LetStmt, tree.VarStmt)):
+            return self._declaration(s, context)
+        if isinstance(s, tree.AssignStmt):
+            return self._assign(s, context)
+        if isinstance(s, tree.PushStmt):
+            return self._push(s, context)
+        if isinstance(s, tree.PublishStmt):
+            return self._publish(s, context)
+        if isinstance(s, tree.ReturnStmt):
+            return self._return(s, context)
+        if isinstance(s, tree.AssertStmt):
+            condition = self.expressions.check(s.condition, context, BOOL)
+            return typed.Assert(s.span, condition, s.message)
+        if isinstance(s, tree.IfStmt):
+            arms = tuple(
+                (self.expressions.check(c, context, BOOL), self.block(b, context))
+                for c, b in s.arms
+            )
+            otherwise = self.block(s.otherwise, context) if s.otherwise else ()
+            return typed.TypedIf(s.span, arms, otherwise)
+        if isinstance(s, tree.ForRangeStmt):
+            return self._for_range(s, context)
+        if isinstance(s, tree.ForEachStmt):
+            return self._for_each(s, context)
+        return None
+
+    def _declaration(
+        self, s: tree.LetStmt | tree.VarStmt, context: Context
+    ) -> typed.TypedStmt | None:
+        t = None
+        if s.type is not None:
+            t = self.shared.resolve_type(s.type, context.scope, context)
+        if s.value is None:
+            value = error_expr(s.span)
+            if t is not None and not isinstance(t, ErrorType):
+                value = typed.Literal(t, s.span, default_value(t))
+        else:
+            because = (s.type.span, f"declared as `{t}`") if s.type is not None else None
+            value = self.expressions.check(s.value, context, t, because)
+        variable_type = t if t is not None else plain(value.type)
+        if isinstance(variable_type, DurationType):
+            no_duration(value.span, self.diagnostics)
+            variable_type = ERROR
+        kind = "let" if isinstance(s, tree.LetStmt) else "var"
+        variable = self.declare(s.name, variable_type, kind, context)
+        return typed.TypedDeclare(s.span, variable, value)
+
+    # ------------------------------------------------------------ places
+
+    def _assign(self, s: tree.AssignStmt, context: Context) -> typed.TypedStmt | None:
+        place = self.place(s.place, context)
+        because = None
+        if place is not None and not place.path:
+            variable = place.variable
+            because = (variable.span, f"`{variable.name}` is `{variable.type}`")
+        value = self.expressions.check(s.value, context, place.type if place else None, because)
+        return typed.TypedAssign(s.span, place, value) if place else None
+
+    def place(self, expr: tree.SyntaxExpr, context: Context) -> typed.Place | None:
+        """What stands on the left of `=`, or None after a report."""
+        steps: list[tree.FieldExpr | tree.IndexExpr] = []
+        base = expr
+        while isinstance(base, (tree.FieldExpr, tree.IndexExpr)):
+            steps.append(base)
+            base = base.target
+        if not isinstance(base, tree.NameExpr):
+            if isinstance(base, tree.ErrorExpr):
+                self.shared.names.losses += 1
+            else:
+                self.diagnostics.error("T009", "only variables can be assigned", expr.span)
+            return None
+        variable = context.find_local(base.name.text)
+        if variable is None:
+            self._not_a_variable(base, steps, context)
+            return None
+        if variable.kind not in ASSIGNABLE:
+            self._not_assignable(variable, base)
+            return None
+        t = variable.type
+        path: list[int | typed.TypedExpr] = []
+        for step in reversed(steps):
+            if isinstance(t, ErrorType):
+                self.shared.names.losses += 1
+                return None
+            selected = self._select(step, t, context)
+            if selected is None:
+                return None
+            path.append(selected[0])
+            t = selected[1]
+        if path or variable.kind == "local":
+            variable.used = True
+        return typed.Place(variable, tuple(path), t, expr.span)
+
+    def _select(
+        self, step: tree.FieldExpr | tree.IndexExpr, t: Type, context: Context
+    ) -> tuple[int | typed.TypedExpr, Type] | None:
+        if isinstance(step, tree.FieldExpr):
+            return self._select_field(step, t)
+        index_expr = self.expressions.check(step.index, context, INT)
+        if is_error(index_expr):
+            return None
+        if not isinstance(t, (ArrayType, ListType)):
+            self.diagnostics.error(
+                "T002",
+                f"`{t}` cannot be indexed",
+                step.target.span,
+                f"this is `{t}`",
+                notes=("only arrays and lists have elements",),
+            )
+            return None
+        self.expressions.constant_index(t, index_expr)
+        return index_expr, t.element
+
+    def _select_field(self, step: tree.FieldExpr, t: Type) -> tuple[int, Type] | None:
+        name = step.field.text
+        notes: tuple[str, ...] = ()
+        helps: tuple[Help, ...] = ()
+        if isinstance(t, RecordType):
+            index = t.index(name)
+            if index is not None:
+                return index, t.fields[index][1]
+            fields = [n for n, _ in t.fields]
+            notes = (f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
+            helps = self.diagnostics.did_you_mean(name, fields, step.field.span)
+        elif isinstance(t, (ListType, ArrayType)) and name == "len":
+            notes = ("the length follows from the elements",)
+            helps = ("`push list, value;` adds one",) if isinstance(t, ListType) else ()
+        self.diagnostics.error(
+            "N004",
+            f"`{t}` has no field `{name}` that could be assigned",
+            step.field.span,
+            notes=notes,
+            helps=helps,
+        )
+        return None
+
+    def _not_a_variable(
+        self,
+        base: tree.NameExpr,
+        steps: list[tree.FieldExpr | tree.IndexExpr],
+        context: Context,
+    ) -> None:
+        name = base.name.text
+        entry = self.shared.names.find(context.scope, name)
+        if entry is None and name in (*BUILTIN_FUNCTIONS, *SPECIALS):
+            what = "built in" if name in BUILTIN_FUNCTIONS else "read only"
+            self.diagnostics.error(
+                "T009", f"`{name}` is {what}: it cannot be assigned", base.span, "assigned here"
+            )
+            return
+        if entry is None:
+            helps: tuple[Help, ...] = ()
+            otherwise = () if steps else foreign_names.a_declaration(base.name)
+            if steps and isinstance(steps[-1], tree.FieldExpr):
+                helps = foreign_names.without_object(base.name, steps[-1].field)
+            self.expressions.unknown(base.name, context, helps=helps, otherwise=otherwise)
+            return
+        if self.shared.resolve(entry, base.span) is None:
+            return
+        helps = ()
+        symbol = entry.symbol
+        if isinstance(symbol, typed.TopicSymbol) and symbol.input:
+            helps = ("an input topic is set by the environment alone: keep the value in a `var`",)
+        elif entry.kind == "topic":
+            helps = (insert(base.span, "publish ", f"write `publish {name} = ...;`"),)
+        self.diagnostics.error(
+            "T009",
+            f"`{name}` is a {entry.kind}: it cannot be assigned",
+            base.span,
+            also=((entry.decl.name.span, "declared here"),),
+            helps=helps,
+        )
+
+    def _not_assignable(self, variable: typed.Variable, base: tree.NameExpr) -> None:
+        what = {
+            "let": "was declared with `let`",
+            "parameter": "is an argument",
+            "loop": "is the variable of a loop",
+        }.get(variable.kind, "cannot be assigned here")
+        word = variable.span.source.text[: variable.span.start].rstrip()
+        let = Span(variable.span.source, len(word) - len("let"), len(word))
+        helps: tuple[Help, ...] = ()
+        if variable.kind == "let":
+            helps = (replace(let, "var", "declare it with `var`"),)
+        elif variable.kind == "parameter":
+            helps = (f"copy it first: `var {variable.name}_now = {variable.name};`",)
+        self.diagnostics.error(
+            "T009",
+            f"`{variable.name}` {what}: it never changes",
+            base.span,
+            "assigned here",
+            also=((variable.span, "declared here"),),
+            helps=helps,
+        )
+
+    def _push(self, s: tree.PushStmt, context: Context) -> typed.TypedStmt | None:
+        place = self.place(s.place, context)
+        t = place.type if place else None
+        if place is not None and not isinstance(t, (ListType, ErrorType)):
+            self.diagnostics.error(
+                "T002",
+                f"`push` does not apply to `{t}`",
+                s.place.span,
+                f"this is `{t}`",
+                notes=("only bounded lists `T[<=n]` grow",),
+            )
+            place = None
+        element = t.element if isinstance(t, ListType) else None
+        value = self.expressions.check(s.value, context, element)
+        if place is None or is_error(value) or not isinstance(t, ListType):
+            return None
+        return typed.TypedPush(s.span, place, value)
+
+    # ------------------------------------------------------------ publish, return, loops
+
+    def _publish(self, s: tree.PublishStmt, context: Context) -> typed.TypedStmt | None:
+        topic = self.shared.topic_ref(s.topic, context.scope)
+        because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
+        value = self.expressions.check(s.value, context, topic.type if topic else None, because)
+        if topic is None:
+            return None
+        if context.node is None:
+            self.diagnostics.error(
+                "M009",
+                f"{context.where} cannot publish",
+                s.span,
+                notes=("only the step of a node publishes",),
+                helps=("return the value, and publish it in the step",)
+                if context.result is not None
+                else (),
+            )
+            return None
+        if topic not in context.node.publishes and context.node in self.shared.damaged:
+            self.shared.names.losses += 1
+            return None
+        if topic not in context.node.publishes:
+            self.diagnostics.error(
+                "M009",
+                f"{context.where} does not declare that it publishes `{topic.name}`",
+                s.topic.span,
+                also=((context.node.span, "the node"),),
+                helps=(foreign_names.listed_too("publishes", s.topic.text, context.node.span),),
+            )
+            return None
+        self.shared.published.setdefault(context.node, set()).add(topic)
+        return typed.TypedPublish(s.span, topic, value, context.node.bursts.get(topic))
+
+    def _return(self, s: tree.ReturnStmt, context: Context) -> typed.TypedStmt | None:
+        if context.result is None:
+            self.expressions.check(s.value, context)
+            self.diagnostics.error(
+                "T013",
+                f"`return` has no meaning in {context.where}",
+                s.span,
+                notes=("only functions return a value; a step publishes",),
+            )
+            return None
+        because = None
+        if context.result_span is not None:
+            because = (context.result_span, f"returns `{context.result}`")
+        value = self.expressions.check(s.value, context, context.result, because)
+        return typed.TypedReturn(s.span, value)
+
+    def _bound(self, expr: tree.SyntaxExpr, context: Context) -> int | None:
+        value = self.shared.constant(
+            expr, context.scope, INT, "the bound of a loop", context, "T007"
+        )
+        return value if isinstance(value, int) else None
+
+    def _for_range(self, s: tree.ForRangeStmt, context: Context) -> typed.TypedStmt | None:
+        low, high = self._bound(s.low, context), self._bound(s.high, context)
+        if low is not None and high is not None and high - low > MAX_LOOP:
+            self.diagnostics.error(
+                "T007",
+                f"this loop runs {high - low} times",
+                s.low.span.to(s.high.span),
+                f"at most {MAX_LOOP} rounds are possible",
+            )
+            low = None
+        context.locals.append({})
+        variable = self.declare(s.name, INT, "loop", context)
+        body = self.block(s.body, context)
+        context.locals.pop()
+        if low is None or high is None:
+            return None
+        return typed.ForRange(s.span, variable, low, high, body)
+
+    def _for_each(self, s: tree.ForEachStmt, context: Context) -> typed.TypedStmt | None:
+        counted = foreign_names.a_range(s.sequence)
+        if counted and isinstance(s.sequence, tree.CallExpr):
+            self.diagnostics.error(
+                "T002", "a loop counts over a range", s.sequence.span, helps=counted
+            )
+            sequence = error_expr(s.sequence.span)
+        else:
+            sequence = self.expressions.container(s.sequence, context)
+        t = sequence.type
+        element: Type = ERROR
+        if isinstance(t, (ArrayType, ListType)):
+            element = t.element
+        elif not isinstance(t, ErrorType):
+            self.diagnostics.error(
+                "T002",
+                f"`for` does not apply to `{t}`",
+                s.sequence.span,
+                f"this is `{t}`",
+                notes=("a loop goes through an array, a list, or from one int to another",),
+                helps=("to count, write `for i in 0..10 { ... }`",),
+            )
+        context.locals.append({})
+        variable = self.declare(s.name, element, "loop", context)
+        body = self.block(s.body, context)
+        context.locals.pop()
+        if isinstance(element, ErrorType):
+            return None
+        return typed.ForEach(s.span, variable, sequence, body)
+
+
+def no_duration(span: Span, diagnostics: Diagnostics) -> None:
+    """T014 for a duration where a running program would keep it."""
+    diagnostics.error(
+        "T014",
+        "a running program has no durations",
+        span,
+        "this is a `duration`",
+        notes=("durations are for constants and parameters: periods and the like",),
+        helps=("`seconds(...)` gives the time as a `float`",),
+    )
+
+
+def always_returns(statements: tuple[typed.TypedStmt, ...]) -> bool:
+    """Whether every path through the statements returns."""
+    for s in statements:
+        if isinstance(s, typed.TypedReturn):
+            return True
+        if (
+            isinstance(s, typed.TypedIf)
+            and s.otherwise
+            and always_returns(s.otherwise)
+            and all(always_returns(body) for _, body in s.arms)
+        ):
+            return True
+    return False

@@ -1,0 +1,322 @@
+"""Check that the parts of a flat system fit together.
+
+Purpose: the paper's composability (Section IV: disjoint nodes, disjoint outputs), one driver a
+topic, no topic without one, and a calendar that repeats.
+Non-goals: numbers of single declarations (`elaborator.py`), P1 (`wellformed.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.deployment.deployed_systems import check_external
+from soter.language.elaborate.undriven_topics import as_input, would_drive
+from soter.language.model.durations import show_ns
+from soter.language.model.system import modules_above
+from soter.language.model.tree_walk import topic_reads
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
+    from soter.diagnostics.span import Span
+    from soter.language.model.system import Component, Module, System, Topic
+    from soter.language.model.typed import NodeSymbol, SystemSymbol, TopicSymbol
+
+MAX_HYPERPERIOD_NS = 2**62
+PERIODS_SHOWN = 8
+DRIVERS_SHOWN = 4
+
+
+class Composition:
+    """Checks one flat system.
+
+    `partial`: something is missing that was reported, so that absence is no error; `draft`: the
+    system is only what a file without one would run as.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        symbol: SystemSymbol,
+        diagnostics: Diagnostics,
+        *,
+        partial: bool,
+        draft: bool,
+    ) -> None:
+        self.system = system
+        self.symbol = symbol
+        self.diagnostics = diagnostics
+        self.partial = partial
+        self.draft = draft
+        self.had_errors = diagnostics.has_errors
+        self.outside = {e.topic for e in system.externals}
+        self.read: set[int] = set()
+
+    def check(self, property_reads: list[tuple[int, Span]]) -> None:
+        """All rules; also enters the driver of every topic."""
+        self._distinct_names()
+        drivers = self._drivers()
+        for index, topic_drivers in drivers.items():
+            driven_topic = self.system.topics[index]
+            driven_topic.driver = topic_drivers[0][0]
+            if len(topic_drivers) > 1:
+                self._two_drivers(driven_topic, topic_drivers)
+            if driven_topic.symbol.input and self._is_wired(driven_topic, topic_drivers[0][1]):
+                self._drives_an_input(driven_topic, *topic_drivers[0])
+        self._disjoint_topics()
+        driven = set(drivers)
+        for component in self.system.components:
+            for topic, span in self._reads(component):
+                reader = f"{component.role} `{component.name}`"
+                if component.role == "dm":
+                    reader = f"module `{component.name.rpartition('.')[0]}`"
+                elif component.role in {"ac", "sc"}:
+                    reader = f"node `{component.name}`"
+                self._driven(component.scope.topics[topic], span, reader, driven)
+        for index, span in property_reads:
+            self._driven(index, span, "a property", driven)
+        self._disjoint_nodes()
+        if not self.partial:
+            check_external(self.system, self.read, self.diagnostics)
+        for queue in self.system.topics:
+            if queue.queue_of is not None:
+                queue.driver = self.system.topics[queue.queue_of].driver
+
+    def _source(self, index: int) -> int:
+        """The topic itself where `index` is a queue of it."""
+        queue_of = self.system.topics[index].queue_of
+        return index if queue_of is None else queue_of
+
+    # ------------------------------------------------------------ drivers
+
+    def _drivers(self) -> dict[int, list[tuple[str, Span]]]:
+        """Who publishes each topic: full name and kind, and where it stands in the system."""
+        drivers_by_topic: dict[int, list[tuple[str, Span]]] = {}
+        for c in self.system.components:
+            topics: list[TopicSymbol] = []
+            if c.role == "plant" and c.plant is not None:
+                topics = [t for t, _ in c.plant.drives]
+            elif c.role == "node" and c.node is not None:
+                topics = list(c.node.publishes)
+            who = f"{c.role} `{c.name}`", c.span
+            if c.stands_for is not None:
+                who = f"{c.stands_for.kind} `{c.stands_for.of}`", c.span
+            for t in topics:
+                drivers = drivers_by_topic.setdefault(c.scope.topics[t], [])
+                if c.stands_for is None or who not in drivers:
+                    drivers.append(who)
+        below = {m.over for m in self.system.modules}
+        for m in self.system.modules:
+            span = self.system.components[m.dm].span
+            for index in () if m.index in below else m.outputs:
+                drivers_by_topic.setdefault(index, []).append((f"module `{m.name}`", span))
+        return drivers_by_topic
+
+    def _two_drivers(self, topic: Topic, drivers: list[tuple[str, Span]]) -> None:
+        if self.draft and self.partial:
+            return  # a module that could not be read may own one of them
+        second, first = drivers[1], drivers[0]
+        inner = topic.symbol.name.rpartition(".")[2]
+        both_modules = first != second and all(who.startswith("module") for who, _ in drivers)
+        by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
+        others = [(span, who) for who, span in drivers[2:DRIVERS_SHOWN]]
+        self._report(
+            "M004",
+            f"topic `{topic.name}` is driven {by}",
+            second[1],
+            "second driver" if first != second else "two of its topics are wired to this one",
+            also=(
+                *([(first[1], "first driver")] if first != second else []),
+                *others,
+                (topic.symbol.span, "the topic"),
+            ),
+            note="modules are composed only if their outputs are disjoint"
+            if both_modules
+            else "a topic has exactly one driver",
+            helps=(f"give one of them a topic of its own, or wire it: `{{ {inner} = other }}`",),
+        )
+
+    def _report(
+        self,
+        code: str,
+        message: str,
+        span: Span,
+        label: str,
+        *,
+        also: tuple[tuple[Span, str], ...],
+        note: str,
+        helps: tuple[Help, ...],
+    ) -> None:
+        """An error; in a draft with a word about files that others import.
+
+        Where a draft has other errors already, what runs is not certain: nothing is said.
+        """
+        if self.draft and self.had_errors:
+            return
+        notes = (note,) if note else ()
+        if self.draft:
+            notes = (*notes, "a file without a `system` runs everything it declares, once")
+            helps = (*helps, "or declare a `system` that says what runs")
+        self.diagnostics.error(code, message, span, label, also=also, notes=notes, helps=helps)
+
+    # ------------------------------------------------------------ wires
+
+    def _distinct_names(self) -> None:
+        """N002 where an instance is called like an import, so that their topics are too."""
+        seen: dict[str, Topic] = {}
+        for topic in self.system.topics:
+            other = seen.setdefault(topic.name, topic)
+            if other is not topic:
+                self.diagnostics.error(
+                    "N002",
+                    f"two topics of system `{self.symbol.name}` are called `{topic.name}`",
+                    self.symbol.span,
+                    also=((other.symbol.span, "one"), (topic.symbol.span, "the other")),
+                    notes=("one is a topic of an instance, the other one of an imported file",),
+                    helps=("give the instance another name",),
+                )
+
+    def _is_wired(self, topic: Topic, span: Span) -> bool:
+        """Whether an input topic is driven through a wire; otherwise it was reported."""
+        return all(
+            topic.symbol not in symbols
+            for c in self.system.components
+            if c.span is span
+            for symbols in (
+                [t for t, _ in c.plant.drives] if c.plant is not None else [],
+                c.node.publishes if c.node is not None else [],
+            )
+        )
+
+    def _drives_an_input(self, topic: Topic, who: str, span: Span) -> None:
+        self.diagnostics.error(
+            "M011",
+            f"{who} is wired to `{topic.name}`, an input topic: only the environment sets it",
+            span,
+            "wired here",
+            also=((topic.symbol.span, "declared `input` here"),),
+            helps=("wire it to a topic that is declared without `input`",),
+        )
+
+    def _disjoint_topics(self) -> None:
+        """M001 also after wiring: I and O of a node share no topic of the system."""
+        for c in self.system.components:
+            if c.node is None:
+                continue
+            reads = {self._source(c.scope.topics[s.topic]): s.topic for s in c.node.subscribes}
+            for symbol in c.node.publishes:
+                index = c.scope.topics[symbol]
+                inner = reads.get(index)
+                if inner is None or inner is symbol:
+                    continue  # the latter is an error of the node itself
+                self.diagnostics.error(
+                    "M001",
+                    f"by its wires node `{c.name}` both subscribes to and publishes "
+                    f"`{self.system.topics[index].name}`",
+                    c.span,
+                    "wired here",
+                    also=((inner.span, "subscribed to"), (symbol.span, "published")),
+                    notes=("the inputs and the outputs of a node are disjoint",),
+                    helps=("wire them to two topics",),
+                )
+
+    # ------------------------------------------------------------ readers
+
+    def _reads(self, c: Component) -> list[tuple[TopicSymbol, Span]]:
+        if c.node is not None:
+            return [(s.topic, s.span) for s in c.node.subscribes]
+        if c.plant is not None:
+            return list(zip(c.plant.reads, c.plant.read_spans, strict=True))
+        assert c.module is not None
+        m = self.system.modules[c.module].symbol
+        return [(t, read.span) for t, read in topic_reads(*m.expressions).items()]
+
+    def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
+        index = self._source(index)
+        topic = self.system.topics[index]
+        self.read.add(index)
+        if index in driven:
+            return
+        if topic.symbol.input or index in self.outside:
+            topic.driver = "input"
+            return
+        if self.partial:
+            return
+        if self._differs_in_a_module(index):
+            return
+        also: tuple[tuple[Span, str], ...] = ((topic.symbol.span, "declared here"),)
+        publisher: tuple[Help, ...] = ("add the node or plant that publishes it",)
+        place, label = span, "read here"
+        if not self.draft:
+            also = (*also, (self.symbol.span, "in this system"))
+            publisher = (f"add the node or plant that publishes it to system `{self.symbol.name}`",)
+            missing = would_drive(self.system.program, self.symbol, topic)
+            if missing:
+                place, label = self.symbol.span, f"nothing in it drives `{topic.name}`"
+                also = ((span, "read here"), (topic.symbol.span, "declared here"))
+                publisher = missing
+        self._report(
+            "M005",
+            f"{reader} reads `{topic.name}`, which nobody drives",
+            place,
+            label,
+            also=also,
+            note="",
+            helps=(*as_input(self.system.program, topic), *publisher),
+        )
+
+    def _differs_in_a_module(self, index: int) -> bool:
+        """Whether only one controller of a module publishes it, which is said of the module."""
+        for m in self.system.modules:
+            differ = {*m.symbol.ac.publishes} ^ {*m.symbol.sc.publishes}
+            scopes = [self.system.components[c].scope.topics for c in (m.ac, m.sc)]
+            if any(topics.get(t) == index for t in differ for topics in scopes):
+                return True
+        return False
+
+    # ------------------------------------------------------------ nodes of modules
+
+    def _disjoint_nodes(self) -> None:
+        seen: dict[tuple[str, NodeSymbol], Module] = {}
+        for m in self.system.modules:
+            top = (m, *modules_above(self.system, m.index))[-1]
+            prefix = top.name.rpartition(".")[0]
+            own = ((m.ac, m.symbol.ac_span), (m.sc, m.symbol.sc_span))
+            for index, span in own if m.over is None else own[1:]:
+                node = self.system.components[index].node
+                assert node is not None
+                other = seen.setdefault((prefix, node), m)
+                if other is m or other.symbol is m.symbol:
+                    continue
+                if m.symbol in other.symbol.below and node in {other.symbol.sc} & {*m.symbol.own}:
+                    continue  # which is an error of the declaration
+                first = other.symbol
+                at_first = first.ac_span if first.ac is node else first.sc_span
+                self._report(
+                    "M003",
+                    f"node `{node.name}` is in modules `{other.name}` and `{m.name}`",
+                    span or m.symbol.span,
+                    "second module",
+                    also=((at_first or first.span, "first module"),),
+                    note="modules are composed only if their nodes are disjoint",
+                    helps=("give one of the modules a node of its own",),
+                )
+
+
+def hyperperiod(system: System, symbol: SystemSymbol, diagnostics: Diagnostics) -> int:
+    """The time after which the calendar repeats, in ns; C003 where it does not fit."""
+    value = math.lcm(*{c.period_ns for c in system.components}) if system.components else 1
+    if value <= MAX_HYPERPERIOD_NS:
+        return value
+    periods = sorted({c.period_ns for c in system.components})
+    shown = ", ".join(show_ns(p) for p in periods[:PERIODS_SHOWN])
+    more = len(periods) - PERIODS_SHOWN
+    diagnostics.error(
+        "C003",
+        f"the periods of system `{symbol.name}` have no common multiple that fits 64 bits",
+        symbol.span,
+        notes=(f"they are {shown}" + (f" and {more} more" if more > 0 else ""),),
+        helps=("choose periods that divide each other",),
+    )
+    return 1

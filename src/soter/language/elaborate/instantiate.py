@@ -1,0 +1,454 @@
+"""Where the instances of a system stand: walked, named, wired, replaced.
+
+Purpose: the tree of instances as a flat list with full names, and what systems say about parts
+of others: `force`, `replace`, wires.
+Non-goals: what an instance is made into (`elaborator.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.language.check.expressions.field import listed
+from soter.language.elaborate.numeric_values import Numbers
+from soter.language.elaborate.tests_and_faults.contract_stand_ins import ContractStandIn
+from soter.language.elaborate.wellformed import check_messages
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes, topics_beside, topics_mentioned
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.language.elaborate.parameter_values import Values
+    from soter.language.model.types import Value
+
+Replacement = typed.NodeSymbol | typed.PlantSymbol | typed.ByContract
+ROLES = ("ac", "sc")
+TopicKey = tuple[str, typed.TopicSymbol]
+Wires = dict[typed.TopicSymbol, TopicKey]
+
+
+@dataclass(eq=False)
+class PlacedInstance:
+    """A plant, node or module found while walking the instances."""
+
+    name: str
+    symbol: typed.PlantSymbol | typed.NodeSymbol | typed.ModuleSymbol
+    prefix: str
+    wires: list[Wires]
+    span: Span
+    params: Values
+    """The values of parameters in it."""
+    forced: str | None = None
+    replaced: dict[str, typed.NodeSymbol] = field(default_factory=dict)
+    below: PlacedInstance | None = None
+    """Of a module: the one that stands in the place of its AC."""
+    by_contract: dict[str, ContractStandIn] = field(default_factory=dict)
+    """Nodes of it, by the names of their declarations, of which only the contract counts."""
+
+    def controllers(self) -> tuple[typed.NodeSymbol, typed.NodeSymbol]:
+        """AC and SC of a module, replacements applied."""
+        module = self.symbol
+        assert isinstance(module, typed.ModuleSymbol)
+        ac = self.replaced.get(module.ac.name, module.ac)
+        return ac, self.replaced.get(module.sc.name, module.sc)
+
+
+@dataclass(frozen=True)
+class ReplacedModule:
+    """A module that was replaced as a whole, and where that is said."""
+
+    symbol: typed.ModuleSymbol
+    span: Span
+
+
+@dataclass(frozen=True)
+class SubSystem:
+    """A system inside the one that runs: its properties and inputs come along."""
+
+    system: typed.SystemSymbol
+    prefix: str
+    wires: list[Wires]
+    params: Values
+
+
+class Instantiation(Numbers):
+    """Walks the instances of one system.
+
+    `draft`: the system is what a file without one would run as; it may be meant for others to
+    import, so that topics nobody drives are only warned about.
+    """
+
+    def __init__(
+        self,
+        program: typed.TypedProgram,
+        symbol: typed.SystemSymbol,
+        overrides: Mapping[str, Value],
+        diagnostics: Diagnostics,
+        *,
+        draft: bool = False,
+    ) -> None:
+        super().__init__(program, symbol, overrides, diagnostics)
+        self.draft = draft
+        self.placed: list[PlacedInstance] = []
+        self.parts: list[SubSystem] = []
+        """The system itself, then every sub-system, outer ones first."""
+        self.params_at: dict[str, Values] = {"": self.params}
+        """The values of parameters in the systems, by prefix: topics belong to systems."""
+        self._topics_beside: dict[typed.SystemSymbol, Collection[typed.TopicSymbol]] = {}
+        self.gone: dict[str, ReplacedModule] = {}
+        """Modules that a test replaced as a whole, by full name."""
+        self.whole_modules = False
+        """Whether modules may be replaced as a whole."""
+        self.partial = symbol in program.damaged or (draft and program.incomplete)
+        """Whether something is missing that was reported: then absence is no error."""
+
+    # ------------------------------------------------------------ walking instances
+
+    def walk(self, system: typed.SystemSymbol, prefix: str, outer: list[Wires]) -> None:
+        """Place every instance below `prefix`, then what the system forces and replaces."""
+        around = self.params_at[prefix]
+        self.parts.append(SubSystem(system, prefix, outer, around))
+        if prefix:
+            self.parameters.add(prefix, system.sets)
+        for instance in system.instances:
+            name = prefix + instance.name
+            what = instance.what
+            self.partial = self.partial or what in self.program.damaged
+            self._check_wires(instance)
+            params = self.parameters.inside(name, around)
+            wires = {
+                inner: self.key(target, prefix, outer) for inner, target in instance.renames.items()
+            }
+            if isinstance(what, typed.SystemSymbol):
+                self._ignored_sets(what, name)
+                self.params_at[name + "."] = params
+                self.walk(what, name + ".", [wires])
+                continue
+            if isinstance(what, typed.ModuleSymbol):
+                damaged = self.program.damaged
+                self.partial = self.partial or what.ac in damaged or what.sc in damaged
+            placed = PlacedInstance(name, what, prefix, [wires, *outer], instance.span, params)
+            self.placed.append(placed)
+            for below in what.below if isinstance(what, typed.ModuleSymbol) else ():
+                name += "." + below.name.rpartition(".")[2]
+                placed.below = PlacedInstance(
+                    name, below, prefix, [wires, *outer], instance.span, params
+                )
+                placed = placed.below
+                self.placed.append(placed)
+        forced = {prefix + path: to for path, to, _ in system.forces}
+        for placed in self.placed if forced else ():
+            placed.forced = forced.get(placed.name, placed.forced)
+        for path, by, span in system.replaces:
+            self._replace(prefix, path, by, span)
+
+    def _check_wires(self, instance: typed.InstanceSymbol) -> None:
+        """M013 for a wire to a topic that the instance does not have."""
+        what = instance.what
+        if not instance.renames or what in self.program.damaged:
+            return
+        beside = self._beside(what) if isinstance(what, typed.SystemSymbol) else ()
+        known = {*beside, *topics_mentioned(what)}
+        for topic, span in instance.rename_spans.items():
+            if topic not in known:
+                self.diagnostics.error(
+                    "M013",
+                    f"`{instance.name}` has no topic `{topic.name}` that could be wired",
+                    span,
+                    "left of `=` stands a topic of the instance",
+                    also=((what.span, f"`{what.name}` is declared here"),),
+                )
+
+    def _beside(self, system: typed.SystemSymbol) -> Collection[typed.TopicSymbol]:
+        """The topics of a system, looked for once."""
+        known = self._topics_beside.get(system)
+        if known is None:
+            known = self._topics_beside[system] = frozenset(topics_beside(system))
+        return known
+
+    def _ignored_sets(self, inner: typed.SystemSymbol, path: str) -> None:
+        for item in inner.sets:
+            if not (item.path or self.parameters.sets(item.param, path)):
+                self.diagnostics.warning(
+                    "W006",
+                    f"`set {item.param.name}` has no effect in system `{self.symbol.name}`",
+                    item.span,
+                    also=((self.symbol.span, f"this system has `{inner.name}` as a part"),),
+                    notes=("the system that runs sets parameters, or those of its instances",),
+                    helps=(
+                        f"repeat it in `{self.symbol.name}`",
+                        f"or write `{{ set {item.param.name} = ... }}` where it is used",
+                    ),
+                )
+
+    def _replace(self, prefix: str, path: str, by: Replacement, span: Span) -> None:
+        self.partial = self.partial or by in self.program.damaged
+        hit = False
+        for placed in tuple(self.placed):
+            if not placed.name.startswith(prefix):
+                continue
+            local, symbol = placed.name[len(prefix) :], placed.symbol
+            if isinstance(symbol, typed.ModuleSymbol):
+                if self.whole_modules and path in {local, symbol.name}:
+                    hit = self._whole(placed, by, span) or hit
+                else:
+                    hit = self._controllers(placed, local, path, by, span) or hit
+            elif placed.by_contract or path not in {local, symbol.name}:
+                continue
+            elif isinstance(by, typed.ByContract) and isinstance(symbol, typed.NodeSymbol):
+                hit = True
+                placed.by_contract[symbol.name] = ContractStandIn(
+                    placed.name, "node", "node", (), span
+                )
+            elif isinstance(by, (typed.NodeSymbol, typed.PlantSymbol)) and type(symbol) is type(by):
+                hit = True
+                self._same_outputs(symbol, by, span)
+                self._same_truth(placed, by, span)
+                placed.symbol = by
+        if not hit and not self.partial:
+            self._nothing_to_replace(prefix, path, by, span)
+
+    def _nothing_to_replace(self, prefix: str, path: str, by: Replacement, span: Span) -> None:
+        plant = isinstance(by, typed.PlantSymbol)
+        what = "plant" if plant else "node or module" if self.whole_modules else "node"
+        names = self._replaceable(typed.PlantSymbol if plant else typed.NodeSymbol)
+        if self.whole_modules and not plant:
+            below = [p.below for p in self.placed]
+            whole = [p for p in self.placed if isinstance(p.symbol, typed.ModuleSymbol)]
+            names += [p.name for p in whole if p not in below]
+        known = [n[len(prefix) :] for n in names if n.startswith(prefix)]
+        there = "nodes and modules" if what == "node or module" else f"{what}s"
+        self.diagnostics.error(
+            "M013",
+            f"this system has no {what} `{path}` to replace",
+            span,
+            notes=(f"its {there} are {listed(known)}",) if known else (),
+            helps=self.diagnostics.did_you_mean(path, known, span),
+        )
+
+    def _controllers(
+        self, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
+    ) -> bool:
+        """Replace those of a module that a path names; False: it names none."""
+        module = placed.symbol
+        assert isinstance(module, typed.ModuleSymbol)
+        hit = False
+        for node in module.own:
+            short = node.name.rsplit(".", 1)[-1]
+            if path not in {node.name, short, f"{local}.{short}"}:
+                continue
+            if isinstance(by, typed.ByContract):
+                hit = True
+                name = f"{placed.name}.{short}"
+                placed.by_contract[node.name] = ContractStandIn(name, "node", "node", (), span)
+            elif isinstance(by, typed.NodeSymbol):
+                hit = True
+                self._same_outputs(node, by, span)
+                placed.replaced[node.name] = by
+                check_messages(module, by, span, self.diagnostics)
+        if isinstance(by, typed.NodeSymbol):
+            self._still_two(placed, span)
+        return hit
+
+    def _whole(self, placed: PlacedInstance, by: Replacement, span: Span) -> bool:
+        """Put a node, or what the contract permits, in the place of a module and all below it."""
+        module = placed.symbol
+        assert isinstance(module, typed.ModuleSymbol)
+        above = next((p for p in self.placed if p.below is placed), None)
+        if isinstance(by, typed.PlantSymbol) or above is not None:
+            return False
+        tower = [placed]
+        while tower[-1].below is not None:
+            tower.append(tower[-1].below)
+        self.gone[placed.name] = ReplacedModule(module, span)
+        at = self.placed.index(placed)
+        self.placed = [p for p in self.placed if p not in tower]
+        if isinstance(by, typed.NodeSymbol):
+            self._same_outputs(module, by, span)
+            self.placed.insert(
+                at,
+                PlacedInstance(
+                    placed.name, by, placed.prefix, placed.wires, placed.span, placed.params
+                ),
+            )
+        else:
+            self.placed[at:at] = self._stand_ins(tower, span)
+        return True
+
+    def _stand_ins(self, tower: list[PlacedInstance], span: Span) -> list[PlacedInstance]:
+        """A node for each controller of modules that stand above each other."""
+        stand_ins: list[PlacedInstance] = []
+        clauses: tuple[typed.ClauseSymbol, ...] = ()
+        for p in tower:
+            module = p.symbol
+            assert isinstance(module, typed.ModuleSymbol)
+            clauses = (*clauses, *module.contract)
+            controllers = p.controllers()
+            names = controller_names(p.name, *controllers)
+            for node, name, role in zip(controllers, names, ROLES, strict=True):
+                if p.below is not None and node is controllers[0]:
+                    continue  # the module below has it
+                by = ContractStandIn(tower[0].name, "module", role, clauses, span)
+                made = PlacedInstance(name, node, p.prefix, p.wires, p.span, p.params)
+                made.by_contract[node.name] = by
+                stand_ins.append(made)
+        return stand_ins
+
+    def _replaceable(self, kind: type) -> list[str]:
+        """Full names of the plants, or of the nodes, those of modules included."""
+        names = []
+        for placed in self.placed:
+            if isinstance(placed.symbol, kind):
+                names.append(placed.name)
+            elif kind is typed.NodeSymbol and isinstance(placed.symbol, typed.ModuleSymbol):
+                own = placed.symbol.own
+                names += [f"{placed.name}.{n.name.rpartition('.')[2]}" for n in own]
+        return names
+
+    def _same_outputs(self, old: object, new: object, span: Span) -> None:
+        def outputs(s: object) -> set[typed.TopicSymbol]:
+            if isinstance(s, (typed.NodeSymbol, typed.ModuleSymbol)):
+                return set(s.publishes if isinstance(s, typed.NodeSymbol) else s.sc.publishes)
+            return {t for t, _ in s.drives} if isinstance(s, typed.PlantSymbol) else set()
+
+        if outputs(old) == outputs(new) or {old, new} & self.program.damaged:
+            return
+        assert isinstance(old, typed.Symbol)
+        assert isinstance(new, typed.Symbol)
+        self.partial = True  # what is driven by nobody now was meant to be
+        self.diagnostics.error(
+            "M014",
+            f"`{new.name}` does not publish what `{old.name}` publishes",
+            span,
+            also=(
+                (old.span, f"publishes {_names(outputs(old))}"),
+                (new.span, f"publishes {_names(outputs(new))}"),
+            ),
+            helps=("a replacement offers the same topics",),
+        )
+
+    def conditions(self, part: SubSystem) -> list[typed.TypedExpr]:
+        """The expressions of the properties of a part."""
+        return expressions_of(part.system.properties)
+
+    def _same_truth(self, placed: PlacedInstance, by: object, span: Span) -> None:
+        """M014 where a property reads a state that the replacement does not have."""
+        if not isinstance(by, typed.PlantSymbol):
+            return
+        reads = [
+            (node, part.prefix + node.instance)
+            for part in self.parts
+            for node in nodes(self.conditions(part))
+            if isinstance(node, typed.TruthRead)
+        ]
+        for node, name in reads:
+            if name == placed.name and node.type != by.truth:
+                self.diagnostics.error(
+                    "M014",
+                    f"`{by.name}` has other states than `{placed.symbol.name}`",
+                    span,
+                    also=((node.span, "but a property reads them here"),),
+                    helps=("declare the same states, in the same order",),
+                )
+                return
+
+    def _still_two(self, placed: PlacedInstance, span: Span) -> None:
+        """AC != SC also after a replacement."""
+        ac, sc = placed.controllers()
+        module = placed.symbol
+        assert isinstance(module, typed.ModuleSymbol)
+        if ac is sc and module.ac is not module.sc:
+            self.diagnostics.error(
+                "M002",
+                f"with this, `{ac.name}` is both AC and SC of module `{module.name}`",
+                span,
+                also=((module.span, "the module"),),
+                helps=("to run one controller alone, write `force M ac;` or `force M sc;`",),
+            )
+
+    def key(self, topic: typed.TopicSymbol, prefix: str, wires: list[Wires]) -> TopicKey:
+        """Which topic of the flat system a topic means at a place: its home and itself."""
+        if topic in self.program.stand_ins:
+            return self._followed([*filter(None, prefix.split("."))], topic)
+        for table in wires:
+            if topic in table:
+                return table[topic]
+        return prefix, topic
+
+    def _followed(self, path: list[str], topic: typed.TopicSymbol) -> TopicKey:
+        """A topic as the system at `path` names it, along all wires to where it is at home.
+
+        Wires between instances may lead from one to the next; M021 where they lead in a circle.
+        """
+        seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span] = {}
+        while True:
+            path, topic = self._below(path, topic)
+            *outer, last = path or [""]
+            instance = self._system_at(outer).by_name.get(last) if path else None
+            if instance is None or topic not in instance.renames:
+                return "".join(f"{p}." for p in path), topic
+            place = tuple(path), topic
+            if place in seen:
+                self._in_a_circle(seen)
+                return "", topic
+            seen[place] = instance.rename_spans[topic]
+            path, topic = outer, instance.renames[topic]
+
+    def _below(
+        self, path: list[str], topic: typed.TopicSymbol
+    ) -> tuple[list[str], typed.TopicSymbol]:
+        """A stand-in as what it stands for, in the system that it names."""
+        while topic in self.program.stand_ins:
+            further, topic = self.program.stand_ins[topic]
+            path = [*path, *further]
+        return path, topic
+
+    def _system_at(self, path: list[str]) -> typed.SystemSymbol:
+        system = self.symbol
+        for name in path:
+            what = system.by_name[name].what
+            assert isinstance(what, typed.SystemSymbol)
+            system = what
+        return system
+
+    def _in_a_circle(self, seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span]) -> None:
+        names = [".".join((*path, topic.name)) for (path, topic) in seen]
+        spans = list(seen.values())
+        self.diagnostics.error(
+            "M021",
+            f"`{names[0]}` is wired to itself"
+            if len(names) == 1
+            else f"{listed(sorted(names))} are wired in a circle",
+            min(spans, key=_start),
+            also=tuple((s, "and back here") for s in spans if s is not min(spans, key=_start))[:1],
+            notes=("a wire gives a topic the place of another one: somewhere there must be one",),
+            helps=("leave one of the wires out",),
+        )
+
+
+def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) -> tuple[str, str]:
+    """Full names of the controllers of a module: `M.Fast`, or `M.ac.Fast` where that is taken."""
+    short = [n.name.rpartition(".")[2] for n in (ac, sc)]
+    alike = short[0] == short[1]
+    roles = [
+        f"{role}.{s}" if alike or s == "dm" else s for role, s in zip(ROLES, short, strict=True)
+    ]
+    return f"{module}.{roles[0]}", f"{module}.{roles[1]}"
+
+
+def _start(span: Span) -> int:
+    return span.start
+
+
+def expressions_of(properties: tuple[typed.PropertySymbol, ...]) -> list[typed.TypedExpr]:
+    """Every expression that properties evaluate."""
+    expressions = [e for p in properties for e in (p.premise, p.condition)]
+    return [e for e in expressions if e is not None]
+
+
+def _names(topics: set[typed.TopicSymbol]) -> str:
+    return ", ".join(sorted(f"`{t.name}`" for t in topics)) or "nothing"

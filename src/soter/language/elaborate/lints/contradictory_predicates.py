@@ -1,0 +1,230 @@
+"""Whether `ttf` and `safer`, as a program writes them, contradict each other or `safe`.
+
+Purpose: W013 with a witness: values of the topics, of their sets, at which `ttf` and `safer` both
+hold, or at which the two have exchanged their roles. A few hundred values are tried, the numbers of
+the predicates and what lies between them first.
+Non-goals: a proof that there is no such state (`soter verify`: P3); predicates that read ages,
+times or modes; states that the plant never reaches.
+"""
+
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+from typing import TYPE_CHECKING, cast
+
+from soter.diagnostics.fix import exchange
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.conjuncts import conjuncts, disjuncts
+from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model import typed
+from soter.language.model.tree_walk import children, nodes, topic_reads
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaf_count,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Type, Value
+
+TRIED = 300
+LEAVES_MAX = 24
+NUMBERS_MAX = 12
+BUDGET = 400_000
+"""Operations for all values of one module: about a tenth of a second."""
+
+_Trial = tuple[bool, bool, bool, list["Value"]]
+
+
+def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W013 for a module whose program writes both predicates."""
+    symbol = module.symbol
+    ttf, safer = symbol.ttf, symbol.safer
+    if ttf is None or safer is None:
+        return
+    predicates = (ttf, safer, symbol.safe)
+    late = (
+        typed.AgeRead,
+        typed.TimeRead,
+        typed.ModeRead,
+        typed.MarginRead,
+        typed.TypedChoose,
+    )
+    if any(isinstance(n, late) for n in _everything(predicates)):
+        return
+    topics = {
+        t: module.scope.topics[t] for t in topic_reads(*predicates) if t in module.scope.topics
+    }
+    if sum(leaf_count(system.topics[i].type) for i in topics.values()) > LEAVES_MAX:
+        return
+    trials = _trials(system, module, predicates, sorted(set(topics.values())))
+    both = next((t for t in trials if t[0] and t[1] and _alike(ttf, safer)), None)
+    lost = [t for t in trials if not t[2]]
+    turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
+    if turned and any(f and not s for f, s, held, _ in trials if held):
+        diagnostics.warning(
+            "W013",
+            f"`ttf` and `safer` of module `{symbol.name}` look exchanged",
+            ttf.span,
+            "false wherever `safe` is lost",
+            also=((safer.span, "true wherever `safe` is lost"), (symbol.safe.span, "`safe`")),
+            notes=("`ttf` says when AC must not go on, `safer` when it may have control again",),
+            helps=(exchange(ttf.span, safer.span, "exchange the two conditions"),),
+        )
+    elif both is not None:
+        diagnostics.warning(
+            "W013",
+            f"`ttf` and `safer` of module `{symbol.name}` can both hold",
+            safer.span,
+            f"also where {_shown(system, sorted(set(topics.values())), both[3])}",
+            also=((ttf.span, "`ttf`, which holds there, too"),),
+            notes=("control would go back to AC and be taken away at the next look",),
+            helps=("leave a gap: let `safer` begin where `ttf` has long ended",),
+        )
+
+
+def _alike(ttf: typed.TypedExpr, safer: typed.TypedExpr) -> bool:
+    """Whether a part of each compares the same thing with numbers, so that these must leave a gap.
+
+    Predicates of other forms may exclude each other by what the plant can reach.
+    """
+    parts = {_form(p) for p in disjuncts(ttf)}
+    return any(_form(p) in parts for p in conjuncts(safer))
+
+
+def _form(node: object) -> str:
+    """An expression as text with `#` for what is constant and `?` for a comparison."""
+    if isinstance(node, (typed.Literal, typed.ParamRead)):
+        return "#"
+    inner = [_form(child) for child in children(node)]
+    if inner and all(i == "#" for i in inner):
+        return "#"
+    name = type(node).__name__
+    if isinstance(node, typed.TopicRead):
+        name = node.topic.name
+    elif isinstance(node, typed.VarRead):
+        name = node.variable.name
+    elif isinstance(node, typed.TypedCall):
+        name = node.fun.name
+    elif isinstance(node, typed.TypedField):
+        name = f"field {node.index}"
+    elif isinstance(node, typed.TypedBinary):
+        name = "?" if node.op in ("<", "<=", ">", ">=") else node.op
+    return f"{name}({', '.join(inner)})"
+
+
+def _everything(predicates: Sequence[typed.TypedExpr]) -> list[object]:
+    """All nodes of the predicates and of the functions that they call."""
+    all_nodes: list[object] = []
+    seen: set[typed.FunSymbol] = set()
+    todo: list[object] = list(predicates)
+    while todo:
+        for node in nodes([todo.pop()]):
+            all_nodes.append(node)
+            if isinstance(node, typed.TypedCall) and node.fun not in seen:
+                seen.add(node.fun)
+                todo += list(node.fun.body or ())
+    return all_nodes
+
+
+def _trials(
+    system: System, module: Module, predicates: Sequence[typed.TypedExpr], indices: list[int]
+) -> list[_Trial]:
+    """(ttf, safer, safe, values) for many values of the topics; without those that fault."""
+    if any(isinstance(n, typed.TypedCall) and n.fun.extern for n in _everything(predicates)):
+        return []
+    numbers = _numbers(predicates)
+    draw = random.Random(0)  # noqa: S311 - values to try, always the same
+    evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
+    values = [t.default for t in system.topics]
+    trials: list[_Trial] = []
+    left = BUDGET
+    for _ in range(TRIED):
+        for i in indices:
+            values[i] = _value(system, i, numbers, draw)
+        env = Environment(topics=values, stamps=[0] * len(values))
+        try:
+            held = []
+            for p in predicates:
+                held.append(bool(evaluator.value(p, env)))
+                left -= evaluator.spent
+        except StepFault:
+            continue
+        except BudgetExceeded:
+            break
+        if left < 0:
+            break
+        trials.append((held[0], held[1], held[2], [values[i] for i in indices]))
+    return trials
+
+
+def _numbers(predicates: Sequence[typed.TypedExpr]) -> list[float]:
+    """The numbers that the predicates mention, what lies between neighbours, and both signs."""
+    literals = [n.value for n in _everything(predicates) if isinstance(n, typed.Literal)]
+    constants = {float(v) for v in literals if isinstance(v, (int, float)) and abs(v) < 1e12}
+    own = sorted({s * v for v in constants for s in (1.0, -1.0)})[: 2 * NUMBERS_MAX]
+    return [*own, *((a + b) / 2 for a, b in pairwise(own))] or [0.0]
+
+
+def _value(system: System, index: int, numbers: list[float], draw: random.Random) -> Value:
+    topic = system.topics[index]
+    bounds = iter(topic.bounds)
+
+    def scalar(t: Type) -> Value:
+        bound = next(bounds)
+        if isinstance(t, BoolType):
+            return draw.random() < 0.5
+        if isinstance(t, EnumType):
+            return draw.randrange(len(t.members))
+        far = 2.0 * max(10.0, *(abs(n) for n in numbers))
+        low, high = (-far, far) if bound is None else (bound.low, bound.high)
+        near = [n for n in numbers if low <= n <= high]
+        value = draw.choice(near) if near and draw.random() < 0.5 else draw.uniform(low, high)
+        if isinstance(t, IntType):
+            return min(max(round(value), t.low), t.high)
+        return value
+
+    def whole(t: Type) -> Value:
+        if isinstance(t, RecordType):
+            return tuple(whole(f) for _, f in t.fields)
+        if isinstance(t, ArrayType):
+            return tuple(whole(t.element) for _ in range(t.size))
+        if isinstance(t, (BoolType, EnumType, FloatType, IntType)):
+            return scalar(t)
+        return topic.default
+
+    return topic.default if not _plain(topic.type) else whole(topic.type)
+
+
+def _plain(t: Type) -> bool:
+    """Whether it is made of scalars, records and arrays only, one bound for each leaf."""
+    return all("[]" not in path for path, _ in leaves(t))
+
+
+def _shown(system: System, indices: list[int], values: list[Value]) -> str:
+    """`motion.x` is 9.0 and `motion.v` is 0.5, the first few."""
+    parts: list[str] = []
+    for index, value in zip(indices, values, strict=True):
+        topic = system.topics[index]
+        for (path, t), leaf in zip(leaves(topic.type), _flat(value), strict=False):
+            name = ".".join((topic.name, *path)).replace(".[", "[")
+            shown = f"{t.name}.{t.members[cast('int', leaf)]}" if isinstance(t, EnumType) else ""
+            if isinstance(leaf, bool):
+                shown = str(leaf).lower()
+            parts.append(f"`{name}` is {shown or f'{leaf:.4g}'}")
+    return " and ".join(parts[:3])
+
+
+def _flat(value: Value) -> list[Value]:
+    return [x for v in value for x in _flat(v)] if isinstance(value, tuple) else [value]

@@ -1,0 +1,418 @@
+"""The grid of times of a test, and the times that its program tells apart.
+
+Purpose: where a step may be late, it happens as early as it can or at a multiple of the *quantum*
+(docs/testing.md). As declared; else the greatest common divisor of every time of the calendar and
+of every time that the program compares `time` or an age with, in so many parts as the comparisons
+that have to hold together need (`tests_and_faults/clock_comparisons.py`); and which readings of
+time no such grid does justice to.
+Non-goals: choosing times (the explorer), costs.
+
+A *clock* is `time`, `age(t)`, a local that only clocks and constants are put into, or a sum or
+difference of clocks and constants. A clock that is compared with clocks and constants has a
+*threshold*, the constant between the two. A clock that goes anywhere else (into a product, a
+function, a message) is *open*: its value matters, not its place among the thresholds. So is a
+comparison that is left with more than one time less another one: with `time + time`, half of what
+it is compared with would be its threshold.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.tests_and_faults.clock_comparisons import (
+    FINEST,
+    ReadClocks,
+    releases,
+    together,
+)
+from soter.language.model import typed
+from soter.language.model.tree_walk import children, nodes
+from soter.language.model.types import DurationType, IntType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from soter.diagnostics.span import Span
+    from soter.language.model.system import Scope, System
+
+COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
+PASSES = 8
+"""Locals that get a clock from one another, so many deep; deeper ones are open."""
+OFFSETS = 16
+"""Constants that one clock may be off by; with more it is open."""
+MANY = 2
+"""So many times in one sum are too many."""
+
+Form = tuple[int, int, int]
+"""How often the time of the step is in a clock, other times, and other times that are taken off."""
+CONSTANT: Form = (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class TimesRead:
+    """What the code and the properties of a test make of time.
+
+    `thresholds_ns`: times that clocks are compared with, rising; `open`: where a clock is read
+    otherwise. `deadlines_ns`: of properties, where there are thresholds. Without, one is missed by
+    more than nothing in some execution only if it is in one of which all steps are as early or as
+    late as they can be. `together`: into how many parts the grid is cut so that comparisons which
+    are strict may hold together; `crowded`: where they are, when that is more than `FINEST`.
+    """
+
+    thresholds_ns: tuple[int, ...]
+    open: tuple[Span, ...]
+    deadlines_ns: tuple[int, ...] = ()
+    together: int = 1
+    crowded: tuple[Span, ...] = ()
+
+
+def times_read(system: System) -> TimesRead:
+    """Of every component, decision and property of a flattened test."""
+    assert system.test is not None, f"{system.name} is no test"
+    thresholds = {
+        age
+        for m in system.modules
+        if m.forced is None
+        for age in (system.topics[t].max_age_ns for t in m.inputs)
+        if age is not None
+    }
+    opened: list[Span] = []
+    watched: list[ReadClocks] = []
+    for reader, expressions, bodies in _texts(system):
+        reader.run(expressions, bodies)
+        thresholds |= reader.thresholds
+        opened += reader.open
+        watched.append(reader.watched)
+    deadlines = sorted({t.within_ns for t in system.test.timed if t.within_ns and thresholds})
+    judged = thresholds or any(t.kind == "invariant" for t in system.test.timed)
+    parts = together(system, watched) if judged else 1
+    compared = [s for w in watched for s in w.compared] if parts > FINEST else []
+    return TimesRead(
+        tuple(sorted(thresholds)), _in_order(opened), tuple(deadlines), parts, _in_order(compared)
+    )
+
+
+def _in_order(spans: Iterable[Span]) -> tuple[Span, ...]:
+    """Each of them once, as they stand in the program."""
+    places = {(s.source.name, s.start, s.end): s for s in spans}
+    return tuple([places[k] for k in sorted(places)])
+
+
+def quantum_of(system: System, read: TimesRead | None = None) -> int:
+    """The grid of times in ns.
+
+    Between zero and the first threshold or deadline, and between two that follow each other, lies
+    at least one of its times: a clock may be above the one and below the other. Where several
+    clocks are compared, it is cut into as many parts as `TimesRead.together` says, at most
+    `FINEST`: beyond that no search on it is said to be exhausted.
+    """
+    plan = system.test
+    assert plan is not None, f"{system.name} is no test"
+    if plan.quantum_ns:
+        return plan.quantum_ns
+    read = read or times_read(system)
+    thresholds = (*read.thresholds_ns, *read.deadlines_ns)
+    times = [t for c in system.components for t in (c.period_ns, c.phase_ns)]
+    times += [d.every_ns for d in system.inputs]
+    times += [plan.skew_ns, *thresholds]
+    times += [t for f in plan.faults for t in (f.by_ns, f.least_ns)]
+    quantum = math.gcd(*times) or 1
+    apart = itertools.pairwise(sorted({0, *thresholds}))
+    near = any(b - a <= quantum for a, b in apart)
+    parts = read.together if read.together <= FINEST else 1
+    return quantum // _parts(quantum, max(parts, 2 if near else 1))
+
+
+def _parts(n: int, least: int) -> int:
+    """The least number that divides n and is at least `least`; n where there is none."""
+    divisors = [k for k in range(1, math.isqrt(n) + 1) if n % k == 0]
+    return min((k for d in divisors for k in (d, n // d) if k >= least), default=n)
+
+
+def _texts(
+    system: System,
+) -> Iterator[tuple[_TimeReader, list[typed.TypedExpr | None], list[tuple[typed.TypedStmt, ...]]]]:
+    """Everything that runs: expressions and bodies that share locals, each with its reader."""
+    plan = system.test
+    assert plan is not None
+    for c in system.components:
+        reader = _TimeReader(c.scope, c.period_ns, ReadClocks(component=c.index))
+        if c.node is not None:
+            n = c.node
+            first: tuple[typed.TypedStmt, ...] = tuple(
+                typed.TypedDeclare(value.span, variable, value)
+                for variable, value in zip(n.locals, n.initial, strict=True)
+                if value is not None
+            )
+            reader.offsets |= {v: {0.0} for v in n.locals}
+            reader.forms |= {v: {CONSTANT} for v in n.locals}
+            contracts = [*n.assumes, *n.guarantees, *n.failsafe.values()]
+            yield reader, [*contracts], [first, n.takeover or (), n.step]
+        elif c.plant is not None:
+            p = c.plant
+            lets: tuple[typed.TypedStmt, ...] = tuple(
+                typed.TypedDeclare(value.span, variable, value) for variable, value in p.lets
+            )
+            yield reader, [*p.der.values(), *p.next.values(), *(e for _, e in p.drives)], [lets]
+    for m in system.modules:
+        decides = ReadClocks(component=m.dm)
+        if m.forced is None:
+            aged = [system.topics[t] for t in m.inputs if system.topics[t].max_age_ns is not None]
+            decides.ages |= {t.index for t in aged}
+            decides.compared += [t.symbol.span for t in aged]
+        yield _TimeReader(m.scope, watched=decides), [*m.symbol.predicates], []
+    for q in system.properties:
+        yield _TimeReader(q.scope, watched=ReadClocks(component=q.component)), [q.condition], []
+    for t in plan.timed:
+        ages = any(isinstance(n, typed.AgeRead) for n in nodes([t.condition]))
+        looks = _steps(system) if ages else 2 if t.kind == "leadsto" else 1
+        watched = ReadClocks(looks=looks, deadline=t.kind)
+        yield _TimeReader(t.scope, watched=watched), [t.premise, t.condition], []
+
+
+def _steps(system: System) -> int:
+    """In so many configurations, at most, what is awaited does not hold."""
+    return sum(releases(system, c.index) for c in system.components)
+
+
+class _TimeReader:
+    """Of one component, or of one predicate."""
+
+    def __init__(self, scope: Scope, period_ns: int = 0, watched: ReadClocks | None = None) -> None:
+        self.scope = scope
+        self.period_ns = period_ns
+        self.watched = watched or ReadClocks()
+        self.clocks: set[typed.Variable] = set()
+        self.others: set[typed.Variable] = set()
+        """Locals that something is put into that is neither a clock nor a constant."""
+        self.offsets: dict[typed.Variable, set[float]] = {}
+        """Of locals: the constants, and by what the clocks in them are off, in seconds."""
+        self.forms: dict[typed.Variable, set[Form]] = {}
+        """Of locals: what clocks are put into them. The time of that step is any other one then."""
+        self.thresholds: set[int] = set()
+        self.open: list[Span] = []
+
+    def run(
+        self,
+        expressions: Iterable[typed.TypedExpr | None],
+        bodies: Sequence[tuple[typed.TypedStmt, ...]],
+    ) -> None:
+        """Read all of it, until no more locals turn out to be clocks."""
+        every = [e for e in expressions if e is not None]
+        for _ in range(PASSES):
+            before = self._known()
+            for known in (self.thresholds, self.others, self.open):
+                known.clear()
+            for body in bodies:
+                self._body(body)
+            for e in every:
+                self._plain(e)
+            if self._known() == before:
+                return
+        self.open += [e.span for e in every] or [s.span for body in bodies for s in body[:1]]
+
+    def _known(self) -> tuple[int, int, int]:
+        offsets = sum(map(len, self.offsets.values()))
+        return len(self.clocks), offsets, sum(map(len, self.forms.values()))
+
+    # ------------------------------------------------------------ statements
+
+    def _body(self, body: Sequence[typed.TypedStmt]) -> None:
+        for s in body:
+            self._statement(s)
+
+    def _statement(self, s: typed.TypedStmt) -> None:
+        if isinstance(s, typed.TypedDeclare):
+            self._put(s.variable, s.value)
+        elif isinstance(s, typed.TypedAssign) and not s.place.path:
+            self._put(s.place.variable, s.value)
+        elif isinstance(s, typed.TypedIf):
+            for condition, body in s.arms:
+                self._plain(condition)
+                self._body(body)
+            self._body(s.otherwise)
+        elif isinstance(s, (typed.ForRange, typed.ForEach)):
+            if isinstance(s, typed.ForEach):
+                self._plain(s.sequence)
+            self._body(s.body)
+        else:
+            for part in children(s):
+                self._parts(part)
+
+    def _put(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
+        if self._is_clock(value):
+            self.clocks.add(variable)
+            if variable in self.others:
+                self.open.append(value.span)
+            self._off(variable, value)
+        elif self._constant(value) is not None:
+            self._off(variable, value)
+        else:
+            self.others.add(variable)
+            if variable in self.clocks:
+                self.open.append(value.span)
+
+    def _off(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
+        """What is put into a local adds to what it may be off by, and to what it is made of."""
+        self.forms.setdefault(variable, set()).update(
+            _form(0, plus + max(now, 0), minus + max(-now, 0))
+            for now, plus, minus in self._forms(value)
+        )
+        known = self.offsets.setdefault(variable, set())
+        if len(known) < OFFSETS:
+            known |= self._offset(value)
+        else:
+            self.open.append(value.span)
+
+    def _parts(self, part: object) -> None:
+        if isinstance(part, typed.TypedExpr):
+            self._plain(part)
+        else:
+            for inner in children(part):
+                self._parts(inner)
+
+    # ------------------------------------------------------------ expressions
+
+    def _plain(self, e: typed.TypedExpr) -> None:
+        """Where only a value will do: a clock is open here."""
+        if self._is_clock(e):
+            self.open.append(e.span)
+
+    def _is_clock(self, e: typed.TypedExpr) -> bool:
+        """Whether it is a clock; what it holds besides is read."""
+        if isinstance(e, (typed.TimeRead, typed.AgeRead)):
+            if isinstance(e, typed.AgeRead):
+                self.watched.ages.add(self.scope.topics[e.topic])
+            else:
+                self.watched.now = True
+            return True
+        if isinstance(e, typed.MarginRead):
+            self.open.append(e.span)
+            return False
+        if isinstance(e, typed.VarRead):
+            kept = e.variable in self.clocks
+            self.watched.kept |= kept and e.variable.kind == "local"
+            return kept
+        if isinstance(e, typed.TypedBinary) and e.op in {"+", "-", *COMPARISONS}:
+            clocks = [self._is_clock(x) for x in (e.left, e.right)]
+            if any(clocks):
+                return self._combined(e, clocks)
+            return False
+        if isinstance(e, typed.Conditional):
+            self._plain(e.condition)
+            clocks = [self._is_clock(x) for x in (e.then, e.otherwise)]
+            other = e.otherwise if clocks[0] else e.then
+            if any(clocks) and not all(clocks) and self._constant(other) is None:
+                self.open.append(e.span)
+            return any(clocks)
+        for part in children(e):
+            self._parts(part)
+        return False
+
+    def _combined(self, e: typed.TypedBinary, clocks: list[bool]) -> bool:
+        """A sum, a difference or a comparison with a clock in it."""
+        if not all(clocks) and self._constant(e.right if clocks[0] else e.left) is None:
+            self.open.append(e.span)
+        self.watched.crossed |= all(clocks)
+        left, right = self._offset(e.left), self._offset(e.right)
+        if e.op in COMPARISONS:
+            self.watched.compared.append(e.span)
+            for a, b in itertools.product(left, right):
+                self._threshold(b - a)
+            if any(map(_is_sum, self._sums(e.left, e.right, -1))):
+                self.open.append(e.span)
+            return False
+        for constant in left | right:
+            self._threshold(constant)
+        return True
+
+    def _threshold(self, seconds: float) -> None:
+        if math.isfinite(seconds):
+            self.thresholds.add(round(abs(seconds) * 1e9))
+
+    def _offset(self, e: typed.TypedExpr) -> set[float]:
+        """By what a clock may be off, or the constant itself, in seconds."""
+        if isinstance(e, typed.Conditional):
+            return self._offset(e.then) | self._offset(e.otherwise)
+        if isinstance(e, typed.VarRead):
+            return self.offsets.get(e.variable, set()) or {0.0}
+        if isinstance(e, typed.TypedBinary) and e.op in {"+", "-"}:
+            sign = 1.0 if e.op == "+" else -1.0
+            pairs = itertools.product(self._offset(e.left), self._offset(e.right))
+            off = sorted({a + sign * b for a, b in pairs})
+            if len(off) > OFFSETS:
+                self.open.append(e.span)
+            return set(off[:OFFSETS])
+        return {self._constant(e) or 0.0}
+
+    def _forms(self, e: typed.TypedExpr) -> set[Form]:
+        """What a clock may be made of."""
+        if isinstance(e, typed.TimeRead):
+            return {(1, 0, 0)}
+        if isinstance(e, typed.AgeRead):
+            return {(1, 0, 1)}
+        if isinstance(e, typed.VarRead):
+            return self.forms.get(e.variable, {CONSTANT})
+        if isinstance(e, typed.Conditional):
+            return self._forms(e.then) | self._forms(e.otherwise)
+        if isinstance(e, typed.TypedBinary) and e.op in {"+", "-"}:
+            return self._sums(e.left, e.right, 1 if e.op == "+" else -1)
+        return {CONSTANT}
+
+    def _sums(self, left: typed.TypedExpr, right: typed.TypedExpr, sign: int) -> set[Form]:
+        sums: set[Form] = set()
+        for a, b in itertools.product(self._forms(left), self._forms(right)):
+            plus, minus = b[1:] if sign > 0 else (b[2], b[1])
+            sums.add(_form(a[0] + sign * b[0], a[1] + plus, a[2] + minus))
+        return sums
+
+    def _constant(self, e: typed.TypedExpr) -> float | None:
+        """Its value, durations in seconds; None where it is no constant."""
+        if isinstance(e, (typed.Literal, typed.ParamRead)):
+            value = e.value if isinstance(e, typed.Literal) else self.scope.params.get(e.param)
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                return None
+            return value / 1e9 if isinstance(e.type, DurationType) else float(value)
+        if isinstance(e, typed.PeriodRead):
+            return self.period_ns / 1e9
+        if isinstance(e, typed.Builtin) and e.name in {"seconds", "float"}:
+            return self._constant(e.arguments[0])
+        if isinstance(e, typed.TypedUnary) and e.op == "-":
+            value = self._constant(e.operand)
+            return None if value is None else -value
+        if isinstance(e, typed.TypedBinary) and e.op in {"+", "-", "*", "/"}:
+            return self._folded(e)
+        return None
+
+    def _folded(self, e: typed.TypedBinary) -> float | None:
+        left, right = self._constant(e.left), self._constant(e.right)
+        if left is None or right is None:
+            return None
+        if e.op == "+":
+            return left + right
+        if e.op == "-":
+            return left - right
+        if e.op == "*":
+            return left * right
+        return _quotient(e, left, right) if right else None
+
+
+def _quotient(e: typed.TypedBinary, left: float, right: float) -> float:
+    """Of whole numbers, and of whole nanoseconds, what is left of it in the language."""
+    if isinstance(e.type, DurationType):
+        return math.trunc(round(left * 1e9) / right) / 1e9
+    return float(math.trunc(left / right)) if isinstance(e.type, IntType) else left / right
+
+
+def _form(now: int, plus: int, minus: int) -> Form:
+    """More than `MANY` are as many, so that there are few of them."""
+    return max(-MANY, min(now, MANY)), min(plus, MANY), min(minus, MANY)
+
+
+def _is_sum(form: Form) -> bool:
+    """Whether it is more than one time less another one."""
+    now, plus, minus = form
+    return plus + max(now, 0) >= MANY or minus + max(-now, 0) >= MANY

@@ -1,0 +1,313 @@
+"""The topics of a system: all the values each may hold, and its first one.
+
+Purpose: bounds of every leaf, defaults inside them, `max_age`; one topic for all that is wired.
+Non-goals: who drives a topic (`composition_check.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.instantiate import Instantiation, TopicKey
+from soter.language.elaborate.size import SizeCounter, TooLargeError
+from soter.language.model.system import Bound, Topic
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    default_value,
+    is_vector_part,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.elaborate.parameter_values import Values
+    from soter.language.model import typed
+    from soter.language.model.types import Type, Value
+
+
+class Topics(Instantiation):
+    """Enters the topics of one system as they are mentioned."""
+
+    def __init__(
+        self,
+        program: typed.TypedProgram,
+        symbol: typed.SystemSymbol,
+        overrides: Mapping[str, Value],
+        diagnostics: Diagnostics,
+        *,
+        draft: bool = False,
+    ) -> None:
+        super().__init__(program, symbol, overrides, diagnostics, draft=draft)
+        self.measure = SizeCounter(symbol, program.system_sizes, diagnostics)
+        self.topics: list[Topic] = []
+        self._by_key: dict[TopicKey, Topic] = {}
+        self._ranges: dict[
+            tuple[typed.TopicSymbol, int], tuple[tuple[Bound | None, ...], bool, Value]
+        ] = {}
+
+    def topic(self, key: TopicKey) -> int:
+        """Index of a topic, entered on first mention.
+
+        TooLargeError where there is no room for its values.
+        """
+        known = self._by_key.get(key)
+        if known is None:
+            prefix, symbol = key
+            if not self.measure.fits(symbol.type):
+                raise TooLargeError
+            max_age = None
+            with self.under(self.params_at[prefix]):
+                bounds, declared, default = self._range(symbol)
+                if symbol.max_age is not None:
+                    max_age = self.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
+            known = Topic(
+                index=len(self.topics),
+                name=prefix + symbol.name,
+                symbol=symbol,
+                type=symbol.type,
+                bounds=bounds,
+                set_declared=declared,
+                default=default,
+                max_age_ns=max_age,
+                driver="",
+            )
+            self._by_key[key] = known
+            self.topics.append(known)
+        return known.index
+
+    def queue(self, source: Topic, subscribed: typed.Subscribed, node: str) -> int:
+        """Index of a new topic: the queue in which a node collects the values of `source`.
+
+        TooLargeError where there is no room for its values.
+        """
+        assert subscribed.queue is not None
+        t = ListType(source.type, subscribed.queue)
+        if not self.measure.fits(t):
+            raise TooLargeError
+        index = len(self.topics)
+        queue = Topic(
+            index=index,
+            name=f"{node}.{subscribed.topic.name}.queue",
+            symbol=source.symbol,
+            type=t,
+            bounds=source.bounds,
+            set_declared=source.set_declared,
+            default=(),
+            max_age_ns=None,
+            driver="",
+            queue_of=source.index,
+            policy=subscribed.policy,
+        )
+        self.topics.append(queue)
+        source.queues = (*source.queues, index)
+        return index
+
+    def _range(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool, Value]:
+        """Bounds, whether every number has one, and the first value, under these parameters."""
+        key = symbol, id(self.params)
+        if key not in self._ranges:
+            bounds, declared = self._bounds(symbol)
+            self._ranges[key] = bounds, declared, self._default(symbol, bounds)
+        return self._ranges[key]
+
+    def check_wired_sets(self) -> None:
+        """V010 for a wire between topics that allow different values, or ages."""
+        for part in self.parts:
+            for instance in part.system.instances:
+                for inner, target in instance.renames.items():
+                    home, outer = self.key(target, part.prefix, part.wires)
+                    if not {inner, outer} & self.program.damaged:
+                        place = f"{part.prefix}{instance.name}."
+                        params = self.params_at.get(place, part.params)
+                        self._same_set((inner, params), (outer, self.params_at[home]), instance)
+
+    def _same_set(
+        self,
+        written: tuple[typed.TopicSymbol, Values],
+        used: tuple[typed.TopicSymbol, Values],
+        instance: typed.InstanceSymbol,
+    ) -> None:
+        """A topic as the instance knows it and the one in its place, each with its parameters."""
+        inner, outer = written[0], used[0]
+        (own, old), (given, new) = (self._set_and_age(*x) for x in (written, used))
+        what = "other values" if any(own) and own != given else ""
+        if not what and inner.max_age is not None and old != new:
+            what = "another `max_age`"
+        if what:
+            self.diagnostics.error(
+                "V010",
+                f"`{outer.name}` has {what} than `{inner.name}`, in whose place it stands",
+                instance.rename_spans.get(inner, instance.span),
+                "wired here",
+                also=((inner.span, "written for these"), (outer.span, "gets these")),
+                notes=("what was concluded from a set holds for that set only",),
+                helps=("declare both alike",),
+            )
+
+    def _set_and_age(
+        self, symbol: typed.TopicSymbol, params: Values
+    ) -> tuple[tuple[Bound | None, ...], Value | None]:
+        with self.under(params):
+            age = symbol.max_age
+            return self._range(symbol)[0], None if age is None else self.number(age, "a `max_age`")
+
+    def _bounds(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool]:
+        """A bound for each leaf, and whether every number has one."""
+        what = f"the set of `{symbol.name}`"
+        resolved: dict[tuple[str, ...], Bound] = {}
+        for path, values in symbol.values.items():
+            interval = self.interval(values.low, values.high, values.span, what)
+            if interval is not None:
+                resolved[path] = Bound(*interval)
+            else:
+                self._unreliable(symbol)
+        bounds, declared = _Bounder(resolved).bounds(symbol.type)
+        if any(b is not None and b.low > b.high for b in bounds):
+            self.diagnostics.error(
+                "V001", f"{what} holds no value of its type `{symbol.type}`", symbol.span
+            )
+            self._unreliable(symbol)
+        return bounds, declared
+
+    def _unreliable(self, symbol: typed.TopicSymbol) -> None:
+        """Its set has an error: nothing is said about what follows from it."""
+        self.program.damaged.add(symbol)
+
+    def _default(self, symbol: typed.TopicSymbol, bounds: tuple[Bound | None, ...]) -> Value:
+        """The first value; V002 where it lies outside the set."""
+        written = symbol.default
+        what = f"the default of `{symbol.name}`"
+        value = self.number(written, what) if written is not None else None
+        if value is None:
+            value = default_value(symbol.type)
+        if symbol in self.program.damaged:
+            return value
+        if written is None and (not any(bounds) or _all_allow_zeros(symbol.type, bounds)):
+            return value
+        outside = first_outside(symbol.type, value, bounds)
+        if outside is not None:
+            leaf, number, bound = outside
+            where = f" (`{leaf}`)" if leaf else ""
+            sets = tuple((r.span, "its set") for r in symbol.values.values())
+            self.diagnostics.error(
+                "V002",
+                f"{what}{where} is {beyond(number, bound)}",
+                written.span if written is not None else symbol.span,
+                f"starts at {number!r}" if written is None else "",
+                also=sets if len(sets) == 1 else (),
+                notes=()
+                if written is not None
+                else ("without `= ...` a topic starts at the default of its type",),
+                helps=(f"give it a first value in {shown(bound)}: `= ...`",)
+                if written is None
+                else (),
+            )
+        return value
+
+
+def _all_allow_zeros(t: Type, bounds: tuple[Bound | None, ...]) -> bool:
+    """Whether a value of zeros is inside, found without walking through it."""
+    return is_vector_part(t) and all(b is None or b.low <= 0.0 <= b.high for b in set(bounds))
+
+
+def shown(bound: Bound) -> str:
+    """A bound as people write it."""
+    return f"[{bound.low!r}, {bound.high!r}]"
+
+
+def beyond(number: float, bound: Bound) -> str:
+    """The end of a sentence about a number that is not in its bound."""
+    if math.isfinite(number):
+        return f"{number!r}, outside {shown(bound)}"
+    return f"{number!r}, which no topic may hold"
+
+
+class _Bounder:
+    """Bounds of the leaves of a type: of each the innermost set that covers it."""
+
+    def __init__(self, sets: dict[tuple[str, ...], Bound]) -> None:
+        self.sets = sets
+        self._known: dict[tuple[int, Bound | None], tuple[tuple[Bound | None, ...], bool]] = {}
+
+    def bounds(
+        self, t: Type, path: tuple[str, ...] = (), outer: Bound | None = None
+    ) -> tuple[tuple[Bound | None, ...], bool]:
+        """A bound or None for each leaf of `t`, and whether every number has one."""
+        outer = self.sets.get(path, outer)
+        if isinstance(t, (RecordType, ArrayType, ListType)):
+            if any(len(p) > len(path) and p[: len(path)] == path for p in self.sets):
+                return self._of_parts(t, path, outer)
+            key = id(t), outer  # a type inside types can stand there many times
+            if key not in self._known:
+                self._known[key] = self._of_parts(t, path, outer)
+            return self._known[key]
+        if not isinstance(t, (FloatType, IntType)):
+            return (None,), True
+        if isinstance(t, IntType):
+            outer = _inside_type(outer, t)
+        return (outer,), outer is not None
+
+    def _of_parts(
+        self, t: RecordType | ArrayType | ListType, path: tuple[str, ...], outer: Bound | None
+    ) -> tuple[tuple[Bound | None, ...], bool]:
+        if isinstance(t, RecordType):
+            parts = [self.bounds(f, (*path, n), outer) for n, f in t.fields]
+            return tuple(b for bounds, _ in parts for b in bounds), all(d for _, d in parts)
+        bounds, declared = self.bounds(t.element, (*path, ""), outer)
+        return bounds * (t.size if isinstance(t, ArrayType) else 1), declared
+
+
+def _inside_type(bound: Bound | None, t: IntType) -> Bound | None:
+    """A set for an int, cut to what its type can hold: draws and the gate rely on that."""
+    if bound is None:
+        return None if t.is_full else Bound(t.low, t.high)
+    return Bound(max(bound.low, t.low), min(bound.high, t.high))
+
+
+def first_outside(
+    t: Type, value: Value, bounds: tuple[Bound | None, ...]
+) -> tuple[str, float, Bound] | None:
+    """The first leaf of a value outside its bound: (path, value, bound), or None."""
+    violation, _ = _outside(t, value, bounds, 0, "")
+    return violation
+
+
+def _outside(
+    t: Type, value: Value, bounds: tuple[Bound | None, ...], at: int, path: str
+) -> tuple[tuple[str, float, Bound] | None, int]:
+    """The first leaf outside, and the position in `bounds` behind this value's leaves."""
+    if isinstance(t, RecordType):
+        for (name, ft), fv in zip(t.fields, value, strict=True):
+            violation, at = _outside(ft, fv, bounds, at, f"{path}.{name}" if path else name)
+            if violation is not None:
+                return violation, at
+        return None, at
+    if isinstance(t, ArrayType):
+        for i, e in enumerate(value):
+            violation, at = _outside(t.element, e, bounds, at, f"{path}[{i}]")
+            if violation is not None:
+                return violation, at
+        return None, at
+    if isinstance(t, ListType):
+        after = at + len(_Bounder({}).bounds(t.element)[0])
+        for i, e in enumerate(value):
+            violation, _ = _outside(t.element, e, bounds, at, f"{path}[{i}]")
+            if violation is not None:
+                return violation, after
+        return None, after
+    bound = bounds[at]
+    if bound is None and isinstance(t, FloatType) and not math.isfinite(value):
+        bound = Bound(-math.inf, math.inf)
+    if bound is None or isinstance(t, (BoolType, EnumType)):
+        return None, at + 1
+    if bound.low <= value <= bound.high and math.isfinite(value):
+        return None, at + 1
+    return (path, value, bound), at + 1

@@ -1,0 +1,100 @@
+"""Settings of instances that change nothing.
+
+Purpose: W010 for `set K` of an instance in which nothing reads K.
+Non-goals: values (`parameter_values.py`); plain settings of a system, which are for whatever comes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.language.elaborate.instantiate import PlacedInstance, SubSystem
+    from soter.language.model.system import Topic
+
+    Reads = frozenset[typed.ParamSymbol]
+
+
+class Idle:
+    """What the instances of a flat system read, by their paths."""
+
+    def __init__(self) -> None:
+        self._reads: dict[str, set[typed.ParamSymbol]] = {}
+        self._known: dict[object, Reads] = {}
+
+    def enter(
+        self, parts: Iterable[SubSystem], placed: Iterable[PlacedInstance], topics: Iterable[Topic]
+    ) -> None:
+        """Everything that a system is made of."""
+        for part in parts:
+            self._enter(part.prefix[:-1], params_read(part.system.properties, part.system.inputs))
+        for p in placed:
+            self._enter(p.name, self._of(p.symbol) | self._of_all(p.replaced.values()))
+        for t in topics:
+            home = t.name.removesuffix(t.symbol.name).rstrip(".")
+            self._enter(home, params_read(t.symbol.values, t.symbol.default, t.symbol.max_age))
+
+    def report(self, sets: Iterable[typed.SetSymbol], diagnostics: Diagnostics) -> None:
+        """W010 for each of these settings, with full paths, that nothing there reads.
+
+        In a loop the first one is told.
+        """
+        told: set[Span] = set()
+        for item in sets:
+            if item.param in self._reads.get(item.path, ()) or item.span in told:
+                continue
+            told.add(item.span)
+            diagnostics.warning(
+                "W010",
+                f"nothing in `{item.path}` reads the parameter `{item.param.name}`",
+                item.span,
+                "this changes nothing",
+                also=((item.param.span, "the parameter"),),
+                notes=("the sets of topics belong to the system that they stand in",),
+            )
+
+    def _of(self, symbol: object) -> Reads:
+        if symbol not in self._known:
+            self._known[symbol] = params_read(symbol)
+        return self._known[symbol]
+
+    def _of_all(self, symbols: Iterable[object]) -> Reads:
+        return frozenset(p for s in symbols for p in self._of(s))
+
+    def _enter(self, path: str, reads: Reads) -> None:
+        """In an instance and all around it."""
+        while path:
+            self._reads.setdefault(path, set()).update(reads)
+            path = path.rpartition(".")[0]
+
+
+def params_read(*roots: object) -> Reads:
+    """Parameters that pieces of a checked program read, also in the functions that they call.
+
+    Of topics only the names count: their numbers are no part of who reads them.
+    """
+    params: set[typed.ParamSymbol] = set()
+    seen: set[int] = set()
+    todo = list(roots)
+    while todo:
+        node = todo.pop()
+        if isinstance(node, (tuple, list)):
+            todo.extend(node)
+        elif isinstance(node, dict):
+            todo.extend(node.values())
+        elif isinstance(node, typed.ParamRead):
+            params.add(node.param)
+        elif _is_code(node) and id(node) not in seen:
+            seen.add(id(node))
+            todo.extend(vars(node).values())
+    return frozenset(params)
+
+
+def _is_code(node: object) -> bool:
+    return type(node).__module__ == typed.__name__ and not isinstance(node, typed.TopicSymbol)

@@ -1,0 +1,177 @@
+"""The machine operations of Soter in Python, bit for bit those of C on binary64 and int64.
+
+Purpose: one place for the traps between Python and the machine: unbounded ints, division that
+floors, `math` functions that raise. The constant evaluator and the reference interpreter use
+nothing else for arithmetic that can differ; float `+ - *` and all comparisons are Python's own.
+Non-goals: which operation an expression means (`statements.py`), intervals (`reach/`).
+
+Every checked operation takes the span to blame and raises `StepFault`. Fault codes, `min`, `max`,
+`abs`, `floor` and `sqrt` are those of docs/semantics.md, section Numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import TYPE_CHECKING, TypeVar
+
+from soter.language.model.types import INT_MAX, INT_MIN
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+
+NAN = math.nan
+"""The one NaN that is ever stored: 0x7ff8000000000000."""
+
+_INTEGRAL_FROM = 2.0**52
+"""From this magnitude on every binary64 number is a whole number."""
+
+_INT_BEYOND = 2.0**63
+"""The first float above every 64-bit int."""
+
+Number = TypeVar("Number", int, float)
+
+
+class FaultKind(IntEnum):
+    """What went wrong in a step; the codes of docs/semantics.md."""
+
+    OVERFLOW = 1
+    INDEX = 2
+    DIVIDE = 3
+    CONVERT = 4
+    ASSERT = 5
+    CAPACITY = 6
+    NONFINITE = 7
+    RANGE = 8
+    EXTERN = 9
+
+
+class StepFault(Exception):  # noqa: N818  the paper's steps fault; "error" would suggest a bug
+    """A step of the program went wrong; the step has no effect.
+
+    `detail` is for people (the text of an `assert`, the exception of an extern).
+    """
+
+    def __init__(self, kind: FaultKind, span: Span | None = None, detail: str = "") -> None:
+        super().__init__(kind.name.lower() + (f": {detail}" if detail else ""))
+        self.kind = kind
+        self.span = span
+        self.detail = detail
+
+
+# ---------------------------------------------------------------- int
+
+
+def checked(result: int, span: Span | None = None) -> int:
+    """`result` where it fits 64 bits; StepFault, an overflow, otherwise."""
+    if INT_MIN <= result <= INT_MAX:
+        return result
+    raise StepFault(FaultKind.OVERFLOW, span)
+
+
+def add_int(a: int, b: int, span: Span | None = None) -> int:
+    """`a + b`."""
+    return checked(a + b, span)
+
+
+def sub_int(a: int, b: int, span: Span | None = None) -> int:
+    """`a - b`."""
+    return checked(a - b, span)
+
+
+def mul_int(a: int, b: int, span: Span | None = None) -> int:
+    """`a * b`."""
+    return checked(a * b, span)
+
+
+def neg_int(a: int, span: Span | None = None) -> int:
+    """`-a`; overflows on the smallest int."""
+    return checked(-a, span)
+
+
+def abs_int(a: int, span: Span | None = None) -> int:
+    """`|a|`; overflows on the smallest int."""
+    return checked(abs(a), span)
+
+
+def div_int(a: int, b: int, span: Span | None = None) -> int:
+    """`a / b` truncated towards zero, as in C; StepFault on 0 and for the smallest int by -1."""
+    if b == 0:
+        raise StepFault(FaultKind.DIVIDE, span)
+    quotient = abs(a) // abs(b)
+    return checked(quotient if (a < 0) == (b < 0) else -quotient, span)
+
+
+def mod_int(a: int, b: int, span: Span | None = None) -> int:
+    """`a % b` with the sign of `a`, as in C; the smallest int by -1 is 0; StepFault on 0."""
+    if b == 0:
+        raise StepFault(FaultKind.DIVIDE, span)
+    remainder = abs(a) % abs(b)
+    return -remainder if a < 0 else remainder
+
+
+def narrow(a: int, low: int, high: int, span: Span | None = None) -> int:
+    """`a` where it lies in `[low, high]`, the range of the place it goes to.
+
+    StepFault, an overflow, otherwise.
+    """
+    if low <= a <= high:
+        return a
+    raise StepFault(FaultKind.OVERFLOW, span)
+
+
+# ---------------------------------------------------------------- float
+
+
+def div_float(a: float, b: float, span: Span | None = None) -> float:
+    """`a / b`; StepFault on a zero divisor of either sign, whatever `a` is."""
+    if b == 0.0:
+        raise StepFault(FaultKind.DIVIDE, span)
+    return a / b
+
+
+def sqrt(x: float) -> float:
+    """The correctly rounded square root; NaN below zero; -0.0 gives -0.0."""
+    return NAN if x < 0.0 else math.sqrt(x)
+
+
+def floor(x: float) -> float:
+    """The largest whole number not above `x`, as a float; NaN, infinities and -0.0 stay."""
+    if not -_INTEGRAL_FROM < x < _INTEGRAL_FROM or x == 0.0:
+        return x
+    return float(math.floor(x))
+
+
+def int_of_float(x: float, span: Span | None = None) -> int:
+    """`int(x)`: truncates towards zero; StepFault on NaN and outside 64 bits."""
+    if -_INT_BEYOND <= x < _INT_BEYOND:
+        return int(x)
+    raise StepFault(FaultKind.CONVERT, span)
+
+
+def seconds(ns: int) -> float:
+    """A duration in seconds."""
+    return float(ns) / 1e9
+
+
+def canonical(x: float) -> float:
+    """`x`, with every NaN turned into the one that is stored."""
+    return x if x == x else NAN  # noqa: PLR0124  only NaN differs from itself
+
+
+# ---------------------------------------------------------------- both
+
+
+def minimum(a: Number, b: Number) -> Number:
+    """`b < a ? b : a`, so a NaN in `b` loses and a NaN in `a` stays."""
+    return b if b < a else a  # noqa: FURB136  Python's min(a, b) leaves this order unsaid
+
+
+def maximum(a: Number, b: Number) -> Number:
+    """`b > a ? b : a`."""
+    return b if b > a else a  # noqa: FURB136  as above
+
+
+def saturate(x: float, limit: float) -> float:
+    """`min(max(x, -limit), limit)`."""
+    return minimum(maximum(x, -limit), limit)

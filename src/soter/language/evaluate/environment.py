@@ -1,0 +1,78 @@
+"""What an expression can see while it is evaluated.
+
+Purpose: the border between the meaning of code (`statements.py`) and who runs it: the checker on
+constants with nothing to see, the interpreter on a configuration.
+Non-goals: compile-time meaning of names; that is the scope the evaluator was made for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.language.model.typed import Variable
+    from soter.language.model.types import Value
+
+
+class BudgetExceeded(Exception):  # noqa: N818  not an error: the limit was asked for
+    """A constant took more operations than the evaluator was allowed."""
+
+
+def _nobody(count: int) -> int:
+    """Who chooses where nobody was named: only steps of nodes and plants have choices."""
+    msg = f"nobody chooses between {count} alternatives here"
+    raise RuntimeError(msg)
+
+
+class Environment:
+    """All that an expression can see, and the publications of a step.
+
+    `variables` by identity; `topics` and `stamps` by topic index, as they were when the step
+    began; `mode(module index)`, `margin_ns(module index)` and `truth(component index)` ask the
+    configuration; `published` collects what `publish` wrote, by topic index, of a burst the tuple
+    of all messages.
+    `choose(count)` answers a `choose` expression: 0 <= pick < count. A closed constant needs no
+    argument at all.
+    """
+
+    __slots__ = (
+        "choose",
+        "in_control",
+        "margin_ns",
+        "mode",
+        "period_ns",
+        "published",
+        "stamps",
+        "time_ns",
+        "topics",
+        "truth",
+        "variables",
+    )
+
+    def __init__(
+        self,
+        variables: dict[Variable, Value] | None = None,
+        *,
+        topics: Sequence[Value] = (),
+        stamps: Sequence[int] = (),
+        time_ns: int = 0,
+        period_ns: int = 0,
+        in_control: bool = True,
+        mode: Callable[[int], int] | None = None,
+        truth: Callable[[int], Value] | None = None,
+        choose: Callable[[int], int] | None = None,
+        margin_ns: Callable[[int], int] | None = None,
+    ) -> None:
+        self.variables = {} if variables is None else variables
+        self.topics = topics
+        self.stamps = stamps
+        self.time_ns = time_ns
+        self.period_ns = period_ns
+        self.in_control = in_control
+        self.mode = mode
+        self.margin_ns = margin_ns
+        self.truth = truth
+        self.choose = _nobody if choose is None else choose
+        self.published: dict[int, Value] = {}

@@ -1,0 +1,458 @@
+"""The meaning of typed expressions: each becomes a Python closure, `environment -> value`.
+
+Purpose: one method for each kind of expression in `typed.py`, in the order they stand there.
+Non-goals: statements and function bodies (`statements.py`), the arithmetic itself
+(`arithmetic.py`).
+"""
+
+from __future__ import annotations
+
+import operator
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from soter.language.evaluate import arithmetic, fair_choice, vectors
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.model import typed as t
+from soter.language.model.python_values import from_python, to_python
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    DurationType,
+    FloatType,
+    IntType,
+    leaf_count,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from soter.diagnostics.span import Span
+    from soter.language.model.types import Type, Value
+
+    Compiled = Callable[[Environment], Value]
+    Extern = Callable[..., object]
+
+
+_COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
+}
+
+_INT_OPERATIONS: dict[str, Callable[[int, int, Span | None], int]] = {
+    "+": arithmetic.add_int,
+    "-": arithmetic.sub_int,
+    "*": arithmetic.mul_int,
+    "/": arithmetic.div_int,
+    "%": arithmetic.mod_int,
+}
+
+_FLOAT_OPERATIONS: dict[str, Callable[[float, float], float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+}
+
+_FLOAT_FUNCTIONS: dict[str, Callable[[Any], float]] = {
+    "sqrt": arithmetic.sqrt,
+    "floor": arithmetic.floor,
+    "abs": abs,
+    "float": float,
+    "seconds": arithmetic.seconds,
+}
+
+
+SLICE = 250_000
+"""Operations, a twentieth of a second, between two looks at the budget."""
+
+
+class ExpressionEvaluator(ABC):
+    """Compiles expressions of one scope; see `Evaluator` for the arguments."""
+
+    def __init__(
+        self,
+        params: Mapping[t.ParamSymbol, Value],
+        externs: Mapping[t.FunSymbol, Extern] | None = None,
+        budget: int | None = None,
+        *,
+        topics: Mapping[t.TopicSymbol, int] | None = None,
+        plants: Mapping[str, int] | None = None,
+        modules: Mapping[t.ModuleSymbol | str, int] | None = None,
+    ) -> None:
+        self._params = params
+        self._externs = {} if externs is None else externs
+        self._budget = budget
+        self._left = self._reserve = 0
+        self.tell: Callable[[int], None] | None = None
+        """Called with the operations that a value took, again and again while it is computed."""
+        self._topics = {} if topics is None else topics
+        self._plants = {} if plants is None else plants
+        self._modules = {} if modules is None else modules
+        self._expressions: dict[t.TypedExpr, Compiled] = {}
+        self.unbound: set[t.FunSymbol] = set()
+
+    @abstractmethod
+    def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
+        """`(environment, arguments) -> value` of a function with a body."""
+
+    def value(self, expr: t.TypedExpr, env: Environment | None = None) -> Value:
+        """The value of a closed expression, or at `env`; raises `StepFault` or `BudgetExceeded`.
+
+        Calls that nest deeper than Python's stack exceed any budget.
+        """
+        self._left, self._reserve = 0, self._budget or 0
+        try:
+            return self.expression(expr)(env or Environment())
+        except RecursionError:
+            raise BudgetExceeded from None
+
+    def allow(self, operations: int) -> None:
+        """Set the budget of the next values; only for an evaluator that was made with one."""
+        assert self._budget is not None
+        self._budget = operations
+
+    @property
+    def spent(self) -> int:
+        """Operations that the last value took."""
+        return (self._budget or 0) - self._reserve - self._left
+
+    def expression(self, expr: t.TypedExpr) -> Compiled:
+        """`environment -> value`; the closure raises `StepFault`."""
+        compiled = self._expressions.get(expr)
+        if compiled is None:
+            compiled = self._expressions[expr] = self._expr(expr)
+        return compiled
+
+    # ------------------------------------------------------------ budget
+
+    def _spend(self, operations: int) -> None:
+        self._left -= operations
+        if self._left < 0:
+            self._take_more()
+
+    def _take_more(self) -> None:
+        """From the reserve, a slice at a time, so that those who wait can be told."""
+        if self.tell is not None and self.spent > SLICE:
+            self.tell(self.spent)
+        more = min(self._reserve, SLICE - self._left)
+        self._left += more
+        self._reserve -= more
+        if self._left < 0:
+            raise BudgetExceeded
+
+    def _counted(self, operations: int, compiled: Compiled) -> Compiled:
+        """`compiled`, which takes so many operations each time; free where nobody counts."""
+        if self._budget is None:
+            return compiled
+
+        def counted(env: Environment) -> Value:
+            self._spend(operations)
+            return compiled(env)
+
+        return counted
+
+    # ------------------------------------------------------------ expressions: reads
+
+    def _expr(self, expr: t.TypedExpr) -> Compiled:
+        return self._EXPRESSIONS[type(expr)](self, expr)
+
+    def _literal(self, expr: t.Literal) -> Compiled:
+        value = expr.value
+        return lambda _: value
+
+    def _param_read(self, expr: t.ParamRead) -> Compiled:
+        value = self._params[expr.param]
+        return lambda _: value
+
+    def _var_read(self, expr: t.VarRead) -> Compiled:
+        variable = expr.variable
+        return lambda env: env.variables[variable]
+
+    def _topic_read(self, expr: t.TopicRead) -> Compiled:
+        index = self._topics[expr.topic]
+        return lambda env: env.topics[index]
+
+    def _truth_read(self, expr: t.TruthRead) -> Compiled:
+        index = self._plants[expr.instance]
+
+        def truth(env: Environment) -> Value:
+            assert env.truth is not None
+            return env.truth(index)
+
+        return truth
+
+    def _mode_read(self, expr: t.ModeRead) -> Compiled:
+        index = self._modules[expr.module]
+
+        def mode(env: Environment) -> Value:
+            assert env.mode is not None
+            return env.mode(index)
+
+        return mode
+
+    def _margin_read(self, expr: t.MarginRead) -> Compiled:
+        index = self._modules[expr.module]
+
+        def margin(env: Environment) -> Value:
+            assert env.margin_ns is not None
+            return arithmetic.seconds(env.margin_ns(index))
+
+        return margin
+
+    def _in_control(self, _: t.InControl) -> Compiled:
+        return lambda env: env.in_control
+
+    def _time_read(self, _: t.TimeRead) -> Compiled:
+        return lambda env: arithmetic.seconds(env.time_ns)
+
+    def _period_read(self, _: t.PeriodRead) -> Compiled:
+        return lambda env: arithmetic.seconds(env.period_ns)
+
+    def _age_read(self, expr: t.AgeRead) -> Compiled:
+        index = self._topics[expr.topic]
+        return lambda env: arithmetic.seconds(env.time_ns - env.stamps[index])
+
+    # ------------------------------------------------------------ expressions: operations
+
+    def _unary(self, expr: t.TypedUnary) -> Compiled:
+        operand = self._expr(expr.operand)
+        span = expr.span
+        if expr.op == "!":
+            return lambda env: not operand(env)
+        if isinstance(expr.type, FloatType):
+            return lambda env: -operand(env)
+        if _is_int(expr.type):
+            return lambda env: arithmetic.neg_int(operand(env), span)
+        each = vectors.mapper(expr.type)
+        return lambda env: each(operator.neg, operand(env))
+
+    def _binary(self, expr: t.TypedBinary) -> Compiled:
+        left, right = self._expr(expr.left), self._expr(expr.right)
+        if expr.op == "&&":
+            return lambda env: left(env) and right(env)
+        if expr.op == "||":
+            return lambda env: left(env) or right(env)
+        op, span = expr.op, expr.span
+        if op in _COMPARISONS:
+            return _apply2(_COMPARISONS[op], left, right)
+        if not isinstance(expr.type, FloatType):
+            return _apply2_checked(_INT_OPERATIONS[op], left, right, span)
+        if op == "/":
+            return _apply2_checked(arithmetic.div_float, left, right, span)
+        return _apply2(_FLOAT_OPERATIONS[op], left, right)
+
+    def _vector(self, expr: t.Vector) -> Compiled:
+        left, right = self._expr(expr.left), self._expr(expr.right)
+        op, span = expr.op, expr.span
+        if op in ("+", "-"):
+            zipped, operation = vectors.zipper(expr.type), _FLOAT_OPERATIONS[op]
+            compiled: Compiled = lambda env: zipped(operation, left(env), right(env))  # noqa: E731
+            return self._counted(leaf_count(expr.type), compiled)
+
+        each = vectors.mapper(expr.type)
+        scalar_first = isinstance(expr.left.type, FloatType)
+
+        def scaled(env: Environment) -> Value:
+            a, b = left(env), right(env)
+            if op == "/":
+                return each(lambda x: arithmetic.div_float(x, b, span), a)
+            if scalar_first:
+                return each(lambda x: a * x, b)
+            return each(lambda x: x * b, a)
+
+        return self._counted(leaf_count(expr.type), scaled)
+
+    def _conditional(self, expr: t.Conditional) -> Compiled:
+        condition = self._expr(expr.condition)
+        then, otherwise = self._expr(expr.then), self._expr(expr.otherwise)
+        return lambda env: then(env) if condition(env) else otherwise(env)
+
+    def _narrow(self, expr: t.Narrow) -> Compiled:
+        operand, span = self._expr(expr.operand), expr.span
+        assert isinstance(expr.type, IntType)
+        low, high = expr.type.low, expr.type.high
+        return lambda env: arithmetic.narrow(operand(env), low, high, span)
+
+    # ------------------------------------------------------------ expressions: calls
+
+    def _call(self, expr: t.TypedCall) -> Compiled:
+        arguments = [self._expr(a) for a in expr.arguments]
+        if expr.fun.extern:
+            return self._call_extern(expr, arguments)
+        call = self.function(expr.fun)
+        compiled: Compiled = lambda env: call(env, [a(env) for a in arguments])  # noqa: E731
+        return self._counted(1, compiled)
+
+    def _call_extern(self, expr: t.TypedCall, arguments: list[Compiled]) -> Compiled:
+        fun, span = expr.fun, expr.span
+        extern = self._externs.get(fun)
+        if extern is None:
+            self.unbound.add(fun)
+        types = [p.type for p in fun.parameters]
+
+        def call(env: Environment) -> Value:
+            values = [a(env) for a in arguments]
+            if extern is None:
+                raise StepFault(FaultKind.EXTERN, span, f"`{fun.name}` is not bound")
+            try:
+                result = extern(*map(to_python, types, values))
+                return from_python(fun.result, result)
+            except Exception as error:
+                detail = f"`{fun.name}`: {type(error).__name__}: {error}"
+                raise StepFault(FaultKind.EXTERN, span, detail) from error
+
+        return call
+
+    def _builtin(self, expr: t.Builtin) -> Compiled:
+        arguments = [self._expr(a) for a in expr.arguments]
+        first, span = arguments[0], expr.span
+        of = expr.arguments[0].type
+        name = expr.name
+        if name in ("min", "max"):
+            return _apply2(
+                arithmetic.minimum if name == "min" else arithmetic.maximum, first, arguments[1]
+            )
+        if name == "abs" and _is_int(of):
+            return lambda env: arithmetic.abs_int(first(env), span)
+        if name == "int":
+            return lambda env: arithmetic.int_of_float(first(env), span)
+        if name in ("dot", "norm"):
+            return self._dot(name, of, arguments)
+        if name == "saturate":
+            each, limit = vectors.mapper(of), arguments[1]
+
+            def saturate(env: Environment) -> Value:
+                x, most = first(env), limit(env)
+                return each(lambda component: arithmetic.saturate(component, most), x)
+
+            return self._counted(leaf_count(of), saturate)
+        operation = _FLOAT_FUNCTIONS[name]
+        return lambda env: operation(first(env))
+
+    def _dot(self, name: str, of: Type, arguments: list[Compiled]) -> Compiled:
+        flat, first = vectors.flattener(of), arguments[0]
+        if name == "norm":
+
+            def norm(env: Environment) -> Value:
+                x = flat(first(env))
+                return arithmetic.sqrt(vectors.dot(x, x))
+
+            return self._counted(leaf_count(of), norm)
+        second = arguments[1]
+        compiled: Compiled = lambda env: vectors.dot(flat(first(env)), flat(second(env)))  # noqa: E731
+        return self._counted(leaf_count(of), compiled)
+
+    # ------------------------------------------------------------ expressions: structure
+
+    def _field(self, expr: t.TypedField) -> Compiled:
+        target, index = self._expr(expr.target), expr.index
+        return lambda env: target(env)[index]
+
+    def _index(self, expr: t.Index) -> Compiled:
+        target, index, span = self._expr(expr.target), self._expr(expr.index), expr.span
+
+        def element(env: Environment) -> Value:
+            sequence = target(env)
+            return sequence[in_range(index(env), sequence, span)]
+
+        return element
+
+    def _length(self, expr: t.TypedLength) -> Compiled:
+        of = expr.target.type
+        if isinstance(of, ArrayType):
+            return lambda _: of.size
+        target = self._expr(expr.target)
+        return lambda env: len(target(env))
+
+    def _aggregate(self, expr: t.Aggregate) -> Compiled:
+        elements = [self._expr(e) for e in expr.elements]
+        if expr.order is None:
+            compiled: Compiled = lambda env: tuple([e(env) for e in elements])  # noqa: E731
+            return self._counted(len(elements), compiled)
+        position = {field: written for written, field in enumerate(expr.order)}
+        declared = [position[i] for i in range(len(elements))]
+
+        def aggregate(env: Environment) -> Value:
+            values = [e(env) for e in elements]
+            return tuple([values[i] for i in declared])
+
+        return self._counted(len(elements), aggregate)
+
+    def _choose(self, expr: t.TypedChoose) -> Compiled:
+        """Options first, then the choice; a fair one asks among what is allowed."""
+        options = [self._expr(o) for o in expr.options]
+        count, low, ages = expr.count, expr.low, expr.ages
+        boolean = isinstance(expr.type, BoolType)
+
+        def choose(env: Environment) -> Value:
+            values = [o(env) for o in options]
+            if ages is None:
+                pick = env.choose(count)
+            else:
+                before = env.variables[ages]
+                allowed = fair_choice.allowed(before)
+                pick = allowed[env.choose(len(allowed))]
+                env.variables[ages] = fair_choice.taken(before, pick)
+            if values:
+                return values[pick]
+            return bool(pick) if boolean else low + pick
+
+        return choose
+
+    _EXPRESSIONS: ClassVar[
+        dict[type[t.TypedExpr], Callable[[ExpressionEvaluator, Any], Compiled]]
+    ] = {
+        t.Literal: _literal,
+        t.ParamRead: _param_read,
+        t.VarRead: _var_read,
+        t.TopicRead: _topic_read,
+        t.TruthRead: _truth_read,
+        t.ModeRead: _mode_read,
+        t.MarginRead: _margin_read,
+        t.InControl: _in_control,
+        t.TimeRead: _time_read,
+        t.PeriodRead: _period_read,
+        t.AgeRead: _age_read,
+        t.TypedUnary: _unary,
+        t.TypedBinary: _binary,
+        t.Vector: _vector,
+        t.Conditional: _conditional,
+        t.TypedCall: _call,
+        t.Builtin: _builtin,
+        t.TypedField: _field,
+        t.Index: _index,
+        t.TypedLength: _length,
+        t.Aggregate: _aggregate,
+        t.TypedChoose: _choose,
+        t.Narrow: _narrow,
+    }
+
+
+# ---------------------------------------------------------------- helpers
+
+
+def _is_int(of: Type) -> bool:
+    """Whether arithmetic on the type is that of int64: ints and durations."""
+    return isinstance(of, (IntType, DurationType))
+
+
+def _apply2(op: Callable[[Any, Any], Value], left: Compiled, right: Compiled) -> Compiled:
+    return lambda env: op(left(env), right(env))
+
+
+def _apply2_checked(
+    op: Callable[[Any, Any, Span | None], Value], left: Compiled, right: Compiled, span: Span
+) -> Compiled:
+    return lambda env: op(left(env), right(env), span)
+
+
+def in_range(index: int, sequence: tuple[Value, ...], span: Span) -> int:
+    """`index` where `sequence` has it; StepFault, an index fault, otherwise."""
+    if 0 <= index < len(sequence):
+        return index
+    raise StepFault(FaultKind.INDEX, span)

@@ -1,0 +1,278 @@
+"""Whether a scheme of integration follows a plant, or diverges where the plant does not.
+
+Purpose: `diverging`: states of a plant whose rates, times the step, lie outside of the region in
+which the scheme is stable, by bounds of the Jacobian (`derivative_bounds.py`).
+Non-goals: how far a scheme that is stable is off; claims that a proof rests on.
+
+States that depend on each other in a circle are looked at together. With one derivative for all
+states and inputs, A, a step is R(hA), R the scheme's polynomial: it diverges where the spectral
+radius of R(hA) is above 1 and above that of e^(hA). A state by itself, whose derivative lies in
+[a, b], diverges where |R(ha)| and |R(hb)| are above 1 and b < 0, as R(z) stays above 1 below the
+end of its region.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.language.evaluate.derivative_bounds import ANY, Slope, Slopes, unknown
+from soter.language.model.types import ArrayType, FloatType, RecordType
+from soter.language.syntax.schemes import SCHEMES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.language.evaluate.derivative_bounds import Range, Tree
+    from soter.language.model import typed
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type
+
+    Matrix = list[list[float]]
+
+TOGETHER_MAX = 12
+"""Of more states that depend on each other nothing is said."""
+SQUARINGS = 40
+GROWS = 1e-6
+"""Growth a step that is more than rounding."""
+SPARE = 1.1
+"""A step that is advised is so much shorter than the longest that would do."""
+PARTS_MAX = 64
+"""So many times as many substeps are tried."""
+Leaf = tuple["typed.Variable", tuple[int, ...]]
+
+
+@dataclass(frozen=True)
+class Diverging:
+    """States that a scheme moves away from their solution."""
+
+    names: tuple[str, ...]
+    variable: typed.Variable
+    """The first of them."""
+    rate: float
+    """The spectral radius of their Jacobian, 1/s, at least."""
+    step_s: float
+    growth: float
+    """What a step multiplies them by, at least."""
+    substeps: int | None
+    """With so many it would be stable; None: with none that were tried."""
+    other: str | None
+    """A scheme that would be stable with the same step, if there is one."""
+
+
+def diverging(
+    system: System, c: Component, ranges: Mapping[tuple[str, tuple[str, ...]], Range] | None = None
+) -> list[Diverging]:
+    """What diverges of a plant; nothing where no bound is known.
+
+    `ranges`: (state, path of a leaf) -> its range, where that is less than all numbers.
+    """
+    plant = c.plant
+    if plant is None or plant.extern or not plant.der:
+        return []
+    leaves = [(v, at) for v in plant.der for at in _places(v.type)]
+    jacobian = _jacobian(system, c, leaves, ranges or {})
+    scheme = SCHEMES[plant.method]
+    step = c.period_ns / 1e9 / c.substeps
+    divergences = []
+    for block in _circles(jacobian):
+        growths = [(_growth(a, step, scheme.order), a) for a in _matrices(jacobian, block)]
+        known = [(growth, a) for growth, a in growths if growth is not None]
+        if known and len(known) == len(growths):
+            _, slowest = min(known, key=lambda pair: pair[0])
+            divergences.append(_told(leaves, block, slowest, step, c.substeps, plant.method))
+    return divergences
+
+
+def _told(
+    leaves: Sequence[Leaf],
+    block: Sequence[int],
+    a: Matrix,
+    step: float,
+    substeps: int,
+    method: str,
+) -> Diverging:
+    order = SCHEMES[method].order
+    names = tuple(".".join((leaves[k][0].name, *_path(*leaves[k]))) for k in block)
+    room = SPARE * step * substeps
+    parts = next((n for n in _tried(substeps) if _growth(a, room / n, order) is None), None)
+    other = next((s.name for s in SCHEMES.values() if _growth(a, step, s.order) is None), None)
+    growth = _growth(a, step, order)
+    assert growth is not None
+    return Diverging(names, leaves[block[0]][0], _radius(a), step, growth, parts, other)
+
+
+def _tried(substeps: int) -> Iterator[int]:
+    n = substeps
+    while n < PARTS_MAX * substeps:
+        n = max(n + 1, n * 5 // 4)
+        yield n
+
+
+# ---------------------------------------------------------------- the Jacobian
+
+
+def _places(t: Type) -> Iterator[tuple[int, ...]]:
+    """Where the floats of a type are, by number of field or element."""
+    if isinstance(t, RecordType):
+        parts = [f for _, f in t.fields]
+    elif isinstance(t, ArrayType):
+        parts = [t.element] * t.size
+    else:
+        if isinstance(t, FloatType):
+            yield ()
+        return
+    for k, part in enumerate(parts):
+        for rest in _places(part):
+            yield (k, *rest)
+
+
+def _path(variable: typed.Variable, place: tuple[int, ...]) -> tuple[str, ...]:
+    path, t = [], variable.type
+    for k in place:
+        if isinstance(t, RecordType):
+            path.append(t.fields[k][0])
+            t = t.fields[k][1]
+        else:
+            assert isinstance(t, ArrayType)
+            path.append(f"[{k}]")
+            t = t.element
+    return tuple(path)
+
+
+def _jacobian(
+    system: System,
+    c: Component,
+    leaves: Sequence[Leaf],
+    ranges: Mapping[tuple[str, tuple[str, ...]], Range],
+) -> list[list[Range]]:
+    """Bounds of the derivative of every rate by every state."""
+    plant = c.plant
+    assert plant is not None
+    number = {leaf: k for k, leaf in enumerate(leaves)}
+
+    def state(v: typed.Variable, t: Type, at: tuple[int, ...] = ()) -> Tree:
+        if isinstance(t, RecordType):
+            return tuple(state(v, f, (*at, k)) for k, (_, f) in enumerate(t.fields))
+        if isinstance(t, ArrayType):
+            return tuple(state(v, t.element, (*at, k)) for k in range(t.size))
+        own = ranges.get((v.name, _path(v, at)), ANY)
+        return Slope(*own, {number[v, at]: (1.0, 1.0)} if (v, at) in number else {})
+
+    variables: dict[typed.Variable, Tree] = {v: state(v, v.type) for v in plant.states}
+    for d in c.disturbances:
+        variables[d.variable] = _everywhere(d.variable.type, (d.low, d.high))
+    slopes = Slopes(variables, lambda t: _topic(system, c, t), lambda p: c.scope.params[p])
+    for variable, value in plant.lets:
+        slopes.variables[variable] = slopes.of(value)
+    rows: list[list[Range]] = []
+    for v, e in plant.der.items():
+        tree = slopes.of(e)
+        for place in _places(v.type):
+            at = tree
+            for k in place:
+                at = at[k] if isinstance(at, tuple) else at
+            assert isinstance(at, Slope)
+            rows.append([at.by.get(k, (0.0, 0.0)) for k in range(len(leaves))])
+    return rows
+
+
+def _everywhere(t: Type, r: Range) -> Tree:
+    if isinstance(t, RecordType):
+        return tuple(_everywhere(f, r) for _, f in t.fields)
+    if isinstance(t, ArrayType):
+        return tuple(_everywhere(t.element, r) for _ in range(t.size))
+    return Slope(*r)
+
+
+def _topic(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree:
+    """A topic: its declared set, where it is a number; else anything."""
+    bounds = system.topics[c.scope.topics[symbol]].bounds
+    if isinstance(symbol.type, FloatType) and bounds[0] is not None:
+        return Slope(bounds[0].low, bounds[0].high)
+    return unknown(symbol.type, {})
+
+
+# ---------------------------------------------------------------- what belongs together
+
+
+def _circles(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
+    """States that depend on each other in a circle, each state in one of the lists."""
+    n = len(jacobian)
+    reach = [{j for j in range(n) if jacobian[i][j] != (0.0, 0.0)} for i in range(n)]
+    for k in range(n):
+        for i in range(n):
+            if k in reach[i]:
+                reach[i] |= reach[k]
+    circles: list[list[int]] = []
+    seen: set[int] = set()
+    for i in range(n):
+        if i not in seen:
+            circles.append([i, *(j for j in range(i + 1, n) if j in reach[i] and i in reach[j])])
+            seen.update(circles[-1])
+    return circles
+
+
+def _matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list[Matrix]:
+    """The Jacobian of a block: one, or of one state both ends; none where it is not known."""
+    ends = [jacobian[i][j] for i in block for j in block]
+    n = len(block)
+    if n > TOGETHER_MAX or not all(math.isfinite(x) for r in ends for x in r):
+        return []
+    if all(low == high for low, high in ends):
+        return [[[jacobian[i][j][0] for j in block] for i in block]]
+    low, high = ends[0]
+    return [[[low]], [[high]]] if n == 1 and high < 0.0 else []
+
+
+# ---------------------------------------------------------------- growth
+
+
+def _growth(a: Matrix, step: float, order: int) -> float | None:
+    """What a step multiplies by, where it diverges and the solution does not; else None."""
+    z = [[x * step for x in row] for row in a]
+    scheme = _radius(_polynomial(z, order))
+    parts = 2 ** max(0, math.ceil(math.log2(max(_norm(z), 1e-300))) + 4)
+    small = [[x / parts for x in row] for row in z]
+    exact = parts * math.log(max(_radius(_polynomial(small, 12)), 1e-300))
+    grows = math.log(max(scheme, 1e-300))
+    return scheme if grows > max(exact, 0.0) + GROWS else None
+
+
+def _polynomial(z: Matrix, order: int) -> Matrix:
+    """1 + z + ... + z^order / order!."""
+    n = len(z)
+    total = [[float(i == j) for j in range(n)] for i in range(n)]
+    power = [row[:] for row in total]
+    for k in range(1, order + 1):
+        power = [[x / k for x in row] for row in _product(power, z)]
+        total = [
+            [x + y for x, y in zip(a, b, strict=True)] for a, b in zip(total, power, strict=True)
+        ]
+    return total
+
+
+def _product(a: Matrix, b: Matrix) -> Matrix:
+    columns = list(zip(*b, strict=True))
+    return [
+        [sum(x * y for x, y in zip(row, column, strict=True)) for column in columns] for row in a
+    ]
+
+
+def _norm(a: Matrix) -> float:
+    return max(sum(abs(x) for x in row) for row in a)
+
+
+def _radius(a: Matrix) -> float:
+    """The spectral radius: |a^(2^k)|^(1/2^k), scaled at every squaring."""
+    scale = 0.0
+    for k in range(SQUARINGS):
+        size = _norm(a)
+        if size == 0.0:
+            return 0.0
+        scale += math.log(size) / 2**k
+        a = [[x / size for x in row] for row in a]
+        a = _product(a, a)
+    size = _norm(a)
+    return math.exp(scale + math.log(size) / 2**SQUARINGS) if size else 0.0

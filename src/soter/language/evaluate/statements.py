@@ -1,0 +1,253 @@
+"""The big-step meaning of typed expressions, statements and functions.
+
+Purpose: what the constant evaluator of the checker and the reference interpreter both run. A
+typed tree is compiled once into Python closures, because a random program takes its steps a
+thousand times; each closure is the meaning of one kind of node and reads like its docstring in
+`typed.py`.
+Non-goals: when a step runs and what becomes of its publications (`semantics/`), speed beyond
+that, C (`lower/` and `codegen/` are the other meaning, on purpose written apart from this one).
+
+Evaluation is pure but for the `Environment`: values are immutable, an assignment rebuilds the
+value of its variable. A statement gives None, or the value a `return` left with.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.expressions import ExpressionEvaluator, in_range
+from soter.language.model import typed as t
+from soter.language.model.types import leaf_count
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from soter.language.evaluate.expressions import Compiled, Extern
+    from soter.language.model.system import Scope
+    from soter.language.model.types import Value
+
+    Executed = Callable[[Environment], Value | None]
+
+__all__ = ["BudgetExceeded", "Environment", "Evaluator"]
+
+
+class Evaluator(ExpressionEvaluator):
+    """Compiles typed trees of one scope into closures, each tree once.
+
+    `params`, `topics`, `plants` and `modules` say what names mean, as in `system.Scope`.
+    `externs` maps extern functions to Python callables, which take and give Python values
+    (`values.py`); a call of one that is not there faults, and `unbound` names it. With a
+    `budget`, `value` raises `BudgetExceeded` when a constant needs more operations than that
+    (statements, calls, loop rounds, and components moved).
+    """
+
+    def __init__(
+        self,
+        params: Mapping[t.ParamSymbol, Value],
+        externs: Mapping[t.FunSymbol, Extern] | None = None,
+        budget: int | None = None,
+        *,
+        topics: Mapping[t.TopicSymbol, int] | None = None,
+        plants: Mapping[str, int] | None = None,
+        modules: Mapping[t.ModuleSymbol | str, int] | None = None,
+    ) -> None:
+        super().__init__(params, externs, budget, topics=topics, plants=plants, modules=modules)
+        self._bodies: dict[t.FunSymbol, Executed] = {}
+
+    @classmethod
+    def of(cls, scope: Scope, externs: Mapping[t.FunSymbol, Extern] | None = None) -> Evaluator:
+        """The evaluator for the code of one instance in a system."""
+        return cls(
+            scope.params,
+            externs,
+            topics=scope.topics,
+            plants=scope.plants,
+            modules=scope.modules,
+        )
+
+    # ------------------------------------------------------------ functions and blocks
+
+    def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
+        """`(environment, arguments) -> value` of a function with a body."""
+        if fun not in self._bodies:
+            assert fun.body is not None, fun.name
+            self._bodies[fun] = self.block(fun.body)
+        body, parameters = self._bodies[fun], fun.parameters
+
+        def call(env: Environment, arguments: Sequence[Value]) -> Value:
+            outside = env.variables
+            env.variables = dict(zip(parameters, arguments, strict=True))
+            try:
+                return body(env)
+            finally:
+                env.variables = outside
+
+        return call
+
+    def block(self, statements: Iterable[t.TypedStmt]) -> Executed:
+        """`environment -> None, or the returned value`; effects are in the environment."""
+        compiled = [self._STATEMENTS[type(s)](self, s) for s in statements]
+        if len(compiled) == 1:
+            return compiled[0]
+
+        def run(env: Environment) -> Value | None:
+            for statement in compiled:
+                result = statement(env)
+                if result is not None:
+                    return result
+            return None
+
+        return run
+
+    # ------------------------------------------------------------ statements
+
+    def _declare(self, stmt: t.TypedDeclare) -> Executed:
+        return self._counted(1, _store(stmt.variable, self._expr(stmt.value)))
+
+    def _assign(self, stmt: t.TypedAssign) -> Executed:
+        place, value = stmt.place, self._expr(stmt.value)
+        if not place.path:
+            return self._counted(1, _store(place.variable, value))
+        keys, variable = self._keys(place), place.variable
+
+        def assign(env: Environment) -> None:
+            path = keys(env)
+            new = value(env)
+            env.variables[variable] = replaced(env.variables[variable], path, new)
+
+        return self._counted(_rebuilt(place), assign)
+
+    def _push(self, stmt: t.TypedPush) -> Executed:
+        place, value, span = stmt.place, self._expr(stmt.value), stmt.span
+        keys, variable = self._keys(place), place.variable
+        capacity: int = place.type.capacity  # type: ignore[attr-defined]
+
+        def push(env: Environment) -> None:
+            path = keys(env)
+            new = value(env)
+            whole = current = env.variables[variable]
+            for key in path:
+                current = current[key]
+            if len(current) >= capacity:
+                raise StepFault(FaultKind.CAPACITY, span)
+            env.variables[variable] = replaced(whole, path, (*current, new))
+
+        return self._counted(_rebuilt(place) + capacity, push)
+
+    def _keys(self, place: t.Place) -> Callable[[Environment], list[int]]:
+        """The positions along a place's path; every index is checked when it is evaluated."""
+        steps = [(p, None) if isinstance(p, int) else (0, self._expr(p)) for p in place.path]
+        variable, span = place.variable, place.span
+
+        def keys(env: Environment) -> list[int]:
+            path = []
+            current = env.variables[variable]
+            for field, index in steps:
+                key = field if index is None else in_range(index(env), current, span)
+                path.append(key)
+                current = current[key]
+            return path
+
+        return keys
+
+    def _publish(self, stmt: t.TypedPublish) -> Executed:
+        index, value = self._topics[stmt.topic], self._expr(stmt.value)
+        limit, span = stmt.limit, stmt.span
+
+        def publish(env: Environment) -> None:
+            env.published[index] = value(env)
+
+        if limit is None:
+            return self._counted(1, publish)
+
+        def publish_also(env: Environment) -> None:
+            new = value(env)
+            earlier = env.published.get(index, ())
+            if len(earlier) >= limit:
+                raise StepFault(FaultKind.CAPACITY, span, f"more than {limit} messages")
+            env.published[index] = (*earlier, new)
+
+        return self._counted(1, publish_also)
+
+    def _return(self, stmt: t.TypedReturn) -> Executed:
+        return self._counted(1, self._expr(stmt.value))
+
+    def _assert(self, stmt: t.Assert) -> Executed:
+        condition, span, message = self._expr(stmt.condition), stmt.span, stmt.message
+
+        def check(env: Environment) -> None:
+            if not condition(env):
+                raise StepFault(FaultKind.ASSERT, span, message or "")
+
+        return self._counted(1, check)
+
+    def _if(self, stmt: t.TypedIf) -> Executed:
+        arms = [(self._expr(c), self.block(body)) for c, body in stmt.arms]
+        otherwise = self.block(stmt.otherwise)
+
+        def choose(env: Environment) -> Value | None:
+            for condition, body in arms:
+                if condition(env):
+                    return body(env)
+            return otherwise(env)
+
+        return self._counted(1, choose)
+
+    def _for_range(self, stmt: t.ForRange) -> Executed:
+        rounds = range(stmt.low, stmt.high)
+        return self._loop(stmt.variable, lambda _: rounds, stmt.body)
+
+    def _for_each(self, stmt: t.ForEach) -> Executed:
+        return self._loop(stmt.variable, self._expr(stmt.sequence), stmt.body)
+
+    def _loop(
+        self, variable: t.Variable, sequence: Compiled, statements: tuple[t.TypedStmt, ...]
+    ) -> Executed:
+        body = self._counted(1, self.block(statements))
+
+        def loop(env: Environment) -> Value | None:
+            for item in sequence(env):
+                env.variables[variable] = item
+                result = body(env)
+                if result is not None:
+                    return result
+            return None
+
+        return self._counted(1, loop)
+
+    _STATEMENTS: ClassVar[dict[type[t.TypedStmt], Callable[[Evaluator, Any], Executed]]] = {
+        t.TypedDeclare: _declare,
+        t.TypedAssign: _assign,
+        t.TypedPush: _push,
+        t.TypedPublish: _publish,
+        t.TypedReturn: _return,
+        t.Assert: _assert,
+        t.TypedIf: _if,
+        t.ForRange: _for_range,
+        t.ForEach: _for_each,
+    }
+
+
+# ---------------------------------------------------------------- helpers
+
+
+def _store(variable: t.Variable, value: Compiled) -> Executed:
+    def store(env: Environment) -> None:
+        env.variables[variable] = value(env)
+
+    return store
+
+
+def replaced(whole: Value, path: Sequence[int], new: Value) -> Value:
+    """`whole` with `new` at the end of a path of positions."""
+    if not path:
+        return new
+    at, *rest = path
+    return (*whole[:at], replaced(whole[at], rest, new), *whole[at + 1 :])
+
+
+def _rebuilt(place: t.Place) -> int:
+    """An upper bound on the components that an assignment to the place moves."""
+    return leaf_count(place.variable.type)

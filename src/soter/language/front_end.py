@@ -1,0 +1,326 @@
+"""From a file to a checked program: the whole static half in one call.
+
+Purpose: load, check, elaborate every system, check well-formedness; what `soter check` does.
+Non-goals: rendering diagnostics, anything dynamic.
+"""
+
+from __future__ import annotations
+
+import gc
+import sys
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
+from soter.language.check.checker import check
+from soter.language.diagnostic_summary import for_people
+from soter.language.elaborate.deployment.deployed_systems import check_deployed
+from soter.language.elaborate.derived_systems import at_once, faultless
+from soter.language.elaborate.elaborator import Elaborator, implicit_system
+from soter.language.elaborate.lints.module_lints import doubt
+from soter.language.elaborate.parameter_values import has_param
+from soter.language.elaborate.tests_and_faults.tested_system import elaborate_test
+from soter.language.elaborate.wellformed import check_declaration, check_periods
+from soter.language.load.loader import FROM_DISK, load
+from soter.language.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from soter.language.load.loader import LoadedProgram, SourceAccess
+    from soter.language.model.system import System
+    from soter.language.model.typed import TestSymbol, TypedProgram
+    from soter.language.model.types import Value
+
+
+RECURSION_LIMIT = 6_000
+"""Every pass, also the later ones, must be able to follow the deepest tree the parser lets through:
+200 levels of expressions inside 64 of blocks (S020), several Python frames a level."""
+if sys.getrecursionlimit() < RECURSION_LIMIT:
+    sys.setrecursionlimit(RECURSION_LIMIT)
+ALL_COMPONENTS_MAX = 20_000
+
+
+@dataclass(eq=False)
+class CheckResult:
+    """A program and every diagnostic about it; `program` is None when nothing was read."""
+
+    program: TypedProgram | None
+    diagnostics: Diagnostics
+    systems: dict[str, SystemSymbol] = field(default_factory=dict)
+    loaded: LoadedProgram | None = None
+    """The files it was made of."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether it may be run."""
+        return self.program is not None and not self.diagnostics.has_errors
+
+    def default_system(self) -> SystemSymbol | None:
+        """The only system, or the one marked `default`; None when that is not decided."""
+        if len(self.systems) == 1:
+            return next(iter(self.systems.values()))
+        marked = [s for s in self.systems.values() if s.default]
+        return marked[0] if len(marked) == 1 else None
+
+    @property
+    def tests(self) -> dict[str, TestSymbol]:
+        """The tests of the main file."""
+        tests = {} if self.program is None else self.program.tests
+        return {n: t for n, t in tests.items() if "." not in n}
+
+
+def check_file(
+    path: str,
+    text: str | None = None,
+    overrides: Mapping[str, Value] | None = None,
+    tell: Callable[[str], None] | None = None,
+    reading: SourceAccess = FROM_DISK,
+) -> CheckResult:
+    """Check the program in `path` (or in `text`, with `path` as its name).
+
+    `tell` is called with what is being done, where that may take seconds. The cycle collector
+    rests meanwhile: a program is many small objects and hardly any garbage.
+    """
+    collecting = gc.isenabled()
+    diagnostics = Diagnostics(tell)
+    gc.disable()
+    try:
+        return _check_file(path, text, overrides or {}, diagnostics, reading)
+    finally:
+        diagnostics.tell = _nobody
+        if collecting:
+            gc.enable()
+
+
+def _nobody(_: str) -> None:
+    """The check is over: whoever looked at it does no longer."""
+
+
+def _check_file(
+    path: str,
+    text: str | None,
+    overrides: Mapping[str, Value],
+    diagnostics: Diagnostics,
+    reading: SourceAccess,
+) -> CheckResult:
+    loaded = load(path, diagnostics, text, reading)
+    if loaded is None:
+        return CheckResult(None, diagnostics)
+    program = check(loaded, diagnostics)
+    own = {n: s for n, s in program.systems.items() if "." not in n}
+    draft = not own
+    if draft:
+        everything = implicit_system(program)
+        own = {everything.name: everything} if everything else {}
+    _one_default(own, diagnostics)
+    for module in program.modules.values():
+        check_declaration(module, diagnostics, program.damaged)
+    components = 0
+    for system in own.values():
+        flat = _flatten(program, system, overrides, diagnostics, draft=draft)
+        components += program.system_sizes[system][0] if flat is not None else 0
+        if components > ALL_COMPONENTS_MAX:
+            diagnostics.error(
+                "M007",
+                "the systems of this program are too large together",
+                system.span,
+                f"more than {ALL_COMPONENTS_MAX} parts up to here",
+                helps=("put them into programs of their own, with the parts in a common import",),
+            )
+            break
+    for test in program.tests.values():
+        elaborate_test(program, test, overrides, diagnostics)
+    _check_the_rest(program, own, diagnostics)
+    ordered = for_people(diagnostics, [f.source for f in loaded.files])
+    return CheckResult(program, ordered, own, loaded)
+
+
+def _flatten(
+    program: TypedProgram,
+    symbol: SystemSymbol,
+    overrides: Mapping[str, Value],
+    diagnostics: Diagnostics,
+    *,
+    draft: bool = False,
+) -> System | None:
+    elaborator = Elaborator(program, symbol, overrides, diagnostics, draft=draft)
+    before = len(diagnostics.items)
+    flat = elaborator.run()
+    if flat is not None:
+        check_periods(flat, diagnostics, elaborator.unknown)
+        sound = all(d.severity is not Severity.ERROR for d in diagnostics.items[before:])
+        if sound and not program.damaged and not diagnostics.has_errors:
+            doubt(flat, diagnostics)
+        if symbol.deploys is not None and sound:
+            flat.proved = _proved(program, symbol, overrides)
+            check_deployed(flat, symbol, diagnostics)
+    return flat
+
+
+def _proved(
+    program: TypedProgram, symbol: SystemSymbol, overrides: Mapping[str, Value]
+) -> System | None:
+    """The system that `symbol` deploys; None where it has errors, which are told of it."""
+    assert symbol.deploys is not None
+    diagnostics = Diagnostics()
+    flat = Elaborator(program, symbol.deploys, overrides, diagnostics).run()
+    return None if diagnostics.has_errors else flat
+
+
+def _check_the_rest(
+    program: TypedProgram, systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics
+) -> None:
+    """Numbers of what the main file declares and no system has: with default parameters."""
+    placed: set[object] = set()
+    todo: list[object] = [*systems.values(), *(t.system for t in program.tests.values())]
+    while todo:
+        what = todo.pop()
+        if what in placed:
+            continue
+        placed.add(what)
+        if isinstance(what, SystemSymbol):
+            todo += [i.what for i in what.instances]
+            todo += [by for _, by, _ in what.replaces]
+        elif isinstance(what, ModuleSymbol):
+            todo += [what.ac, what.sc, *what.below]
+    rest = [
+        s
+        for table in (program.plants, program.modules, program.nodes)
+        for n, s in table.items()
+        if "." not in n and s not in placed
+    ]
+    modules = [s for s in rest if isinstance(s, ModuleSymbol)]
+    used = {n for s in modules for n in (s.ac, s.sc, *s.below)}
+    instances = tuple(InstanceSymbol(s.name, s, {}, {}, s.span) for s in rest if s not in used)
+    topics = [t for n, t in program.topics.items() if "." not in n]
+    if not instances and not topics:
+        return
+    span = (instances[0] if instances else topics[0]).span
+    loose = SystemSymbol(
+        "",
+        span,
+        default=False,
+        instances=instances,
+        until=None,
+        properties=(),
+        forces=(),
+        replaces=(),
+        sets=(),
+        inputs=(),
+    )
+    elaborator = Elaborator(program, loose, {}, diagnostics)
+    flat = elaborator.run_loose(topics)
+    if flat is not None:
+        check_periods(flat, diagnostics, elaborator.unknown)
+
+
+def _one_default(systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics) -> None:
+    marked = [s for s in systems.values() if s.default]
+    for other in marked[1:]:
+        diagnostics.error(
+            "M012",
+            "two systems are marked `default`",
+            other.span,
+            "another one",
+            also=((marked[0].span, "the first one"),),
+            notes=("it is the system that runs when none is named",),
+        )
+
+
+def system_of(
+    checked: CheckResult,
+    name: str | None,
+    overrides: Mapping[str, Value] | None = None,
+    *,
+    exact: bool = True,
+) -> System:
+    """The flattened system to run; SoterError when there is no such or it has errors.
+
+    Parameters of instances that it does not have are an error (U004), unless not `exact`: then they
+    are those of other systems.
+    """
+    if not checked.ok:
+        raise SoterError(checked.diagnostics.items)
+    assert checked.program is not None
+    symbol = checked.systems.get(name) if name else checked.default_system()
+    diagnostics = Diagnostics()
+    if symbol is None:
+        _no_system(checked, name, diagnostics)
+        raise SoterError(diagnostics.items)
+    flat = _flatten(checked.program, symbol, overrides or {}, diagnostics)
+    if exact:
+        _all_meant(checked.program, symbol, overrides or {}, diagnostics)
+    if flat is None or diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    return flat
+
+
+def system_to_prove(
+    checked: CheckResult,
+    name: str | None,
+    overrides: Mapping[str, Value] | None = None,
+    *,
+    exact: bool = True,
+) -> System:
+    """The same for proofs: nothing that a step publishes is held, and nothing goes wrong."""
+    return faultless(at_once(system_of(checked, name, overrides, exact=exact)))
+
+
+def system_of_test(
+    checked: CheckResult,
+    name: str,
+    overrides: Mapping[str, Value] | None = None,
+    *,
+    exact: bool = True,
+) -> System:
+    """The system that a test explores, `System.test` set; SoterError when it has errors.
+
+    `exact` as of `system_of`.
+    """
+    if not checked.ok:
+        raise SoterError(checked.diagnostics.items)
+    assert checked.program is not None
+    diagnostics = Diagnostics()
+    test = checked.tests.get(name)
+    if test is None:
+        known = ", ".join(f"`{n}`" for n in checked.tests) or "none"
+        diagnostics.error("U010", f"there is no test `{name}`", notes=(f"there are: {known}",))
+        raise SoterError(diagnostics.items)
+    flat = elaborate_test(checked.program, test, overrides or {}, diagnostics)
+    if exact:
+        _all_meant(checked.program, test.system, overrides or {}, diagnostics)
+    if flat is None or diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    return flat
+
+
+def _all_meant(
+    program: TypedProgram,
+    system: SystemSymbol,
+    overrides: Mapping[str, Value],
+    diagnostics: Diagnostics,
+) -> None:
+    """U004 for parameters of instances that are not in a system."""
+    for name in overrides:
+        if not has_param(program, [system], name):
+            diagnostics.error("U004", f"system `{system.name}` has no instance of `{name}`")
+
+
+def _no_system(checked: CheckResult, name: str | None, diagnostics: Diagnostics) -> None:
+    known = ", ".join(f"`{n}`" for n in checked.systems) or "none"
+    if name:
+        diagnostics.error("U002", f"there is no system `{name}`", notes=(f"there are: {known}",))
+    elif not checked.systems:
+        diagnostics.error(
+            "U002",
+            "the program declares nothing that could run",
+            helps=("add a `system` with a plant, nodes or modules",),
+        )
+    else:
+        diagnostics.error(
+            "U002",
+            "which system is meant?",
+            notes=(f"there are: {known}",),
+            helps=("name one with --system, or mark one `default`",),
+        )

@@ -1,0 +1,253 @@
+"""Read a program's files: the main file, its imports, the prelude.
+
+Purpose: every text that belongs to a program, parsed once, in a fixed order, with a hash of
+the whole; missing files, bad encodings and import cycles become diagnostics.
+Non-goals: names and types (`scope.py` and the checkers).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.source import Source
+from soter.language.load.bounded_read import ReadError, near_names, read_bytes
+from soter.language.load.data_files import read_data
+from soter.language.syntax.parser import parse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.diagnostics.span import Span
+    from soter.language.model.types import Type, Value
+    from soter.language.syntax import tree
+
+MAX_FILE_BYTES = 4 * 1024 * 1024
+MAX_NAMES_IN_CYCLE = 8
+PRELUDE_DIR = Path(__file__).resolve().parents[1] / "prelude"
+
+
+class SourceAccess:
+    """How the files of a program are read: from the disk, each time anew.
+
+    An editor's (`editor/overlay.py`) knows texts that are not saved, and remembers what it parsed.
+    """
+
+    def text(
+        self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
+    ) -> str | None:
+        """The text of a source file; None, with a diagnostic, where it cannot be had."""
+        return read_text(path, shown, diagnostics, span)
+
+    def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
+        """The tree of a text, and the source that its spans are of."""
+        source = Source(shown, text)
+        return source, parse(source, diagnostics)
+
+    def data(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
+        """`read_data`: the value in a data file and the file's bytes; raises the same."""
+        return read_data(path, t, tell)
+
+
+FROM_DISK = SourceAccess()
+
+
+@dataclass(eq=False)
+class LoadedFile:
+    """One parsed file. `imports` maps the local name of an import to its file, None if unread."""
+
+    path: Path
+    source: Source
+    file: tree.File
+    prefix: str
+    """Prefix of the full names of its declarations: "" for the main file, else `name.`"""
+    library: bool
+    """Imported or prelude: unused declarations are not worth a warning."""
+    prelude: bool = False
+    imports: dict[str, LoadedFile | None] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class LoadedProgram:
+    """Everything that was read; `digest` is still open so that data files can be added."""
+
+    main: LoadedFile
+    files: list[LoadedFile]
+    prelude: list[LoadedFile]
+    digest: hashlib._Hash
+    reading: SourceAccess = FROM_DISK
+    """How it was read, and data files are."""
+
+
+def read_text(
+    path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
+) -> str | None:
+    """Read a UTF-8 file; None, with a diagnostic (D001, D005), when that is not possible."""
+    try:
+        data = read_bytes(path, MAX_FILE_BYTES, special=span is None)
+    except ReadError as error:
+        if error.missing:
+            diagnostics.error("D001", f"cannot find `{shown}`", span, helps=near_names(path))
+        else:
+            diagnostics.error("D005", f"cannot read `{shown}`: {error}", span)
+        return None
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        diagnostics.error(
+            "D005",
+            f"cannot read `{shown}`: it is not UTF-8",
+            span,
+            notes=(f"the first wrong byte is number {error.start}, in line {line}",),
+        )
+        return None
+
+
+def load(
+    path: str, diagnostics: Diagnostics, text: str | None = None, reading: SourceAccess = FROM_DISK
+) -> LoadedProgram | None:
+    """Load `path` (or `text` in its place) and all it imports; None when nothing was read."""
+    main_path = Path(path)
+    if text is None:
+        text = reading.text(main_path, path, diagnostics)
+        if text is None:
+            return None
+    loader = _Loader(diagnostics, reading)
+    prelude = [loader.prelude(p) for p in _prelude_paths()]
+    main = loader.file(main_path, path, text, prefix="", library=False)
+    loader.follow_imports(main)
+    return LoadedProgram(main, loader.files, prelude, loader.digest, reading)
+
+
+@cache
+def _prelude_paths() -> tuple[Path, ...]:
+    paths = tuple(sorted(PRELUDE_DIR.rglob("*.soter")))
+    assert paths, "soter is not whole: it has no prelude"
+    return paths
+
+
+@cache
+def _prelude_file(path: Path) -> LoadedFile:
+    """A file of the prelude: the same for every program, so parsed once a process."""
+    source = Source(f"<prelude>/{path.name}", path.read_text(encoding="utf-8"))
+    problems = Diagnostics()
+    parsed = parse(source, problems)
+    assert not problems.has_errors, path
+    return LoadedFile(path, source, parsed, "", library=True, prelude=True)
+
+
+class _Loader:
+    """Loads each file once, however often it is imported."""
+
+    def __init__(self, diagnostics: Diagnostics, reading: SourceAccess) -> None:
+        self.diagnostics = diagnostics
+        self.reading = reading
+        self.digest = hashlib.sha256(b"soter 1\0")
+        self.files: list[LoadedFile] = []
+        self._by_path: dict[Path, LoadedFile] = {}
+        self._prefixes: set[str] = set()
+
+    def prelude(self, path: Path) -> LoadedFile:
+        loaded = _prelude_file(path)
+        self._hash(path.name, loaded.source.text)
+        return loaded
+
+    def file(self, path: Path, shown: str, text: str, *, prefix: str, library: bool) -> LoadedFile:
+        self._hash(prefix, text)
+        source, parsed = self.reading.parsed(shown, text, self.diagnostics)
+        loaded = LoadedFile(path, source, parsed, prefix, library)
+        self.files.append(loaded)
+        self._by_path[_resolved(path)] = loaded
+        return loaded
+
+    def _hash(self, name: str, text: str) -> None:
+        data = text.encode("utf-8", "surrogatepass")
+        self.digest.update(f"{name}\0{len(data)}\0".encode())
+        self.digest.update(data)
+
+    def follow_imports(self, main: LoadedFile) -> None:
+        """Depth first, in written order; without recursion, as chains may be long."""
+        chain = {_resolved(main.path): main}
+        waiting = [iter(main.file.imports)]
+        while waiting:
+            imported = next(waiting[-1], None)
+            if imported is None:
+                waiting.pop()
+                chain.popitem()
+                continue
+            importer = next(reversed(chain.values()))
+            name = imported.name.text
+            if name in importer.imports:
+                first = next(i for i in importer.file.imports if i.name.text == name)
+                self.diagnostics.error(
+                    "N002",
+                    f"`{name}` is imported twice",
+                    imported.name.span,
+                    "second import",
+                    also=((first.name.span, "first import"),),
+                    helps=("give one of them another name",),
+                )
+                continue
+            loaded_file, fresh = self._import(importer, imported, chain)
+            importer.imports[name] = loaded_file
+            if fresh and loaded_file is not None:
+                chain[_resolved(loaded_file.path)] = loaded_file
+                waiting.append(iter(loaded_file.file.imports))
+
+    def _import(
+        self, importer: LoadedFile, imported: tree.ImportDecl, chain: dict[Path, LoadedFile]
+    ) -> tuple[LoadedFile | None, bool]:
+        """The file, None where it cannot be had; whether its imports are still to follow."""
+        path = importer.path.parent / imported.path
+        resolved = _resolved(path)
+        if resolved in chain:
+            self._cycle(resolved, imported, chain)
+            return None, False
+        known = self._by_path.get(resolved)
+        if known is not None:
+            return known, False
+        shown = str(path)
+        text = self.reading.text(path, shown, self.diagnostics, imported.path_span)
+        if text is None:
+            return None, False
+        prefix = self._prefix(imported.name.text)
+        return self.file(path, shown, text, prefix=prefix, library=True), True
+
+    def _prefix(self, name: str) -> str:
+        prefix, count = f"{name}.", 1
+        while prefix in self._prefixes:
+            count += 1
+            prefix = f"{name}_{count}."
+        self._prefixes.add(prefix)
+        return prefix
+
+    def _cycle(
+        self, closing: Path, imported: tree.ImportDecl, chain: dict[Path, LoadedFile]
+    ) -> None:
+        paths = list(chain)
+        names = [p.name for p in (*paths[paths.index(closing) :], closing)]
+        if len(names) > MAX_NAMES_IN_CYCLE:
+            names[3:-3] = ["..."]
+        itself = len(names) == 2
+        self.diagnostics.error(
+            "D002",
+            "a file imports itself" if itself else "the imports go round in a circle",
+            imported.path_span,
+            "this import closes the circle",
+            notes=("a file is meant to stand on what it imports: " + " -> ".join(names),),
+            helps=("leave this import out",)
+            if itself
+            else ("move what the files share into one of its own, and import that",),
+        )
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return path

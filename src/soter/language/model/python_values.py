@@ -1,0 +1,290 @@
+"""Values across the border: to and from what Python programmers and JSON documents write.
+
+Purpose: one conversion for extern nodes, functions and plants (shared by the interpreter and the
+native engine) and one for `data` files and logs.
+Non-goals: whether a value lies in a topic's set (the gate decides), reading files.
+
+NumPy is imported only when an array crosses the border: `soter check` never needs it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, SupportsFloat, SupportsIndex, cast
+
+from soter.language.model.data_table import Table
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    Type,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from soter.language.model.types import Value
+
+DURATION_BITS = IntType()
+"""A duration is stored as any 64-bit int."""
+
+
+class ValueShapeError(Exception):
+    """A Python or JSON object that is no value of the type: `path` says where, `reason` why."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(f"{path}: {reason}" if path else reason)
+        self.path = path
+        self.reason = reason
+
+
+# ---------------------------------------------------------------- Soter -> Python
+
+
+def to_python(t: Type, value: Value) -> Any:  # noqa: ANN401  any type of Soter
+    """The value as a Python programmer wants it.
+
+    Records become namespaces, arrays and lists of (arrays of) floats NumPy arrays, other arrays
+    and lists Python lists, enums the name of the member, durations ns.
+    """
+    if isinstance(t, RecordType):
+        fields = zip(t.fields, value, strict=True)
+        return SimpleNamespace(**{n: to_python(f, v) for (n, f), v in fields})
+    if isinstance(t, EnumType):
+        return t.members[value]
+    if isinstance(t, (ArrayType, ListType)):
+        if _is_block(t.element):
+            import numpy as np  # noqa: PLC0415  see the module's docstring
+
+            if isinstance(value, Table):
+                doubles = np.frombuffer(value.packed, dtype="<f8").astype(np.float64)
+                return doubles.reshape(len(value), *_shape(t.element))
+            return np.array(value, dtype=np.float64).reshape(len(value), *_shape(t.element))
+        return [to_python(t.element, v) for v in value]
+    return value
+
+
+def _is_block(t: Type) -> bool:
+    """Whether values of the type stack into one array: floats, and arrays of them."""
+    return isinstance(t, FloatType) or (isinstance(t, ArrayType) and _is_block(t.element))
+
+
+def _shape(t: Type) -> tuple[int, ...]:
+    return (t.size, *_shape(t.element)) if isinstance(t, ArrayType) else ()
+
+
+# ---------------------------------------------------------------- Python -> Soter
+
+
+def from_python(t: Type, given: object, path: str = "") -> Value:
+    """The Soter value that `given` stands for; raises `ValueShapeError`.
+
+    Floats: anything with `__float__`, but no array with dimensions. Ints: anything with
+    `__index__`, in the type's range. Bools: bools. Enums: the name of a member. Records: a
+    mapping with exactly the fields, an object with them as attributes, or a sequence or array of
+    one element a field. Arrays and lists: a sequence or array of that length (up to it).
+    A float may be NaN or infinite: the gate refuses it, not the shape.
+    """
+    if hasattr(given, "tolist") and hasattr(given, "ndim"):
+        given = cast("Any", given).tolist()
+    if isinstance(t, FloatType):
+        return _float(given, path)
+    if isinstance(t, BoolType):
+        if isinstance(given, bool):
+            return given
+        raise _wrong(path, "a bool", given)
+    if isinstance(t, (IntType, DurationType)):
+        return _int(t if isinstance(t, IntType) else DURATION_BITS, given, path)
+    if isinstance(t, EnumType):
+        if isinstance(given, str) and given in t.members:
+            return t.members.index(given)
+        raise _wrong(path, f"one of {', '.join(map(repr, t.members))}", given)
+    if isinstance(t, RecordType):
+        return _record(t, given, path)
+    assert isinstance(t, (ArrayType, ListType)), t
+    if not _is_sequence(given):
+        raise _wrong(path, f"a sequence for `{t}`", given)
+    items = list(cast("Any", given))
+    check_length(t, len(items), path)
+    return tuple([from_python(t.element, v, f"{path}[{i}]") for i, v in enumerate(items)])
+
+
+def _float(given: object, path: str) -> float:
+    if not hasattr(given, "__float__") and not hasattr(given, "__index__"):
+        raise _wrong(path, "a number", given)
+    try:
+        return float(cast("SupportsFloat", given))
+    except Exception as error:
+        raise ValueShapeError(path, f"expected a number, but {error}") from error
+
+
+def _int(t: IntType, given: object, path: str) -> int:
+    if isinstance(given, bool) or not hasattr(given, "__index__"):
+        raise _wrong(path, "an int", given)
+    try:
+        number = int(cast("SupportsIndex", given).__index__())
+    except Exception as error:
+        raise ValueShapeError(path, f"expected an int, but {error}") from error
+    if not t.low <= number <= t.high:
+        raise ValueShapeError(path, f"{number} is outside [{t.low}, {t.high}]")
+    return number
+
+
+def _record(t: RecordType, given: object, path: str) -> Value:
+    names = [n for n, _ in t.fields]
+    if isinstance(given, Mapping):
+        _check_keys(names, given, path)
+        parts = [given[n] for n in names]
+    elif _is_sequence(given):
+        parts = list(cast("Any", given))
+        if len(parts) != len(names):
+            reason = f"expected {len(names)} elements for `{t}`, found {len(parts)}"
+            raise ValueShapeError(path, reason)
+    else:
+        missing = [n for n in names if not hasattr(given, n)]
+        if missing:
+            raise _wrong(path, f"`{t}`", given)
+        parts = [getattr(given, n) for n in names]
+    pairs = zip(t.fields, parts, strict=True)
+    return tuple([from_python(f, v, _below(path, n)) for (n, f), v in pairs])
+
+
+def _is_sequence(given: object) -> bool:
+    """Lists, tuples, tensors: anything with a length and positions, but text and named tuples."""
+    if isinstance(given, (str, bytes, bytearray, Mapping)) or hasattr(given, "_fields"):
+        return False
+    return hasattr(given, "__len__") and hasattr(given, "__getitem__")
+
+
+# ---------------------------------------------------------------- extern steps
+
+
+def inputs_to_python(named: Iterable[tuple[str, Type, Value]]) -> SimpleNamespace:
+    """What an extern step gets: one attribute for each (short name, type, value)."""
+    return SimpleNamespace(**{name: to_python(t, value) for name, t, value in named})
+
+
+def outputs_from_python(named: Sequence[tuple[str, Type]], given: object) -> list[Value | None]:
+    """What an extern step gave, in the order of `named`; None for what it left out.
+
+    A mapping from short names to values; where only one is asked for also that value itself.
+    None, as the whole answer or as a value, leaves out. Raises `ValueShapeError`.
+    """
+    if given is None:
+        return [None] * len(named)
+    if len(named) == 1:
+        (name, t) = named[0]
+        if not isinstance(given, Mapping) or (given and list(given) != [name]):
+            return [from_python(t, given, name)]
+    if not isinstance(given, Mapping):
+        raise _wrong("", "a mapping from names to values", given)
+    names = [name for name, _ in named]
+    unknown = [str(key) for key in given if key not in names]
+    if unknown:
+        raise ValueShapeError("", f"there is no `{unknown[0]}` to give a value to")
+    answers = [(name, t, given.get(name)) for name, t in named]
+    return [None if value is None else from_python(t, value, name) for name, t, value in answers]
+
+
+# ---------------------------------------------------------------- JSON
+
+
+def to_json(t: Type, value: Value) -> Any:  # noqa: ANN401  any JSON document
+    """The value as a JSON document; records by field name, enums by member name.
+
+    JSON has no NaN and no infinities: they are the strings "NaN", "Infinity" and "-Infinity".
+    """
+    if isinstance(t, RecordType):
+        return {n: to_json(f, v) for (n, f), v in zip(t.fields, value, strict=True)}
+    if isinstance(t, (ArrayType, ListType)):
+        return [to_json(t.element, v) for v in value]
+    if isinstance(t, EnumType):
+        return t.members[value]
+    if isinstance(t, FloatType) and not math.isfinite(value):
+        return "NaN" if value != value else "Infinity" if value > 0 else "-Infinity"  # noqa: PLR0124
+    return value
+
+
+def from_json(t: Type, given: object, path: str = "") -> Value:
+    """The value that a JSON document stands for; raises `ValueShapeError`.
+
+    Stricter than Python: a bool is no number, a record is an object with exactly the fields,
+    and a number for a float is finite or one of the strings `to_json` writes.
+    """
+    if isinstance(t, FloatType):
+        return _float_from_json(given, path)
+    if isinstance(t, RecordType):
+        if not isinstance(given, dict):
+            raise _wrong(path, f"an object for `{t}`", given)
+        _check_keys([n for n, _ in t.fields], given, path)
+        return tuple([from_json(f, given[n], _below(path, n)) for n, f in t.fields])
+    if isinstance(t, (ArrayType, ListType)):
+        if not isinstance(given, list):
+            raise _wrong(path, f"an array for `{t}`", given)
+        check_length(t, len(given), path)
+        if isinstance(t.element, FloatType) and {float} == set(map(type, given)):
+            return tuple(given)  # as below, and quick
+        return tuple([from_json(t.element, v, f"{path}[{i}]") for i, v in enumerate(given)])
+    return from_python(t, given, path)
+
+
+def _float_from_json(given: object, path: str) -> float:
+    if isinstance(given, str) and given in ("NaN", "Infinity", "-Infinity"):
+        return float(given)
+    if isinstance(given, bool) or not isinstance(given, (int, float)):
+        raise _wrong(path, "a number", given)
+    return _float(given, path)
+
+
+# ---------------------------------------------------------------- reasons
+
+
+def _below(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _wrong(path: str, expected: str, given: object) -> ValueShapeError:
+    return ValueShapeError(path, f"expected {expected}, found {_described(given)}{_meant(given)}")
+
+
+def _meant(given: object) -> str:
+    """What to write instead; "" where nothing is close."""
+    if isinstance(given, (list, tuple)) and len(given) == 1:
+        return ": give its one element, `float(y[0])`"
+    if isinstance(given, Mapping) and given and all(isinstance(k, str) for k in given):
+        keys = ", ".join(f"`{k}`" for k in list(given)[:3])
+        return f" with {keys}: an answer's keys are the names of its topics and fields"
+    return ""
+
+
+def _described(given: object) -> str:
+    if given is None or isinstance(given, (bool, int, float, str)):
+        text = repr(given)
+        return text if len(text) <= 40 else f"a long {type(given).__name__}"
+    if isinstance(given, (list, tuple)):
+        return f"a sequence of {len(given)}"
+    return f"a `{type(given).__name__}`"
+
+
+def _check_keys(names: list[str], given: Mapping[Any, object], path: str) -> None:
+    missing = [n for n in names if n not in given]
+    if missing:
+        raise ValueShapeError(path, f"field `{missing[0]}` is missing")
+    extra = [str(k) for k in given if k not in names]
+    if extra:
+        raise ValueShapeError(path, f"there is no field `{extra[0]}`")
+
+
+def check_length(t: Type, length: int, path: str) -> None:
+    """`ValueShapeError` where an array or list cannot have so many elements."""
+    if isinstance(t, ArrayType) and length != t.size:
+        raise ValueShapeError(path, f"expected {t.size} elements for `{t}`, found {length}")
+    if isinstance(t, ListType) and length > t.capacity:
+        raise ValueShapeError(path, f"at most {t.capacity} elements fit `{t}`, found {length}")

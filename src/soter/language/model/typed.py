@@ -1,0 +1,894 @@
+"""The checked program: declarations with their types, names resolved, conversions explicit.
+
+Purpose: what the checker hands to everyone above: the reference interpreter and the lowering
+read exactly this and nothing of the syntax tree.
+Non-goals: numbers that depend on parameters (periods, ranges): `elaborator.py` computes them.
+
+Rules that hold of every tree built by the checker:
+- integer literals in float positions are already `Literal` of type FLOAT;
+- `TypedBinary` on floats, ints or durations has both operands of the same kind; `Vector` does the
+  componentwise cases; comparisons of bools and enums are only == and !=;
+- a value that goes into an `int in [a, b]` place passes through `Narrow`;
+- loops have literal bounds; functions are not recursive; every path of a function returns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+from soter.language.model.types import ListType
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.language.model.types import RecordType, Type, Value
+
+
+SYNTHESIZED = "synthesized"
+"""Name of the extern node that stands where SC is to be synthesized."""
+
+# ---------------------------------------------------------------- variables
+
+
+@dataclass(eq=False)
+class Variable:
+    """A named local: compared by identity.
+
+    `kind`: "parameter" of a function, "let", "var", "loop" (all temporary), "local" (state of
+    a node, kept between steps), "state" or "disturbance" of a plant, "plantlet".
+    """
+
+    name: str
+    type: Type
+    kind: str
+    span: Span
+    used: bool = False
+
+
+# ---------------------------------------------------------------- expressions
+
+
+@dataclass(eq=False)
+class TypedExpr:
+    """Any checked expression."""
+
+    type: Type
+    span: Span
+
+
+@dataclass(eq=False)
+class Literal(TypedExpr):
+    """A constant of any type (also the value of a named `const`)."""
+
+    value: Value
+    name: str | None = None
+
+
+@dataclass(eq=False)
+class ParamRead(TypedExpr):
+    """A `param`; its value is fixed when a system is elaborated."""
+
+    param: ParamSymbol
+
+
+@dataclass(eq=False)
+class VarRead(TypedExpr):
+    """A local, parameter, plant state, disturbance or plant let."""
+
+    variable: Variable
+
+
+@dataclass(eq=False)
+class TopicRead(TypedExpr):
+    """The value of a topic at the start of the step (for nodes: a subscribed one)."""
+
+    topic: TopicSymbol
+
+
+@dataclass(eq=False)
+class TruthRead(TypedExpr):
+    """`instance.truth`: the state of a plant instance as a record of its states."""
+
+    instance: str
+
+
+@dataclass(eq=False)
+class ModeRead(TypedExpr):
+    """`mode(M)`: type MODE. In a system the instance path, elsewhere the module."""
+
+    module: ModuleSymbol | str
+
+
+@dataclass(eq=False)
+class MarginRead(TypedExpr):
+    """`margin(M)`: seconds in which the module surely keeps AC in control, whatever AC does."""
+
+    module: ModuleSymbol | str
+
+
+@dataclass(eq=False)
+class InControl(TypedExpr):
+    """`in_control`: whether this node's outputs count (true outside every module)."""
+
+
+@dataclass(eq=False)
+class TimeRead(TypedExpr):
+    """`time`: virtual time in seconds: float(ct) / 1e9."""
+
+
+@dataclass(eq=False)
+class PeriodRead(TypedExpr):
+    """`dt`: the period of this node or plant in seconds: float(period_ns) / 1e9."""
+
+
+@dataclass(eq=False)
+class AgeRead(TypedExpr):
+    """`age(topic)`: seconds since its last publication: float(ct - stamp) / 1e9."""
+
+    topic: TopicSymbol
+
+
+@dataclass(eq=False)
+class TypedUnary(TypedExpr):
+    """`-e` on int (faults on overflow), float, vector; `!e` on bool."""
+
+    op: str
+    operand: TypedExpr
+
+
+@dataclass(eq=False)
+class TypedBinary(TypedExpr):
+    """A scalar operation: + - * / % < <= > >= == != && || (the last two short-circuit).
+
+    int: 64-bit, overflow faults; `/` truncates towards zero, `%` has the sign of the dividend,
+    both fault on zero. float: IEEE; `/` faults on a zero divisor; no `%`.
+    """
+
+    op: str
+    left: TypedExpr
+    right: TypedExpr
+
+
+@dataclass(eq=False)
+class Vector(TypedExpr):
+    """Componentwise, on one or two vectors.
+
+    vector + vector, vector - vector, scalar * vector, vector * scalar, vector / scalar (faults on
+    zero). Operands are evaluated once, left first; each component is the machine operation in
+    that operand order.
+    """
+
+    op: str
+    left: TypedExpr
+    right: TypedExpr
+
+
+@dataclass(eq=False)
+class Conditional(TypedExpr):
+    """`c ? a : b`: only the chosen side is evaluated."""
+
+    condition: TypedExpr
+    then: TypedExpr
+    otherwise: TypedExpr
+
+
+@dataclass(eq=False)
+class TypedCall(TypedExpr):
+    """A call of a declared function; arguments left to right."""
+
+    fun: FunSymbol
+    arguments: tuple[TypedExpr, ...]
+
+
+@dataclass(eq=False)
+class Builtin(TypedExpr):
+    """A machine operation; arguments left to right.
+
+    sqrt floor abs min max (float, abs/min/max also int; abs(INT_MIN) faults);
+    float(int); int(float) truncates, faults when NaN or out of range;
+    seconds(duration) -> float(ns) / 1e9;
+    dot(v, v): components multiplied and added from the left in leaf order;
+    norm(v) = sqrt(dot(v, v)); saturate(v or float, a): each component min(max(x, -a), a).
+    min(a, b) = b < a ? b : a; max(a, b) = b > a ? b : a.
+    """
+
+    name: str
+    arguments: tuple[TypedExpr, ...]
+
+
+@dataclass(eq=False)
+class TypedField(TypedExpr):
+    """Field `index` of a record."""
+
+    target: TypedExpr
+    index: int
+
+
+@dataclass(eq=False)
+class Index(TypedExpr):
+    """Element of an array or list; faults when out of range (of `len` for lists)."""
+
+    target: TypedExpr
+    index: TypedExpr
+
+
+@dataclass(eq=False)
+class TypedLength(TypedExpr):
+    """`list.len`, or the constant length of an array; type INT."""
+
+    target: TypedExpr
+
+
+@dataclass(eq=False)
+class Aggregate(TypedExpr):
+    """A record (values in field order, evaluated in written order), array or list literal.
+
+    `order` gives for each written position the field index; None means written = declared.
+    """
+
+    elements: tuple[TypedExpr, ...]
+    order: tuple[int, ...] | None = None
+
+
+@dataclass(eq=False)
+class TypedChoose(TypedExpr):
+    """`choose ...` in a step: one of finitely many values; who runs the step picks.
+
+    With `options` they are evaluated left to right and one of them is the value; without, the
+    value is number `low + k` (k-th bool, enum member or int), 0 <= k < `count`. `ages` is the
+    hidden local of a `fair` choice (array of `int in [0, 255]`, one per alternative), else None.
+    """
+
+    count: int
+    low: int
+    options: tuple[TypedExpr, ...]
+    ages: Variable | None
+
+
+@dataclass(eq=False)
+class Narrow(TypedExpr):
+    """An int put into an `int in [a, b]` (the type of this node): faults when outside."""
+
+    operand: TypedExpr
+
+
+# ---------------------------------------------------------------- statements
+
+
+@dataclass(eq=False)
+class TypedStmt:
+    """Any checked statement."""
+
+    span: Span
+
+
+@dataclass(eq=False)
+class TypedDeclare(TypedStmt):
+    """`let` or `var`: the variable starts with this value."""
+
+    variable: Variable
+    value: TypedExpr
+
+
+@dataclass(eq=False)
+class Place:
+    """What may be assigned: a variable and a path of field indices (int) and index expressions."""
+
+    variable: Variable
+    path: tuple[int | TypedExpr, ...]
+    type: Type
+    span: Span
+
+
+@dataclass(eq=False)
+class TypedAssign(TypedStmt):
+    """`place = value;`: index expressions first, left to right, then the value."""
+
+    place: Place
+    value: TypedExpr
+
+
+@dataclass(eq=False)
+class TypedPush(TypedStmt):
+    """`push list, value;`: faults when the list is full. Place indices, then the value."""
+
+    place: Place
+    value: TypedExpr
+
+
+@dataclass(eq=False)
+class TypedPublish(TypedStmt):
+    """`publish topic = value;`: takes effect when the step ends without a fault; the last wins.
+
+    With a `limit` that many messages of a step are kept, in order, and one more is a fault.
+    """
+
+    topic: TopicSymbol
+    value: TypedExpr
+    limit: int | None = None
+
+
+@dataclass(eq=False)
+class TypedReturn(TypedStmt):
+    """`return value;`."""
+
+    value: TypedExpr
+
+
+@dataclass(eq=False)
+class Assert(TypedStmt):
+    """`assert condition;`: a step fault when false."""
+
+    condition: TypedExpr
+    message: str | None
+
+
+@dataclass(eq=False)
+class TypedIf(TypedStmt):
+    """Arms in order; `otherwise` may be empty."""
+
+    arms: tuple[tuple[TypedExpr, tuple[TypedStmt, ...]], ...]
+    otherwise: tuple[TypedStmt, ...]
+
+
+@dataclass(eq=False)
+class ForRange(TypedStmt):
+    """`for i in low..high`: i = low, ..., high - 1."""
+
+    variable: Variable
+    low: int
+    high: int
+    body: tuple[TypedStmt, ...]
+
+
+@dataclass(eq=False)
+class ForEach(TypedStmt):
+    """`for x in sequence`: the sequence is evaluated once, before the loop."""
+
+    variable: Variable
+    sequence: TypedExpr
+    body: tuple[TypedStmt, ...]
+
+
+# ---------------------------------------------------------------- symbols
+
+
+@dataclass(eq=False)
+class Symbol:
+    """A checked declaration. `name` is the full name: `file.name` for imported ones."""
+
+    name: str
+    span: Span
+
+
+@dataclass(eq=False)
+class ConstSymbol(Symbol):
+    """A constant with its value."""
+
+    type: Type
+    value: Value
+
+
+@dataclass(eq=False)
+class ParamSymbol(Symbol):
+    """A parameter; `default`, `low`, `high` are constant expressions."""
+
+    type: Type
+    default: TypedExpr
+    low: TypedExpr | None
+    high: TypedExpr | None
+
+
+@dataclass(eq=False)
+class FunSymbol(Symbol):
+    """A function; `body` is None when extern, then `source` may name its binding."""
+
+    parameters: tuple[Variable, ...]
+    result: Type
+    body: tuple[TypedStmt, ...] | None
+    extern: bool
+    source: str | None
+    prelude: bool = False
+
+
+@dataclass(eq=False)
+class RangeSet:
+    """Bounds of one or many leaves: expressions over constants and parameters."""
+
+    low: TypedExpr
+    high: TypedExpr
+    span: Span
+
+
+@dataclass(eq=False)
+class TopicSymbol(Symbol):
+    """A topic. `values` maps leaf paths (or prefixes of them, () for all) to bounds."""
+
+    type: Type
+    input: bool
+    values: dict[tuple[str, ...], RangeSet]
+    default: TypedExpr | None
+    max_age: TypedExpr | None
+
+
+@dataclass(eq=False)
+class Subscribed:
+    """A subscription, with its queue where it asks for one."""
+
+    topic: TopicSymbol
+    queue: int | None
+    policy: str
+    span: Span
+
+
+@dataclass(eq=False, kw_only=True)
+class NodeSymbol(Symbol):
+    """A node. `initial` gives, per local, its first value as an expression or None (default)."""
+
+    period: TypedExpr
+    phase: TypedExpr | None
+    extern: bool
+    source: str | None
+    subscribes: tuple[Subscribed, ...]
+    publishes: tuple[TopicSymbol, ...]
+    failsafe: dict[TopicSymbol, TypedExpr]
+    locals: tuple[Variable, ...]
+    initial: tuple[TypedExpr | None, ...]
+    assumes: tuple[TypedExpr, ...]
+    guarantees: tuple[TypedExpr, ...]
+    takeover: tuple[TypedStmt, ...] | None
+    step: tuple[TypedStmt, ...]
+    bursts: dict[TopicSymbol, int] = field(default_factory=dict)
+    """Topics of which a step may publish several messages, and how many."""
+    takes: tuple[TypedExpr, TypedExpr] | None = None
+    """How long a step lasts, at least and at most; None: its publications count at once."""
+    wcet: TypedExpr | None = None
+    jitter: TypedExpr | None = None
+    """What a step needs of its processor at most, and how late its release may be."""
+
+    @property
+    def answers(self) -> list[tuple[str, Type]]:
+        """What an extern node answers: short name and type of each output; of a burst a list."""
+        return [(t.name.rpartition(".")[2], self.given(t)) for t in self.publishes]
+
+    def given(self, topic: TopicSymbol) -> Type:
+        """What a step gives for a topic that it publishes: a value, or of a burst a list."""
+        limit = self.bursts.get(topic)
+        return topic.type if limit is None else ListType(topic.type, limit)
+
+    def doing(
+        self, step: tuple[TypedStmt, ...], subscribes: tuple[Subscribed, ...] = ()
+    ) -> NodeSymbol:
+        """A node that does this and keeps nothing, in the place of this one."""
+        return replace(
+            self,
+            extern=False,
+            source=None,
+            subscribes=subscribes,
+            failsafe={},
+            locals=(),
+            initial=(),
+            assumes=(),
+            guarantees=(),
+            takeover=None,
+            step=step,
+            bursts={},
+        )
+
+
+@dataclass(eq=False, kw_only=True)
+class TypedGridAxis:
+    """One axis of a verification grid: a leaf of a topic, or of the state of a plant instance.
+
+    Exactly one of `topic` and `instance` is set; with `instance`, `path` begins with the name of
+    the state, and `plant` is what the instance is made of. `low` and `high` may be missing, and
+    `cells` is, where the axis belongs to a polytope. `open`: one more cell from `high` up to there,
+    beyond which nothing is claimed.
+    """
+
+    topic: TopicSymbol | None
+    path: tuple[str, ...]
+    low: TypedExpr | None
+    high: TypedExpr | None
+    cells: TypedExpr | None
+    span: Span
+    instance: str = ""
+    plant: PlantSymbol | None = None
+    open: TypedExpr | None = None
+
+
+@dataclass(eq=False)
+class TypedAxisGroup:
+    """States that are analysed together; `kind` is "grid" or "polytope"."""
+
+    kind: str
+    axes: tuple[TypedGridAxis, ...]
+    span: Span
+
+
+@dataclass(eq=False)
+class TypedCommandSet:
+    """The values that a synthesized controller may publish on one leaf of an output."""
+
+    topic: TopicSymbol
+    path: tuple[str, ...]
+    values: tuple[TypedExpr, ...]
+    span: Span
+
+
+@dataclass(eq=False)
+class TypedVerifyBlock:
+    """What a `verify` block says; absent parts are None or empty. Times are durations."""
+
+    groups: tuple[TypedAxisGroup, ...] = ()
+    abstracts: tuple[AbstractionLink, ...] = ()
+    commands: tuple[TypedCommandSet, ...] = ()
+    core: TypedExpr | None = None
+    horizon: TypedExpr | None = None
+    levels: TypedExpr | None = None
+    late_dm: TypedExpr | None = None
+    late_sc: TypedExpr | None = None
+    response_dm: TypedExpr | None = None
+    response_sc: TypedExpr | None = None
+    acts: TypedExpr | None = None
+    recover: TypedExpr | None = None
+    stays: Span | None = None
+    """`recover never`: SC may keep control for ever."""
+    late_of: dict[str, TypedExpr] = field(default_factory=dict)
+    """Nodes between plant and module, by name in the flying system: how late they start."""
+    response_of: dict[str, TypedExpr] = field(default_factory=dict)
+    dropout: TypedExpr | None = None
+    """For how long a sensor may be silent beyond its period."""
+    views: tuple[ViewSymbol, ...] = ()
+    """Each with groups and abstractions of its own; then there are none here."""
+    induction: Span | None = None
+    """Where it asks for a proof by induction (`verify/induction/`)."""
+    lemmas: tuple[TypedExpr, ...] = ()
+    progress: tuple[TypedExpr, ...] = ()
+    """What P2b takes for granted: nobody proves it."""
+    enters: TypedExpr | None = None
+    """What holds of a node's step in which topics change that the maps of views read."""
+    span: Span | None = None
+
+
+@dataclass(eq=False)
+class ViewSymbol:
+    """`view name { ... }`; `block` has the view's groups and abstractions, and the times of all."""
+
+    name: str
+    block: TypedVerifyBlock
+    span: Span
+
+
+@dataclass(eq=False)
+class AbstractionLink:
+    """`abstracts instance by name: Plant = expr`; `expr` reads `instance.truth`."""
+
+    instance: str
+    name: str
+    plant: PlantSymbol
+    value: TypedExpr | None
+    span: Span
+
+
+@dataclass(eq=False)
+class ClauseSymbol(Symbol):
+    """`assumes name: e;` or `guarantees name: e;` of a module; `text` is `e` as it is written."""
+
+    kind: str
+    condition: TypedExpr
+    text: str
+
+
+@dataclass(eq=False, kw_only=True)
+class ModuleSymbol(Symbol):
+    """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
+
+    `ttf` and `safer` may be None: then they are computed (`verify/deploy/computed_predicates.py`)
+    before a run or a build; where that fails AC never gets control. `clean` is the number of clean
+    outputs AC needs after a fault.
+
+    With `over` a module stands in the place of AC: `ac` is then what that one has as its AC.
+    """
+
+    ac: NodeSymbol
+    sc: NodeSymbol
+    period: TypedExpr
+    safe: TypedExpr
+    safer: TypedExpr | None
+    ttf: TypedExpr | None
+    clean: TypedExpr | None
+    verify: TypedVerifyBlock
+    topics_read: tuple[TopicSymbol, ...] = ()
+    """Topics that `ttf` and `safer` read, in order of first use: the DM's inputs."""
+    ac_span: Span | None = None
+    sc_span: Span | None = None
+    """Where the module names its controllers."""
+    over: ModuleSymbol | None = None
+    contract: tuple[ClauseSymbol, ...] = ()
+    """What it relies on and promises, judged as its controllers step."""
+    failsafe: dict[TopicSymbol, TypedExpr] = field(default_factory=dict)
+    """The fail-safe law: a value for each output, which actuators hold once the lease has ended."""
+    wcet: TypedExpr | None = None
+    jitter: TypedExpr | None = None
+    """Of its decision module, as of a node."""
+
+    @property
+    def own(self) -> tuple[NodeSymbol, ...]:
+        """The controllers that belong to itself: not those of a module below it."""
+        return (self.ac, self.sc) if self.over is None else (self.sc,)
+
+    @property
+    def below(self) -> tuple[ModuleSymbol, ...]:
+        """The module below it, the one below that, and so on."""
+        return () if self.over is None else (self.over, *self.over.below)
+
+    @property
+    def synthesized(self) -> bool:
+        """Whether SC is still to be found: `sc synthesized period d;`."""
+        return self.sc.name == SYNTHESIZED
+
+    @property
+    def predicates(self) -> tuple[TypedExpr, ...]:
+        """What it says about its topics: `safe`, `ttf`, `safer` and the hint `core`."""
+        predicates = (self.safe, self.ttf, self.safer, self.verify.core)
+        return tuple(e for e in predicates if e is not None)
+
+    @property
+    def spoken(self) -> tuple[TypedExpr, ...]:
+        """The same, lemmas and what progress rests on: everything that names topics."""
+        verify = self.verify
+        enters = () if verify.enters is None else (verify.enters,)
+        return (*self.predicates, *verify.lemmas, *verify.progress, *enters)
+
+    @property
+    def expressions(self) -> tuple[TypedExpr, ...]:
+        """The same and the contract: everything that names topics."""
+        return (*self.spoken, *(c.condition for c in self.contract))
+
+
+@dataclass(eq=False)
+class MeasuredSymbol:
+    """An estimator error bound on the leaves of a driven topic below `path`."""
+
+    topic: TopicSymbol
+    path: tuple[str, ...]
+    within: TypedExpr
+    span: Span
+
+
+@dataclass(eq=False)
+class DisturbanceSymbol:
+    """A bounded disturbance, every leaf in [low, high], redrawn every `hold` (None: each step)."""
+
+    variable: Variable
+    low: TypedExpr
+    high: TypedExpr
+    hold: TypedExpr | None
+
+
+@dataclass(eq=False, kw_only=True)
+class PlantSymbol(Symbol):
+    """A plant. Each state has exactly one of der / next, or neither (constant), unless extern.
+
+    One step at time t: draws the disturbances, evaluates lets, integrates every `der` state
+    over the period (all together), evaluates every `next` from the OLD state, stores; then
+    evaluates lets anew and publishes every driven topic, measurement errors added.
+    """
+
+    period: TypedExpr
+    extern: bool
+    source: str | None
+    reads: tuple[TopicSymbol, ...]
+    drives: tuple[tuple[TopicSymbol, TypedExpr], ...]
+    states: tuple[Variable, ...]
+    initial: tuple[TypedExpr | None, ...]
+    initial_range: tuple[tuple[TypedExpr, TypedExpr] | None, ...]
+    disturbances: tuple[DisturbanceSymbol, ...]
+    lets: tuple[tuple[Variable, TypedExpr], ...]
+    der: dict[Variable, TypedExpr]
+    next: dict[Variable, TypedExpr]
+    method: str
+    substeps: TypedExpr | None
+    measured: tuple[MeasuredSymbol, ...]
+    truth: RecordType
+    read_spans: tuple[Span, ...] = ()
+    """Where it names the topics of `reads`, in that order."""
+
+
+@dataclass(eq=False)
+class InstanceSymbol:
+    """`name: What { topic = other };` of a system."""
+
+    name: str
+    what: PlantSymbol | NodeSymbol | ModuleSymbol | SystemSymbol
+    renames: dict[TopicSymbol, TopicSymbol]
+    rename_spans: dict[TopicSymbol, Span]
+    """Where the inner topic of each wire is written."""
+    span: Span
+
+
+@dataclass(eq=False)
+class PropertySymbol:
+    """A property of a system or test: kind always, never, eventually, leadsto or invariant.
+
+    "invariant" (tests only) has no expressions: `module` is the instance path it is about, None
+    for `invariants`, all of them. `whole` is what people read where its place in the program does
+    not say it: in a loop, with the loop variables filled in; so are `text`, of the condition, and
+    `asks`, of the premise.
+    """
+
+    kind: str
+    premise: TypedExpr | None
+    condition: TypedExpr | None
+    within: TypedExpr | None
+    text: str
+    span: Span
+    module: str | None = None
+    whole: str = ""
+    asks: str = ""
+
+
+@dataclass(eq=False)
+class FaultSymbol:
+    """A timing fault of a test: `late N by d;`, `skip N at most k;`, `overrun N by d;`.
+
+    `path`: the component as the system names it; exactly one of `by` and `at_most` is set.
+    """
+
+    kind: str
+    path: str
+    by: TypedExpr | None
+    at_most: TypedExpr | None
+    span: Span
+
+
+@dataclass(eq=False)
+class SystemFaultSymbol:
+    """An item of `faults { ... }`; `path` is "" for an order. `text`: as it is written."""
+
+    kind: str
+    path: str
+    by: tuple[TypedExpr, ...]
+    rate: TypedExpr | None
+    per: TypedExpr | None
+    lasts: TypedExpr | None
+    text: str
+    span: Span
+
+
+@dataclass(eq=False)
+class MeasureSymbol:
+    """`measure name = value in [low, high] / bins every d;`."""
+
+    name: str
+    value: TypedExpr
+    low: TypedExpr
+    high: TypedExpr
+    bins: TypedExpr
+    every: TypedExpr
+    span: Span
+
+
+@dataclass(eq=False)
+class InputSymbol:
+    """`input topic [in { values }] every d;`: without values the whole set of the topic."""
+
+    path: str
+    topic: TopicSymbol
+    every: TypedExpr
+    span: Span
+    values: tuple[TypedExpr, ...] = ()
+
+
+@dataclass(eq=False)
+class ExternalSymbol:
+    """`external topic t ...;`: `every` and `delayed` are durations; None where not said."""
+
+    topic: TopicSymbol
+    every: TypedExpr | None
+    delayed: TypedExpr | None
+    measured: tuple[MeasuredSymbol, ...]
+    span: Span
+
+
+@dataclass(eq=False)
+class SetSymbol:
+    """`set K = 3;`, of the instance `path` of the system; of everything in it where that is ""."""
+
+    path: str
+    param: ParamSymbol
+    value: Value
+    span: Span
+
+
+@dataclass(eq=False)
+class ByContract(Symbol):
+    """What stands in `replace M by contract;` where others name a node or a plant."""
+
+
+@dataclass(eq=False)
+class SystemSymbol(Symbol):
+    """A system: instances, properties and overrides."""
+
+    default: bool
+    instances: tuple[InstanceSymbol, ...]
+    until: TypedExpr | None
+    properties: tuple[PropertySymbol, ...]
+    forces: tuple[tuple[str, str, Span], ...]
+    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
+    sets: tuple[SetSymbol, ...]
+    inputs: tuple[InputSymbol, ...]
+    faults: tuple[SystemFaultSymbol, ...] = ()
+    measures: tuple[MeasureSymbol, ...] = ()
+    inlines: tuple[tuple[str, Span], ...] = ()
+    """Nodes that run in the thread of the trusted part, and where that is said."""
+    externals: tuple[ExternalSymbol, ...] = ()
+    deploys: SystemSymbol | None = None
+    """The system in which its modules were proved."""
+
+    @cached_property
+    def by_name(self) -> dict[str, InstanceSymbol]:
+        """Its instances by their names."""
+        return {i.name: i for i in self.instances}
+
+
+@dataclass(eq=False)
+class TestSymbol(Symbol):
+    """A `test` block; executed by `soter test`. `order`: where it declares the deployed order."""
+
+    system: SystemSymbol
+    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
+    skew: TypedExpr | None
+    horizon: TypedExpr | None
+    properties: tuple[PropertySymbol, ...]
+    quantum: TypedExpr | None = None
+    faults: tuple[FaultSymbol, ...] = ()
+    inputs: tuple[InputSymbol, ...] = ()
+    sets: tuple[SetSymbol, ...] = ()
+    order: Span | None = None
+
+
+class Cost(NamedTuple):
+    """What one execution takes at most, as `language/check/step_cost.py` counts."""
+
+    operations: int
+    bytes: int
+    externs: tuple[str, ...]
+    """Extern functions it may call, whose own code is not counted."""
+
+
+@dataclass(eq=False)
+class TypedProgram:
+    """A whole checked program: the main file and everything it imports."""
+
+    path: str
+    sha256: str
+    """Hash of the edition, every source text, every data file, in order of loading."""
+    consts: dict[str, ConstSymbol] = field(default_factory=dict)
+    params: dict[str, ParamSymbol] = field(default_factory=dict)
+    funs: dict[str, FunSymbol] = field(default_factory=dict)
+    topics: dict[str, TopicSymbol] = field(default_factory=dict)
+    nodes: dict[str, NodeSymbol] = field(default_factory=dict)
+    modules: dict[str, ModuleSymbol] = field(default_factory=dict)
+    plants: dict[str, PlantSymbol] = field(default_factory=dict)
+    systems: dict[str, SystemSymbol] = field(default_factory=dict)
+    tests: dict[str, TestSymbol] = field(default_factory=dict)
+    stand_ins: dict[TopicSymbol, tuple[tuple[str, ...], TopicSymbol]] = field(default_factory=dict)
+    """Topics of sub-systems that a system mentions: instance path and the topic itself."""
+    damaged: set[object] = field(default_factory=set)
+    """Symbols whose declarations have errors: what they lack is no error of others."""
+    system_sizes: dict[SystemSymbol, tuple[int, int]] = field(default_factory=dict)
+    """Components and levels of a system, once counted (`measure.py`)."""
+    costs: dict[NodeSymbol | ModuleSymbol, Cost] = field(default_factory=dict)
+    """Of the step of every node that is not extern, and of every decision module whose predicates
+    are known."""
+    incomplete: bool = False
+    """Whether a declaration of the main file could not be read at all."""
+
+    def param(self, name: str) -> ParamSymbol | None:
+        """The parameter that a full name means, `GAIN`, or `r[0].GAIN` of an instance; or None."""
+        while name not in self.params and "." in name:
+            name = name.partition(".")[2]
+        return self.params.get(name)

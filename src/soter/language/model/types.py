@@ -1,0 +1,220 @@
+"""The types of Soter and how values of them look in Python.
+
+Purpose: one small hierarchy that every room shares; records compare by structure.
+Non-goals: inference (`language/check/expressions/expr.py`), storage layout (`core/layout.py`).
+
+Values: bool -> bool, int -> int, float -> float, duration -> int (ns), enum -> int (index of
+the member), record -> tuple of field values in declared order, array -> tuple,
+list -> tuple of at most `capacity` elements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+INT_MIN = -(2**63)
+INT_MAX = 2**63 - 1
+
+Value = Any
+"""A Soter value in Python, in the representation of the module docstring."""
+
+
+@dataclass(frozen=True, slots=True)
+class Type:
+    """Any type."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoolType(Type):
+    """`bool`."""
+
+    def __str__(self) -> str:
+        return "bool"
+
+
+@dataclass(frozen=True, slots=True)
+class IntType(Type):
+    """`int`, or `int in [low, high]`, which is stored packed; arithmetic is on 64 bits.
+
+    `unit`: what it counts, for people; types that differ in it only are the same.
+    """
+
+    low: int = INT_MIN
+    high: int = INT_MAX
+    unit: str = field(default="", compare=False, repr=False)
+
+    def __str__(self) -> str:
+        return "int" if self.is_full else f"int in [{self.low}, {self.high}]"
+
+    @property
+    def is_full(self) -> bool:
+        """Whether this is plain `int`."""
+        return self.low == INT_MIN and self.high == INT_MAX
+
+
+@dataclass(frozen=True, slots=True)
+class FloatType(Type):
+    """`float`: binary64. `unit` as of `IntType`."""
+
+    unit: str = field(default="", compare=False, repr=False)
+
+    def __str__(self) -> str:
+        return "float"
+
+
+@dataclass(frozen=True, slots=True)
+class DurationType(Type):
+    """`duration`: whole nanoseconds; only constants and parameters have it."""
+
+    def __str__(self) -> str:
+        return "duration"
+
+
+@dataclass(frozen=True, slots=True)
+class EnumType(Type):
+    """An enumeration; equal only to itself (by full name)."""
+
+    name: str
+    members: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class RecordType(Type):
+    """A record; two records with the same fields in the same order are the same type."""
+
+    fields: tuple[tuple[str, Type], ...]
+    name: str | None = field(default=None, compare=False)
+    scalars: int = field(init=False, compare=False, repr=False, default=0)
+    """Number of scalar leaves; computed once, as types inside types can be huge."""
+    vector: bool = field(init=False, compare=False, repr=False, default=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scalars", sum(leaf_count(t) for _, t in self.fields))
+        vector = bool(self.fields) and all(is_vector_part(t) for _, t in self.fields)
+        object.__setattr__(self, "vector", vector)
+
+    def __str__(self) -> str:
+        if self.name:
+            return self.name
+        return "{ " + ", ".join(f"{n}: {t}" for n, t in self.fields) + " }"
+
+    def index(self, name: str) -> int | None:
+        """Position of the field called `name`, or None."""
+        for i, (n, _) in enumerate(self.fields):
+            if n == name:
+                return i
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayType(Type):
+    """`T[n]`: exactly n elements."""
+
+    element: Type
+    size: int
+
+    def __str__(self) -> str:
+        return f"{self.element}[{self.size}]"
+
+
+@dataclass(frozen=True, slots=True)
+class ListType(Type):
+    """`T[<=n]`: up to n elements and a length; the unused tail is zero."""
+
+    element: Type
+    capacity: int
+
+    def __str__(self) -> str:
+        return f"{self.element}[<={self.capacity}]"
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorType(Type):
+    """The type of something already reported; compatible with everything."""
+
+    def __str__(self) -> str:
+        return "<error>"
+
+
+BOOL = BoolType()
+INT = IntType()
+FLOAT = FloatType()
+DURATION = DurationType()
+ERROR = ErrorType()
+MODE = EnumType("Mode", ("SC", "AC"))
+"""What `mode(M)` gives; SC is 0 because every module starts there."""
+
+
+def default_value(t: Type) -> Value:
+    """The default of a type: zero, false, the first member, the in-range int nearest zero."""
+    if isinstance(t, BoolType):
+        return False
+    if isinstance(t, IntType):
+        return min(max(0, t.low), t.high)
+    if isinstance(t, FloatType):
+        return 0.0
+    if isinstance(t, (DurationType, EnumType)):
+        return 0
+    if isinstance(t, RecordType):
+        return tuple(default_value(f) for _, f in t.fields)
+    if isinstance(t, ArrayType):
+        return (default_value(t.element),) * t.size
+    if isinstance(t, ListType):
+        return ()
+    msg = f"no default for {t}"
+    raise AssertionError(msg)
+
+
+def with_unit(t: Type, unit: str) -> Type:
+    """The same type, in which every number without a unit has this one."""
+    if isinstance(t, (FloatType, IntType)):
+        return t if t.unit else replace(t, unit=unit)
+    if isinstance(t, RecordType):
+        return replace(t, fields=tuple((n, with_unit(f, unit)) for n, f in t.fields))
+    if isinstance(t, (ArrayType, ListType)):
+        return replace(t, element=with_unit(t.element, unit))
+    return t
+
+
+def is_vector(t: Type) -> bool:
+    """Whether arithmetic works component by component: a record or array of only floats."""
+    if isinstance(t, ArrayType):
+        return is_vector_part(t.element)
+    return isinstance(t, RecordType) and t.vector
+
+
+def is_vector_part(t: Type) -> bool:
+    """Whether a vector may consist of such parts: a float or a vector."""
+    return isinstance(t, FloatType) or is_vector(t)
+
+
+def leaves(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Type]]:
+    """All scalar leaves with their paths, in declared order; list elements count once as `[]`."""
+    if isinstance(t, RecordType):
+        for n, f in t.fields:
+            yield from leaves(f, (*path, n))
+    elif isinstance(t, ArrayType):
+        for i in range(t.size):
+            yield from leaves(t.element, (*path, f"[{i}]"))
+    elif isinstance(t, ListType):
+        yield from leaves(t.element, (*path, "[]"))
+    else:
+        yield path, t
+
+
+def leaf_count(t: Type) -> int:
+    """Number of scalar leaves of a full value; lists count their capacity and their length."""
+    if isinstance(t, RecordType):
+        return t.scalars
+    if isinstance(t, ArrayType):
+        return t.size * leaf_count(t.element)
+    if isinstance(t, ListType):
+        return 1 + t.capacity * leaf_count(t.element)
+    return 1

@@ -1,0 +1,199 @@
+"""How a phrase of another language is rewritten: from a match to Soter.
+
+Purpose: one function for each kind of phrase; None where the match is none after all.
+Non-goals: the patterns (`foreign_phrases.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from soter.language.syntax.foreign_words import LIBRARIES, function_meant, type_meant
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_TYPE = r"(?:unsigned\s+|long\s+)?[A-Za-z_]\w*"
+_NO_TYPES = frozenset(
+    ["return", "publish", "let", "var", "push", "else", "in", "void", "fun", "node", "rta", "plant",
+     "system", "test", "topic", "const", "param", "if", "for", "while", "step", "extern"]
+)  # fmt: skip
+
+
+def soter_type(word: str) -> str:
+    """The type of Soter for one of another language; the word itself where it is none."""
+    return type_meant(" ".join(word.split()[-1:])) or word
+
+
+def declared(word: str) -> Callable[[re.Match[str]], str | None]:
+    """`float x = 3` as `var x: float = 3`."""
+
+    def write(match: re.Match[str]) -> str | None:
+        name, of = match["name"], match["type"]
+        if of in _NO_TYPES:
+            return None
+        size = match["size"] if "size" in match.re.groupindex else None
+        return f"{word} {name}: {soter_type(of)}{size or ''}"
+
+    return write
+
+
+def constant(match: re.Match[str]) -> str | None:
+    """`A = 3.0` as `const A: float = 3.0;`, where the value says its type."""
+    value = match["value"].strip()
+    if re.fullmatch(r"true|false", value):
+        of = "bool"
+    elif re.fullmatch(r"-?\d+", value):
+        of = "int"
+    elif re.fullmatch(r"[\d.eE+*/() A-Z_a-z-]+", value) and re.search(r"\d", value):
+        of = "float"
+    else:
+        return None
+    return f"const {match['name']}: {of} = {value};"
+
+
+def named_constant(match: re.Match[str]) -> str:
+    """`const float A` and `const A float` as `const A: float`."""
+    name, of = match["name"], match["type"]
+    if type_meant(name) and not type_meant(of):
+        name, of = of, name  # `const A float`
+    return f"const {name}: {soter_type(of)}"
+
+
+_PARAMETER = re.compile(
+    r"\s*(?:const\s+)?([A-Za-z_]\w*)\s*[&*]?\s*\b([A-Za-z_]\w*)\s*(\[\s*\w+\s*\])?\s*"
+)
+
+
+def parameters(text: str) -> str | None:
+    """`Motion m, float xs[4]` as `m: Motion, xs: float[4]`; None where that is no such list."""
+    params: list[str] = []
+    for part in text.split(",") if text.strip() else []:
+        match = _PARAMETER.fullmatch(part)
+        if match is not None and match[1] != "const":
+            params.append(f"{match[2]}: {soter_type(match[1])}{match[3] or ''}")
+        elif pair := re.fullmatch(r"\s*(?:const\s+)?(\w+\s*:\s*[\w.]+(?:\[\w+\])?)\s*", part):
+            params.append(pair[1])
+        else:
+            return None
+    return ", ".join(params)
+
+
+def head(match: re.Match[str]) -> str | None:
+    """`float f(float x) {` as `fun f(x: float): float {`."""
+    params = parameters(match["parameters"])
+    result = match["type"]
+    if params is None or result in _NO_TYPES:
+        return None
+    return f"fun {match['name']}({params}): {soter_type(result)} {{"
+
+
+def list_of_parameters(match: re.Match[str]) -> str | None:
+    """`(float x)` as `(x: float)`."""
+    params = parameters(match["parameters"])
+    unchanged = params is None or params == match["parameters"].strip()
+    return None if unchanged else f"({params})"
+
+
+def fields(text: str) -> str | None:
+    """`float x; float v;` or `x: float, v: float` as the fields of a record type."""
+    field_list: list[str] = []
+    for part in re.split(r"[;,\n]", text):
+        if not part.strip():
+            continue
+        pair = re.fullmatch(r"\s*(?:pub\s+)?(\w+)\s*:\s*([\w.\[\]]+)\s*", part)
+        typed = re.fullmatch(rf"\s*({_TYPE})\s+(\w+)\s*(\[\w+\])?\s*", part)
+        if pair:
+            field_list.append(f"{pair[1]}: {type_meant(pair[2]) or pair[2]}")
+        elif typed:
+            field_list.append(f"{typed[2]}: {soter_type(typed[1])}{typed[3] or ''}")
+        else:
+            return None
+    return ", ".join(field_list) or None
+
+
+def record(match: re.Match[str]) -> str | None:
+    """A struct as a record type."""
+    field_list = fields(match["fields"])
+    return None if field_list is None else f"type {match['name']} = {{ {field_list} }};"
+
+
+def enumeration(match: re.Match[str]) -> str | None:
+    """An enum as a type."""
+    members = [m.strip() for m in match["fields"].split(",") if m.strip()]
+    if not members or not all(re.fullmatch(r"\w+", m) for m in members):
+        return None
+    return f"type {match['name']} = enum {{ {', '.join(members)} }};"
+
+
+def loop(match: re.Match[str]) -> str | None:
+    """The head of a loop in three parts as one over a range."""
+    high = match["high"].strip()
+    if match["sign"] == "<=":
+        high = str(int(high) + 1) if high.isdigit() else f"{high} + 1"
+    return f"for {match['i']} in {match['low'].strip()}..{high} "
+
+
+def closed(match: re.Match[str]) -> str | None:
+    """`0..=3` as `0..4`."""
+    high = match["high"]
+    return f"{match['low']}..{int(high) + 1 if high.isdigit() else f'{high} + 1'}"
+
+
+def scoped(match: re.Match[str]) -> str | None:
+    """`std::abs` as `abs`, `a->b` and `a::b` as `a.b`."""
+    head, name = match["head"], match["name"]
+    if head in LIBRARIES or head == "this":
+        return function_meant(name) or name
+    return f"{head}.{name}"
+
+
+def array(match: re.Match[str]) -> str | None:
+    """`array<float, 4>` as `float[4]`."""
+    return f"{soter_type(match['of'])}[{match['size']}]" if match["size"] else None
+
+
+def list_of_unknown_size(match: re.Match[str]) -> str | None:
+    """`vector<float>` as a list of at most eight."""
+    return f"{soter_type(match['of'])}[<=8]"
+
+
+def comprehension(match: re.Match[str]) -> str | None:
+    """`[0.0 for i in range(2)]` as `[0.0, 0.0]`."""
+    count = int(match["count"])
+    return None if not 1 <= count <= 16 else f"[{', '.join([match['value']] * count)}]"
+
+
+def imported(match: re.Match[str]) -> str | None:
+    """An import with the name of the file in quotes."""
+    stem = match["file"].split(".")[-1] if "." in match["file"] else match["file"]
+    return f'import "{stem}.soter" as {match["as"] or stem};'
+
+
+def cast(match: re.Match[str]) -> str | None:
+    """`(float)n` as `float(n)`."""
+    of = type_meant(match["type"])
+    return f"{of}({match['what']})" if of in ("float", "int") else None
+
+
+def template(form: str) -> Callable[[re.Match[str]], str | None]:
+    """What the groups of a match are put into."""
+    return lambda match: match.expand(form)
+
+
+def combined(match: re.Match[str]) -> str | None:
+    """`x += e` as `x = x + e`."""
+    place, value = match["place"], match["value"].strip()
+    simple = re.fullmatch(r"[\w.]+(?:\[\w+\])*(?:\([\w., ]*\))?", value)
+    return f"{place} = {place} {match['sign']} {value if simple else f'({value})'}"
+
+
+def rewired(match: re.Match[str]) -> str | None:
+    """Wires with `=` for `:=`."""
+    return match[0].replace(":=", "=")
+
+
+def designated(match: re.Match[str]) -> str | None:
+    """`.x = e` as `x: e`."""
+    return re.sub(r"\.\s*(\w+)\s*=\s*", r"\1: ", match[0])

@@ -1,0 +1,479 @@
+"""Declarations and whole files: tokens to tree.
+
+Purpose: `parse(source, diagnostics)`: one tree and every syntax error of the file in one pass,
+in the order of the text. A declaration with a mistake keeps what could be read of it; its name
+goes into `File.broken`, so that later passes do not complain about what is missing.
+Non-goals: anything that needs another declaration or file (`program/`).
+"""
+
+# ruff: noqa: SLF001 - the tables at the end name the methods of the class before them
+
+from __future__ import annotations
+
+import re
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, Label
+from soter.diagnostics.fix import insert, replace
+from soter.diagnostics.span import Span
+from soter.language.syntax import tree
+from soter.language.syntax.parsing.bodies import BODY_WORDS
+from soter.language.syntax.parsing.functions import fun
+from soter.language.syntax.parsing.nodes import NodeParser
+from soter.language.syntax.parsing.plants import plant
+from soter.language.syntax.parsing.systems import system, test
+from soter.language.syntax.parsing.token_cursor import (
+    ERRORS_MAX,
+    STATEMENT_WORDS,
+    Panic,
+    TooManyErrorsError,
+)
+from soter.language.syntax.parsing.types import type_expression, value_set
+from soter.language.syntax.tokens import EOF, INT, NAME, STRING, lex, string_value, visible
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
+    from soter.diagnostics.source import Source
+
+#: The language edition this compiler reads.
+EDITION = 1
+
+_SYNONYMS = {
+    "func": "fun",
+    "def": "fun",
+    "function": "fun",
+    "fn": "fun",
+    "procedure": "fun",
+    "module": "rta",
+    "machine": "node",
+    "process": "node",
+}
+_FOREIGN_DECLARATION = {
+    "struct": "a record type is declared by `type Name = { x: float };`",
+    "class": "a record type is declared by `type Name = { x: float };`",
+    "record": "a record type is declared by `type Name = { x: float };`",
+    "typedef": "a type is declared by `type Name = ...;`",
+    "enum": "an enumeration is declared by `type Name = enum { A, B };`",
+    "let": "a constant of the file is declared by `const NAME: float = ...;`",
+    "var": "a variable belongs in a node; a constant is declared by `const NAME: float = ...;`",
+    "include": 'a file is imported by `import "file.soter" as name;`',
+    "using": 'a file is imported by `import "file.soter" as name;`',
+    "from": 'a file is imported by `import "file.soter" as name;`',
+    "channel": "a topic is declared by `topic name: float in [-1.0, 1.0];`",
+    "signal": "a topic is declared by `topic name: float in [-1.0, 1.0];`",
+    "input": "an input is declared by `input topic name: float in [-1.0, 1.0];`",
+}
+
+
+def parse(source: Source, diagnostics: Diagnostics) -> tree.File:
+    """Read one file; errors go to `diagnostics`, and a tree always comes back."""
+    return parse_tokens(source, diagnostics)[0]
+
+
+def parse_tokens(source: Source, diagnostics: Diagnostics) -> tuple[tree.File, Parser]:
+    """Read one file and keep the parser, whose tokens and marks the printer needs."""
+    parser = Parser(lex(source))
+    file = parser.file()
+    problems = parser.tokens.problems + parser.problems
+    problems.sort(key=lambda d: d.primary.span.start if d.primary else 0)
+    for problem in problems[:ERRORS_MAX]:
+        diagnostics.add(problem)
+    if len(problems) >= ERRORS_MAX:
+        diagnostics.add(_too_many(problems[ERRORS_MAX - 1]))
+    return file, parser
+
+
+def _too_many(last: Diagnostic) -> Diagnostic:
+    primary = Label(last.primary.span, "the last error that is shown") if last.primary else None
+    message = f"this file has {ERRORS_MAX} syntax errors or more"
+    note = "the rest of the file was not read: is it a Soter file?"
+    return Diagnostic("S021", message, primary, notes=(note,))
+
+
+# ---------------------------------------------------------------- parts of a body
+
+
+class Parser(NodeParser):
+    """The whole parser: files, declarations and their bodies."""
+
+    __slots__ = ("edition",)
+
+    # ------------------------------------------------------------ files
+
+    def file(self) -> tree.File:
+        """`program` of the grammar."""
+        self.edition: int | None = None
+        self.broken.update(self.tokens.lost)
+        imports: list[tree.ImportDecl] = []
+        declarations: list[tree.Decl] = []
+        reached = 0
+        try:
+            self._recovered(self._edition_line)
+            while self.kinds[self.i] != EOF:
+                reached = self.starts[self.i]
+                declaration = self._recovered(self._top_level)
+                if isinstance(declaration, tree.ImportDecl):
+                    if declarations:
+                        self._late_import(declaration, declarations[0])
+                    imports.append(declaration)
+                elif declaration is not None:
+                    declarations.append(declaration)
+        except TooManyErrorsError:
+            self.tokens.truncated = True
+        if self.tokens.truncated:
+            # What was not read may have declared any of its words.
+            self.broken.update(re.findall(r"[A-Za-z_]\w*", self.source.text[reached:]))
+        span = Span(self.source, 0, len(self.source.text))
+        return tree.File(
+            self.edition, tuple(imports), tuple(declarations), span, frozenset(self.broken)
+        )
+
+    def _edition_line(self) -> None:
+        first = f"`soter {EDITION};`"
+        if self.kinds[0] != "soter":
+            suffix = f", found {self.found()}"
+            self.report(
+                "S001",
+                f"a file begins with {first}{suffix}",
+                notes=("the first line names the edition of the language",),
+                helps=(
+                    insert(
+                        Span(self.source, 0, 0),
+                        f"soter {EDITION};\n",
+                        f"put {first} before everything else",
+                    ),
+                ),
+            )
+            self.quiet = -1
+            return
+        self.i = 1
+        if self.kinds[1] == INT:
+            if self.texts[1] == str(EDITION):
+                self.edition = EDITION
+            else:
+                self.report(
+                    "S002",
+                    f"there is no edition `{visible(self.texts[1])}` of Soter",
+                    label=f"this compiler reads edition {EDITION}",
+                )
+            self.i = 2
+        else:
+            self.report(
+                "S001",
+                f"expected the number of the edition, found {self.found()}",
+                helps=(f"write {first}",),
+            )
+            if self.kinds[1] not in (";", EOF) and not self.new_line():
+                self.i = 2
+        self.semicolon("the edition")
+
+    def _recovered(self, read: Callable[[], tree.Decl | None]) -> tree.Decl | None:
+        """What stands here at the top level, or None past a phrase of another language."""
+        self.items, self.blocks = frozenset(), 0
+        before = self.i
+        try:
+            return read()
+        except Panic:
+            self.broken.update(t for t in self.texts[before : self.i] if t.isidentifier())
+            if self.i == before:
+                self.advance()
+            self.skip_to_declaration()
+            return None
+
+    def _top_level(self) -> tree.Decl | None:
+        """One declaration, or one step past what is none."""
+        i = self.i
+        kind = self.kinds[i]
+        parse = _DECLARATIONS.get(kind)
+        if parse is not None:
+            return self._declaration(parse)
+        if kind == NAME and self.texts[i] == "input" and self.kinds[i + 1] == "topic":
+            return self._declaration(Parser._topic)
+        if kind == ";":
+            self.stray_semicolon()
+        elif kind == "}":
+            self._unmatched()
+        elif kind == "soter":
+            self.report("S001", "`soter` stands only once, at the very beginning of the file")
+            self.skip_statement()
+        else:
+            return self._no_declaration(kind)
+        return None
+
+    def _declaration(self, parse: Callable[[Parser], tree.Decl]) -> tree.Decl | None:
+        before = self.i
+        self.damaged = False
+        self.declared = None
+        self.depth = self.blocks = 0
+        self.items = frozenset()
+        self.indent = self.line_indent(before)
+        result: tree.Decl | None = None
+        try:
+            result = parse(self)
+        except Panic:
+            self.damaged = True
+            if self.i == before:
+                self.advance()
+            self.skip_to_declaration()
+        if self.damaged and self.declared is not None:
+            self.broken.add(self.declared.text)
+        return result
+
+    def _unmatched(self) -> None:
+        self.report(
+            "S013",
+            "this `}` closes nothing",
+            notes=("the declaration above is already complete: is there one `}` too many in it?",),
+        )
+        while self.kinds[self.i] in ("}", ";"):
+            self.i += 1
+        if self.kinds[self.i] not in _DECLARATIONS:
+            self.skip_to_declaration()
+
+    def _no_declaration(self, kind: str) -> tree.Decl | None:
+        i = self.i
+        word = self.texts[i]
+        message = f"expected a declaration, found {self.found()}"
+        helps: tuple[Help, ...] = ()
+        notes: tuple[str, ...] = ()
+        if kind == NAME and self.kinds[i + 1] in (NAME, "fun", "node", "plant", "topic", STRING):
+            near = _SYNONYMS.get(word) or self.close_word(word, _DECLARATIONS)
+            if near is not None and word not in _FOREIGN_DECLARATION:
+                helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
+                self.report("S009", message, helps=helps)
+                self.quiet = -1
+                return self._declaration(_DECLARATIONS[near])
+        if word in _FOREIGN_DECLARATION:
+            helps = (_FOREIGN_DECLARATION[word],)
+        elif kind in STATEMENT_WORDS:
+            notes = ("statements stand inside `step { ... }` or a function",)
+        elif kind in BODY_WORDS:
+            notes = (f"`{kind}` belongs in a body: is there one `}}` too many above?",)
+        elif kind in (NAME, "enum"):
+            notes = ("declarations begin with " + ", ".join(f"`{w}`" for w in _SHOWN_WORDS),)
+        self.report("S009", message, notes=notes, helps=helps)
+        if self.kinds[i + 1] == NAME:
+            self.broken.add(self.texts[i + 1])
+        self.i = i + 1
+        self.skip_to_declaration()
+        return None
+
+    def _late_import(self, late: tree.ImportDecl, first: tree.Decl) -> None:
+        self.quiet = -1
+        self.report(
+            "S003",
+            "imports stand before all declarations",
+            late.span,
+            also=((first.name.span, "the first declaration"),),
+            helps=("move the import to the top of the file",),
+        )
+        self.quiet = -1
+
+    # ------------------------------------------------------------ simple declarations
+
+    def _import(self) -> tree.Decl:
+        start = self.i
+        self.i += 1
+        at = self.i
+        if self.kinds[at] != STRING:
+            raise self.failure(
+                "S005",
+                f"expected the name of a file after `import`, found {self.found()}",
+                helps=('write `import "file.soter" as name;`',),
+            )
+        path = string_value(self.texts[at])
+        stem = PurePosixPath(path).stem
+        self.i += 1
+        if self.accept("as"):
+            name = self.declare("a name after `as`")
+        else:
+            guess = f" {stem}" if stem.isidentifier() else " name"
+            self.report(
+                "S005",
+                f"expected `as` after the file, found {self.found()}",
+                self.after_previous(),
+                "the name it gets here is missing",
+                helps=(f"write `import {self.texts[at]} as{guess};`",),
+            )
+            if self.kinds[self.i] == NAME and not self.new_line():
+                name = self.declare("a name")
+            else:
+                name = self.declared = tree.Name(stem, self.token_span(at))
+            self.damaged = True
+        self.semicolon("the import")
+        return tree.ImportDecl(name, self.span_from(self.starts[start]), path, self.token_span(at))
+
+    def _type_declaration(self) -> tree.Decl:
+        start = self.starts[self.i]
+        self.i += 1
+        name = self.declare("the name of the type")
+        if self.kinds[self.i] == "{":
+            self.report(
+                "S005",
+                "expected `=` after the name of the type, found `{`",
+                helps=(f"write `type {visible(name.text)} = {{ ... }};`",),
+            )
+        else:
+            self.assign("after the name of the type")
+        type_ = self._enum() if self.kinds[self.i] == "enum" else type_expression(self, "a type")
+        self.semicolon("the type")
+        return tree.TypeDecl(name, self.span_from(start), type_)
+
+    def _enum(self) -> tree.TypeExpr:
+        start = self.starts[self.i]
+        self.i += 1
+        opener = self.i
+        members: list[tree.Name] = []
+        try:
+            self.expect("{", "after `enum`")
+            while True:
+                members.append(self.name("the name of a member"))
+                if self.kinds[self.i] == "=":
+                    raise self.failure(
+                        "S005",
+                        "expected `,` or `}` after the member, found `=`",
+                        notes=("members have no numbers of their own",),
+                    )
+                if not self.comma("}", "the member", opener):
+                    break
+        except Panic:
+            self.damaged = True
+            self.skip_expression(opener)
+        return tree.EnumTypeExpr(self.span_from(start), tuple(members))
+
+    def misplaced_declaration(self) -> None:
+        """Report a declaration inside another one, read it, and leave it out."""
+        word = self.texts[self.i]
+        help_ = "write `let` or `var`" if word in ("const", "param") else "move it out"
+        message = f"`{word}` stands only at the top level of a file"
+        self.report("S009", message, helps=(help_,))
+        self.quiet = -1
+        outer = (self.declared, self.damaged, self.items, self.blocks, self.depth, self.indent)
+        self.inner = True
+        self._declaration(_DECLARATIONS["topic" if word == "input" else word])
+        self.inner = False
+        if self.declared is not None:
+            self.broken.add(self.declared.text)
+        self.declared, self.damaged, self.items, self.blocks, self.depth, self.indent = outer
+
+    def _const(self) -> tree.Decl:
+        start = self.starts[self.i]
+        self.i += 1
+        name = self.declare("the name of the constant")
+        type_ = self.typed("the constant")
+        data: str | None = None
+        data_span: Span | None = None
+        value: tree.SyntaxExpr | None = None
+        self.assign("after the type of the constant")
+        if self.is_word("data") and self.kinds[self.i + 1] == STRING:
+            data_span = self.token_span(self.i + 1)
+            data = string_value(self.texts[self.i + 1])
+            self.i += 2
+            self.semicolon("the data file")
+        else:
+            value = self.value("the value of the constant")
+        return tree.ConstDecl(name, self.span_from(start), type_, value, data, data_span)
+
+    def _param(self) -> tree.Decl:
+        start = self.starts[self.i]
+        self.i += 1
+        name = self.declare("the name of the parameter")
+        type_ = self.typed("the parameter")
+        self.assign("after the type of the parameter")
+        default = self.expr("the default of the parameter")
+        interval = self.range_of("the range of the parameter") if self.accept("in") else None
+        self.semicolon("the parameter")
+        return tree.ParamDecl(name, self.span_from(start), type_, default, interval)
+
+    def _topic(self) -> tree.Decl:
+        start = self.starts[self.i]
+        is_input = self.accept_word("input")
+        self.i += 1
+        name = self.declare("the name of the topic")
+        type_ = self.typed("the topic")
+        values: tree.ValueSet | None = None
+        default: tree.SyntaxExpr | None = None
+        max_age: tree.SyntaxExpr | None = None
+        order = 0
+        while True:
+            at = self.i
+            if self.accept("in"):
+                position, values = 1, self._value_set()
+            elif self.kinds[at] in ("=", ":="):
+                self.assign("before the default of the topic")
+                position, default = 2, self.expr("the default of the topic")
+            elif self.accept_word("max_age"):
+                position, max_age = 3, self.time("`max_age`")
+            else:
+                break
+            if position <= order:
+                self._out_of_order(at, position == order)
+            order = max(order, position)
+        self.semicolon("the topic")
+        span = self.span_from(start)
+        return tree.TopicDecl(name, span, is_input, type_, values, default, max_age)
+
+    def _out_of_order(self, at: int, again: bool) -> None:
+        word = self.texts[at]
+        self.quiet = -1
+        span = self.token_span(at)
+        if again:
+            self.report("S005", f"`{word}` stands twice in this topic", span)
+        else:
+            self.report(
+                "S005",
+                f"`{word}` stands too late in this topic",
+                span,
+                notes=("the order is: `in` values, `=` default, `max_age`",),
+            )
+        self.quiet = -1
+
+    def _value_set(self) -> tree.ValueSet:
+        start = self.i
+        try:
+            return value_set(self)
+        except Panic:
+            self.depth = 0
+            if self.kinds[start] == "{":
+                self.i = start
+                self.skip_braces()
+            else:
+                self.skip_interval(start)
+            span = self.span_from(self.starts[start])
+            return tree.IntervalExpr(tree.ErrorExpr(span), tree.ErrorExpr(span), span)
+
+    def _extern(self) -> tree.Decl:
+        following = self.kinds[self.i + 1]
+        if following == "fun":
+            return fun(self)
+        if following == "node":
+            return self._node()
+        if following == "plant":
+            return plant(self)
+        self.i += 1
+        if self.kinds[self.i + 1] == NAME and self.kinds[self.i] in (NAME, "topic", "rta"):
+            self.broken.add(self.texts[self.i + 1])
+        raise self.failure(
+            "S005", f"expected `fun`, `node` or `plant` after `extern`, found {self.found()}"
+        )
+
+
+_DECLARATIONS: dict[str, Callable[[Parser], tree.Decl]] = {
+    "import": Parser._import,
+    "type": Parser._type_declaration,
+    "const": Parser._const,
+    "param": Parser._param,
+    "fun": fun,
+    "extern": Parser._extern,
+    "topic": Parser._topic,
+    "node": Parser._node,
+    "rta": Parser._rta,
+    "plant": plant,
+    "system": system,
+    "test": test,
+}
+_SHOWN_WORDS = tuple(word for word in _DECLARATIONS if word != "import")

@@ -1,0 +1,332 @@
+"""Bodies of declarations: `{ items }`, each item led by a word.
+
+Purpose: what nodes, modules, plants, systems and tests share: the loop over items with its
+recovery, unknown words, items that stand at most once, lists of names, types, ranges, `from`.
+Non-goals: the items themselves (`nodes.py`, `plants.py`, `systems.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from soter.diagnostics.fix import replace
+from soter.diagnostics.span import Span
+from soter.language.syntax import tree
+from soter.language.syntax.parsing.nesting import unclosed
+from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
+from soter.language.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
+from soter.language.syntax.parsing.types import type_expression
+from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visible
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from soter.diagnostics.fix import Fix
+    from soter.language.syntax.tokens import Tokens
+
+_Parts = TypeVar("_Parts")
+
+#: The words of every kind of body, for hints; filled by the modules that know them.
+HOMES: dict[str, frozenset[str]] = {}
+
+#: Items of a kind of body that no word leads, as lists of items name them.
+LEADERLESS: dict[str, tuple[str, ...]] = {}
+
+#: Words that only make sense inside a body.
+BODY_WORDS = ITEM_WORDS | {"period", "phase"}
+
+
+@dataclass(slots=True)
+class OnceParts:
+    """The items of a body that stand at most once, and where each stood first."""
+
+    once: dict[str, Any] = field(default_factory=dict)
+    first: dict[str, Span] = field(default_factory=dict)
+
+
+class BodyParser(StatementParser):
+    """The part of the parser that reads bodies of any kind."""
+
+    __slots__ = ("broken", "declared")
+
+    def __init__(self, tokens: Tokens) -> None:
+        super().__init__(tokens)
+        self.broken: set[str] = set()  # names of declarations that lost something
+        self.declared: tree.Name | None = None  # by the declaration at hand
+
+    def declare(self, what: str) -> tree.Name:
+        """The name of the declaration at hand."""
+        self.declared = self.name(what)
+        return self.declared
+
+    # ------------------------------------------------------------ items
+
+    def _open_body(self, what: str, items: Mapping[str, object]) -> int:
+        """The `{` of a body, or the token that stands in its place."""
+        if self.kinds[self.i] == "{":
+            self.opened.append(self.i)
+            self.i += 1
+            return self.i - 1
+        self.report("S005", f"expected `{{` to begin the body of {what}, found {self.found()}")
+        if self.texts[self.i] not in items:
+            self.damaged = True
+            self.skip_expression(self.i, stop_at_brace=True)
+            if self.kinds[self.i] == "{":
+                self.opened.append(self.i)
+                self.i += 1
+                return self.i - 1
+            if self.texts[self.i] not in items:
+                raise Panic
+        return self.i - 1
+
+    def body(
+        self,
+        what: str,
+        parts: _Parts,
+        items: Mapping[str, Callable[[Any, _Parts], None]],
+        other: Callable[[Any, _Parts], bool] | None = None,
+    ) -> None:
+        """`{ items }`: one function per leading word; `other` tries what has none."""
+        opener = self._open_body(what, items)
+        outer, self.items = self.items, frozenset(items)
+        self._items_of(opener, what, parts, items, other)
+        self.items = outer
+
+    def _items_of(
+        self,
+        opener: int,
+        what: str,
+        parts: _Parts,
+        items: Mapping[str, Callable[[Any, _Parts], None]],
+        other: Callable[[Any, _Parts], bool] | None,
+    ) -> None:
+        while True:
+            kind = self.kinds[self.i]
+            if kind == "}":
+                self.i += 1
+                return
+            if kind == EOF or self.at_declaration():
+                if kind != EOF and self.nested_declaration():
+                    self.misplaced_declaration()
+                    continue
+                self.damaged = True
+                unclosed(self, opener, what)
+                return
+            if kind == ";":
+                self.stray_semicolon()
+                continue
+            before = self.i
+            try:
+                if other is None or not other(self, parts):
+                    item = items.get(self.texts[before])
+                    if item is not None:
+                        self._no_colon(before)
+                        item(self, parts)
+                    else:
+                        self._unknown_item(what, parts, items)
+            except Panic:
+                self.damaged = True
+                self.depth = self.blocks = 0
+                if self.i == before:
+                    self.advance()
+                self.skip_statement()
+
+    def _no_colon(self, word: int) -> None:
+        """`period: 50ms;` and `period = 50ms;`: report the sign and take it out."""
+        sign = self.kinds[word + 1]
+        if sign in (":", "="):
+            self.i = word + 1
+            self.report(
+                "S005", f"no `{sign}` after `{self.texts[word]}`", helps=(self._without(word + 1),)
+            )
+            self.quiet = -1
+            # The item steps over one token, which is now the sign in place of its word.
+            self.texts[word + 1], self.kinds[word + 1] = self.texts[word], self.kinds[word]
+
+    def _without(self, index: int) -> Fix:
+        """Leave one token out, with the blanks around it."""
+        start, end = self.ends[index - 1], self.starts[index + 1]
+        return replace(Span(self.source, start, end), " ", "leave it out")
+
+    def _unknown_item(
+        self,
+        what: str,
+        parts: _Parts,
+        items: Mapping[str, Callable[[Any, _Parts], None]],
+    ) -> None:
+        word, kind = self.texts[self.i], self.kinds[self.i]
+        message = f"expected an item of {what}, found {self.found()}"
+        if kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names()):
+            self._loose_statements(message, items)
+            return
+        near = self.close_word(word, items) if word.isidentifier() else None
+        if near is not None:
+            helps = (replace(self.token_span(self.i), near, f"did you mean `{near}`?"),)
+            self.report("S010", message, helps=helps)
+            self.quiet = -1
+            items[near](self, parts)
+            return
+        if word in ("invariant", "invariants") and "always" in items:
+            raise self.failure("S010", message, helps=(self._asked_with_always(items),))
+        homes = [home for home, words in HOMES.items() if word in words]
+        follows = self.kinds[self.i + 1]
+        if kind == NAME and follows in PLACE_FOLLOWS and not (homes and follows == "["):
+            self._loose_statements(message, items)
+            return
+        sort = what.partition(" `")[0]
+        known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
+        notes = (f"the items of {sort} are {', '.join(known)}",)
+        if homes:
+            notes = (f"`{word}` belongs in {' or '.join(homes)}",)
+        raise self.failure("S010", message, notes=notes)
+
+    def _asked_with_always(self, items: Mapping[str, object]) -> str:
+        """What to write for `invariant(M);`: a property like others."""
+        at = self.i
+        while self.kinds[at] in (NAME, ".", "(", ")"):
+            at += 1
+        text = visible("".join(self.texts[self.i : at]))
+        where = "" if "eventually" in items else " in a `test` block"
+        return f"write `always {text};`{where}"
+
+    def _loose_statements(self, message: str, items: Mapping[str, object]) -> None:
+        """Statements without a `step {` around them: reported once, read, and left out."""
+        self.report("S010", message, notes=("statements stand inside a `step { ... }` block",))
+        self.damaged = True
+        while self._at_statement() and self.texts[self.i] not in items:
+            self.quiet = -1
+            self._recovering([], self.kinds[self.i])
+        after = self.i + 1
+        if self.kinds[self.i] == "}" and (self.kinds[after] == "}" or self.texts[after] in items):
+            self.i += 1  # only the opening of the block was missing
+
+    def _only_names(self) -> bool:
+        """Whether `publish` is followed by names only, so that `publishes` is meant."""
+        i = self.i + 1
+        while self.kinds[i] in (NAME, ".", ","):
+            i += 1
+        return self.kinds[i] in (";", "}") or self.kinds[i] in BODY_WORDS
+
+    def keep_once(self, parts: Any, what: str, value: object, at: int) -> None:  # noqa: ANN401
+        """Keep the value of an item that may stand once; report the second."""
+        span = self.token_span(at)
+        if what in parts.first:
+            self.quiet = -1
+            also = ((parts.first[what], "the first one"),)
+            self.report("S022", f"`{what}` stands twice in this body", span, "again", also=also)
+            self.quiet = -1
+            return
+        parts.first[what] = span
+        parts.once[what] = value
+
+    def refs(self, what: str) -> list[tree.Ref]:
+        """One name or more, between commas."""
+        refs = [self.ref(what)]
+        while self.accept(",") or self._forgotten_comma():
+            refs.append(self.ref(what))
+        return refs
+
+    def _forgotten_comma(self) -> bool:
+        """`a b` in a list of names: report and go on as if a comma stood between them."""
+        i = self.i
+        if self.kinds[i] != NAME or self.new_line() or self.kinds[i + 1] not in (",", ";", "."):
+            return False
+        message = f"expected `,` or `;` after the name, found {self.found()}"
+        self.report("S005", message, self.after_previous(), "`,` is missing here")
+        return True
+
+    def period(self, what: str, name: tree.Name) -> tree.SyntaxExpr:
+        """The period in the head of a declaration, an ErrorExpr where there is none."""
+        word = self.texts[self.i]
+        if word == "period":
+            self.i += 1
+            return self.time("`period`")
+        example = f"write `{what} {visible(name.text)} period 10ms {{ ... }}`"
+        message = f"expected `period` after the name of the {what}, found {self.found()}"
+        span = self.after_previous() if self.kinds[self.i] == "{" else None
+        self.report("S005", message, span, helps=(example,))
+        if self.kinds[self.i] == NAME and self.kinds[self.i + 1] != "{" and word != "from":
+            self.i += 1
+            self.quiet = -1
+            return self.time("`period`")
+        return tree.ErrorExpr(self.after_previous())
+
+    # ------------------------------------------------------------ common parts
+
+    def typed(self, what: str) -> tree.TypeExpr:
+        """`: type` behind the name of `what`."""
+        if self.accept(":"):
+            return type_expression(self, f"the type of {what}")
+        self.report(
+            "S005",
+            f"expected `:` and a type after the name of {what}, found {self.found()}",
+            self.after_previous(),
+            "the type is missing here",
+        )
+        kind = self.kinds[self.i]
+        if kind in ("float", "int", "bool", "duration") or (
+            kind == NAME and self.kinds[self.i + 1] in ("=", "in", ";", ",", ")", "[")
+        ):
+            self.quiet = -1
+            return type_expression(self, f"the type of {what}")
+        return tree.ErrorTypeExpr(self.after_previous())
+
+    def range_of(self, what: str) -> tree.IntervalExpr:
+        """An interval, made of errors where it cannot be read."""
+        start = self.i
+        try:
+            return self.interval(what)
+        except Panic:
+            self.depth = 0
+            self.skip_interval(start)
+            span = self.span_from(self.starts[start])
+            return tree.IntervalExpr(tree.ErrorExpr(span), tree.ErrorExpr(span), span)
+
+    def skip_interval(self, start: int) -> None:
+        """Past the `]` that closes the interval, if it comes before the item ends."""
+        level = self.kinds[start : self.i].count("[") - self.kinds[start : self.i].count("]")
+        while self.kinds[self.i] not in (";", "}", "{", EOF, "=") and not self.at_declaration():
+            kind = self.kinds[self.i]
+            level += (kind == "[") - (kind == "]")
+            self.i += 1
+            if kind == "]" and level <= 0:
+                break
+        self.quiet = self.i
+
+    def origin(self) -> tuple[str | None, Span | None]:
+        """`from "..."` of an extern declaration, if it is there."""
+        if not self.accept_word("from"):
+            return None, None
+        i = self.i
+        if self.kinds[i] != STRING:
+            self.report(
+                "S005",
+                f"expected a string after `from`, found {self.found()}",
+                helps=('write `from "python:policy.py:step"`',),
+            )
+            self.damaged = True
+            return None, None
+        self.i += 1
+        return string_value(self.texts[i]), self.token_span(i)
+
+    def stray_origin(self, what: str) -> tuple[str | None, Span | None]:
+        """`from` behind something that is not extern."""
+        if self.is_word("from"):
+            message = "only what is `extern` comes from elsewhere"
+            self.report("S025", message, helps=(f"write `extern {what} ...`",))
+            self.damaged = True
+            self.origin()
+        return None, None
+
+
+def predicate(word: str, what: str) -> Callable[[Any, Any], None]:
+    """The parser of an item `word expr ;` that stands at most once."""
+
+    def item(parser: BodyParser, parts: Any) -> None:  # noqa: ANN401
+        at = parser.i
+        parser.i += 1
+        value = parser.value(what)
+        parser.keep_once(parts, word, value, at)
+
+    return item

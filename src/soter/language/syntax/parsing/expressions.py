@@ -1,0 +1,499 @@
+"""Expressions and intervals: tokens to tree.
+
+Purpose: precedence climbing over `expr` of the grammar, operands, intervals.
+Non-goals: statements and declarations (`statements.py`, `parser.py`), types and sets of values
+(`types.py`); what a name means.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import replace
+from soter.diagnostics.span import Span
+from soter.language.syntax import tree
+from soter.language.syntax.parsing.literals import (
+    NUMBERS,
+    explain_unit,
+    named_fields,
+    number,
+    period_of,
+)
+from soter.language.syntax.parsing.nesting import LEVELS_MAX, height, report_nesting, too_deep
+from soter.language.syntax.parsing.operators import (
+    ANY,
+    COMPARISON,
+    PRECEDENCE,
+    no_expression,
+    report_slip,
+    slip,
+)
+from soter.language.syntax.parsing.token_cursor import Cursor, Panic
+from soter.language.syntax.tokens import ERROR, NAME, UNIT_NS, visible
+
+if TYPE_CHECKING:
+    from soter.diagnostics.fix import Help
+
+_SHOWN_MAX = 100
+"""So many characters of an edit are shown."""
+
+_CONVERSIONS = frozenset(["int", "float"])
+"""Types that are also called as functions: `float(n)`, `int(x)`."""
+
+
+class ExpressionParser(Cursor):
+    """The part of the parser that reads expressions."""
+
+    __slots__ = ()
+
+    # ------------------------------------------------------------ entry points
+
+    def expr(self, what: str, *, stop_at_brace: bool = False) -> tree.SyntaxExpr:
+        """One expression; `what` names it in messages. A broken one becomes an ErrorExpr."""
+        start = self.i
+        depth = self.depth
+        self.strict = False
+        try:
+            result = self.expression(ANY)
+        except Panic:
+            self.depth = depth
+            self.skip_expression(start, stop_at_brace=stop_at_brace)
+            return tree.ErrorExpr(self.span_from(self.starts[start]))
+        if self.i - start > LEVELS_MAX and height(result) > LEVELS_MAX:
+            report_nesting(self, result.span, what)
+            return tree.ErrorExpr(result.span)
+        return result
+
+    def value(self, what: str) -> tree.SyntaxExpr:
+        """One expression and the `;` behind it."""
+        return self.ended(self.expr(what), what)
+
+    def ended(self, result: tree.SyntaxExpr, what: str) -> tree.SyntaxExpr:
+        """An expression that was read, once its `;` is; an ErrorExpr where more stands between."""
+        if self.kinds[self.i] == ";":
+            self.i += 1
+            return result
+        self.missing_semicolon(what)
+        if self.fresh_start():
+            return result
+        start = self.i
+        explain_unit(self, start)
+        self.skip_expression(start)
+        self.accept(";")
+        return tree.ErrorExpr(result.span)
+
+    def time(self, what: str) -> tree.SyntaxExpr:
+        """One expression that stands for a time: a bare number is told to get a unit."""
+        result = self.expr(what, stop_at_brace=True)
+        if isinstance(result, tree.IntLit | tree.FloatLit):
+            i = self.i
+            number = result.span.text
+            unit = self.texts[i] if self.kinds[i] == NAME else ""
+            helps: tuple[Help, ...]
+            whole = Span(self.source, result.span.start, self.ends[i])
+            if unit in UNIT_NS:
+                title = f"write `{number}{unit}`, without a space"
+                helps = (replace(whole, f"{number}{unit}", title),)
+                self.i += 1
+            elif unit.lower() == "hz":
+                period = period_of(result)
+                title = f"write the time between two steps: `{period}`"
+                helps = (replace(whole, period, title),)
+                self.i += 1
+            else:
+                helps = (replace(result.span, f"{number}ms"), replace(result.span, f"{number}s"))
+            self.quiet = -1
+            self.report(
+                "S019",
+                f"{what} needs a unit of time",
+                self.span_from(result.span.start),
+                "a number without a unit",
+                notes=("units are ns, us, ms, s, min and h, written right behind the number",),
+                helps=helps,
+            )
+            self.quiet = -1
+            return tree.ErrorExpr(result.span)
+        return result
+
+    def time_value(self, what: str) -> tree.SyntaxExpr:
+        """A time and the `;` behind it."""
+        result = self.time(what)
+        self.semicolon(what)
+        return result
+
+    # ------------------------------------------------------------ operators
+
+    def expression(self, limit: int) -> tree.SyntaxExpr:
+        """An expression of operators that bind at least as tightly as `limit`."""
+        kinds = self.kinds
+        self.depth += 1
+        if self.depth > LEVELS_MAX:
+            too_deep(self, "expression")
+        start = self.starts[self.i]
+        kind = kinds[self.i]
+        left = self._prefixed() if kind in ("-", "!") else self._postfix()
+        while True:
+            op = kinds[self.i]
+            precedence = PRECEDENCE.get(op)
+            if precedence is None:
+                meant = slip(self, op)
+                if meant is None:
+                    break
+                op, precedence = meant, PRECEDENCE[meant]
+                if precedence >= limit:
+                    report_slip(self, op)
+            if precedence < limit:
+                break
+            at = self.i
+            self.i = at + 1
+            right = self.expression(precedence + 1)
+            span = Span(self.source, start, self.ends[self.i - 1])
+            left = tree.BinaryExpr(span, op, left, right)
+            if precedence == COMPARISON and PRECEDENCE.get(kinds[self.i]) == COMPARISON:
+                left = self._chained(left, at)
+        if limit == ANY and kinds[self.i] == "?":
+            left = self._conditional(left, start)
+        self.depth -= 1
+        return left
+
+    def _prefixed(self) -> tree.SyntaxExpr:
+        """`-` and `!` before an operand, any number of them, without recursion."""
+        kinds = self.kinds
+        signs = [self.i]
+        while kinds[self.i + 1] in ("-", "!"):
+            self.i += 1
+            signs.append(self.i)
+        self.i += 1
+        self.tight.extend(signs)
+        if len(signs) > LEVELS_MAX:
+            too_deep(self, "expression")
+        operand = self._postfix()
+        end = self.ends[self.i - 1]
+        for sign in reversed(signs):
+            span = Span(self.source, self.starts[sign], end)
+            operand = tree.UnaryExpr(span, kinds[sign], operand)
+        return operand
+
+    def _conditional(self, condition: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
+        opener = self.i
+        self.i += 1
+        then = self.expression(ANY)
+        if self.kinds[self.i] != ":":
+            raise self.failure(
+                "S005",
+                f"expected `:` after the first choice of `? :`, found {self.found()}",
+                also=((self.token_span(opener), "the choice begins here"),),
+            )
+        self.spaced.append(self.i)
+        self.i += 1
+        otherwise = self.expression(ANY)
+        span = Span(self.source, start, self.ends[self.i - 1])
+        return tree.ConditionalExpr(span, condition, then, otherwise)
+
+    def _chained(self, left: tree.SyntaxExpr, first: int) -> tree.SyntaxExpr:
+        """`a < b < c`: reported once for the whole chain."""
+        second = self.i
+        also = ((self.token_span(first), "the first one"),)
+        texts = [left.span.text]
+        middle = self.source.text[self.ends[first] : self.ends[second - 1]].strip()
+        while PRECEDENCE.get(self.kinds[self.i]) == COMPARISON:
+            op = self.kinds[self.i]
+            self.i += 1
+            right = self.expression(COMPARISON + 1).span.text
+            texts.append(f"{middle} {op} {right}")
+            middle = right
+        joined = " && ".join(texts)
+        whole = self.span_from(left.span.start)
+        after, self.i = self.i, second
+        self.quiet = -1
+        self.report(
+            "S017",
+            "comparisons do not chain",
+            self.token_span(second),
+            "a second comparison",
+            also=also,
+            helps=(replace(whole, joined, None if len(joined) < _SHOWN_MAX else "compare twice"),),
+        )
+        self.i = after
+        return tree.ErrorExpr(self.span_from(left.span.start))
+
+    # ------------------------------------------------------------ operands
+
+    def _postfix(self) -> tree.SyntaxExpr:
+        """A primary and its fields, indices and calls."""
+        i = self.i
+        kinds = self.kinds
+        kind = kinds[i]
+        start = self.starts[i]
+        result: tree.SyntaxExpr
+        if kind == "choose" or (kinds[i + 1] == "choose" and self.is_word("fair")):
+            result = self._choose()
+        elif kind == NAME:
+            if self.texts[i] == "not" and kinds[i + 1] in (NAME, "true", "false", "!"):
+                i = self._skip_not()
+                start = self.starts[i]
+            span = Span(self.source, start, self.ends[i])
+            result = tree.NameExpr(span, tree.Name(self.texts[i], span))
+            self.i = i + 1
+        elif kind in _CONVERSIONS and kinds[i + 1] == "(":
+            span = Span(self.source, start, self.ends[i])
+            result = tree.NameExpr(span, tree.Name(self.texts[i], span))
+            self.i = i + 1
+        elif kind == "(":
+            result = self._parenthesised()
+        else:
+            result = self._literal(kind)
+        while True:
+            kind = kinds[self.i]
+            if kind == ".":
+                self.i += 1
+                field = self.name("the name of a field after `.`")
+                span = Span(self.source, start, self.ends[self.i - 1])
+                result = tree.FieldExpr(span, result, field)
+            elif kind == "[":
+                result = self._index(result, start)
+            elif kind == "(":
+                result = self._call(result, start)
+            elif kind == "++":
+                raise self.failure(
+                    "S015",
+                    "`++` is not an operator of Soter",
+                    helps=("write `x = x + 1;` as a statement of its own",),
+                )
+            elif kind == "**":
+                raise self.failure(
+                    "S015",
+                    "`**` is not an operator of Soter",
+                    helps=("there is no power operator: multiply",),
+                )
+            else:
+                return result
+
+    def _skip_not(self) -> int:
+        """Report `not`, step over it and over signs behind it, up to a name."""
+        token = self.token_span(self.i)
+        blank = Span(self.source, token.start, self.starts[self.i + 1])
+        self.report(
+            "S015", "`not` is not an operator of Soter", helps=(replace(blank, "!", "write `!`"),)
+        )
+        while self.kinds[self.i] in ("!", "-") or self.is_word("not"):
+            self.i += 1
+        if self.kinds[self.i] != NAME:
+            raise Panic
+        return self.i
+
+    def _parenthesised(self) -> tree.SyntaxExpr:
+        opener = self.i
+        self.i += 1
+        result = self.expression(ANY)
+        if self.kinds[self.i] == ",":
+            raise self.failure(
+                "S005",
+                "expected `)` after the expression, found `,`",
+                self.span_from(self.starts[opener]),
+                "there are no tuples",
+                helps=("write a record, `{ x: a, y: b }`, or an array, `[a, b]`",),
+            )
+        self.close(")", "the expression", opener)
+        return result
+
+    def _index(self, target: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
+        opener = self.i
+        self.tight.append(opener)
+        self.i += 1
+        index = self.expression(ANY)
+        if self.kinds[self.i] == ",":
+            raise self.failure(
+                "S005",
+                "expected `]` after the index, found `,`",
+                helps=(
+                    replace(
+                        self.token_span(self.i),
+                        "][",
+                        "write one pair of brackets per dimension: `a[i][j]`",
+                    ),
+                ),
+            )
+        self.close("]", "the index", opener)
+        return tree.IndexExpr(Span(self.source, start, self.ends[self.i - 1]), target, index)
+
+    def _call(self, callee: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
+        opener = self.i
+        self.tight.append(opener)
+        named = isinstance(callee, tree.NameExpr | tree.FieldExpr)
+        if not named:
+            self.report(
+                "S023",
+                "only the name of a function can be called",
+                callee.span,
+                "this is not a name",
+                helps=("a product is written with `*`",),
+            )
+        self.i += 1
+        arguments = self._elements(")", "the argument", opener)
+        span = Span(self.source, start, self.ends[self.i - 1])
+        return tree.CallExpr(span, callee, arguments) if named else tree.ErrorExpr(span)
+
+    def _elements(self, close: str, what: str, opener: int) -> tuple[tree.SyntaxExpr, ...]:
+        """Expressions up to `close`, which is stepped over."""
+        if self.accept(close):
+            return ()
+        elements = [self.expression(ANY)]
+        while self.kinds[self.i] == ",":
+            self.i += 1
+            if self.kinds[self.i] == close:
+                if close == ")":
+                    self.report("S007", "expected an argument after `,`, found `)`")
+                    self.quiet = -1
+                break
+            elements.append(self.expression(ANY))
+        self.close(close, what, opener)
+        return tuple(elements)
+
+    def close(self, kind: str, after: str, opener: int) -> None:
+        """Step over the bracket `kind` that ends what was opened at token `opener`; else Panic."""
+        if self.kinds[self.i] == kind:
+            self.i += 1
+            return
+        wanted = f"`{kind}`" if after in ("the expression", "the index") else f"`,` or `{kind}`"
+        raise self.failure(
+            "S005",
+            f"expected {wanted} after {after}, found {self.found()}",
+            also=((self.token_span(opener), "opened here"),),
+        )
+
+    def _literal(self, kind: str) -> tree.SyntaxExpr:
+        """A primary that is neither a name nor parenthesised."""
+        i = self.i
+        span = Span(self.source, self.starts[i], self.ends[i])
+        text = self.texts[i]
+        if kind in NUMBERS:
+            self.i = i + 1
+            return number(self, span, kind)
+        if kind in ("true", "false"):
+            self.i = i + 1
+            return tree.BoolLit(span, kind == "true")
+        if kind == "[":
+            self.i = i + 1
+            elements = self._elements("]", "the element", i)
+            return tree.ListExpr(self.span_from(span.start), elements)
+        if kind == "{":
+            return self._record()
+        if kind == ERROR:
+            self.i = i + 1
+            return tree.ErrorExpr(span)
+        if text in self.misused:
+            self.i = i + 1
+            return tree.NameExpr(span, tree.Name(text, span))
+        return no_expression(self, kind)
+
+    def _record(self) -> tree.SyntaxExpr:
+        opener = self.i
+        start = self.starts[opener]
+        self.i += 1
+        entries: list[tuple[tree.Name, tree.SyntaxExpr]] = []
+        while True:
+            if self.kinds[self.i] == "}" and not entries:
+                raise self.failure(
+                    "S007", "expected a field, found `}`", notes=("a record has fields",)
+                )
+            if self.kinds[self.i] == "{" and not entries:
+                raise self.failure(
+                    "S007",
+                    "expected `field: value` in a record, found `{`",
+                    self.token_span(opener),
+                    helps=named_fields(self, opener),
+                )
+            if self.kinds[self.i + 1] in (",", "}") and not entries:
+                raise self.failure(
+                    "S007",
+                    f"expected `field: value` in a record, found {self.found()}",
+                    helps=named_fields(self, opener),
+                )
+            field = self.name("the name of a field")
+            if self.kinds[self.i] == "=":
+                self.report(
+                    "S005",
+                    f"expected `:` after the field `{field.text}`, found `=`",
+                    helps=(replace(self.token_span(self.i), ":", f"write `{field.text}: ...`"),),
+                )
+                self.i += 1
+            else:
+                self.expect(":", f"after the field `{visible(field.text)}`")
+            entries.append((field, self.expression(ANY)))
+            if not self.comma("}", "the field", opener):
+                break
+        return tree.RecordExpr(self.span_from(start), tuple(entries))
+
+    def _choose(self) -> tree.SyntaxExpr:
+        """`[fair] choose` and what is chosen from."""
+        start = self.starts[self.i]
+        fair = self.accept_word("fair")
+        self.i += 1
+        opener = self.i
+        kind = self.kinds[opener]
+        of: tree.TypeExpr | None = None
+        interval: tree.IntervalExpr | None = None
+        options: tuple[tree.SyntaxExpr, ...] = ()
+        if kind == "[":
+            strict = self.strict
+            interval = self.interval("the choices")
+            self.strict = strict
+        elif kind == "{":
+            self.i += 1
+            options = self._elements("}", "the choice", opener)
+        elif kind == "bool":
+            self.i += 1
+            of = tree.BuiltinType(self.token_span(opener), kind)
+        elif kind == NAME:
+            ref = self.ref("an enum")
+            of = tree.NamedType(ref.span, ref)
+        else:
+            helps = ("write `choose [low, high]`",) if kind == "int" else ()
+            raise self.failure(
+                "S007",
+                f"expected what to choose from, found {self.found()}",
+                notes=("that is `bool`, an enum, `[low, high]` or `{ a, b, c }`",),
+                helps=helps,
+            )
+        return tree.ChooseExpr(self.span_from(start), fair, of, interval, options)
+
+    # ------------------------------------------------------------ types
+
+    # ------------------------------------------------------------ intervals and sets
+
+    def interval(self, what: str) -> tree.IntervalExpr:
+        """`[low, high]`; Panic where the bracket is missing."""
+        opener = self.i
+        if self.kinds[opener] != "[":
+            raise self.failure(
+                "S005",
+                f"expected {what} as `[low, high]`, found {self.found()}",
+                helps=("an interval is written with brackets, ends included: `[-1.0, 1.0]`",),
+            )
+        self.i += 1
+        self.strict = True
+        low = self.expression(ANY)
+        if self.kinds[self.i] == "..":
+            self.report(
+                "S005",
+                "expected `,` between the ends of the interval, found `..`",
+                helps=(
+                    replace(self.token_span(self.i), ",", "an interval is written `[low, high]`"),
+                ),
+            )
+            self.i += 1
+        else:
+            self.expect(",", "between the ends of the interval", opener=opener)
+        high = self.expression(ANY)
+        self.strict = False
+        if self.kinds[self.i] == ")":
+            self.report(
+                "S005",
+                "expected `]` after the interval, found `)`",
+                notes=("intervals include both ends",),
+            )
+            self.i += 1
+        else:
+            self.expect("]", "after the interval", opener=opener)
+        return tree.IntervalExpr(low, high, self.span_from(self.starts[opener]))

@@ -1,0 +1,497 @@
+"""Statements and blocks: tokens to tree.
+
+Purpose: `block` and `statement` of the grammar. A statement with a mistake keeps what names
+it declares wherever they can be read, so that later lines do not complain about them.
+Non-goals: expressions (`expressions.py`); whether a place may be assigned (`program/`).
+"""
+
+# ruff: noqa: SLF001 - the tables at the end name the methods of the class before them
+
+from __future__ import annotations
+
+from soter.diagnostics.fix import replace
+from soter.language.syntax import tree
+from soter.language.syntax.parsing.expressions import ExpressionParser
+from soter.language.syntax.parsing.nesting import unclosed
+from soter.language.syntax.parsing.operators import c_style_loop
+from soter.language.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
+from soter.language.syntax.parsing.types import type_expression
+from soter.language.syntax.tokens import (
+    DURATION,
+    EOF,
+    FLOAT,
+    INT,
+    NAME,
+    RESERVED,
+    STRING,
+    string_value,
+    visible,
+)
+
+#: Statement blocks may nest so deep.
+BLOCKS_MAX = 64
+
+_ELSEIF = frozenset(["elif", "elsif", "else_if"])
+_VALUES = frozenset([INT, FLOAT, DURATION, "true", "false", "(", "-"])
+#: What may follow the name of a variable that is assigned.
+PLACE_FOLLOWS = frozenset(["=", ".", "[", ":="])
+_NO_STATEMENT = {
+    "break": "loops always run to their end: guard the body with `if`",
+    "continue": "loops always run to their end: guard the body with `if`",
+    "switch": "write `if ... elseif ... else`",
+    "match": "write `if ... elseif ... else`",
+    "print": "publish the value, or read it in the log: every topic is logged",
+    "printf": "publish the value, or read it in the log: every topic is logged",
+    "goto": "there are only `if` and `for`",
+    "do": "every loop has a constant bound: `for i in 0..10 { ... }`",
+    "loop": "every loop has a constant bound: `for i in 0..10 { ... }`",
+    "repeat": "every loop has a constant bound: `for i in 0..10 { ... }`",
+    "try": "a failing step publishes nothing and keeps its locals: no handlers are needed",
+    "pass": "an empty block is `{ }`",
+}
+
+
+class StatementParser(ExpressionParser):
+    """The part of the parser that reads statements."""
+
+    __slots__ = ()
+
+    def block(self, where: str, *, single: bool = False) -> tree.Block:
+        """`{ statements }`; without `{`, a `single` statement or all up to `}` are taken."""
+        start = self.starts[self.i]
+        opener = self.i
+        if self.kinds[opener] == "{":
+            self.opened.append(opener)
+            self.i += 1
+        elif single:
+            return self._braceless(where, start)
+        else:
+            self._no_brace(where)
+        self.blocks += 1
+        if self.blocks > BLOCKS_MAX:
+            self.report(
+                "S020",
+                "blocks are nested too deeply",
+                self.token_span(opener),
+                notes=(f"at most {BLOCKS_MAX} levels",),
+                helps=("move the inner blocks into functions",),
+            )
+            self.i = opener
+            self.skip_braces()
+            self.damaged = True
+            self.blocks -= 1
+            return tree.Block((), self.span_from(start))
+        statements: list[tree.SyntaxStmt] = []
+        kinds = self.kinds
+        while True:
+            kind = kinds[self.i]
+            if kind == "}":
+                self.i += 1
+                break
+            if kind == EOF or (kind not in STATEMENT_WORDS and self.at_declaration()):
+                if kind != EOF and self.nested_declaration():
+                    self.misplaced_declaration()
+                    continue
+                unclosed(self, opener, "this block")
+                break
+            if kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{"):
+                unclosed(self, opener, "this block")  # the body around goes on here
+                break
+            self._recovering(statements, kind)
+        self.blocks -= 1
+        return tree.Block(tuple(statements), self.span_from(start))
+
+    def _recovering(self, statements: list[tree.SyntaxStmt], kind: str) -> None:
+        """One statement into the list, or past what is none."""
+        before = self.i
+        blocks = self.blocks
+        try:
+            parse = _STATEMENTS.get(kind)
+            if parse is None and kind in RESERVED and self.kinds[before + 1] in PLACE_FOLLOWS:
+                parse = StatementParser._assign  # a reserved word taken for a variable
+            if parse is not None:
+                statements.append(parse(self))
+            else:
+                self._no_statement(kind)
+        except Panic:
+            self.depth = 0
+            self.blocks = blocks
+            self.damaged = True
+            if self.i == before:
+                self.advance()
+            self.skip_statement()
+
+    def misplaced_declaration(self) -> None:
+        """Report a declaration inside another one and step over it."""
+        raise NotImplementedError
+
+    def _no_brace(self, where: str) -> None:
+        message = f"expected `{{` {where}, found {self.found()}"
+        if not self._at_statement():
+            raise self.failure("S005", message)
+        self.report("S005", message, helps=("braces are never left out",))
+        self.quiet = -1
+
+    def _braceless(self, where: str, start: int) -> tree.Block:
+        self._no_brace(where)
+        kind = self.kinds[self.i]
+        statements: list[tree.SyntaxStmt] = []
+        self.blocks += 1
+        if self.blocks > BLOCKS_MAX:
+            raise Panic
+        self._recovering(statements, kind)
+        self.blocks -= 1
+        return tree.Block(tuple(statements), self.span_from(start))
+
+    def _at_statement(self) -> bool:
+        kind = self.kinds[self.i]
+        if kind == NAME:
+            return self.kinds[self.i + 1] in PLACE_FOLLOWS
+        return kind in STATEMENT_WORDS
+
+    def head(self, what: str) -> tree.SyntaxExpr:
+        """The expression between a statement word and its block; Panic where there is no block."""
+        start = self.i
+        if self.kinds[start] == "{" and self.kinds[start + 2] != ":":
+            self.report("S007", f"expected {what}, found `{{`")
+            self.quiet = -1
+            return tree.ErrorExpr(self.after_previous())
+        result = self.expr(what, stop_at_brace=True)
+        if self.kinds[self.i] in ("{", "..") or self._at_statement():
+            return result
+        message = f"expected `{{` after {what}, found {self.found()}"
+        self.report("S005", message)
+        self.skip_expression(start, stop_at_brace=True)
+        if self.kinds[self.i] != "{":
+            raise Panic
+        return tree.ErrorExpr(result.span)
+
+    # ------------------------------------------------------------ one method per statement
+
+    def let(self) -> tree.SyntaxStmt:
+        """`let name = value;`."""
+        start = self.starts[self.i]
+        self.i += 1
+        if self.is_word("mut"):
+            both = self.token_span(self.i - 1).to(self.token_span(self.i))
+            helps = (replace(both, "var", "write `var` for `let mut`"),)
+            self.report("S015", "`mut` is no word of Soter", helps=helps)
+            self.i += 1
+        name = self.name("a name after `let`")
+        type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
+        value = self._initial(f"`{visible(name.text)}`")
+        if value is None:
+            value = tree.ErrorExpr(self.after_previous())
+        return tree.LetStmt(self.span_from(start), name, type_, value)
+
+    def _var(self) -> tree.SyntaxStmt:
+        start = self.starts[self.i]
+        self.i += 1
+        name = self.name("a name after `var`")
+        type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
+        if type_ is not None and self.accept(";"):
+            return tree.VarStmt(self.span_from(start), name, type_, None)
+        if type_ is not None and self.kinds[self.i] not in ("=", ":=", "=="):
+            self.no_initial("the type of the variable")
+            return tree.VarStmt(self.span_from(start), name, type_, None)
+        value = self._initial(f"`{visible(name.text)}`")
+        if value is None:
+            value = tree.ErrorExpr(self.after_previous())
+        return tree.VarStmt(self.span_from(start), name, type_, value)
+
+    def no_initial(self, after: str) -> None:
+        """Step over the `;` behind a type; a value without `=` is reported as such."""
+        kind = self.kinds[self.i]
+        if kind == ";":
+            self.i += 1
+        elif kind in _VALUES:
+            message = f"expected `=` or `;` after {after}, found {self.found()}"
+            self.report("S005", message, self.after_previous(), "`=` is missing here")
+            self.damaged = True
+            self.skip_statement()
+        else:
+            self.semicolon(after)
+
+    def _initial(self, what: str) -> tree.SyntaxExpr | None:
+        """`= value;` of a `let` or `var`, None where it could not be read."""
+        start = self.i
+        try:
+            self.assign(f"after {what}")
+        except Panic:
+            self.skip_expression(start)
+            self.accept(";")
+            return None
+        return self.value("the value")
+
+    def _assign(self) -> tree.SyntaxStmt:
+        start = self.starts[self.i]
+        slip = self._misspelt()
+        if slip is not None:
+            return slip
+        place = self._place()
+        kind = self.kinds[self.i]
+        if kind == "=":
+            self.i += 1
+        elif kind in ("+=", "-=", "*=", "/=", "%=", "**="):
+            text = visible(place.span.text)
+            self.report(
+                "S015",
+                f"`{kind}` is not an operator of Soter",
+                helps=(f"write `{text} = {text} {kind[:-1]} ...;`",),
+            )
+            self.i += 1
+        elif kind == "++" or (kind == "-" and self.kinds[self.i + 1] == "-"):
+            text = visible(place.span.text)
+            raise self.failure(
+                "S015",
+                f"`{kind}` is not a statement of Soter",
+                helps=(f"write `{text} = {text} {kind[0]} 1;`",),
+            )
+        elif kind == "(":
+            raise self.failure(
+                "S011",
+                "a call is not a statement",
+                place.span,
+                "functions only compute a value",
+                helps=("use the value: `let x = ...;` or `publish t = ...;`",),
+            )
+        elif kind in (";", "}"):
+            raise self.failure("S011", "an expression is not a statement", place.span)
+        else:
+            self.assign(f"after `{visible(place.span.text)}`")
+        value = self.value("the assignment")
+        return tree.AssignStmt(self.span_from(start), place, value)
+
+    def _misspelt(self) -> tree.SyntaxStmt | None:
+        """A word that is nearly a statement word, or is one in other languages."""
+        i = self.i
+        word, following = self.texts[i], self.kinds[i + 1]
+        if following in PLACE_FOLLOWS:
+            return None
+        if word in _NO_STATEMENT:
+            message = f"`{word}` is no statement of Soter"
+            raise self.failure("S011", message, helps=(_NO_STATEMENT[word],))
+        if word in _ELSEIF:
+            raise self.failure("S015", f"`{word}` is no word of Soter", helps=("write `elseif`",))
+        if following in (NAME, INT) or following in RESERVED:
+            near = self.close_word(word, STATEMENT_WORDS)
+            if near in _STATEMENTS and near != "while":
+                message = f"expected a statement, found `{visible(word)}`"
+                helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
+                self.report("S011", message, helps=helps)
+                self.quiet = -1
+                return _STATEMENTS[near](self)
+        if following == NAME and self.kinds[i + 2] in ("=", ";"):
+            declared = self.texts[i + 1]
+            self.report(
+                "S011",
+                f"expected a statement, found `{visible(word)}`",
+                helps=(f"a variable is declared by `var {visible(declared)}: ...;`",),
+            )
+            return self._c_style_declaration()
+        return None
+
+    def _c_style_declaration(self) -> tree.SyntaxStmt:
+        """`float x = 3;`, already reported: declares `x` all the same."""
+        start = self.starts[self.i]
+        self.i += 1
+        name = self.name("a name")
+        self.quiet = -1
+        value = None if self.accept(";") else self._initial(f"`{visible(name.text)}`")
+        if value is None:
+            value = tree.ErrorExpr(self.after_previous())
+        return tree.VarStmt(self.span_from(start), name, None, value)
+
+    def _typed_declaration(self) -> tree.SyntaxStmt:
+        """A statement that begins with a built-in type."""
+        word = self.texts[self.i]
+        message = f"expected a statement, found the keyword `{word}`"
+        if self.kinds[self.i + 1] == NAME:
+            name = visible(self.texts[self.i + 1])
+            self.report("S011", message, helps=(f"write `var {name}: {word} = ...;`",))
+            return self._c_style_declaration()
+        raise self.failure("S011", message)
+
+    def _place(self) -> tree.SyntaxExpr:
+        start = self.starts[self.i]
+        name = self.name("the name of a variable")
+        place: tree.SyntaxExpr = tree.NameExpr(name.span, name)
+        while True:
+            kind = self.kinds[self.i]
+            if kind == ".":
+                self.i += 1
+                field = self.name("the name of a field after `.`")
+                place = tree.FieldExpr(self.span_from(start), place, field)
+            elif kind == "[":
+                place = self._index(place, start)
+            else:
+                return place
+
+    def _push(self) -> tree.SyntaxStmt:
+        start = self.starts[self.i]
+        self.i += 1
+        place = self._place()
+        self.expect(",", "after the list of `push`")
+        value = self.value("the pushed value")
+        return tree.PushStmt(self.span_from(start), place, value)
+
+    def _publish(self) -> tree.SyntaxStmt:
+        start = self.starts[self.i]
+        self.i += 1
+        topic = self.ref("the name of a topic after `publish`")
+        begin = self.i
+        try:
+            self.assign("after the topic of `publish`")
+        except Panic:
+            self.skip_expression(begin)
+            self.accept(";")
+            value: tree.SyntaxExpr = tree.ErrorExpr(self.after_previous())
+        else:
+            value = self.value("the publish statement")
+        return tree.PublishStmt(self.span_from(start), topic, value)
+
+    def _return(self) -> tree.SyntaxStmt:
+        start = self.starts[self.i]
+        self.i += 1
+        value = self.value("the returned value")
+        return tree.ReturnStmt(self.span_from(start), value)
+
+    def _assert(self) -> tree.SyntaxStmt:
+        start = self.starts[self.i]
+        self.i += 1
+        condition = self.expr("the condition")
+        message = None
+        if self.accept(","):
+            if self.kinds[self.i] == STRING:
+                message = string_value(self.texts[self.i])
+                self.i += 1
+            else:
+                self.report("S005", f"expected a string after `,`, found {self.found()}")
+        self.semicolon("the assertion")
+        return tree.AssertStmt(self.span_from(start), condition, message)
+
+    def _if(self) -> tree.SyntaxStmt:
+        start = self.starts[self.i]
+        self.i += 1
+        condition = self.head("the condition")
+        arms = [(condition, self.block("after the condition", single=True))]
+        otherwise: tree.Block | None = None
+        while True:
+            if self.accept("elseif") or self._else_if():
+                condition = self.head("the condition")
+                arms.append((condition, self.block("after the condition", single=True)))
+            elif self.accept("else"):
+                otherwise = self.block("after `else`", single=True)
+                break
+            else:
+                break
+        return tree.IfStmt(self.span_from(start), tuple(arms), otherwise)
+
+    def _else_if(self) -> bool:
+        """`else if`, `elif` and the like: reported, then taken for `elseif`."""
+        i = self.i
+        if self.kinds[i] == "else" and self.kinds[i + 1] == "if":
+            span = self.token_span(i).to(self.token_span(i + 1))
+            helps = (replace(span, "elseif"),)
+            self.report("S015", "`else if` is one word in Soter", span, helps=helps)
+            self.i = i + 2
+            return True
+        if self.kinds[i] == NAME and self.texts[i] in _ELSEIF:
+            helps = (replace(self.token_span(i), "elseif"),)
+            self.report("S015", f"`{self.texts[i]}` is no word of Soter", helps=helps)
+            self.i = i + 1
+            return True
+        return False
+
+    def _for(self) -> tree.SyntaxStmt:
+        start = self.starts[self.i]
+        name, low = self.loop_head()
+        high = self.head("the end of the range") if self.accept("..") else None
+        body = self.block("after the range", single=True)
+        if high is None:
+            return tree.ForEachStmt(self.span_from(start), name, low, body)
+        return tree.ForRangeStmt(self.span_from(start), name, low, high, body)
+
+    def loop_head(self) -> tuple[tree.Name, tree.SyntaxExpr]:
+        """`for name in low`, at `for`."""
+        self.i += 1
+        if self.kinds[self.i] == "(":
+            c_style_loop(self)
+        name = self.name("the name of the loop variable after `for`")
+        if self.kinds[self.i] in ("=", ":", ":="):
+            self.report(
+                "S005",
+                f"expected `in` after the loop variable, found {self.found()}",
+                helps=(f"write `for {visible(name.text)} in 0..10 {{ ... }}`",),
+            )
+            self.i += 1
+        else:
+            self.expect_word("in", "after the loop variable")
+        return name, self.head("the range")
+
+    def _while(self) -> tree.SyntaxStmt:
+        start = self.starts[self.i]
+        self.report(
+            "S018",
+            "there is no `while`: a loop must have a constant bound",
+            label="may run forever",
+            notes=("the cost of every step is bounded and known before it runs",),
+            helps=("write `for i in 0..N { if condition { ... } }`",),
+        )
+        self.i += 1
+        condition = self.head("the condition")
+        body = self.block("after the condition", single=True)
+        return tree.IfStmt(self.span_from(start), ((condition, body),), None)
+
+    def _dangling_else(self) -> tree.SyntaxStmt:
+        word = self.texts[self.i]
+        self.report("S011", f"`{word}` without an `if` before it")
+        self.i += 1
+        if self.kinds[self.i] == "if" or word == "elseif":
+            self.accept("if")
+            start = self.starts[self.i]
+            condition = self.head("the condition")
+            body = self.block("after the condition", single=True)
+            return tree.IfStmt(self.span_from(start), ((condition, body),), None)
+        body = self.block("after `else`", single=True)
+        condition = tree.ErrorExpr(body.span)
+        return tree.IfStmt(body.span, ((condition, body),), None)
+
+    def _no_statement(self, kind: str) -> None:
+        """The token at the cursor begins no statement."""
+        if kind == ";":
+            self.stray_semicolon()
+            return
+        message = f"expected a statement, found {self.found()}"
+        notes: tuple[str, ...] = ()
+        if kind in ("subscribes", "publishes", "step", "state", "der", "next", "period"):
+            notes = (f"`{kind}` belongs in the body around: is a `}}` missing before it?",)
+        raise self.failure("S011", message, notes=notes)
+
+    def stray_semicolon(self) -> None:
+        """Report a `;` that ends nothing and step over all that follow."""
+        behind_block = self.i and self.kinds[self.i - 1] == "}"
+        message = "no `;` after a block" if behind_block else "this `;` ends nothing"
+        self.report("S014", message, helps=("leave it out",))
+        while self.kinds[self.i] == ";":
+            self.i += 1
+
+
+_STATEMENTS = {
+    NAME: StatementParser._assign,
+    "let": StatementParser.let,
+    "var": StatementParser._var,
+    "push": StatementParser._push,
+    "publish": StatementParser._publish,
+    "return": StatementParser._return,
+    "assert": StatementParser._assert,
+    "if": StatementParser._if,
+    "for": StatementParser._for,
+    "while": StatementParser._while,
+    "else": StatementParser._dangling_else,
+    "elseif": StatementParser._dangling_else,
+    "float": StatementParser._typed_declaration,
+    "int": StatementParser._typed_declaration,
+    "bool": StatementParser._typed_declaration,
+    "duration": StatementParser._typed_declaration,
+}

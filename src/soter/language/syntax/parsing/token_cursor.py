@@ -1,0 +1,505 @@
+"""A position in the tokens, with reporting and recovery.
+
+Purpose: what every part of the parser needs: look, expect, complain once, and find a place
+from which parsing makes sense again. An error is silent when another one was already
+reported at the same token, so one mistake gives one message.
+Non-goals: any rule of the grammar.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Label, made
+from soter.diagnostics.fix import append, replace
+from soter.diagnostics.near import closest
+from soter.diagnostics.span import Span
+from soter.language.syntax.foreign_idioms import find, place_of
+from soter.language.syntax.tokens import (
+    DURATION,
+    EOF,
+    ERROR,
+    FLOAT,
+    INT,
+    NAME,
+    RESERVED,
+    STRING,
+    visible,
+)  # fmt: skip
+from soter.language.syntax.tree import DottedPath, Name, Ref
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.diagnostics.fix import Help
+    from soter.language.syntax.tokens import Tokens
+
+#: So many errors of one file are shown.
+ERRORS_MAX = 100
+
+#: Words that begin a statement; none of them can stand inside an expression.
+STATEMENT_WORDS = frozenset(
+    ["let", "var", "push", "publish", "return", "assert", "if", "for", "while", "else", "elseif"]
+)
+
+#: Reserved words that begin an item of a node or a plant.
+ITEM_WORDS = frozenset(["subscribes", "publishes", "step", "state", "der", "next"])
+
+_DECLARATION_WORDS = frozenset(
+    ["type", "const", "param", "fun", "extern", "topic", "node", "rta", "plant", "system", "test",
+     "import"]
+)  # fmt: skip
+
+_LITERALS = frozenset([NAME, INT, FLOAT, DURATION, ERROR])
+
+
+class Panic(Exception):  # noqa: N818 - control flow inside the parser, never seen outside
+    """The current construct cannot be finished; whoever catches it looks for firm ground."""
+
+
+class TooManyErrorsError(Exception):
+    """So many errors that the rest of the file is not worth reading."""
+
+
+class Cursor:
+    """Tokens of one file and where the parser stands in them."""
+
+    __slots__ = (
+        "blocks",
+        "damaged",
+        "depth",
+        "ends",
+        "i",
+        "indent",
+        "inner",
+        "items",
+        "kinds",
+        "misused",
+        "opened",
+        "problems",
+        "quiet",
+        "source",
+        "spaced",
+        "starts",
+        "strict",
+        "texts",
+        "tight",
+        "tokens",
+    )
+
+    def __init__(self, tokens: Tokens) -> None:
+        self.tokens = tokens
+        self.source = tokens.source
+        self.kinds = tokens.kinds
+        self.texts = tokens.texts
+        self.starts = tokens.starts
+        self.ends = tokens.ends
+        self.problems: list[Diagnostic] = []
+        self.i = 0
+        self.quiet = -1  # no further error at this token
+        self.depth = 0  # of expressions and types
+        self.blocks = 0  # of nested statement blocks
+        self.strict = False  # in an interval or a size, where `=` is no slip for `==`
+        self.inner = False  # inside a declaration that stands inside another one
+        self.indent = 0  # of the declaration at hand
+        self.items: frozenset[str] = frozenset()  # words that begin an item of the body at hand
+        self.damaged = False  # the declaration at hand lost something
+        self.misused: set[str] = set()  # reserved words the user takes for names
+        # For the printer: braces that open a block, brackets and signs that cling, and the
+        # colons of `? :`, which do not.
+        self.opened: list[int] = []
+        self.tight: list[int] = []
+        self.spaced: list[int] = []
+
+    # ------------------------------------------------------------ spans
+
+    def span_from(self, start: int) -> Span:
+        """From character offset `start` to the end of the token before the cursor."""
+        end = self.ends[self.i - 1] if self.i else start
+        return Span(self.source, start, max(start, end))
+
+    def token_span(self, index: int) -> Span:
+        """The span of one token."""
+        return Span(self.source, self.starts[index], self.ends[index])
+
+    def after_previous(self) -> Span:
+        """The empty span right behind the token before the cursor."""
+        end = self.ends[self.i - 1] if self.i else 0
+        return Span(self.source, end, end)
+
+    # ------------------------------------------------------------ reporting
+
+    def found(self, index: int | None = None) -> str:
+        """How the token at `index` (or the cursor) is called in a message."""
+        at = self.i if index is None else index
+        kind = self.kinds[at]
+        if kind == EOF:
+            return "the end of the file"
+        if kind == STRING:
+            return "a string"
+        text = f"`{visible(self.texts[at])}`"
+        return f"the keyword {text}" if kind in RESERVED else text
+
+    def report(
+        self,
+        code: str,
+        message: str,
+        span: Span | None = None,
+        label: str = "",
+        *,
+        also: tuple[tuple[Span, str], ...] = (),
+        notes: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
+    ) -> None:
+        """Report an error at the cursor (the token's span unless given), once per token.
+
+        Panic where the text there is a phrase of another language, which is told in its place;
+        TooManyErrorsError beyond `ERRORS_MAX`.
+        """
+        i = self.i
+        silent = (
+            i == self.quiet
+            or i in self.tokens.bad
+            or (self.kinds[i] == EOF and self.tokens.truncated)
+        )
+        self.quiet = i
+        if silent:
+            return
+        if len(self.problems) >= ERRORS_MAX:
+            raise TooManyErrorsError
+        if span is None:
+            span = self.token_span(i)
+        self._another_language(span)
+        labels = tuple(Label(s, t) for s, t in also)
+        self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
+
+    def _another_language(self, span: Span) -> None:
+        """Panic behind a phrase of another language, if one covers `span`, once it is told."""
+        before = self.ends[self.i - 1] if self.i else 0
+        phrase = find(self.source, span.start, place_of(self.items, self.blocks), before)
+        if phrase is None:
+            return
+        label = Label(phrase.span)
+        self.problems.append(made("S015", phrase.message, label, helps=(phrase.help,)))
+        self.tokens.forget(phrase.span.start, phrase.end)
+        while self.starts[self.i] < phrase.end and self.kinds[self.i] != EOF:
+            self.i += 1
+        self.damaged = True
+        self.quiet = self.i
+        raise Panic
+
+    def failure(
+        self,
+        code: str,
+        message: str,
+        span: Span | None = None,
+        label: str = "",
+        *,
+        also: tuple[tuple[Span, str], ...] = (),
+        notes: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
+    ) -> Panic:
+        """Report as `report` does; the caller raises what it gets."""
+        self.report(code, message, span, label, also=also, notes=notes, helps=helps)
+        return Panic()
+
+    # ------------------------------------------------------------ looking ahead
+
+    def is_word(self, word: str) -> bool:
+        """Whether the cursor is at this contextual word."""
+        return self.texts[self.i] == word and self.kinds[self.i] == NAME
+
+    def new_line(self) -> bool:
+        """Whether the token at the cursor stands on another line than the one before it."""
+        if not self.i:
+            return True
+        return "\n" in self.source.text[self.ends[self.i - 1] : self.starts[self.i]]
+
+    def at_declaration(self) -> bool:
+        """Whether a declaration begins here, judged by its first two or three tokens."""
+        i, kinds = self.i, self.kinds
+        kind = kinds[i]
+        if kind == NAME:
+            return self.texts[i] == "input" and kinds[i + 1] == "topic"
+        if kind not in _DECLARATION_WORDS:
+            return False
+        following = kinds[i + 1]
+        if kind == "extern":
+            return following in ("fun", "node", "plant")
+        if kind == "import":
+            return following == STRING
+        if following != NAME and following not in RESERVED:
+            return False
+        third = kinds[i + 2]
+        if kind == "node":
+            if third == NAME:
+                return self.close_word(self.texts[i + 2], ["period"]) is not None
+            return third in ("period", "phase") or (third == "{" and not self._renames(i))
+        if kind == "system":
+            return third == "{" or (third == NAME and self.texts[i + 2] == "default")
+        return third != ";"
+
+    def _renames(self, i: int) -> bool:
+        """`node X { a = b }` of a system, as opposed to a node that lacks its period."""
+        if self.kinds[i + 3 : i + 5] == [NAME, NAME]:
+            return self.texts[i + 3] == "set"
+        return self.kinds[i + 3 : i + 5] == [NAME, "="] or self.kinds[i + 4 : i + 5] == ["."]
+
+    def close_word(self, word: str, words: Iterable[str]) -> str | None:
+        """The one of `words` that was probably meant by `word`."""
+        near = closest(word.lower(), words, 0.75)
+        return near[0] if near else None
+
+    # ------------------------------------------------------------ expecting
+
+    def advance(self) -> None:
+        """One token on, but never past the end."""
+        if self.kinds[self.i] != EOF:
+            self.i += 1
+
+    def accept(self, kind: str) -> bool:
+        """Step over a token of this kind if it is here."""
+        if self.kinds[self.i] == kind:
+            self.i += 1
+            return True
+        return False
+
+    def accept_word(self, word: str) -> bool:
+        """Step over this contextual word if it is here."""
+        if self.is_word(word):
+            self.i += 1
+            return True
+        return False
+
+    def expect(self, kind: str, where: str, *, opener: int | None = None) -> None:
+        """Step over a token of this kind; else "expected `kind` `where`, found ..." and Panic."""
+        if self.kinds[self.i] == kind:
+            self.i += 1
+            return
+        also = ((self.token_span(opener), "opened here"),) if opener is not None else ()
+        raise self.failure("S005", f"expected `{kind}` {where}, found {self.found()}", also=also)
+
+    def expect_word(self, word: str, where: str) -> None:
+        """Step over this contextual or reserved word; a near miss counts, else Panic."""
+        if self.texts[self.i] == word:
+            self.i += 1
+            return
+        message = f"expected `{word}` {where}, found {self.found()}"
+        if self.kinds[self.i] == NAME and self.close_word(self.texts[self.i], [word]):
+            self.report("S005", message, helps=(replace(self.token_span(self.i), word),))
+            self.i += 1
+            return
+        raise self.failure("S005", message)
+
+    def assign(self, where: str) -> None:
+        """Step over `=`, forgiving `:=` and `==`; Panic where there is none."""
+        kind = self.kinds[self.i]
+        if kind == "=":
+            self.i += 1
+            return
+        if kind in (":=", "==", "<-"):
+            self.report(
+                "S015",
+                f"expected `=` {where}, found `{kind}`",
+                helps=(replace(self.token_span(self.i), "=", "assignment is `=`"),),
+            )
+            self.i += 1
+            return
+        raise self.failure("S005", f"expected `=` {where}, found {self.found()}")
+
+    def semicolon(self, after: str) -> None:
+        """Step over `;`; if it is missing, say so where it belongs and carry on."""
+        if self.kinds[self.i] == ";":
+            self.i += 1
+            return
+        self.missing_semicolon(after)
+        if not self.fresh_start():
+            self.damaged = True
+            self.skip_statement()
+
+    def missing_semicolon(self, after: str, helps: tuple[Help, ...] = ()) -> None:
+        """Report that `;` is missing behind the previous token."""
+        message = f"expected `;` after {after}, found {self.found()}"
+        if not helps and self.new_line() and self.fresh_start():
+            helps = (append(self.after_previous(), ";", "put `;` here"),)
+        self.report("S004", message, self.after_previous(), "`;` is missing here", helps=helps)
+
+    def fresh_start(self) -> bool:
+        """Whether what follows looks like the next statement, item or end: nothing to skip."""
+        kind = self.kinds[self.i]
+        return (
+            kind in ("}", EOF)
+            or kind in STATEMENT_WORDS
+            or kind in ITEM_WORDS
+            or self.texts[self.i] in self.items
+            or ((kind in RESERVED or kind == NAME) and self.new_line())
+            or self.at_declaration()
+        )
+
+    def name(self, what: str) -> Name:
+        """A NAME, or a reserved word used as one (reported once per word); else Panic."""
+        i = self.i
+        kind = self.kinds[i]
+        if kind == NAME:
+            self.i = i + 1
+            return Name(self.texts[i], Span(self.source, self.starts[i], self.ends[i]))
+        if kind == ERROR:  # such as `3x`, already reported
+            self.i = i + 1
+            return Name(self.texts[i], self.token_span(i))
+        if kind in RESERVED and not self._stops(i):
+            return self.misused_word(what)
+        raise self.failure("S006", f"expected {what}, found {self.found()}")
+
+    def misused_word(self, what: str) -> Name:
+        """The reserved word at the cursor, taken for a name; reported the first time."""
+        i = self.i
+        word = self.texts[i]
+        if word not in self.misused:
+            self.report(
+                "S006",
+                f"expected {what}, found the keyword `{word}`",
+                label="this word is reserved",
+                helps=(f"choose another name, such as `{word}_`",),
+            )
+            self.misused.add(word)
+        self.i = i + 1
+        return Name(word, self.token_span(i))
+
+    def _stops(self, i: int) -> bool:
+        """Whether the reserved word at `i` is more likely the next construct than a name."""
+        following = self.kinds[i + 1]
+        if self.texts[i] in STATEMENT_WORDS and following in _LITERALS:
+            return True
+        return following in (EOF, "{") and self.new_line()
+
+    def ref(self, what: str) -> Ref:
+        """`name` or `file.name`."""
+        first = self.name(what)
+        if self.kinds[self.i] != ".":
+            return Ref(None, first, first.span)
+        self.i += 1
+        second = self.name(f"a name after `{visible(first.text)}.`")
+        return Ref(first, second, self.span_from(first.span.start))
+
+    def path(self, what: str) -> DottedPath:
+        """`name.name.name`."""
+        first = self.name(what)
+        parts = [first]
+        while self.kinds[self.i] == ".":
+            self.i += 1
+            parts.append(self.name("a name after `.`"))
+        return DottedPath(tuple(parts), self.span_from(first.span.start))
+
+    def comma(self, close: str, after: str, opener: int) -> bool:
+        """Between the elements of a bracketed list: True if another one follows.
+
+        Steps over `,` or over `close`. A forgotten comma before something that looks like an
+        element is reported and taken as written. Panic where neither can be meant.
+        """
+        kind = self.kinds[self.i]
+        if kind == ",":
+            self.i += 1
+            if self.kinds[self.i] == close:
+                self.i += 1
+                return False
+            return True
+        if kind == close:
+            self.i += 1
+            return False
+        message = f"expected `,` or `{close}` after {after}, found {self.found()}"
+        if kind == ";" and close == "}" and self.kinds[self.i + 1] in (NAME, "}"):
+            comma = replace(self.token_span(self.i), ",", "fields are separated by `,`")
+            self.report("S005", message, helps=(comma,))
+            self.i += 1
+            return not self.accept("}")
+        also = ((self.token_span(opener), "opened here"),)
+        if kind == NAME and close == "}" and self.kinds[self.i + 1] in (":", ",", "}"):
+            self.report("S005", message, self.after_previous(), "`,` is missing here", also=also)
+            return True
+        raise self.failure("S005", message, also=also)
+
+    # ------------------------------------------------------------ firm ground
+
+    def skip_expression(self, start: int, *, stop_at_brace: bool = False) -> None:
+        """From somewhere inside an expression that began at token `start`, to its end."""
+        kinds = self.kinds
+        braces = kinds[start : self.i].count("{") - kinds[start : self.i].count("}")
+        while True:
+            kind = kinds[self.i]
+            if kind in (";", EOF) or self._begins_item(kind):
+                break
+            if kind == "{":
+                if stop_at_brace and braces <= 0:
+                    break
+                braces += 1
+            elif kind == "}":
+                if braces <= 0:
+                    break
+                braces -= 1
+            elif self.at_declaration():
+                break
+            self.i += 1
+        self.quiet = self.i
+
+    def skip_statement(self) -> None:
+        """Past the next `;` or block, or up to a `}`, a statement word or a declaration."""
+        kinds = self.kinds
+        while True:
+            kind = kinds[self.i]
+            if kind == ";":
+                self.i += 1
+                self.quiet = -1
+                return
+            if kind in ("}", EOF) or self._begins_item(kind):
+                break
+            if kind == "{":
+                self.skip_braces()
+                return
+            if self.at_declaration():
+                break
+            self.i += 1
+        self.quiet = self.i
+
+    def _begins_item(self, kind: str) -> bool:
+        """Whether a statement or an item begins at the cursor, seen from inside another one."""
+        if kind in STATEMENT_WORDS or kind in ITEM_WORDS:
+            return True
+        return self.texts[self.i] in self.items and kind != STRING and self.new_line()
+
+    def skip_braces(self) -> None:
+        """Past a balanced `{ ... }`, or up to a declaration that shows it is not closed."""
+        kinds = self.kinds
+        level = 0
+        while True:
+            kind = kinds[self.i]
+            if kind == EOF or (level and self.at_declaration()):
+                break
+            self.i += 1
+            if kind == "{":
+                level += 1
+            elif kind == "}":
+                level -= 1
+                if level <= 0:
+                    self.quiet = -1
+                    return
+        self.quiet = self.i
+
+    def skip_to_declaration(self) -> None:
+        """Up to the next declaration or the end of the file."""
+        while self.kinds[self.i] != EOF and not self.at_declaration():
+            self.i += 1
+        self.quiet = self.i
+
+    def nested_declaration(self) -> bool:
+        """Whether the declaration at the cursor is indented as if it belonged to this one."""
+        return not self.inner and self.line_indent(self.i) > self.indent
+
+    def line_indent(self, index: int) -> int:
+        """Characters before the first word of the line on which the token stands."""
+        line = self.source.line(self.source.line_of(self.starts[index]))
+        return len(line) - len(line.lstrip())
+
+    def first_on_line(self, index: int) -> bool:
+        """Whether a token is the first of its line."""
+        return self.line_indent(index) == self.source.column_of(self.starts[index]) - 1

@@ -1,0 +1,164 @@
+"""Types and sets of values: tokens to tree.
+
+Purpose: type expressions with their sizes and ranges, and the values a topic may have.
+Non-goals: enumerations, which only a declaration makes (`parser.py`); what a name means.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.syntax import tree
+from soter.language.syntax.parsing.nesting import LEVELS_MAX, too_deep
+from soter.language.syntax.parsing.operators import ANY
+from soter.language.syntax.parsing.token_cursor import Panic
+from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visible
+
+if TYPE_CHECKING:
+    from soter.language.syntax.parsing.expressions import ExpressionParser
+
+_BUILTIN = frozenset(["bool", "float", "duration"])
+
+
+def type_expression(parser: ExpressionParser, what: str) -> tree.TypeExpr:
+    """A type expression; a broken one becomes an ErrorTypeExpr."""
+    start, depth = parser.i, parser.depth
+    try:
+        return _type(parser, what)
+    except Panic:
+        parser.depth = depth
+        _skip_type(parser, start)
+        return tree.ErrorTypeExpr(parser.span_from(parser.starts[start]))
+
+
+def _skip_type(parser: ExpressionParser, start: int) -> None:
+    kinds = parser.kinds
+    level = sum(1 if k in "{[(" else -1 for k in kinds[start : parser.i] if k in "{}[]()")
+    while True:
+        kind = kinds[parser.i]
+        if kind in (";", EOF, "=") or parser.at_declaration():
+            break
+        if level <= 0 and kind in (",", ")", "}", "{", "in", "]"):
+            break
+        if kind in ("{", "[", "("):
+            level += 1
+        elif kind in ("}", "]", ")"):
+            level -= 1
+        parser.i += 1
+    parser.quiet = parser.i
+
+
+def _type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
+    parser.depth += 1
+    if parser.depth > LEVELS_MAX:
+        too_deep(parser, "type")
+    start = parser.starts[parser.i]
+    result = _base_type(parser, what)
+    suffixes = 0
+    while parser.kinds[parser.i] == "[":
+        opener = parser.i
+        parser.tight.append(opener)
+        parser.i += 1
+        suffixes += 1
+        if suffixes > LEVELS_MAX:
+            too_deep(parser, "type")
+        bounded = parser.accept("<=")
+        parser.strict = True
+        size = parser.expression(ANY)
+        parser.strict = False
+        parser.close("]", "the size", opener)
+        span = parser.span_from(start)
+        if bounded:
+            result = tree.ListTypeExpr(span, result, size)
+        else:
+            result = tree.ArrayTypeExpr(span, result, size)
+    if parser.is_word("unit") and parser.kinds[parser.i + 1] == STRING:
+        parser.i += 2
+        where, unit = parser.token_span(parser.i - 1), string_value(parser.texts[parser.i - 1])
+        result = tree.UnitTypeExpr(parser.span_from(start), result, unit, where)
+    parser.depth -= 1
+    return result
+
+
+def _base_type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
+    i = parser.i
+    kind = parser.kinds[i]
+    if kind in _BUILTIN:
+        parser.i = i + 1
+        return tree.BuiltinType(parser.token_span(i), kind)
+    if kind == "int":
+        parser.i = i + 1
+        if parser.kinds[parser.i] == "in" and parser.kinds[parser.i + 1] != "{":
+            parser.i += 1
+            interval = parser.interval("the range of an int")
+            return tree.RangedIntType(parser.span_from(parser.starts[i]), interval)
+        return tree.BuiltinType(parser.token_span(i), "int")
+    if kind == "{":
+        return _record_type(parser)
+    if kind == NAME:
+        ref = parser.ref("a type")
+        _foreign_type(parser, ref, i)
+        return tree.NamedType(ref.span, ref)
+    helps: tuple[str, ...] = ()
+    if kind == "enum":
+        helps = ("declare it first: `type Name = enum { ... };`",)
+    elif kind == "[":
+        helps = ("the size of an array follows its type: `float[3]`",)
+    raise parser.failure("S008", f"expected {what}, found {parser.found()}", helps=helps)
+
+
+def _foreign_type(parser: ExpressionParser, ref: tree.Ref, i: int) -> None:
+    """`List<float>` and the like are no types; `double` is left to the checker."""
+    if parser.kinds[parser.i] != "<":
+        return
+    parser.i = i
+    raise parser.failure(
+        "S008",
+        f"`{visible(ref.text)}<...>` is not a type",
+        helps=("an array is `float[8]`, a list of at most eight is `float[<=8]`",),
+    )
+
+
+def _record_type(parser: ExpressionParser) -> tree.TypeExpr:
+    opener = parser.i
+    parser.i += 1
+    entries: list[tuple[tree.Name, tree.TypeExpr]] = []
+    while True:
+        if parser.kinds[parser.i] == "}" and not entries:
+            raise parser.failure(
+                "S008", "expected a field, found `}`", notes=("a record has fields",)
+            )
+        field = parser.name("the name of a field")
+        parser.expect(":", f"after the field `{visible(field.text)}`")
+        entries.append((field, _type(parser, "the type of the field")))
+        if not parser.comma("}", "the field", opener):
+            break
+    return tree.RecordTypeExpr(parser.span_from(parser.starts[opener]), tuple(entries))
+
+
+def value_set(parser: ExpressionParser) -> tree.IntervalExpr | tree.RecordSet:
+    """An interval, or one set per field of a record; Panic where neither can be read."""
+    opener = parser.i
+    if parser.kinds[opener] != "{":
+        return parser.interval("a set of values")
+    parser.depth += 1
+    if parser.depth > LEVELS_MAX:
+        too_deep(parser, "set")
+    parser.i += 1
+    entries: list[tuple[tree.Name, tree.IntervalExpr | tree.RecordSet]] = []
+    while True:
+        field = parser.name("the name of a field")
+        if parser.kinds[parser.i] == ":":
+            parser.report(
+                "S005",
+                f"expected `in` after the field `{visible(field.text)}`, found `:`",
+                helps=(f"write `{visible(field.text)} in [low, high]`",),
+            )
+            parser.i += 1
+        else:
+            parser.expect("in", f"after the field `{visible(field.text)}`")
+        entries.append((field, value_set(parser)))
+        if not parser.comma("}", "the field", opener):
+            break
+    parser.depth -= 1
+    return tree.RecordSet(tuple(entries), parser.span_from(parser.starts[opener]))

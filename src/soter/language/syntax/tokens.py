@@ -1,0 +1,495 @@
+"""Text to tokens: one regular expression, parallel lists, comments kept aside.
+
+Purpose: the lexer of `docs/grammar.ebnf`. It never fails: what is no token is reported once
+per run of garbage, and either left out or replaced by the token that was most likely meant,
+so that the parser can go on. Places the lexer has complained about are remembered in `bad`,
+and the parser stays silent there.
+Non-goals: the meaning of literals beyond their shape; which contextual words are keywords
+where (the parser asks by text).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Label, made
+from soter.diagnostics.fix import Fix, replace
+from soter.diagnostics.span import Span
+from soter.language.syntax.foreign_idioms import find
+from soter.language.syntax.foreign_words import in_si, period_of
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.diagnostics.fix import Help
+    from soter.diagnostics.source import Source
+
+NAME = "NAME"
+INT = "INT"
+FLOAT = "FLOAT"
+DURATION = "DURATION"
+STRING = "STRING"
+ERROR = "ERROR"  # a literal that was already reported
+EOF = "EOF"
+
+#: Words that are never names. Every other word of the grammar is a name elsewhere.
+RESERVED = frozenset(
+    [
+        "soter", "import", "as", "type", "enum", "const", "param", "fun", "extern",
+        "topic", "node", "period", "phase", "subscribes", "publishes", "var", "step",
+        "rta", "plant", "system", "test", "let", "if", "elseif", "else", "for", "in",
+        "return", "assert", "publish", "true", "false", "bool", "float", "int",
+        "duration", "state", "der", "next", "while", "choose",
+    ]
+)  # fmt: skip
+
+#: Unit of a duration literal, in nanoseconds.
+UNIT_NS = {
+    "ns": 1,
+    "us": 1_000,
+    "ms": 1_000_000,
+    "s": 1_000_000_000,
+    "min": 60_000_000_000,
+    "h": 3_600_000_000_000,
+}
+
+_ERRORS_MAX = 100  # after so many lexical errors the file is not Soter: stop reading
+
+_LOOK_AHEAD = 5  # tokens the parser may look ahead without asking for the end
+
+#: A word of the grammar where a statement begins with it and a name follows; a name elsewhere.
+PUSH = "push"
+#: Reserved words that begin something: names, too, where what stands beside them says so.
+SOFT = frozenset(["next", "state", "period", "phase", "step", "type", "test"])
+_OPERATOR = frozenset(
+    ["=", ",", ".", "(", "[", "?", "+", "-", "*", "/", "%", "<", ">", "<=", ">=", "==", "!=", "&&",
+     "||", ".."]
+)  # fmt: skip
+_NAME_FOLLOWS = _OPERATOR | {
+    "!", "var", "let", "const", "param", "fun", "topic", "state", "next", "der", "test",
+    "subscribes", "publishes", "publish", "for", "if", "elseif", "return", "assert",
+}  # fmt: skip
+_NAME_BEFORE = (_OPERATOR - {"("}) | {":", ";", ")", "]", "}", "in"}
+_KIND_OF_WORD = {word: word for word in (*RESERVED, PUSH)}
+
+_DIGITS = r"[0-9]+(?:_[0-9]+)*"
+_FLOAT_TAIL = rf"(?:\.{_DIGITS})?(?:[eE][+-]?[0-9]+)?"
+_OPERATOR_SIGNS = "\u2212\u2013\u00d7\u00f7\u2264\u2265\u2260\u2227\u2228\u00ac\u00b7\u22c5"
+_GARBAGE = rf"[^ \t\r\nA-Za-z0-9_\"()\[\]{{}}<>=!&|+\-*/%?:;,.#'{_OPERATOR_SIGNS}]"
+_TOKEN = re.compile(
+    r"[ \t\r\n]*(?:"
+    r"([A-Za-z_][A-Za-z0-9_]*(?!\w))"  # 1 word
+    r"|(===|!==|\*\*=|:=|\+=|-=|\*=|/=|%=|->|=>|\*\*|\+\+|<>|::"
+    r"|\.\.|<=|>=|==|!=|&&|\|\||[;,:(){}\[\]=+\-<>?!%*]|/(?![/*])|\.(?![0-9]))"  # 2 punctuation
+    rf"|({_DIGITS}{_FLOAT_TAIL}(?:ns|us|ms|s|min|h)?(?!\w|\.(?!\.)))"  # 3 number
+    r"|(//[^\n]*|/\*[\s\S]*?\*/)"  # 4 comment
+    r'|("[^"\\\n]*(?:\\[^\n][^"\\\n]*)*")'  # 5 string
+    r"|(\Z)"  # 6 end
+    r"|([^\W\d]\w*)"  # 7 word with letters outside ASCII
+    r"|((?:[0-9]|\.[0-9])(?:[eE][+-][0-9]|\.(?!\.)|\w)*)"  # 8 malformed number
+    r'|("[^\n]*)'  # 9 unterminated string
+    r"|(/\*[\s\S]*)"  # 10 unterminated comment
+    r"|(#[^\n]*|'[^'\n]*')"  # 11 comment or string of another language
+    rf"|([&|{_OPERATOR_SIGNS}])"  # 12 an operator in disguise
+    rf"|({_GARBAGE}+(?:[ \t\r\n]+{_GARBAGE}+)*|[\s\S])"  # 13 garbage, a run in one
+    r")"
+)
+
+_LOOKALIKE = {
+    "&": "&&",
+    "|": "||",
+    "\u2212": "-",
+    "\u2013": "-",
+    "\u00d7": "*",
+    "\u00b7": "*",
+    "\u22c5": "*",
+    "\u00f7": "/",
+    "\u2264": "<=",
+    "\u2265": ">=",
+    "\u2260": "!=",
+    "\u2227": "&&",
+    "\u2228": "||",
+    "\u00ac": "!",
+}
+
+_INVISIBLE = {
+    "\u00a0": "a no-break space",
+    "\u200b": "a zero-width space",
+    "\ufeff": "a byte-order mark",
+    "\x00": "a NUL byte",
+    "\x0b": "a vertical tab",
+    "\x0c": "a form feed",
+    "\ufffd": "a byte that is not UTF-8",
+}
+
+_UNIT_MEANT = {
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "S": "s",
+    "msec": "ms", "msecs": "ms", "millis": "ms", "MS": "ms", "Ms": "ms",
+    "usec": "us", "\u00b5s": "us", "\u03bcs": "us", "micros": "us", "US": "us",
+    "nsec": "ns", "nanos": "ns", "NS": "ns",
+    "m": "min", "mins": "min", "minutes": "min", "minute": "min", "M": "min",
+    "hr": "h", "hrs": "h", "hour": "h", "hours": "h", "H": "h",
+}  # fmt: skip
+
+_ESCAPES = {'"': '"', "\\": "\\", "n": "\n", "t": "\t"}
+_ESCAPE = re.compile(r"\\(.)")
+_BAD_ESCAPE = re.compile(r'\\(?!["\\nt]).|\\\\|\\["nt]')
+
+
+@dataclass(slots=True)
+class Tokens:
+    """The tokens of one file as parallel lists, with some of kind `EOF` behind them.
+
+    `kinds[i]` is the text itself for punctuation and reserved words, else one of the kinds
+    above. `comments` are `(start, end)` offsets in order. `bad` holds indices of tokens at
+    which the lexer has already complained. `truncated` says that the rest of the file was
+    swallowed, so that its end is no news.
+    """
+
+    source: Source
+    kinds: list[str] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
+    starts: list[int] = field(default_factory=list)
+    ends: list[int] = field(default_factory=list)
+    comments: list[tuple[int, int]] = field(default_factory=list)
+    bad: set[int] = field(default_factory=set)
+    problems: list[Diagnostic] = field(default_factory=list)
+    truncated: bool = False
+    lost: set[str] = field(default_factory=set)
+
+    def add(self, kind: str, text: str, start: int, end: int) -> None:
+        """Append one token."""
+        self.kinds.append(kind)
+        self.texts.append(text)
+        self.starts.append(start)
+        self.ends.append(end)
+
+    def report(
+        self,
+        code: str,
+        message: str,
+        start: int,
+        end: int,
+        label: str = "",
+        *,
+        notes: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
+    ) -> None:
+        """Keep a lexical error and silence the parser at the token that comes next."""
+        primary = Label(Span(self.source, start, end), label)
+        self.problems.append(made(code, message, primary, (), notes, helps))
+        self.bad.add(len(self.kinds))
+
+    def forget(self, start: int, end: int) -> None:
+        """Drop the lexical errors of a stretch of text that something better is said about."""
+        self.problems = [
+            d for d in self.problems if d.primary is None or not start <= d.primary.span.start < end
+        ]
+
+
+def lex(source: Source) -> Tokens:
+    """All tokens of `source`; problems are in the result, nothing is raised."""
+    tokens = Tokens(source)
+    kinds, texts, starts, ends = tokens.kinds, tokens.texts, tokens.starts, tokens.ends
+    kind_of_word = _KIND_OF_WORD.get
+    text = source.text
+    begin = 1 if text.startswith("\ufeff") else 0
+    for match in _TOKEN.finditer(text, begin):
+        group = match.lastindex
+        token: str = match[group]  # type: ignore[index]
+        end = match.end()
+        if group == 1:
+            kinds.append(kind_of_word(token, NAME))
+        elif group == 2:
+            kinds.append(token)
+        elif group == 3:
+            if token[-1] in "snh":
+                kinds.append(DURATION)
+            else:
+                kinds.append(FLOAT if "." in token or "e" in token or "E" in token else INT)
+        elif group == 4:
+            tokens.comments.append((end - len(token), end))
+            continue
+        elif group == 5:
+            if "\\" in token:
+                _check_escapes(tokens, token, end - len(token))
+            kinds.append(STRING)
+        elif group == 6:
+            break
+        else:
+            _TROUBLE[group](tokens, token, end - len(token), end)  # type: ignore[index]
+            if len(tokens.problems) >= _ERRORS_MAX:
+                tokens.truncated = True
+                break
+            continue
+        texts.append(token)
+        starts.append(end - len(token))
+        ends.append(end)
+    for _ in range(1 + _LOOK_AHEAD):
+        tokens.add(EOF, "", len(text), len(text))
+    if PUSH in kinds:
+        _push_is_a_name_elsewhere(kinds)
+    if not SOFT.isdisjoint(kinds):
+        _soft_words(kinds)
+    return tokens
+
+
+def _soft_words(kinds: list[str]) -> None:
+    """`next x = e;` begins a rule and `m.next` reads a field: a neighbour tells which.
+
+    Such a word is a name behind one that a name follows, and before `=`, `:`, an operator or a
+    closing bracket, where nothing could begin.
+    """
+    for i, kind in enumerate(kinds):
+        if kind in SOFT and (kinds[i + 1] in _NAME_BEFORE or (i and kinds[i - 1] in _NAME_FOLLOWS)):
+            kinds[i] = NAME
+
+
+def _push_is_a_name_elsewhere(kinds: list[str]) -> None:
+    """Robots push: the word is only taken where `push list, value;` can stand."""
+    for i, kind in enumerate(kinds):
+        if kind == PUSH and not (i and kinds[i - 1] in ("{", "}", ";") and kinds[i + 1] == NAME):
+            kinds[i] = NAME
+
+
+def string_value(text: str) -> str:
+    """The characters a string token stands for; unknown escapes keep their backslash."""
+    body = text[1:-1] if len(text) > 1 and text.endswith('"') else text[1:]
+    if "\\" not in body:
+        return body
+    return _ESCAPE.sub(lambda m: _ESCAPES.get(m[1], m[0]), body)
+
+
+def visible(text: str, limit: int = 24) -> str:
+    """`text` made safe to quote in a message: printable, on one line, not too long."""
+    shown = "".join(c if c.isprintable() else _code_point(c) for c in text[:limit])
+    return shown + "..." if len(text) > limit else shown
+
+
+def _code_point(char: str) -> str:
+    return f"<U+{ord(char):04X}>"
+
+
+def _check_escapes(tokens: Tokens, token: str, start: int) -> None:
+    for match in _BAD_ESCAPE.finditer(token):
+        if match[0][1:] not in _ESCAPES:
+            tokens.report(
+                "L007",
+                f"unknown escape `{visible(match[0])}` in a string",
+                start + match.start(),
+                start + match.end(),
+                helps=('the escapes are `\\"`, `\\\\`, `\\n` and `\\t`',),
+            )
+            return
+
+
+def _wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
+    wide = next(c for c in token if not c.isascii())
+    at = start + token.index(wide)
+    tokens.report(
+        "L008",
+        f"`{visible(token)}` is not a name",
+        start,
+        end,
+        f"`{visible(wide)}` ({_code_point(wide)[1:-1]}) at column "
+        f"{tokens.source.column_of(at)} is not an ASCII letter",
+        notes=("names are made of the letters a-z and A-Z, digits and `_`: they become C names",),
+    )
+    tokens.add(NAME, token, start, end)
+
+
+def _malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
+    code, message, label = "L004", f"malformed number `{visible(token)}`", ""
+    helps: tuple[Help, ...] = ()
+    span = Span(tokens.source, start, end)
+    number = re.match(r"([0-9][0-9_]*(?:\.[0-9_]+)?(?:[eE][+-]?[0-9]+)?)(.*)", token, re.DOTALL)
+    if re.fullmatch(r"\.[0-9]+(?:[eE][+-]?[0-9]+)?(?:ns|us|ms|s|min|h)?", token):
+        label, helps = "a digit must stand before the point", (replace(span, f"0{token}"),)
+    elif match := re.fullmatch(r"([0-9]+)\.((?:[eE][+-]?[0-9]+)?(?:ns|us|ms|s|min|h)?)", token):
+        label, helps = (
+            "a digit must stand after the point",
+            (replace(span, f"{match[1]}.0{match[2]}"),),
+        )
+    elif re.match(r"0[xXbBoO]", token):
+        label, helps = "numbers are decimal", _decimal_help(token, span)
+    elif number and re.fullmatch(r"[^\W\d_]+", number[2]) and "__" not in number[1]:
+        code, message, label, helps = _unknown_unit(tokens, number[1], number[2], span)
+    elif suffixed := re.fullmatch(r"([0-9][0-9_.]*?)_?([fiu](?:8|16|32|64|size)|[uUlL]+)", token):
+        label, helps = "numbers have no suffix", (replace(span, suffixed[1]),)
+    elif "_" in token:
+        label = "`_` may only stand between two digits"
+    elif token.count(".") > 1:
+        label = "more than one point"
+    else:
+        label = "a name cannot start with a digit"
+    tokens.report(code, message, start, end, label, helps=helps)
+    tokens.add(ERROR, token, start, end)
+
+
+def _decimal_help(token: str, span: Span) -> tuple[Help, ...]:
+    try:
+        return (replace(span, f"{int(token[:40], 0)}"),)
+    except ValueError:
+        return ()
+
+
+_TIME_FOLLOWS = frozenset(
+    ["period", "phase", "every", "until", "max_age", "horizon", "skew", "quantum", "hold", "by",
+     "for", "delayed", "per", "wcet", "jitter", "takes"]
+)  # fmt: skip
+
+
+def _unknown_unit(
+    tokens: Tokens, number: str, unit: str, span: Span
+) -> tuple[str, str, str, tuple[Help, ...]]:
+    """L006: a unit of time spelt otherwise, a suffix, or a unit of something else."""
+    message = f"`{visible(unit)}` is not a unit of time"
+    label = "units are ns, us, ms, s, min and h"
+    if unit.lower() == "hz":
+        period = period_of(number)
+        if period is None:
+            return "L006", message, label, ("a period is a time: 100 Hz is `10ms`",)
+        return "L006", message, label, (replace(span, period, f"a period is a time: `{period}`"),)
+    if unit in ("f", "F", "d", "L", "l", "u", "U"):
+        plain = f"{number}.0" if unit in "fFd" and number.isdigit() else number
+        title = f"numbers have no suffix: write `{plain}`"
+        return "L006", message, label, (replace(span, plain, title),)
+    bare = in_si(number, unit)
+    before = tokens.texts[-1] if tokens.texts else ""
+    timely = before in _TIME_FOLLOWS or bare is None
+    if unit in _UNIT_MEANT and timely:
+        return "L006", message, label, (replace(span, f"{number}{_UNIT_MEANT[unit]}"),)
+    si = "quantities other than time carry no unit: use SI"
+    if bare is None:
+        return "L006", message, label, (f"{si} and say so in a comment",)
+    return "L006", message, label, (replace(span, bare, f"{si}, `{bare}`"),)
+
+
+def _open_string(tokens: Tokens, token: str, start: int, end: int) -> None:
+    body = token.rstrip()
+    body = body[:-1] if body.endswith(";") and len(body) > 1 else body
+    tokens.report(
+        "L003",
+        "this string has no end",
+        start,
+        start + len(body),
+        "starts here and runs to the end of the line",
+        helps=('close it with `"` on the same line',),
+    )
+    tokens.add(STRING, body, start, start + len(body))
+    tokens.bad.add(len(tokens.kinds))
+    if body != token.rstrip():
+        tokens.add(";", ";", start + len(body), start + len(body) + 1)
+        tokens.bad.add(len(tokens.kinds))
+    del end
+
+
+def _open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
+    del token, end
+    tokens.report(
+        "L002",
+        "this comment has no end",
+        start,
+        start + 2,
+        "starts here",
+        helps=("close it with `*/`; comments do not nest",),
+    )
+    tokens.truncated = True
+
+
+_DEFINE = re.compile(r"#\s*define\s+(\w+)\s+\(?(-?[\w.+-]+?)\)?\s*(?://.*)?")
+_INCLUDE = re.compile(r"#\s*include\s*[<\"]([\w./-]+)[>\"]\s*(?://.*)?")
+_STRINGS_FOLLOW = frozenset(["import", "from", "data", ","])
+
+
+def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
+    span = Span(tokens.source, start, end)
+    if token[0] == "#":
+        _preprocessed(tokens, token.rstrip(), Span(tokens.source, start, start + 1))
+        return
+    helps: tuple[Help, ...] = (replace(span, f'"{visible(token[1:-1], 200)}"'),)
+    message = "strings are written with double quotes"
+    if not (tokens.texts and tokens.texts[-1] in _STRINGS_FOLLOW):
+        message = "there are no characters and no texts at run time"
+        helps = ("name the cases, `type Name = enum { A, B };`, or write a number",)
+    tokens.report("L001", message, start, end, helps=helps)
+    tokens.add(STRING, token, start, end)
+    tokens.bad.add(len(tokens.kinds))
+
+
+def _preprocessed(tokens: Tokens, token: str, hash_: Span) -> None:
+    """A comment of Python or the shell, or a line for the preprocessor of C."""
+    whole = Span(tokens.source, hash_.start, hash_.start + len(token))
+    define, include = _DEFINE.fullmatch(token), _INCLUDE.fullmatch(token)
+    message, span = "there is no preprocessor", whole
+    fix: Fix = replace(hash_, "//", "a comment begins with `//`")
+    if define is not None:
+        name, value = define[1], define[2]
+        of = "int" if value.lstrip("-").isdigit() else "float"
+        fix = replace(whole, f"const {name}: {of} = {value};")
+        tokens.lost.add(name)
+    elif include is not None:
+        stem = include[1].rpartition("/")[2].partition(".")[0]
+        path = include[1] if include[1].endswith(".soter") else f"{stem}.soter"
+        name = _called(stem, tokens.source.text)
+        fix = replace(whole, f'import "{path}" as {name};')
+        tokens.lost.add(name)
+    else:
+        message, span = "`#` does not begin a comment", hash_
+    helps: tuple[Help, ...] = (fix,)
+    if include is not None and not include[1].endswith(".soter"):
+        helps = ("the prelude needs no import: `sin`, `clamp`, `Vec3` are there",)
+    tokens.report("L001", message, span.start, span.end, helps=helps)
+
+
+def _called(stem: str, text: str) -> str:
+    """The name that a file goes by in the text that imports it; its own where that is not seen."""
+    names = [stem, *reversed(stem.split("_"))]
+    return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)
+
+
+def _lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
+    meant = _LOOKALIKE[token]
+    what = "" if token.isascii() else f" ({_code_point(token)[1:-1]})"
+    message = f"`{token}`{what} is not an operator of Soter"
+    span = Span(tokens.source, start, end)
+    tokens.report("L001", message, start, end, helps=(replace(span, meant),))
+    tokens.add(meant, meant, start, end)
+
+
+def _garbage(tokens: Tokens, token: str, start: int, end: int) -> None:
+    phrase = find(tokens.source, start, "", start)
+    if phrase is not None:
+        where = phrase.span
+        tokens.report("S015", phrase.message, where.start, where.end, helps=(phrase.help,))
+        return
+    if len(token) == 1:
+        name = _INVISIBLE.get(token, f"`{visible(token)}`")
+        message = f"unexpected {name}" if token in _INVISIBLE else f"unexpected character {name}"
+    else:
+        message = f"unexpected characters `{visible(token)}`"
+    label = "no token of Soter begins like this"
+    helps = _GARBAGE_HELPS.get(token, ())
+    tokens.report("L001", message, start, end, label, helps=helps)
+
+
+_GARBAGE_HELPS = {
+    "^": (
+        "there is no power operator: multiply, or call a function; exclusive or of truths is `!=`",
+    ),
+    "~": ("negation of a condition is `!`",),
+    "@": (),
+    "\u201c": ('strings are written with `"`',),
+    "\u201d": ('strings are written with `"`',),
+}
+
+_TROUBLE = {
+    7: _wide_word,
+    8: _malformed_number,
+    9: _open_string,
+    10: _open_comment,
+    11: _foreign,
+    12: _lookalike,
+    13: _garbage,
+}

@@ -1,1 +1,0 @@
-"""Checked program -> Core; footprints, storage."""

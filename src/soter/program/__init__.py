@@ -1,1 +1,0 @@
-"""Tree -> checked program: names, types, nodes, modules, P1a P1b, composition."""

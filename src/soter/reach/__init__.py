@@ -1,1 +1,0 @@
-"""P2a, P2b, P3: problem, sets, fixpoints, verdicts, certificates (docs/verification.md)."""

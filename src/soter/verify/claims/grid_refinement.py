@@ -1,0 +1,106 @@
+"""Finer grids where only borders fail.
+
+Purpose: split the breakpoints near the cells on which a claim failed, a bounded number of times;
+and say so.
+Non-goals: deciding anything: a finer grid is a new attempt, no more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import prod
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case
+    from soter.verify.problem.problem import Axis, Group
+
+    Bools = NDArray[np.bool_]
+
+CELLS_MAX = 4_000_000
+"""No group is refined beyond."""
+BORDER_MAX = 0.1
+"""A claim that fails on a larger share of the cells fails not only at borders."""
+AROUND = 2
+"""Cells around a failing one that are split too."""
+
+
+def refined(case: Case) -> tuple[Group, ...] | None:
+    """The groups with finer axes, or None where that cannot help or would be too much."""
+    wrong = _failing(case)
+    if not wrong:
+        return None
+    groups = []
+    for proof in case.proofs:
+        cells = wrong.get(id(proof))
+        finer = proof.group if cells is None else _split(proof.group, cells)
+        if finer is None:
+            return None
+        groups.append(finer)
+    return tuple(groups)
+
+
+def _failing(case: Case) -> dict[int, Bools] | None:
+    """By identity of a group's proof the cells on which some claim fails; None: also elsewhere."""
+    wrong: dict[int, Bools] = {}
+    for failure in case.failures:
+        if failure.cut:
+            continue  # nothing is known of it
+        cells = failure.cells
+        if failure.claim == "P2a" or failure.proof is None or cells is None:
+            return None
+        if cells.mean() > BORDER_MAX:
+            return None
+        before = wrong.get(id(failure.proof))
+        wrong[id(failure.proof)] = cells if before is None else before | cells
+    return wrong
+
+
+def _split(group: Group, cells: Bools) -> Group | None:
+    """Every interval near a failing cell in two."""
+    axes = []
+    for k, axis in enumerate(group.axes):
+        others = tuple(i for i in range(cells.ndim) if i != k)
+        near = np.asarray(cells.any(axis=others))
+        for _ in range(AROUND):
+            near[1:] |= near[:-1].copy()
+            near[:-1] |= near[1:].copy()
+        axes.append(_halved(axis, near))
+    size = int(np.prod([len(a.edges) - 1 for a in axes], dtype=np.int64))
+    return None if size > CELLS_MAX else replace(group, axes=tuple(axes))
+
+
+def _halved(axis: Axis, near: Bools) -> Axis:
+    edges: list[float] = []
+    for low, high, split in zip(axis.edges, axis.edges[1:], near, strict=False):
+        edges.append(low)
+        middle = low / 2 + high / 2
+        if split and low < middle < high:
+            edges.append(middle)
+    return replace(axis, edges=(*edges, axis.edges[-1]))
+
+
+def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
+    """One line where a grid is finer than the program says: which axes, how many cells."""
+    worst: dict[tuple[str, ...], tuple[int, str]] = {}
+    for case in done:
+        if case.first is None:
+            continue
+        for before, proof in zip(case.first.proofs, case.proofs, strict=True):
+            pairs = zip(before.group.axes, proof.group.axes, strict=True)
+            counts = [(a.name, len(a.edges) - 1, len(b.edges) - 1) for a, b in pairs]
+            finer = [f"{n} {a:,} -> {b:,}" for n, a, b in counts if a != b]
+            if not finer:
+                continue
+            was, is_ = prod(a for _, a, _ in counts), prod(b for _, _, b in counts)
+            text = f"the grid was refined where a claim failed only at borders: {', '.join(finer)} "
+            text += f"({was:,} -> {is_:,} cells)"
+            names = tuple(n for n, _, _ in counts)
+            worst[names] = max(worst.get(names, (0, "")), (is_, text))
+    return tuple(text for _, text in worst.values())

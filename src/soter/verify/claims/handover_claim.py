@@ -1,0 +1,90 @@
+"""Wherever `enters` holds of an estimate the state lies in R(H) (docs/proof.md, Hand-over).
+
+Purpose: the set part of a hand-over: cells outside R(H), and what lies outside the grid.
+Non-goals: that a node changes a view in no other step (`induction/handover.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case
+    from soter.verify.problem.problem import Problem
+
+    Floats = NDArray[np.float64]
+
+ENTERS = "enters"
+MAY_HOLD = 2
+
+
+def not_entered(case: Case) -> str:
+    """Why it is not shown, for people; "" where it is."""
+    problem, library = case.problem, case.forms.library
+    if library.symbol(ENTERS) == library.ffi.NULL:
+        return "what it says cannot be enclosed"
+    if case.failed("P2a"):  # else R(H) is there, whatever else is not shown
+        return "there is no R(H)"
+    if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
+        return "not every state is on an axis"
+    reach = _reach(problem)
+    for s, range_ in enumerate(reach):
+        if range_ is None:
+            return f"nothing that it reads bounds {problem.quantities.states[s].name}"
+    for where, box in _outside(case, np.array(reach, dtype=np.float64)):
+        if case.forms.truth(ENTERS, box) & MAY_HOLD:
+            return f"it may hold where {where}, outside the grid"
+    reasons = [proof.entered(case) for proof in case.proofs]
+    return next(filter(None, reasons), "")
+
+
+def _reach(problem: Problem) -> list[tuple[float, float] | None]:
+    """What each state can be where `enters` is judged: what is published lies in its set.
+
+    None where no topic that it reads shows the state.
+    """
+    scope = problem.module.scope.topics
+    read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
+    ranges: list[tuple[float, float] | None] = [None] * len(problem.states)
+    for (topic, leaf), state in problem.state_of_leaf.items():
+        bounds = problem.system.topics[topic].bounds[leaf]
+        if topic not in read or bounds is None:
+            continue
+        error = _error(problem, topic, leaf)
+        error += 2.0**-50 * (error + max(abs(bounds.low), abs(bounds.high)))  # rounding
+        ranges[state] = (bounds.low - error, bounds.high + error)
+    return ranges
+
+
+def _error(problem: Problem, topic: int, leaf: int) -> float:
+    """The largest of what is published there."""
+    path = list(leaves(problem.system.topics[topic].type))[leaf][0]
+    every = zip(problem.quantities.errors, problem.errors, strict=True)
+    return sum(max(-r.low, r.high) for e, r in every if (e.owner, e.path) == (topic, path))
+
+
+def _outside(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
+    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid; in words, too.
+
+    `reach`: (states, 2), what each state can be.
+    """
+    for axis in (a for proof in case.proofs for a in proof.group.axes):
+        s, first, last = axis.state, axis.edges[0], axis.edges[-1]
+        for where, low, high in (
+            (f"{axis.name} is below {first!r}", reach[s, 0], first),
+            (f"{axis.name} is above {last!r}", last, reach[s, 1]),
+        ):
+            if low <= high:
+                box = np.array(case.forms.whole)
+                box[: len(reach)] = reach
+                box[s] = low, high
+                yield where, box

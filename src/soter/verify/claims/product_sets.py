@@ -1,0 +1,266 @@
+"""Sets that are products over groups, and predicates that may not be.
+
+Purpose: parts C_g of a predicate, one a group, and the check that their product satisfies it
+(docs/verification.md, Groups); that SC's commands lie in their sets.
+Non-goals: dynamics.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
+    from soter.verify.grid.sets import GridGroup
+    from soter.verify.problem.problem import Problem
+
+    Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
+    Ranges = Mapping[int, tuple[float, float]]
+
+Block: TypeAlias = list[slice]
+SPLITS_MAX = 20_000
+"""Boxes that a product check may look at."""
+LAW_SPLITS_MAX = 4_000
+
+
+def states_elsewhere(
+    problem: Problem, group: GridGroup, point: Floats
+) -> dict[int, tuple[float, float]]:
+    """Ranges that pin the states of other groups to a point, (states,)."""
+    own = set(group.axes)
+    return {
+        s: (float(point[s]), float(point[s])) for s in range(len(problem.states)) if s not in own
+    }
+
+
+def candidates(problem: Problem) -> list[Floats]:
+    """Points at which a product predicate may hold: the start, zero, the middle of the ranges.
+
+    Each (states,).
+    """
+    low = np.array([r.low for r in problem.states])
+    high = np.array([r.high for r in problem.states])
+    start = np.array([i.low / 2 + i.high / 2 for i in problem.initial])
+    return [np.clip(p, low, high) for p in (start, np.zeros_like(low), low / 2 + high / 2)]
+
+
+class SetFactor(ABC):
+    """A set over one group's states, as a factor of a product: a block, or cells that are split.
+
+    A block is a slice of cells an axis; one of a part that has no cells is empty.
+    """
+
+    divisible = False
+
+    @abstractmethod
+    def hull(self, block: Block | None = None) -> Block | None:
+        """The smallest block inside that holds the same of the set; None where there is none.
+
+        Without `block`: inside everything.
+        """
+
+    @abstractmethod
+    def ranges(self, block: Block) -> Ranges:
+        """State -> (low, high) of a block."""
+
+    def first(self, block: Block) -> Block:
+        """One cell of the set in a block."""
+        return block
+
+    def suffices(self, predicate: str) -> bool:
+        """Whether a predicate surely holds on this set, wherever the other groups are."""
+        del predicate
+        return False
+
+
+@dataclass(frozen=True)
+class BoxPart(SetFactor):
+    """Ranges of some states."""
+
+    box: Ranges
+
+    def hull(self, block: Block | None = None) -> Block | None:
+        """There is one block, without cells."""
+        return [] if block is None else block
+
+    def ranges(self, block: Block) -> Ranges:
+        """All of it."""
+        del block
+        return self.box
+
+
+@dataclass(frozen=True, eq=False)
+class CellsPart(SetFactor):
+    """Cells of a grid."""
+
+    engine: GridGroup
+    cells: Bools
+    divisible = True
+
+    def hull(self, block: Block | None = None) -> Block | None:
+        """Around the cells of the set in a block."""
+        whole = [slice(0, n) for n in self.cells.shape] if block is None else block
+        return _hull(self.cells, whole)
+
+    def ranges(self, block: Block) -> Ranges:
+        """The ends of a block along every axis."""
+        every = zip(self.engine.axes, self.engine.edges, block, strict=True)
+        return {
+            state: (float(edges[part.start]), float(edges[part.stop]))
+            for state, edges, part in every
+        }
+
+    def first(self, block: Block) -> Block:
+        """The first cell in C order."""
+        at = np.argwhere(self.cells[tuple(block)])[0]
+        return [
+            slice(p.start + int(i), p.start + int(i) + 1) for p, i in zip(block, at, strict=True)
+        ]
+
+    def suffices(self, predicate: str) -> bool:
+        """By every cell alone."""
+        return bool((self.engine.definitely(predicate) | ~self.cells).all())
+
+
+def product_holds(forms: CompiledEnclosures, parts: Sequence[SetFactor], predicate: str) -> bool:
+    """Whether a predicate is true all over the product of the parts; False also where unknown.
+
+    A product of blocks is the hull of the cells that the sets have in them. Where the predicate is
+    unknown there, the block that matters is split: along the axis with most cells, of the group for
+    which splitting decides most.
+    """
+    divisible = [p for p in parts if p.divisible]
+    if len(divisible) == 1 and divisible[0].suffices(predicate):
+        return True
+    conjuncts = forms.conjuncts(predicate)
+    return all(_holds(forms, parts, part) for part in conjuncts or [predicate])
+
+
+def _holds(forms: CompiledEnclosures, parts: Sequence[SetFactor], predicate: str) -> bool:
+    todo = [tuple(p.hull() for p in parts)]
+    looked = 0
+    while todo:
+        hulls = todo.pop()
+        blocks = [b for b in hulls if b is not None]
+        if len(blocks) < len(hulls):
+            continue  # no cells: nothing to show
+        looked += 1
+        if looked > SPLITS_MAX:
+            return False
+        if forms.true(predicate, _box(forms, parts, blocks)):
+            continue
+        split = _split(forms, parts, blocks, predicate)
+        if split is None:
+            return False
+        todo += split
+    return True
+
+
+def _hull(cells: Bools, block: Block) -> Block | None:
+    """The smallest block inside that holds the same cells; None where there is none."""
+    inside = cells[tuple(block)]
+    if not inside.any():
+        return None
+    slices = []
+    for axis, part in enumerate(block):
+        others = tuple(k for k in range(cells.ndim) if k != axis)
+        at = np.flatnonzero(inside.any(axis=others))
+        slices.append(slice(part.start + int(at[0]), part.start + int(at[-1]) + 1))
+    return slices
+
+
+def _box(forms: CompiledEnclosures, parts: Sequence[SetFactor], blocks: Sequence[Block]) -> Floats:
+    box = np.array(forms.whole)
+    for part, block in zip(parts, blocks, strict=True):
+        for state, ends in part.ranges(block).items():
+            box[state] = ends
+    return box
+
+
+def _cells(block: Block) -> int:
+    """Along its longest axis."""
+    return max((p.stop - p.start for p in block), default=1)
+
+
+def _split(
+    forms: CompiledEnclosures, parts: Sequence[SetFactor], blocks: Sequence[Block], predicate: str
+) -> list[tuple[Block | None, ...]] | None:
+    """Two products that hold the same cells, or None where all blocks are single cells."""
+    best: int | None = None
+    for g, block in enumerate(blocks):
+        if _cells(block) == 1:
+            continue
+        # does this group matter? with it at one cell of its set the rest may be decided
+        alone = list(blocks)
+        alone[g] = parts[g].first(block)
+        if forms.true(predicate, _box(forms, parts, alone)):
+            best = g
+            break
+        if best is None or _cells(block) > _cells(blocks[best]):
+            best = g
+    if best is None:
+        return None
+    sizes = [p.stop - p.start for p in blocks[best]]
+    axis = int(np.argmax(sizes))
+    part = blocks[best][axis]
+    middle = (part.start + part.stop) // 2
+    products: list[tuple[Block | None, ...]] = []
+    for half in (slice(part.start, middle), slice(middle, part.stop)):
+        block = list(blocks[best])
+        block[axis] = half
+        halves: list[Block | None] = list(blocks)
+        halves[best] = parts[best].hull(block)
+        products.append(tuple(halves))
+    return products
+
+
+def law_stays_inside(
+    problem: Problem, forms: CompiledEnclosures, parts: Sequence[SetFactor]
+) -> str:
+    """Why SC might publish outside its sets, or fault, on the hull of the sets; "" if it cannot.
+
+    SC steps at every instant, in control or not, so all of C is looked at, with every error.
+    """
+    count = len(problem.controls)
+    hulls = [p.hull() for p in parts]
+    blocks = [b for b in hulls if b is not None]
+    if len(blocks) < len(hulls):
+        return ""
+    box = _box(forms, parts, blocks)
+    limits = np.array([(c.low, c.high) for c in problem.controls])
+    moving = [i for i in range(len(box)) if box[i, 0] < box[i, 1]]
+    todo = [box]
+    looked = 0
+    while todo:
+        at = todo.pop()
+        answer = forms.numbers("law", at, count)
+        if (
+            answer is not None
+            and np.all(answer[:, 0] >= limits[:, 0])
+            and np.all(answer[:, 1] <= limits[:, 1])
+        ):
+            continue
+        looked += 1
+        if looked > LAW_SPLITS_MAX:
+            if answer is None:
+                return "SC might fault, or publish outside its set"
+            out = np.flatnonzero((answer[:, 0] < limits[:, 0]) | (answer[:, 1] > limits[:, 1]))
+            name = problem.quantities.controls[int(out[0])].name
+            return f"SC could publish {name} outside its set"
+        widths = [(at[i, 1] - at[i, 0]) / (box[i, 1] - box[i, 0]) for i in moving]
+        i = moving[int(np.argmax(widths))]
+        middle = at[i, 0] / 2 + at[i, 1] / 2
+        for low, high in ((at[i, 0], middle), (middle, at[i, 1])):
+            half = at.copy()
+            half[i] = low, high
+            todo.append(half)
+    return ""

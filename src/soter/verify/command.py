@@ -1,0 +1,227 @@
+"""`soter verify` without a terminal: which modules, in which systems, in which order.
+
+Purpose: from a checked program to a `VerifyReport`; certificate and report where asked for.
+Non-goals: the proofs (`verify.py`), printing.
+"""
+
+from __future__ import annotations
+
+import shlex
+import time
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.language.elaborate.views import systems_by_view
+from soter.language.front_end import system_to_prove
+from soter.verify.claims.results import VerifyReport
+from soter.verify.problem.extract import extract
+from soter.verify.proof_cache import store_verdicts
+from soter.verify.scope import coverage_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Value
+    from soter.verify.induction.refute import Search
+    from soter.verify.problem.problem import Problem
+
+    Progress = Callable[[float], None]
+
+
+NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
+
+
+def verify(
+    checked: CheckResult,
+    *,
+    module: str | None = None,
+    system: str | None = None,
+    params: Mapping[str, Value] | None = None,
+    cert: Path | None = None,
+    refute: bool = True,
+    report: Path | None = None,
+    progress: Progress | None = None,
+    given: Mapping[str, object] | None = None,
+    search: Search | None = None,
+) -> VerifyReport:
+    """Verify the modules of a checked program; `SoterError` where a problem is not determined.
+
+    `given`: the parameters as the user wrote them, for the report's command line; `search`: see
+    `verify_module`.
+    """
+    from soter.verify.verify_module import verify_module  # noqa: PLC0415 - needs a compiler
+
+    began = time.perf_counter()
+    assert checked.program is not None
+    chosen = modules_of(checked, module, system, params or {})
+    refuse_forced(chosen)
+    chosen = _views(chosen)
+    problems = problems_of(chosen)
+    for (flat, _), problem in zip(chosen, problems, strict=True):
+        said = checked.program.systems.get(flat.name)
+        if said is not None and said.faults:
+            problem.assumptions.append(NO_FAULTS.format(flat.name))
+    coverage = coverage_of(checked, chosen, problems, params or {})
+    results = []
+    for i, problem in enumerate(problems):
+        share = _part(progress, i, len(problems))
+        # a run of a view, or of a plant that others move as they like, is none of the vehicle
+        attack = refute and not problem.view and not problem.influences
+        results.append(verify_module(problem, refute=attack, progress=share, search=search))
+    store_verdicts([flat for flat, _ in chosen], results)
+    names = list(dict.fromkeys(flat.name for flat, _ in chosen))
+    verification = VerifyReport(
+        checked.program.path,
+        checked.program.sha256,
+        ", ".join(names),
+        tuple(results),
+        time.perf_counter() - began,
+        _command_line(checked.program.path, module, system, given or {}),
+        coverage,
+    )
+    if cert is not None:
+        from soter.verify.write_certificate import write  # noqa: PLC0415 - only then
+
+        write(cert, checked.program, results, [flat.name for flat, _ in chosen])
+    if report is not None:
+        from soter.verify.proof_report import write_report  # noqa: PLC0415 - only then
+
+        write_report(verification, report)
+    verification.page = _page
+    return verification
+
+
+def _page(report: VerifyReport) -> str:
+    from soter.verify.proof_report import page_text  # noqa: PLC0415 - only then
+
+    return page_text(report)
+
+
+def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
+    """SoterError R019: of a module whose DM does not switch the theorem says nothing."""
+    diagnostics = Diagnostics()
+    for flat, m in chosen:
+        if m.forced is not None:
+            diagnostics.error(
+                "R019",
+                f"module `{m.name}` is forced to {m.forced.upper()} in system `{flat.name}`",
+                m.symbol.span,
+                notes=("its DM does not switch there: nothing can be proved of it",),
+                helps=(
+                    "verify it in a system that does not force it: `--system NAME`",
+                    "or the other modules of this one: `--module NAME`",
+                ),
+            )
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
+def _command_line(
+    path: str, module: str | None, system: str | None, given: Mapping[str, object]
+) -> str:
+    words = ["soter", "verify", path]
+    words += ["--module", module] if module else []
+    words += ["--system", system] if system else []
+    for name, value in given.items():
+        words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
+    return shlex.join(words)
+
+
+def modules_of(
+    checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
+) -> list[tuple[System, Module]]:
+    """The modules that are meant, each in a flat system that has it.
+
+    SoterError U008 where there is none.
+    """
+    preferred = checked.default_system()
+    _not_deployed(checked, system)
+    names = [system] if system else [n for n, s in checked.systems.items() if s.deploys is None]
+    if not system and preferred is not None:
+        names.sort(  # whatever the default system forces: it is the one that is judged
+            key=lambda n: (
+                n != preferred.name
+                and 1
+                + any(m.forced for m in system_to_prove(checked, n, params, exact=False).modules)
+            )
+        )
+    modules: list[tuple[System, Module]] = []
+    known: list[str] = []
+    seen: set[object] = set()
+    for name in names or [""]:
+        flat = system_to_prove(checked, name, params, exact=system is not None)
+        here: set[object] = set()
+        for m in flat.modules:
+            known.append(m.name)
+            here.add(m.symbol)
+            if m.symbol not in seen and (module is None or module in _names(m)):
+                modules.append((flat, m))
+        seen |= here
+    if module is not None and not modules:
+        raise SoterError((_no_module(module, list(dict.fromkeys(known))),))
+    return modules
+
+
+def _not_deployed(checked: CheckResult, system: str | None) -> None:
+    """U008 for a system in the world: what it deploys is proved."""
+    every = list(checked.systems.values())
+    meant = [s for s in every if s.name == system or system is None]
+    if not meant or any(s.deploys is None for s in meant):
+        return
+    symbol = meant[0]
+    assert symbol.deploys is not None
+    what = f"system `{symbol.name}` has no plants: it deploys `{symbol.deploys.name}`"
+    there = symbol.deploys
+    name = there.name.rpartition(".")[2]
+    how = f"soter verify {shlex.quote(there.span.source.name)} --system {name} --cert DIR"
+    helps = (f"verify that one: `{how}`", "and build this one with `--cert DIR`")
+    raise SoterError((Diagnostic("U008", what, helps=helps),))
+
+
+def _names(m: Module) -> tuple[str, str]:
+    return m.name, m.symbol.name
+
+
+def _no_module(module: str, known: list[str]) -> Diagnostic:
+    there = ", ".join(f"`{n}`" for n in known) or "none"
+    return Diagnostic("U008", f"there is no module `{module}`", notes=(f"there are: {there}",))
+
+
+def _views(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
+    """Every module once for each of its views; SoterError with all diagnostics at once."""
+    views: list[tuple[System, Module]] = []
+    diagnostics = Diagnostics()
+    for flat, m in chosen:
+        try:
+            views += systems_by_view(flat, m)
+        except SoterError as error:
+            for d in error.diagnostics:
+                diagnostics.add(d)
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    return views
+
+
+def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
+    """The problem of every module; SoterError with all diagnostics at once."""
+    problems: list[Problem] = []
+    diagnostics = Diagnostics()
+    for flat, m in chosen:
+        try:
+            problems.append(extract(flat, m))
+        except SoterError as error:
+            for d in error.diagnostics:
+                diagnostics.add(d)
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    return problems
+
+
+def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
+    """Progress of one of several equal parts."""
+    if progress is None:
+        return None
+    return lambda share: progress((index + share) / count)

@@ -1,0 +1,250 @@
+"""Modules without `ttf` and `safer`: their sets are computed and put into the system.
+
+Purpose: `complete` gives every such module of a flat system predicates that read tables, so that
+interpreter, lowering and C all see them; tables are kept in the cache folder.
+Non-goals: the sets (`verify/claims/`), reading a table (`tables.py`), verdicts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from dataclasses import replace
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.elaborate.derived_systems import faultless
+from soter.language.model.tree_walk import topic_reads
+from soter.native.cache import find_cached, store
+from soter.native.own_files import SOTER, files_below
+from soter.verify.claims import claims
+from soter.verify.claims.levels import levels, withheld
+from soter.verify.deploy.proof_transfer import carry
+from soter.verify.enclose.compiled_enclosures import library_of
+from soter.verify.grid.sets import UnboundedError
+from soter.verify.problem.estimates import seen
+from soter.verify.problem.extract import cases, extract
+from soter.verify.proof_methods import in_order, method_of, pairs_of, tables
+from soter.verify.tables.grid_tables import GroupTable, predicates
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from soter.language.model.system import Module, System
+    from soter.verify.enclose.engine_library import ReachLibrary
+    from soter.verify.problem.problem import Group, Problem
+    from soter.verify.proof_methods import Pairs
+    from soter.verify.tables.level_table import LevelTable
+
+    Found = list[LevelTable]
+    Progress = Callable[[float], None]
+
+
+ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
+"""A set depends on how a program is read, lowered, enclosed and computed with."""
+FILE = "sets.npz"
+NEVER = "ttf and safer are not computed, its AC never gets control"
+
+
+def open_modules(flat: System) -> list[Module]:
+    """Modules whose predicates are to be computed."""
+    return [m for m in flat.modules if m.symbol.ttf is None and m.symbol.safer is None]
+
+
+def complete(flat: System, progress: Progress | None = None) -> list[str]:
+    """Give the modules of `flat` that have neither `ttf` nor `safer` computed ones, in place.
+
+    A module that determines no verification problem, or whose problem has no solution, stays as it
+    is: its AC never gets control. Gives a note about each module; `soter verify` says more.
+    """
+    if flat.proved is not None:  # of a deployed system: what was computed where it was proved
+        notes = complete(flat.proved, progress)
+        carry(flat, flat.proved)
+        return notes
+    todo = open_modules(flat)
+    notes = []
+    for i, module in enumerate(todo):
+        try:
+            problem = extract(faultless(flat), module)
+        except SoterError as error:
+            notes.append(f"{module.name}: {error.diagnostics[0].message}: {NEVER}")
+            continue
+        level_tables = _tables(problem, _part(progress, i, len(todo)))
+        if level_tables is None:
+            notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
+            continue
+        put(flat, module, problem, level_tables)
+        share = min(x.share for x in level_tables)
+        what = f"AC may have control on {share:.1%} of the grid (S_0)"
+        notes.append(f"{module.name}: ttf and safer computed, {what}")
+    return notes
+
+
+def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
+    """The predicates of these tables as the module's own."""
+    ttf, safer = predicates(problem, level_tables)
+    reads = tuple(topic_reads(ttf, safer))
+    scope = {**flat.components[module.sc].scope.topics, **module.scope.topics}
+    for topic in reads:
+        module.scope.topics.setdefault(topic, scope[topic])
+        flat.components[module.dm].scope.topics.setdefault(topic, scope[topic])
+    module.symbol = replace(module.symbol, ttf=ttf, safer=safer, topics_read=reads)
+    module.inputs = tuple(scope[topic] for topic in reads)
+    module.computed = True
+    module.looks = looks_of(problem, level_tables)
+
+
+def looks_of(problem: Problem, level_tables: Found) -> int:
+    """How many looks of the DM keep AC, the one that finds `safer` among them: m - 1, or 1.
+
+    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof.md, Margin). Just
+    one look, which says nothing but when the next one is, where that argument has a gap: the DM's
+    table is that of several cases, but the levels are nested in each of them alone; of a map a
+    state may come to lie on the border of a cell; a half-space is read with a little less than S_0.
+    """
+    alone = sum(1 for _ in cases(problem)) == 1
+    inside = problem.kind == "flow" and all(isinstance(x, GroupTable) for x in level_tables)
+    return max(problem.levels, 2) - 1 if alone and inside else 1
+
+
+# ---------------------------------------------------------------- computing
+
+
+def _tables(problem: Problem, progress: Progress | None) -> Found | None:
+    """From the cache, or computed; None where the engine has no answer."""
+    library, _ = library_of(problem)
+    key = _key(problem, library)
+    sets = _kept(key, problem)
+    if sets is None:
+        sets = _computed(problem, library, progress)
+        if sets is None:
+            return None
+        _keep(key, problem, sets)
+    return tables(problem, sets)
+
+
+def _computed(
+    problem: Problem, library: ReachLibrary, progress: Progress | None
+) -> list[Pairs] | None:
+    every = list(cases(problem))
+    case_pairs = []
+    for i, parameter in enumerate(every):
+        tell = _part(progress, i, len(every))
+        try:
+            case = claims.open_case(problem, library, problem.groups, parameter, _telling(tell))
+            if not (claims.constraint(case) and claims.core(case)):
+                return None
+            claims.free_phase(case)
+            levels(case)
+        except UnboundedError:
+            return None
+        pairs = pairs_of(case.sets)
+        if withheld(case) or len(pairs) != len(problem.groups):
+            return None
+        case_pairs.append(pairs)
+    return case_pairs
+
+
+def _telling(progress: Progress | None) -> Callable[[str, float], None] | None:
+    """As the engine tells it: K first, the tubes after it."""
+    if progress is None:
+        return None
+    return lambda what, share: progress(0.9 * share if what == "core" else 0.9 + 0.1 * share)
+
+
+def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
+    if progress is None:
+        return None
+    return lambda share: progress((index + share) / count)
+
+
+# ---------------------------------------------------------------- the cache
+
+
+def _key(problem: Problem, library: ReachLibrary) -> str:
+    """A hash of everything the sets depend on: the enclosures' C, all numbers, the engine."""
+    told = hashlib.sha256()
+    for part in (
+        version("soter"),
+        np.__version__,
+        library.path.name,
+        problem.kind,
+        problem.plant_period_ns,
+        problem.schemes,
+        problem.states,
+        problem.controls,
+        problem.disturbances,
+        problem.errors,
+        problem.others,
+        problem.parameters,
+        [(g.representation, g.axes) for g in problem.groups],
+        replace(problem.times, declared=frozenset()),
+        sorted(problem.times.declared),
+        problem.levels,
+        problem.has_core_hint,
+        sorted(problem.topic_leaf_of_state.items()),
+        sorted(seen(problem)),
+        problem.law_unread,
+        *_of_the_law(problem),
+    ):
+        told.update(repr(part).encode() + b"\0")
+    for file in engine_files():
+        told.update(file.read_bytes())
+    return told.hexdigest()
+
+
+def _of_the_law(problem: Problem) -> tuple[object, ...]:
+    """What K_fs depends on besides: SC is asked to keep it, so the sets hang on it as well."""
+    law = problem.law
+    if law is None:
+        return ()
+    times = replace(law.times, declared=frozenset())
+    return library_of(law)[0].path.name, law.states, law.controls, law.disturbances, times
+
+
+def engine_files() -> list[Path]:
+    """Every file that the sets depend on, however the rooms are cut."""
+    files = [f for room in ENGINE_ROOMS for f in files_below(SOTER / room, "*.py", "*.[ch]")]
+    return [*files, *files_below(SOTER / "language", "*.soter")]
+
+
+def _keep(key: str, problem: Problem, sets: list[Pairs]) -> None:
+    """Write the sets; a cache that cannot be written is no error."""
+    arrays: dict[str, NDArray[np.generic]] = {}
+    for i, case in enumerate(sets):
+        for j, (group, pair) in enumerate(zip(in_order(problem.groups), case, strict=True)):
+            for name, array in method_of(group).packed(pair).items():
+                arrays[f"{i}_{j}_{name}"] = array
+
+    def make(work: Path) -> None:
+        np.savez_compressed(work / FILE, **arrays)  # type: ignore[arg-type]
+
+    with contextlib.suppress(SoterError):
+        store("sets", key, (FILE,), make)
+
+
+def _kept(key: str, problem: Problem) -> list[Pairs] | None:
+    """The sets of an earlier run; None where there are none."""
+    folder = find_cached("sets", key, (FILE,))
+    if folder is None:
+        return None
+    groups = in_order(problem.groups)
+    try:
+        with np.load(folder / FILE) as data:
+            return [
+                [_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
+                for i, _ in enumerate(cases(problem))
+            ]
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def _pair(data: Any, name: str, group: Group) -> object:  # noqa: ANN401 - an open archive
+    own = {key.removeprefix(name): data[key] for key in data.files if key.startswith(name)}
+    return method_of(group).unpacked(group, own)

@@ -1,0 +1,244 @@
+"""What sensors of the world give a module, against what the plants of its proof gave.
+
+Purpose: of every topic that a plant of the proof drove and DM or SC reads: errors, ages, steps; of
+several together: that they can be taken for one state.
+Non-goals: which proofs are carried (`proof_transfer.py`); rates and time between sensors
+(`sensor_skew.py`).
+
+What is compared, and why it suffices (docs/deploy.md, "What is inherited"): the theorem speaks of a
+read as of one state, at most so old, within E. A value that is measured at least every e and
+published at most l after it was measured is, at any time t, at most e + l old; its stamp is its
+measurement or earlier. The DM enforces `max_age` itself; at a start of SC, up to Lambda after its
+release, the stamp is at most e + l + Lambda old, which must not exceed `max_age`. Where the module
+declares a drop-out O, a silence may be O longer than that: then SC reads what is at most `max_age`
++ O old, as the proof does. Of a plant that moves in steps (`next`) a read of the proof shows the
+step of its instant: the topic has to come once a step.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.deployment.deployed_systems import from_outside
+from soter.language.model.durations import show_ns
+from soter.language.model.types import FloatType, leaves
+from soter.verify.deploy.sensor_skew import SensedTopic, too_far
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.model.system import Component, External, System, Topic
+    from soter.verify.deploy.sensor_skew import TopicSkew
+    from soter.verify.problem.problem import Problem
+
+NO_ERROR = 0.0
+
+
+class Sensors:
+    """What DM and SC read of the plants of the proved system, and what is said of it here."""
+
+    def __init__(self, here: System, there: System, problem: Problem) -> None:
+        """`problem`: of a module of `there`, beside the plants that are there."""
+        self.here = here
+        self.there = there
+        self.module = problem.module.name
+        self.said = {here.topics[e.topic].name: e for e in from_outside(here)}
+        self.plants: dict[int, Component] = {}
+        for c in there.components:
+            for topic, _ in c.plant.drives if c.plant is not None else ():
+                self.plants[c.scope.topics[topic]] = c
+        schedule = problem.times.schedule
+        read = {p.topic for p in (*schedule.read_by_dm, *schedule.read_by_sc)}
+        self.topics = [t for t in there.topics if t.name in read]
+        assert {t.index for t in self.topics} <= self.plants.keys()
+        assert len(self.topics) == len(read)
+
+    def errors_of(self, topic: Topic) -> list[float]:
+        """What the proof allows for, leaf by leaf."""
+        errors = [NO_ERROR for _ in leaves(topic.type)]
+        for m in self.plants[topic.index].measured:
+            if m.topic == topic.index:
+                errors[m.leaf] = m.bound
+        return errors
+
+
+def covers(s: Sensors, problem: Problem, diagnostics: Diagnostics) -> tuple[list[str], list[str]]:
+    """What is covered, and what is assumed of the sensors besides, in words; D019 otherwise."""
+    before = len(diagnostics.items)
+    stepped = problem.kind == "map"
+    for topic in s.topics:
+        e = s.said[topic.name]
+        _errors(s, topic, e, diagnostics)
+        if stepped:
+            _steps(s, topic, e, diagnostics)
+        else:
+            _age(s, topic, e, problem, diagnostics)
+    if len(diagnostics.items) > before:
+        return [], []
+    if not stepped:
+        for apart in too_far(problem, [_heard(s, t, problem) for t in s.topics]):
+            _apart(s, apart, problem, diagnostics)
+    if len(diagnostics.items) > before:
+        return [], []
+    covered = [_words(s, topic, problem) for topic in s.topics]
+    if len(s.topics) > 1 and not stepped:
+        names = ", ".join(t.name for t in s.topics)
+        covered.append(f"{names}: measured one by one, within the errors of one state")
+    return covered, _assumed(s, stepped=stepped)
+
+
+# ---------------------------------------------------------------- topic by topic
+
+
+def _errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
+    """The error of every float is said, and no wider than that of the plant."""
+    for k, ((path, t), allowed) in enumerate(
+        zip(leaves(topic.type), s.errors_of(topic), strict=True)
+    ):
+        if not isinstance(t, FloatType):
+            continue
+        name = ".".join((topic.name, *path))
+        own = e.errors[k]
+        if own is not None and own <= allowed:
+            continue
+        told = f"within {own!r}" if own is not None else "nothing says how exact it is"
+        diagnostics.error(
+            "D019",
+            f"the error of `{name}` is not covered by the proof in `{s.there.name}`",
+            e.span,
+            told,
+            notes=(f"there its plant is `measured ... within {allowed!r}`",),
+            helps=(f"write `measured {name} within {allowed!r}` or less, if that is true",),
+        )
+
+
+def _age(s: Sensors, topic: Topic, e: External, problem: Problem, diagnostics: Diagnostics) -> None:
+    """It comes so often, and so soon, that SC never reads what is older than the proof allows."""
+    if e.every_ns is None:
+        diagnostics.error(
+            "D019",
+            f"nothing says how often `{topic.name}` comes",
+            e.span,
+            notes=("SC answers reads that are at most so old",),
+            helps=(f"write `external topic {topic.name} every d`",),
+        )
+        return
+    oldest, allowed = _oldest(e, problem), topic.max_age_ns or 0
+    if oldest <= allowed:
+        return
+    starts = show_ns(problem.times.schedule.start_of_sc)
+    delay = show_ns(e.delay_ns or 0)
+    notes = [
+        f"every {show_ns(e.every_ns)}, {delay} on its way, and SC starts up to {starts} late",
+        f"the proof in `{s.there.name}` is about {show_ns(allowed)} (`max_age`)",
+    ]
+    if problem.times.schedule.dropout:
+        notes.append("`dropout` is for silences, not for what is always so")
+    diagnostics.error(
+        "D019",
+        f"`{topic.name}` may be {show_ns(oldest)} old when SC reads it",
+        e.span,
+        notes=tuple(notes),
+        helps=("let it come more often, or prove with a larger `max_age`",),
+    )
+
+
+def _oldest(e: External, problem: Problem) -> int:
+    assert e.every_ns is not None
+    return e.every_ns + (e.delay_ns or 0) + problem.times.schedule.start_of_sc
+
+
+def _steps(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
+    """It comes once in every step of its plant, and is never on its way."""
+    plant = s.plants[topic.index]
+    if e.every_ns == plant.period_ns and not e.delay_ns:
+        return
+    said = "nothing" if e.every_ns is None else f"every {show_ns(e.every_ns)}"
+    told = f"{said}, delayed {show_ns(e.delay_ns)}" if e.delay_ns else said
+    diagnostics.error(
+        "D019",
+        f"`{topic.name}` shows a plant that moves in steps, and does not come with each of them",
+        e.span,
+        told,
+        notes=(
+            f"plant `{plant.name}` moves every {show_ns(plant.period_ns)}; reads show that step",
+        ),
+        helps=(
+            f"write `external topic {topic.name} every {show_ns(plant.period_ns)}`, if it is so",
+        ),
+    )
+
+
+# ---------------------------------------------------------------- together
+
+
+def _heard(s: Sensors, topic: Topic, problem: Problem) -> SensedTopic:
+    e = s.said[topic.name]
+    assert e.every_ns is not None
+    age = e.every_ns + (e.delay_ns or 0) + problem.times.schedule.dropout
+    return SensedTopic(topic, age, e.errors, tuple(s.errors_of(topic)))
+
+
+def _apart(s: Sensors, pair: TopicSkew, problem: Problem, diagnostics: Diagnostics) -> None:
+    one, other = pair.one, pair.other
+    silent = problem.times.schedule.dropout
+    beside = f", a silence of {show_ns(silent)} included" if silent else ""
+    diagnostics.error(
+        "D019",
+        f"`{one.name}` and `{other.name}` may show states {show_ns(pair.apart)} apart",
+        s.said[other.name].span,
+        notes=(
+            f"they come one by one{beside}, and the proof is about reads that show one instant",
+            f"what is left of the errors covers {show_ns(pair.covered)}, as fast as it moves",
+            "a leaf that is no state of the plant, as it is, covers nothing",
+        ),
+        helps=(
+            "publish them as one topic, a record that is measured at one instant",
+            "or prove with larger errors (`measured ... within`), or let them come more often",
+        ),
+    )
+
+
+# ---------------------------------------------------------------- in words
+
+
+def _words(s: Sensors, topic: Topic, problem: Problem) -> str:
+    e = s.said[topic.name]
+    exact = [
+        f"{'.'.join(path) or topic.name} within {own!r} of {allowed!r}"
+        for (path, t), own, allowed in zip(
+            leaves(topic.type), e.errors, s.errors_of(topic), strict=True
+        )
+        if isinstance(t, FloatType)
+    ]
+    most = topic.max_age_ns or 0
+    if problem.kind == "map":
+        assert e.every_ns is not None
+        assert most < e.every_ns, "R011: the DM finds a step that is missing"
+        age = f"with each step of {show_ns(e.every_ns)}, or stale ({show_ns(most)})"
+    else:
+        age = f"at most {show_ns(_oldest(e, problem))} old of {show_ns(most)}"
+        if problem.times.schedule.dropout:
+            age += f", and silences {show_ns(problem.times.schedule.dropout)} longer"
+    return f"{topic.name}: {', '.join([age, *exact])}"
+
+
+def _assumed(s: Sensors, *, stepped: bool) -> list[str]:
+    assumptions = [f"what moves starts where the plants of {s.there.name} do"] * bool(s.topics)
+    for topic in s.topics:
+        assumptions.append(
+            f"{topic.name} is published before the first step (SOTER_UNHEARD tells), and shows "
+            "where that finds it"
+        )
+        assumptions += [
+            f"{'.'.join((topic.name, *path))} is exactly what the plant would say"
+            for path, t in leaves(topic.type)
+            if not isinstance(t, FloatType)
+        ]
+    if stepped:
+        named = ", ".join(dict.fromkeys(s.plants[t.index].name for t in s.topics))
+        assumptions += [
+            f"what {named} models moves in steps, each after an instant, with what was read then",
+            "what is published before an instant shows that step: loop and steps go by turns",
+            "between two steps nothing is claimed",
+        ]
+    return assumptions

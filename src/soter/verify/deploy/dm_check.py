@@ -1,0 +1,428 @@
+"""The check that comes with a generated decision module.
+
+Purpose: the emitted C of every DM against the switching logic of the paper's Figure:
+- its switch, on every mode and every truth value of the facts: exhaustively;
+- its facts and its answer, on states of every class of input: NaN, infinities, the ends of the
+  range and just beyond, breakpoints of a table, in between; fresh, at `max_age`, stale, never
+  published; with and without a gate fault and clean outputs owed; in both modes.
+The expected answers are written down here anew, from docs/semantics.md; the truth of predicates is
+the reference interpreter's, and one that faults is unknown, which counts as unsafe.
+Non-goals: whether the predicates are right (`verify.py`); the kernel, which calls the DM.
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+import struct
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.codegen.unit import generate
+from soter.core.layout import encode_into, size_of, state_dtype, struct_of
+from soter.core.steps import lower
+from soter.language.elaborate import derived_systems
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import ArrayType, RecordType, leaves
+from soter.native.build import library
+from soter.native.cffi_interface import interface, opened
+from soter.verify.deploy.computed_predicates import put
+from soter.verify.deploy.dm_inputs import AC, SC, gates, values
+from soter.verify.proof_methods import pairs_of, tables
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.codegen.unit import Unit
+    from soter.core.core import CoreSystem
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Type, Value
+    from soter.verify.claims.results import ModuleResult
+    from soter.verify.deploy.dm_inputs import Points
+    from soter.verify.problem.problem import Problem
+    from soter.verify.tables.level_table import LevelTable
+
+
+NEVER = -(2**62)
+NOW_NS = 10**15
+WHOLE = 24
+"""For so many values every age is tried with every state of the gate; for the others some."""
+SOME = 5
+FAILURES_MAX = 10
+WRAPPER = """
+#include <string.h>
+unsigned soter_check_decide(unsigned module, void *state);
+unsigned soter_check_switch(unsigned mode, unsigned facts);
+unsigned soter_check_decide(unsigned module, void *state) {{
+  return (unsigned){prefix}_program.module[module].decide(state);
+}}
+void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
+    const size_t *at, const double *points, size_t count, unsigned char *found);
+void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
+    const size_t *at, const double *points, size_t count, unsigned char *found) {{
+  for (size_t k = 0; k < count; k++) {{
+    for (size_t a = 0; a < axes; a++) {{
+      (void)memcpy(state + at[a], points + k * axes + a, sizeof(double));
+    }}
+    (void){prefix}_program.module[module].decide(state);
+    found[k] = state[facts[0]] != 0U ? 0U : state[facts[1]] != 0U ? 2U : 1U;
+  }}
+}}
+unsigned soter_check_switch(unsigned mode, unsigned facts) {{
+  return (unsigned){prefix}_switch((soter_mode)mode, (facts & 1U) != 0U, (facts & 2U) != 0U,
+      (facts & 4U) != 0U, (facts & 8U) != 0U, (facts & 16U) != 0U);
+}}
+"""
+
+
+@dataclass(eq=False)
+class DMCheck:
+    """What was tried, and where the C differed; `verdict` is proved or refuted.
+
+    `facts`: combinations of facts, all there are; `states`: states of the classes of input;
+    `cells`: cells of tables, all there are.
+    """
+
+    module: str
+    facts: int = 0
+    states: int = 0
+    cells: int = 0
+    points: int = 0
+    """Points around borders that are not those of cells."""
+    failures: list[str] = field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        """`proved` where nothing differed."""
+        return "refuted" if self.failures else "proved"
+
+    @property
+    def text(self) -> str:
+        """One sentence."""
+        if self.failures:
+            return f"the C of the DM differs from the switching logic: {self.failures[0]}"
+        return (
+            f"the compiled DM switches as it should: all {self.facts} combinations of facts, "
+            f"{self.states:,} inputs"
+            + (f", all {self.cells:,} cells" if self.cells else "")
+            + (f", {self.points:,} points at borders" if self.points else "")
+        )
+
+    def differs(self, what: str) -> None:
+        """Enter a difference."""
+        if len(self.failures) < FAILURES_MAX:
+            self.failures.append(what)
+
+
+def decided(
+    mode: int, *, stale: bool, ttf: bool, safer: bool, gate_fault: bool, clean: bool
+) -> int:
+    """The mode after a DM step (docs/semantics.md): AC is left for any doubt."""
+    if mode == AC:
+        return SC if ttf or stale or gate_fault else AC
+    return AC if safer and not stale and clean else SC
+
+
+def check_decisions(
+    system: System,
+    core: CoreSystem | None = None,
+    level_tables: Sequence[LevelTable] = (),
+    leaves_of: Mapping[int, tuple[int, int]] | None = None,
+    change: Callable[[str], str] | None = None,
+) -> list[DMCheck]:
+    """Check the C of every decision module of a system.
+
+    `found`: the tables of computed predicates (one module), every cell of which is tried;
+    `leaves_of`: state -> the (topic, leaf) that shows it; `change` edits the C first (for tests).
+    """
+    at = leaves_of or {}
+    points = {at[s]: e for t in level_tables for s, e in zip(t.states, t.ends, strict=True)}
+    unit = generate(system, core)
+    source = unit.source if change is None else change(unit.source)
+    text = source + WRAPPER.format(prefix=unit.prefix)
+    c = _Compiled(replace(unit, source=text))
+    checks = []
+    for module in system.modules:
+        check = DMCheck(module.name)
+        _all_facts(c, check)
+        inputs = _Inputs(c, system, module, check)
+        inputs.run(points)
+        for table in level_tables:
+            others = [t for t in level_tables if t is not table]
+            inputs.levels(table, others, at)
+        checks.append(check)
+    return checks
+
+
+def check_module(result: ModuleResult) -> DMCheck:
+    """The DM of a verified module; with the predicates that were computed, where they were."""
+    problem = result.problem
+    sets = [pairs_of(case) for case in result.cases]
+    if problem.computed and all(len(pairs) == len(problem.groups) for pairs in sets):
+        return check_problem(problem, tables(problem, sets))
+    return check_problem(problem, [])
+
+
+def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMCheck:
+    """The DM of a module, with these tables for its computed predicates, where there are some."""
+    system = derived_systems.unbound(problem.whole or problem.system)
+    module = system.modules[problem.module.index]
+    if level_tables:
+        put(system, module, problem, list(level_tables))
+    core = lower(system)
+    for function in core.functions:
+        function.source = None  # predicates call no extern functions (R003)
+    return check_decisions(system, core, level_tables, problem.topic_leaf_of_state)[0]
+
+
+class _Compiled:
+    """The compiled unit with its wrapper."""
+
+    def __init__(self, unit: Unit) -> None:
+        self.unit = unit
+        self.ffi = interface(
+            "unsigned soter_check_decide(unsigned module, void *state);"
+            "unsigned soter_check_switch(unsigned mode, unsigned facts);"
+            "void soter_check_cells(unsigned module, unsigned char *state, const size_t *facts,"
+            " size_t axes, const size_t *at, const double *points, size_t count,"
+            " unsigned char *found);"
+        )
+        self.lib: Any = opened(self.ffi, library(unit))
+
+    def switch(self, mode: int, facts: Sequence[bool]) -> int:
+        """Facts in the order stale, ttf, safer, gate fault, clean."""
+        bits = sum(1 << i for i, fact in enumerate(facts) if fact)
+        return int(self.lib.soter_check_switch(mode, bits))
+
+    def levels(
+        self,
+        module: int,
+        state: bytearray,
+        facts: tuple[int, int],
+        at: NDArray[np.uintp],
+        points: NDArray[np.float64],
+    ) -> NDArray[np.uint8]:
+        """Levels (0: ttf, 2: safer, 1: neither) of points (n, axes), put at the offsets `at`."""
+        levels = np.zeros(len(points), dtype=np.uint8)
+        self.lib.soter_check_cells(
+            module,
+            self.ffi.from_buffer(state),
+            self.ffi.new("size_t[2]", facts),
+            len(at),
+            self.ffi.cast("size_t *", at.ctypes.data),
+            self.ffi.cast("double *", points.ctypes.data),
+            len(points),
+            self.ffi.cast("unsigned char *", levels.ctypes.data),
+        )
+        return levels
+
+    def decide(self, module: int, state: bytearray) -> int:
+        """The DM's answer; it notes the facts in `state`."""
+        return int(self.lib.soter_check_decide(module, self.ffi.from_buffer(state)))
+
+
+def _leaf_offset(t: Type, leaf: int) -> int:
+    """Byte offset of a scalar leaf inside a value."""
+    if isinstance(t, RecordType):
+        for member in struct_of(t).members:
+            count = sum(1 for _ in leaves(member.type))
+            before = sum(sum(1 for _ in leaves(f)) for _, f in t.fields[: member.index])
+            if before <= leaf < before + count:
+                return member.offset + _leaf_offset(member.type, leaf - before)
+    if isinstance(t, ArrayType):
+        count = sum(1 for _ in leaves(t.element))
+        return leaf // count * size_of(t.element) + _leaf_offset(t.element, leaf % count)
+    return 0
+
+
+def _all_facts(c: _Compiled, check: DMCheck) -> None:
+    """Two modes and five facts: 64 combinations, all there are."""
+    names = ("stale", "ttf", "safer", "gate_fault", "clean")
+    for mode in (SC, AC):
+        for facts in itertools.product((False, True), repeat=5):
+            said = dict(zip(names, facts, strict=True))
+            wanted, got = decided(mode, **said), c.switch(mode, facts)
+            check.facts += 1
+            if wanted != got:
+                true = ", ".join(n for n, fact in said.items() if fact) or "no fact"
+                check.differs(f"in {_name(mode)} with {true}: {_name(got)}, not {_name(wanted)}")
+
+
+def _name(mode: int) -> str:
+    return "AC" if mode == AC else "SC"
+
+
+# ---------------------------------------------------------------- states
+
+
+class _Inputs:
+    """States of every class: values of topics, times their ages, times what the gate says."""
+
+    def __init__(self, c: _Compiled, system: System, module: Module, check: DMCheck) -> None:
+        self.c, self.system, self.module, self.check = c, system, module, check
+        self.chance = random.Random(1)  # noqa: S311 - test points
+        layout = c.unit.layout
+        fields = state_dtype(system, layout)["modules"].base.fields
+        assert fields is not None
+        own = layout.module_offset + module.index * fields_size(system, layout)
+        self.at = {name: own + int(where[1]) for name, where in fields.items()}
+        self.stamps = layout.stamp_offset
+        self.limits = [
+            (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
+        ]
+
+    def run(self, points: Points) -> None:
+        """Try them all."""
+        system, symbol = self.system, self.module.symbol
+        predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
+        scope = {**system.components[self.module.sc].scope.topics, **self.module.scope.topics}
+        read = [scope[t] for t in topic_reads(*predicates)]
+        expected = _Expected(system, self.module)
+        every = list(itertools.product(self._ages(), gates(self.module)))
+        for k, chosen_values in enumerate(values(system, read, points, self.chance)):
+            topics = [t.default for t in system.topics]
+            for index, value in zip(read, chosen_values, strict=True):
+                topics[index] = value
+            ttf, safer = expected.truths(tuple(topics))
+            state = expected.state(self.c.unit, tuple(topics))
+            chosen = every if k < WHOLE else self.chance.sample(every, min(SOME, len(every)))
+            for stamps, gate in chosen:
+                self._one(state, stamps, gate, ttf=ttf, safer=safer)
+
+    def _fresh(
+        self,
+        own: LevelTable,
+        others: Sequence[LevelTable],
+        leaves_of: Mapping[int, tuple[int, int]],
+    ) -> tuple[bytearray, NDArray[np.uintp]] | None:
+        """A state with all fresh, other groups where they allow everything; where `own` lies."""
+        layout, topics = self.c.unit.layout, self.system.topics
+        state = _Expected(self.system, self.module).state(
+            self.c.unit, tuple(t.default for t in topics)
+        )
+        struct.pack_into("<q", state, 0, NOW_NS)
+        for i in range(len(topics)):
+            struct.pack_into("<q", state, self.stamps + 8 * i, NOW_NS)
+
+        def offset(of: int) -> int:
+            topic, leaf = leaves_of[of]
+            return layout.topic_offset(topic) + _leaf_offset(topics[topic].type, leaf)
+
+        for other in others:
+            full = other.full
+            if full is None:
+                return None  # then safer is false everywhere: nothing to tell apart
+            for s, value in zip(other.states, full, strict=True):
+                struct.pack_into("<d", state, offset(s), value)
+        return state, np.array([offset(s) for s in own.states], dtype=np.uintp)
+
+    def levels(
+        self,
+        table: LevelTable,
+        others: Sequence[LevelTable],
+        leaves_of: Mapping[int, tuple[int, int]],
+    ) -> None:
+        """The samples of a table; the other groups where they allow everything."""
+        samples, fresh = table.samples, self._fresh(table, others, leaves_of)
+        if samples is None or fresh is None:
+            return
+        state, at = fresh
+        points, surely = samples.points, samples.surely
+        facts = (self.at["ttf"], self.at["safer"])
+        got = self.c.levels(self.module.index, state, facts, at, points)
+        if samples.whole:
+            self.check.cells += len(points)
+        else:
+            self.check.points += len(points)
+        for k in np.flatnonzero((got > surely) | (got < samples.least))[:1]:
+            where = points[k].tolist()
+            self.check.differs(f"at {where} its level is {got[k]}, not {surely[k]}")
+
+    def _ages(self) -> Iterator[dict[int, int]]:
+        """Ages: all fresh; then each input at its limit, beyond it, never published."""
+        yield {}
+        for index, limit in self.limits:
+            for age in (limit, limit + 1, NOW_NS - NEVER):
+                yield {index: age}
+        if self.limits:
+            yield {i: self.chance.randrange(2 * a + 2) for i, a in self.limits}
+
+    def _one(
+        self,
+        state: bytearray,
+        ages: dict[int, int],
+        gate: tuple[int, int, int],
+        *,
+        ttf: bool,
+        safer: bool,
+    ) -> None:
+        mode, gate_fault, clean = gate
+        struct.pack_into("<q", state, 0, NOW_NS)
+        for i in range(len(self.system.topics)):
+            struct.pack_into("<q", state, self.stamps + 8 * i, NOW_NS - ages.get(i, 0))
+        struct.pack_into("<I", state, self.at["clean_needed"], clean)
+        state[self.at["mode"]], state[self.at["gate_fault"]] = mode, gate_fault
+        stale = any(ages.get(i, 0) > limit for i, limit in self.limits)
+        got = self.c.decide(self.module.index, state)
+        facts = {"stale": stale, "ttf": ttf, "safer": safer}
+        wanted = decided(mode, **facts, gate_fault=gate_fault != 0, clean=clean == 0)
+        self.check.states += 1
+        wrong = [n for n, fact in facts.items() if state[self.at[n]] != fact]
+        for name in wrong[:1]:
+            self.check.differs(f"in {_name(mode)} it finds `{name}` {not facts[name]}")
+        if got != wanted:
+            self.check.differs(f"in {_name(mode)} on {facts}: {_name(got)}, not {_name(wanted)}")
+
+
+def fields_size(system: System, layout: StateLayout) -> int:
+    """Bytes of one module's record in a state."""
+    return int(state_dtype(system, layout)["modules"].base.itemsize)
+
+
+class _Expected:
+    """What the reference interpreter says about a module's predicates."""
+
+    def __init__(self, system: System, module: Module) -> None:
+        self.system = system
+        evaluator = Evaluator.of(module.scope, {})
+        symbol = module.symbol
+        self._ttf = None if symbol.ttf is None else evaluator.expression(symbol.ttf)
+        self._safer = None if symbol.safer is None else evaluator.expression(symbol.safer)
+        self.period_ns = module.period_ns
+
+    def truths(self, topics: tuple[Value, ...]) -> tuple[bool, bool]:
+        """(ttf, safer); unknown is unsafe."""
+        env = Environment(
+            topics=topics,
+            stamps=tuple(NOW_NS for _ in topics),
+            time_ns=NOW_NS,
+            period_ns=self.period_ns,
+            in_control=True,
+            mode=lambda _: SC,
+            truth=lambda _: (),
+        )
+        truths = []
+        for predicate, unknown in ((self._ttf, True), (self._safer, False)):
+            try:
+                truths.append(unknown if predicate is None else bool(predicate(env)))
+            except StepFault:
+                truths.append(unknown)
+        return truths[0], truths[1]
+
+    def state(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
+        """A state that holds these values."""
+        out = bytearray(unit.layout.size)
+        for group in unit.layout.groups:
+            if group.owner < 0:
+                for member in group.struct.members:
+                    at = group.offset + member.offset
+                    encode_into(out, at, member.type, topics[member.index])
+        return out

@@ -1,0 +1,307 @@
+"""Why K is empty: causes told apart, each by a measurement.
+
+Purpose: for what stays undecided, what was measured about it: by which end of the grid runs leave
+(`exit_faces.py`), whether SC only just fails, whether the cells are too coarse; and the run that
+leaves soonest. Other claims have their margins (`margins.py`).
+Non-goals: verdicts. Nothing here turns undecided into anything else. It takes a few CPU seconds at
+most, and says where that was not enough.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.claims.results import UNDECIDED, Cause
+from soter.verify.diagnosis.exit_faces import faces
+from soter.verify.diagnosis.experiments import (
+    COARSE,
+    CpuBudget,
+    InvariantShare,
+    ProblemChange,
+    against,
+    kept,
+)
+from soter.verify.diagnosis.failure_margins import OPEN, ORDER, margins
+from soter.verify.diagnosis.model_runs import FALSE, TRUE, LeavingSearch, PointModel, soonest
+from soter.verify.diagnosis.sc_progress import no_pull
+from soter.verify.diagnosis.scaled_observations import scaled
+from soter.verify.grid.claims import GridProof
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case, Failure
+    from soter.verify.claims.results import Finding, ModuleResult
+
+    Floats = NDArray[np.float64]
+
+BUDGET_S = 8.0
+RUNS_S = 3.5
+FINER_S = 2.5
+PULL_S = 1.0
+PRECISION = 32
+"""Parts in which the strength of what stands against SC is told."""
+DECLARED = "the declared start"
+SIZES = ((1, "half"), (2, "a quarter of"))
+"""How often cells are halved to see whether that helps, and what that is in words."""
+NAMES = {
+    "constraint": "there is no C",
+    "scaled": "`safe` holds on the whole grid, and reads what is no state",
+    "wrap_around": "an axis that should wrap around",
+    "drift_of_all": "the flow leaves C whatever SC does",
+    "one_sided": "an end of the grid acts as a wall",
+    "no_pull": "SC only stops, and brings the plant to no place",
+    "drift": "the flow leaves the grid under SC",
+    "cells": "the cells are too coarse",
+    "strength": "too much stands against SC",
+    "no_run": "but no run of the model was seen to leave C",
+    "weak": "with nothing against SC, too",
+}
+"""Causes, the first of which that was found is named in the table."""
+HOPELESS = ("wrap_around", "drift_of_all")
+"""Causes beside which cells and strength are not looked at."""
+EMPTY = "K is empty"
+HELPS = 2
+"""So many remedies are told, those of the first causes."""
+
+
+def diagnose(done: Sequence[Case], result: ModuleResult) -> None:
+    """Enter causes and margins for what is undecided."""
+    budget = CpuBudget(BUDGET_S)
+    finding = result.findings["P2a"]
+    case = next((c for c in done if c.failed("P2a")), None)
+    if finding.verdict == UNDECIDED and case is not None:
+        failure = case.failed("P2a")[0]
+        _why_empty(case, failure, finding, budget)
+        _named(done, case, finding)
+    elif open_in(result):
+        margins(done, result, budget)
+    if budget.cut:
+        _say_cut(result)
+
+
+def open_in(result: ModuleResult) -> bool:
+    """Whether there is anything to measure."""
+    refuted = any(result.findings[claim].verdict in OPEN for claim in ORDER)
+    return refuted or any(f.verdict == UNDECIDED for f in result.findings.values())
+
+
+def _named(done: Sequence[Case], case: Case, finding: Finding) -> None:
+    """Of which parameter values that was measured."""
+    if len(done) < 2 or not finding.causes:
+        return
+    failing = sum(bool(c.failed("P2a")) for c in done)
+    pairs = zip(case.problem.parameters, case.parameter, strict=True)
+    at = ", ".join(f"{p.name} = {v}" for p, v in pairs)
+    text = f"all this was measured with {at}; {failing} of {len(done)} parameter values fail"
+    finding.causes.append(Cause("parameters", text))
+
+
+def _say_cut(result: ModuleResult) -> None:
+    """Where measuring ended early, that is said with what was found."""
+    text = f"measuring was cut off ({BUDGET_S:g} s of CPU time in all): more could be said"
+    names = ("P2a", "ttf", "safer", "start", "P2b")
+    open_ = [f for f in (result.findings[n] for n in names) if f.verdict == UNDECIDED]
+    finding = next((f for f in open_ if f.causes), open_[0] if open_ else None)
+    if finding is not None:
+        finding.causes.append(Cause("cut", text))
+
+
+# ---------------------------------------------------------------- K
+
+
+def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget) -> None:
+    if EMPTY not in failure.text:
+        return
+    model = PointModel(case)
+    grid = failure.proof if isinstance(failure.proof, GridProof) else None
+    if grid is not None and not grid.found.allowed.any():
+        finding.causes = list(_no_constraint(model, grid))
+    else:
+        search = _runs(case, model, budget.part(RUNS_S))
+        finding.leaving = search.soonest
+        causes = list(faces(case, model, failure, search, budget))
+        if not any(c.kind in HOPELESS for c in causes):
+            causes += no_pull(model, _middle(case, model), budget.part(PULL_S))
+        if grid is not None and not any(c.kind in HOPELESS for c in causes):
+            causes += _cells_and_strength(case, grid, budget)
+            causes += scaled(case, grid.found)
+        causes += _simulated(search)
+        order = [*NAMES, "not_cells", "undisturbed"]
+        finding.causes = sorted(causes, key=lambda c: order.index(c.kind))
+    main = next((c for c in finding.causes if c.kind in NAMES), None)
+    if main is not None:
+        finding.text = f"{EMPTY}: {NAMES[main.kind]}"
+        finding.causes.remove(main)
+        finding.causes.insert(0, main)
+        hints = [c.hint for c in finding.causes if c.hint and c.kind in NAMES]
+        finding.hint = "; ".join(dict.fromkeys(hints[:HELPS])) or finding.hint
+        if finding.counts.get("runs") and finding.verdict == UNDECIDED:
+            finding.hint += f" ({finding.counts['runs']:,} runs under attack found nothing)"
+
+
+def _no_constraint(model: PointModel, grid: GridProof) -> Iterator[Cause]:
+    """C itself has no cell."""
+    start = model.start
+    held = model.safe(start)
+    where = (
+        "at the declared start" if (start == np.clip(start, model.low, model.high)).all() else ""
+    )
+    if where and held == FALSE:
+        yield Cause("constraint", "`safe` is false at the declared start, and holds on no cell")
+    elif where and held == TRUE:
+        text = "`safe` holds at the declared start, but on no whole cell"
+        yield Cause("constraint", text, _more_cells(grid))
+    else:
+        yield Cause("constraint", "`safe` holds on no whole cell of the grid")
+
+
+def _runs(case: Case, model: PointModel, budget: CpuBudget) -> LeavingSearch:
+    """The soonest run from the declared start, else from another state of C."""
+    last_search = LeavingSearch()
+    for start, whose in _starts(case, model):
+        inside = (start >= model.low).all() and (start <= model.high).all()
+        if not inside or not model.safe(start) & TRUE:
+            continue
+        allowance = budget.part(RUNS_S * 0.7 if whose == DECLARED else RUNS_S * 0.15)
+        search = soonest(model, start, whose, allowance.goes_on)
+        search.runs += last_search.runs
+        search.longest_s = max(search.longest_s, last_search.longest_s)
+        search.cut |= last_search.cut
+        last_search = search
+        if search.soonest is not None or not budget.goes_on():
+            break
+    return last_search
+
+
+def _starts(case: Case, model: PointModel) -> Iterator[tuple[Floats, str]]:
+    """The declared start, the middle of C, and half way from there to either end of each axis."""
+    yield model.start, DECLARED
+    middle = _middle(case, model)
+    yield middle, "the middle of C"
+    for axis in range(len(middle)):
+        for end in (model.high, model.low):
+            x = middle.copy()
+            x[axis] = (middle[axis] + end[axis]) / 2
+            yield x, "inside C"
+
+
+def _middle(case: Case, model: PointModel) -> Floats:
+    """A state deep inside every C_g."""
+    x = model.start
+    for proof in case.proofs:
+        for state, value in proof.deepest.items():
+            x[state] = value
+    return np.clip(x, model.low, model.high)
+
+
+def _simulated(search: LeavingSearch) -> Iterator[Cause]:
+    """What the runs showed beside the one that leaves soonest."""
+    if search.soonest is None:
+        if search.runs:
+            yield Cause(
+                "no_run",
+                f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
+                + (" (cut off)" if search.cut else "")
+                + ": perhaps SC keeps C, and the sets do not show it",
+                "a finer grid, or `core` that says where to look for K",
+                (("runs", float(search.runs)), ("longest_s", search.longest_s)),
+            )
+    elif search.undisturbed_s is not None:
+        when = search.undisturbed_s
+        yield Cause(
+            "undisturbed",
+            f"without any disturbance, error or delay it leaves C after {when:.4g} s",
+            "",
+            (("left_s", when),),
+        )
+
+
+# ---------------------------------------------------------------- cells and strength
+
+
+def _more_cells(grid: GridProof, times: int = 2) -> str:
+    axes = grid.group.axes
+    return "more cells: " + ", ".join(f"{a.name} / {times * (len(a.edges) - 1)}" for a in axes)
+
+
+def _cells_and_strength(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]:
+    """Cells of half the size, then less against SC, then cells of a quarter of the size."""
+    last: Cause | None = None
+    for split, size in SIZES:
+        outcome = kept(case, grid, ProblemChange(split=split), budget.part(FINER_S))
+        if outcome is not None:
+            last = _finer(grid, split, size, outcome)
+        if last is not None and last.kind == "cells":
+            yield last
+            return
+        if split == 1:
+            yield from _strength(case, grid, budget)
+    if last is not None:
+        yield last
+
+
+def _finer(grid: GridProof, split: int, size: str, outcome: InvariantShare) -> Cause:
+    """What smaller cells change."""
+    numbers = (("share_of_C", outcome.share), ("split", float(2**split)))
+    if not outcome.share:
+        text = f"with cells of {size} the size K is empty as well ({outcome.cells})"
+        return Cause("not_cells", text, "", numbers)
+    text = f"with cells of {size} the size K is {outcome.share:.1%} of C ({outcome.cells})"
+    return Cause("cells", text, _more_cells(grid, 2**split), numbers)
+
+
+def _strength(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]:
+    """With which part of what stands against SC there would be a K."""
+    there = against(case)
+    if not there:
+        modes = " but modes of others, which may change at any step" if case.problem.modes else ""
+        yield Cause("weak", f"nothing stands against SC{modes}: no disturbance, error or delay")
+        return
+    listed = _and(there)
+
+    def part(share: float, most: int, names: tuple[str, ...] = there) -> InvariantShare | None:
+        return kept(case, grid, ProblemChange(most=most, scale=dict.fromkeys(names, share)), budget)
+
+    most, best = COARSE[0], part(0.0, COARSE[0])
+    if best is not None and not best.share and grid.found.core.size > most:
+        most = COARSE[1]
+        best = part(0.0, most)
+    if best is None:
+        return
+    if not best.share:
+        text = f"even without {listed} SC keeps nothing ({best.cells})"
+        yield Cause("weak", text, "another SC, or a finer grid")
+        return
+    low, high = 0, PRECISION
+    while high - low > 1:
+        middle = (low + high) // 2
+        outcome = part(middle / PRECISION, most)
+        if outcome is None:
+            break
+        if outcome.share:
+            low, best = middle, outcome
+        else:
+            high = middle
+    alone = []
+    for name in there if len(there) > 1 else ():
+        outcome = part(0.0, most, (name,))
+        if outcome is not None and outcome.share:
+            alone.append(f"without {name} {outcome.share:.1%}")
+    at = f"{low / PRECISION:.0%} of the declared {listed}" if low else f"no {_and(there, 'or')}"
+    fails = f"at {high / PRECISION:.0%} " + ("none was found" if high < PRECISION else "nothing")
+    yield Cause(
+        "strength",
+        f"with {at} SC keeps {best.share:.1%} of C, {fails} ({best.cells})"
+        + (f"; {', '.join(alone)}" if alone else ""),
+        f"a stronger SC, or smaller {listed}",
+        (("part", low / PRECISION), ("fails_at", high / PRECISION), ("share_of_C", best.share)),
+    )
+
+
+def _and(words: tuple[str, ...], word: str = "and") -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {word} {words[-1]}"

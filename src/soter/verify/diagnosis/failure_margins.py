@@ -1,0 +1,244 @@
+"""By how much `ttf`, `safer` or the start fail, and what would help.
+
+Purpose: numbers beside the cells: for which H an inclusion would hold, how much sooner a predicate
+would have to hold. Those of predicates are measured on the declared
+grid: on finer ones, which were tried, they would be less, but a program that is changed by so much
+is proved on the first.
+Non-goals: verdicts; an empty K (`empty_invariant.py`); P2b (`recovery_failures.py`); how far off a
+start is (`starts.py`); polytopes, whose claims say more themselves.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.language.model.durations import show_ns
+from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
+from soter.verify.diagnosis.experiments import axis_names, longest
+from soter.verify.diagnosis.grid_end_failures import grid_ends
+from soter.verify.diagnosis.model_runs import PointModel, StepFaultError
+from soter.verify.diagnosis.recovery_failures import recovery_causes
+from soter.verify.diagnosis.scaled_observations import scaled
+from soter.verify.diagnosis.unproved_start import start_margins
+from soter.verify.grid.claims import GridProof
+from soter.verify.grid.sets import CancelledError, UnboundedError
+from soter.verify.problem.estimates import errors_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case, Failure
+    from soter.verify.claims.results import Finding, GroupSets, ModuleResult
+    from soter.verify.diagnosis.experiments import CpuBudget
+    from soter.verify.grid.sets import GridGroup
+
+    Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
+
+SLACK = 1e-6
+"""Of an axis: numbers that people write down are rounded outward by so much."""
+OF_PREDICATES = ("sooner", "border", "outside_core")
+"""Causes whose remedy is another `ttf` or `safer`."""
+COMPUTED = "or neither `ttf` nor `safer`: left out, both are computed"
+OPEN = (UNDECIDED, REFUTED)
+"""A run says that something fails, and not by how much, or why SC does not come back."""
+ORDER = ("ttf", "safer", "start", "P2b")
+HINTS = 3
+
+
+def margins(done: Sequence[Case], result: ModuleResult, budget: CpuBudget) -> None:
+    """Enter margins for the first failure of every claim that is undecided."""
+    for claim in ORDER:
+        finding = result.findings[claim]
+        first_failure = _failure(done, claim)
+        if finding.verdict not in OPEN or first_failure is None:
+            continue
+        case, failure, grid = first_failure
+        try:
+            with _stopping(grid.engine, budget):
+                finding.causes += _of_claim(case, failure, grid, budget)
+        except CancelledError:
+            budget.leave_out()
+        except (UnboundedError, StepFaultError):
+            pass
+        _helped(finding, case)
+    p3, ttf, safer = (result.findings[n] for n in ("P3", "ttf", "safer"))
+    if p3.verdict == UNDECIDED:
+        p3.causes = list(ttf.causes or safer.causes)
+
+
+def _helped(finding: Finding, case: Case) -> None:
+    """What was measured says what helps, in the place of a general word."""
+    unsure = [c for c in finding.causes if c.kind == "grid_end" and dict(c.numbers).get("cells")]
+    sure = [c for c in finding.causes if c not in unsure]
+    hints = [c.hint for c in (*sure, *unsure) if c.hint][:HINTS]
+    if any(c.kind in OF_PREDICATES for c in sure if c.hint) and not case.problem.computed:
+        hints.append(COMPUTED)
+    if hints:
+        finding.hint = "; ".join(dict.fromkeys(hints))
+        if finding.counts.get("runs") and finding.verdict == UNDECIDED:
+            finding.hint += f" ({finding.counts['runs']:,} runs under attack found nothing)"
+
+
+def _failure(done: Sequence[Case], claim: str) -> tuple[Case, Failure, GridProof] | None:
+    """The first failure of a claim in a grid group, predicates on the declared grid."""
+    for last in done:
+        if last.failed(claim):
+            declared = last.first if claim in ("ttf", "safer") else None
+            for case in filter(None, (declared, last)):
+                for failure in case.failed(claim):
+                    if isinstance(failure.proof, GridProof):
+                        return case, failure, failure.proof
+    return None
+
+
+def _of_claim(case: Case, failure: Failure, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]:
+    engine, part = grid.engine, grid.found
+    if failure.claim in ("ttf", "safer"):
+        if case.problem.computed:
+            yield from _levels(case, engine, part)
+        else:
+            otherwise = list(scaled(case, part))
+            yield from otherwise or grid_ends(case, PointModel(case), failure, grid, budget)
+            yield from _inclusion(case, failure.claim, engine, part)
+    elif failure.claim == "start":
+        yield from start_margins(case, engine, part)
+    elif failure.stuck or (part.home is not None and not part.home.any()):
+        yield from recovery_causes(case, failure, grid, budget)
+
+
+@contextmanager
+def _stopping(engine: GridGroup, budget: CpuBudget) -> Iterator[None]:
+    """The engine stops when the budget ends."""
+    before = engine.stop, engine.progress
+    engine.stop, engine.progress = (lambda: not budget.goes_on()), None
+    try:
+        yield
+    finally:
+        engine.stop, engine.progress = before
+
+
+# ---------------------------------------------------------------- `ttf` and `safer`
+
+
+def _inclusion(case: Case, claim: str, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
+    lets = part.lets_ac if claim == "ttf" else part.gives_back
+    assert lets is not None
+    assert part.free is not None
+    if len(engine.axes) == 1:
+        yield _where_it_must(case, claim, engine, lets & ~part.free, part.free)
+    elif part.free.any():
+        yield from _sooner(claim, engine, axis_names(case, engine), lets, part.free)
+    core = part.core > 0
+    if (lets & ~core).any():
+        count = int((lets & ~core).sum())
+        text = f"on {count:,} of these cells SC itself was not shown to keep C: no H would do"
+        how = "holds" if claim == "ttf" else "ends"
+        hint = f"a `{claim}` that {how} before SC comes too late there"
+        yield Cause("outside_core", text, hint, (("cells", float(count)),))
+        return
+    needed = case.problem.times.horizon_ns
+    least = longest(case, engine, core, needed, lambda reach: not (lets & ~reach).any())
+    yield Cause(
+        "horizon",
+        f"as it is, `{claim}` would do for an H of {show_ns(least)}; H is {show_ns(needed)}",
+        "",
+        (("holds_for_s", least / 1e9), ("horizon_s", needed / 1e9)),
+    )
+    if not part.free.any():
+        most = longest(case, engine, core, needed, lambda reach: bool(reach.any()))
+        text = f"R(H) is empty: AC could leave K from everywhere; R({show_ns(most)}) is not empty"
+        yield Cause("no_free", text, "less delay, or a smaller period of the DM", ())
+
+
+def _sooner(
+    claim: str, engine: GridGroup, names: list[str], lets: Bools, free: Bools
+) -> Iterator[Cause]:
+    """The least distance along one axis by which the predicate would have to hold sooner.
+
+    Where a predicate is false on an estimate, and on all within m of it along an axis, every cell
+    within m of that state's is among `lets`: whole cells k with k * width <= m. So the states from
+    which AC may then have control lie in `lets` shrunk by k cells along the axis.
+    """
+    best: tuple[float, int, float] | None = None
+    for axis, edges in enumerate(engine.edges):
+        k = _least_shrinking(lets, free, axis)
+        if k is not None:
+            margin = k * float(np.diff(edges).max())
+            share = margin / float(edges[-1] - edges[0])
+            if best is None or share < best[0]:
+                best = (share, axis, margin)
+    if best is None:
+        return
+    name = names[best[1]]
+    what = "hold" if claim == "ttf" else "end"
+    text = f"`{claim}` would have to {what} {best[2]:.4g} sooner along {name}"
+    how = "holds" if claim == "ttf" else "ends"
+    hint = f"a `{claim}` that {how} {best[2]:.4g} sooner along {name}"
+    yield Cause("sooner", text, hint, (("margin", best[2]), ("axis", float(best[1]))))
+
+
+def _where_it_must(case: Case, claim: str, engine: GridGroup, wrong: Bools, free: Bools) -> Cause:
+    """On one axis: the estimates on which the predicate must exclude AC, as numbers."""
+    (edges,), name = engine.edges, axis_names(case, engine)[0]
+    # cells are closed and `<` is not: what must hold at an edge must hold a little beyond it
+    error = errors_of(case.problem).get(engine.axes[0], 0.0) + SLACK * float(edges[-1] - edges[0])
+    ends = np.flatnonzero(np.diff(np.concatenate(([0], wrong.astype(np.int8), [0]))))
+    said, numbers = [], []
+    for a, b in zip(ends[::2], ends[1::2], strict=True):
+        low, high = float(edges[a]) - error, float(edges[b]) + error
+        if not free[:a].any():
+            said.append(f"below {high:.7g}")
+            numbers.append(("below", high))
+        elif not free[b:].any():
+            said.append(f"above {low:.7g}")
+            numbers.append(("above", low))
+        else:
+            said.append(f"in [{low:.7g}, {high:.7g}]")
+    what = "hold" if claim == "ttf" else "be false"
+    text = f"`{claim}` would have to {what} on estimates of {name} {' and '.join(said[:4])}"
+    how = "holds" if claim == "ttf" else "is false"
+    hint = f"a `{claim}` that {how} {' and '.join(said[:4])}"
+    return Cause("border", text, hint, tuple(numbers))
+
+
+def _least_shrinking(lets: Bools, free: Bools, axis: int) -> int | None:
+    """How many cells of an axis `lets` must shrink by to lie in `free`; the grid's ends stay."""
+    cells = lets
+    for k in range(1, lets.shape[axis]):
+        ahead, behind = np.ones_like(cells), np.ones_like(cells)
+        inner, outer = [slice(None)] * cells.ndim, [slice(None)] * cells.ndim
+        inner[axis], outer[axis] = slice(1, None), slice(None, -1)
+        behind[tuple(inner)] = cells[tuple(outer)]
+        ahead[tuple(outer)] = cells[tuple(inner)]
+        cells = cells & ahead & behind
+        if not cells.any():
+            return None
+        if not (cells & ~free).any():
+            return k
+    return None
+
+
+def _levels(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
+    """S_0 is empty: for which H it would not be; or only a later one is."""
+    assert part.free is not None
+    if part.levels and part.levels[0].any():
+        count = next((j for j, s in enumerate(part.levels) if not s.any()), 0)
+        if count:
+            text = f"S_0 to S_{count - 1} are not empty: `levels {count + 1}` would do"
+            yield Cause("levels", text, "", (("levels", float(count + 1)),))
+        return
+    errors = errors_of(case.problem)
+    core = part.core > 0
+    if not engine.erode(core, errors).any():
+        yield Cause("errors", "the errors alone are as large as K", "smaller errors", ())
+        return
+    needed = case.problem.times.horizon_ns
+    most = longest(case, engine, core, needed, lambda r: bool(engine.erode(r, errors).any()))
+    text = f"for an H of {show_ns(most)} S_0 would not be empty; H is {show_ns(needed)}"
+    yield Cause("horizon", text, "", (("holds_for_s", most / 1e9),))

@@ -1,0 +1,100 @@
+"""`ttf` or `safer` fails at an end of the grid that only the grid makes.
+
+Purpose: cells at an end beyond which `safe` still holds, as where the plant stops by itself: what
+gets there counts as unsafe. Whether a wider grid shows the inclusion there, measured.
+Non-goals: verdicts; an empty K (`exit_faces.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.claims.results import Cause
+from soter.verify.diagnosis.experiments import ProblemChange, failing
+from soter.verify.diagnosis.model_runs import TRUE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case, Failure
+    from soter.verify.diagnosis.experiments import CpuBudget
+    from soter.verify.diagnosis.model_runs import PointModel
+    from soter.verify.grid.claims import GridProof
+
+    Bools = NDArray[np.bool_]
+
+WIDER, BOTH = 0.25, 2.5
+"""Of the axis, so much wider are the grids that are tried: at this end, then at both."""
+BEYOND = 0.01
+WIDER_S = 2.0
+
+
+def grid_ends(
+    case: Case, model: PointModel, failure: Failure, grid: GridProof, budget: CpuBudget
+) -> Iterator[Cause]:
+    """One cause for each end of the grid at which the predicate fails and `safe` does not end."""
+    wrong = failure.cells
+    if wrong is None:
+        return
+    for k, axis in enumerate(grid.group.axes):
+        low, high = axis.edges[0], axis.edges[-1]
+        for side, end in ((0, low), (1, high)):
+            layer = np.take(wrong, -side, axis=k)
+            if not layer.any() or axis.open:
+                continue
+            at = np.argwhere(layer)[len(np.argwhere(layer)) // 2].tolist()
+            at.insert(k, wrong.shape[k] - 1 if side else 0)
+            x = model.start
+            for a, edges, i in zip(grid.group.axes, grid.engine.edges, at, strict=True):
+                x[a.state] = (edges[i] + edges[i + 1]) / 2
+            x[axis.state] = end + (high - low) * (BEYOND if side else -BEYOND)
+            if model.safe(x) == TRUE:
+                yield _end(case, failure, grid, k, side, budget)
+
+
+def _end(
+    case: Case, failure: Failure, grid: GridProof, k: int, side: int, budget: CpuBudget
+) -> Cause:
+    axis = grid.group.axes[k]
+    low, high = axis.edges[0], axis.edges[-1]
+    end, width = (low, high)[side], high - low
+    wrong = failure.cells
+    assert wrong is not None
+    # the cells next to that end, in one piece
+    others = tuple(j for j in range(wrong.ndim) if j != k)
+    layers: Bools = np.asarray(wrong.any(axis=others))
+    run = int(np.argmin(layers[::-1] if side else layers)) or len(layers)
+    first = axis.edges[len(layers) - run] if side else axis.edges[run]
+    one = (low, high + WIDER * width) if side else (low - WIDER * width, high)
+    tried = None
+    for wider in (one, (low - BOTH * width, high + BOTH * width)):
+        zone = (first, wider[1]) if side else (wider[0], first)
+        change = ProblemChange(wider={axis.state: wider})
+        outcome = failing(case, grid, failure.claim, change, (k, *zone), budget.part(WIDER_S))
+        tried = tried if outcome is None else (wider, *outcome)
+        if outcome is None or not outcome[0]:
+            break
+    text = f"the grid ends at {axis.name} = {end:.6g}, where `safe` still holds: what gets there "
+    text += "counts as unsafe"
+    numbers: tuple[tuple[str, float], ...] = (("end", end), ("side", 1.0 if side else -1.0))
+    if tried is None:
+        return Cause("grid_end", text, "", numbers)
+    ends, count, shape = tried
+    much = f"{count:,} cells fail there" if count else "no cell fails there"
+    text += f"; with one over [{ends[0]:.6g}, {ends[1]:.6g}] {much}"
+    numbers += (("cells", float(count)),)
+    if count:
+        hint = f"keep AC away from {axis.name} = {end:.6g} as from an end of `safe`; or, where the "
+        hint += "plant stops by itself, say so in its `der` by "
+        hint += f"`{('max', 'min')[side]}(rate, 0.0)` from there on"
+        return Cause("grid_end", text, hint, numbers)
+    more = ", ".join(
+        f"{a.name} in [{(ends[0] if i == k else a.edges[0]):.6g}, "
+        f"{(ends[1] if i == k else a.edges[-1]):.6g}] / {n}"
+        for i, (a, n) in enumerate(zip(grid.group.axes, shape, strict=True))
+    )
+    return Cause("grid_end", text, f"a wider grid: `grid {more};`", numbers)

@@ -1,0 +1,387 @@
+"""Runs of the model under SC: what a proof speaks about, at points instead of boxes.
+
+Purpose: the verification system with disturbances and errors at their corners, constant or
+following a rate, and commands as late as the declared times allow; the run that leaves C soonest.
+Non-goals: refuting: these are runs of the plant's equations, integrated by RK4, not of the program
+(`refute.py`); finding the worst adversary.
+
+Command k acts from k delta + j on and answers the state d before that: one of the choices that
+docs/verification.md (section 3) leaves to the world, as is answering at once.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.claims.results import LeavingRun
+from soter.verify.grid.inputs import of_problem
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case
+
+    Floats = NDArray[np.float64]
+
+NS = 1e-9
+CORNERS_MAX = 6
+"""So many signs are tried in all combinations; of more, `DRAWN` combinations."""
+DRAWN = 48
+LENGTHS = (100, 800, 5000)
+"""Holds of a run: all patterns for the first length, those that got furthest for the next ones."""
+FURTHEST = 5
+STEPS_A_HOLD = 2
+SHOWN = 600
+"""So many states of a run are kept to be shown, the first and the last among them."""
+FALSE, TRUE = 1, 2
+"""Truths that are certain."""
+
+
+class StepFaultError(Exception):
+    """The law, or the flow, may fault at a point: the run ends there."""
+
+
+class PointModel:
+    """The enclosures of one case at points."""
+
+    def __init__(self, case: Case) -> None:
+        self.problem, self.inputs = case.problem, of_problem(case.problem, case.parameter)
+        self.forms, self.parameter = case.forms, case.parameter
+        self.low, self.high = np.array([(i.low, i.high) for i in case.problem.states]).T
+        sizes = [len(v) for v in (self.problem.states, self.problem.controls)]
+        sizes += [len(v) for v in (self.problem.disturbances, self.problem.errors)]
+        ends = np.cumsum(sizes)
+        self.states, self.controls, self.disturbances, self.errors = (
+            slice(int(b - n), int(b)) for b, n in zip(ends, sizes, strict=True)
+        )
+        self.others = slice(int(ends[-1]), len(case.forms.whole))
+        self.is_map = self.problem.kind == "map"
+        self._point = case.forms.whole.mean(axis=1)
+        library = case.forms.library
+        self._in = np.zeros((library.inputs, 4 + library.inputs))
+        self._out = np.zeros((max(library.inputs, 64), 4 + library.inputs))
+        self._truths = self._out.view(np.uint8).reshape(-1)
+        param = np.array(list(case.parameter) or [0], dtype=np.int64)
+        cast = library.ffi.cast
+        self._keep = param
+        self._given = (
+            cast("void *", self._in.ctypes.data),
+            cast("int64_t *", param.ctypes.data),
+            cast("void *", self._out.ctypes.data),
+        )
+        self._lib = library.lib
+
+    @property
+    def start(self) -> Floats:
+        """The middle of the declared start, (states,)."""
+        return np.array([i.low / 2 + i.high / 2 for i in self.problem.initial])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the states."""
+        return tuple(s.name for s in self.problem.quantities.states)
+
+    def _call(self, name: str) -> None:
+        self._in[: len(self._point), :3] = self._point[:, None]
+        if getattr(self._lib, f"soter_{name}")(*self._given):
+            raise StepFaultError(name)
+
+    def law(self, x: Floats, errors: Floats, others: Floats) -> Floats:
+        """What SC publishes on an estimate; the middle, where its locals leave more than one.
+
+        `x` (states,), `errors` (errors,), `others` (others,) -> (controls,).
+        """
+        self._point[self.states], self._point[self.errors] = x, errors
+        self._point[self.others] = others
+        self._call("law")
+        out = self._out[: len(self.problem.controls), :2]
+        return np.asarray(out[:, 0] / 2 + out[:, 1] / 2)
+
+    def rate(self, x: Floats, u: Floats, w: Floats) -> Floats:
+        """The derivative, or a map's next state, (states,).
+
+        `x` (states,), `u` (controls,), `w` (disturbances,).
+        """
+        self._point[self.states], self._point[self.controls] = x, u
+        self._point[self.disturbances] = w
+        self._call("next" if self.is_map else "derivative")
+        return np.array(self._out[: len(x), 2])
+
+    def safe(self, x: Floats) -> int:
+        """Truth of `safe`: bit 0 may be false, bit 1 may be true. `x`: (states,)."""
+        self._point[self.states] = x
+        try:
+            self._call("safe")
+        except StepFaultError:
+            return FALSE | TRUE
+        return int(self._truths[0])
+
+    def safer(self, x: Floats) -> bool:
+        """Whether `safer` surely holds on the exact estimate of a state. `x`: (states,)."""
+        self._point[self.states], self._point[self.errors] = x, 0.0
+        try:
+            self._call("safer")
+        except StepFaultError:
+            return False
+        return int(self._truths[0]) == TRUE
+
+    def step(self, x: Floats, u: Floats, w: Floats, t: float) -> Floats:
+        """One step of RK4, `t` seconds long; arrays as of `rate`, so (states,) -> (states,)."""
+        a = self.rate(x, u, w)
+        b = self.rate(x + t / 2 * a, u, w)
+        c = self.rate(x + t / 2 * b, u, w)
+        d = self.rate(x + t * c, u, w)
+        return np.asarray(x + t / 6 * (a + 2 * b + 2 * c + d))
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """What the adversary does: -1, 0 (the middle) or 1 for each disturbance, error and other.
+
+    `late`: commands act as late, and answer states as old, as they may. `follows`: a state with the
+    sign of whose rate the disturbances turn; None: they are constant.
+    """
+
+    disturbances: Floats
+    errors: Floats
+    others: Floats
+    late: bool = False
+    follows: int | None = None
+
+    @property
+    def any(self) -> bool:
+        """Whether there is an adversary at all."""
+        return bool(self.late or self.disturbances.any() or self.errors.any() or self.others.any())
+
+
+def patterns(model: PointModel) -> Iterator[Pattern]:
+    """No adversary at all first; then corners."""
+    sizes = [len(model.problem.disturbances), len(model.problem.errors)]
+    sizes.append(len(model.problem.others))
+    yield Pattern(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[2]))
+    total, cuts = sum(sizes), np.cumsum(sizes)[:-1]
+    late = bool(model.inputs.delay_ns or model.inputs.jitter_ns)
+    if total <= CORNERS_MAX:
+        signs = [np.array(s) for s in product((-1.0, 1.0), repeat=total)]
+    else:
+        signs = list(np.random.default_rng(0).choice((-1.0, 1.0), (DRAWN, total)))
+    follows = [None, *(range(len(model.low)) if sizes[0] else ())]
+    habits = [(late, followed) for followed in follows] + ([(False, None)] if late else [])
+    for is_late, followed in habits:
+        for s in signs:
+            w, e, o = np.split(s, cuts)
+            yield Pattern(w, e, o, is_late, followed)
+
+
+@dataclass(eq=False)
+class ModelTrace:
+    """A run: it left C at the last state if `left`."""
+
+    times: list[float]
+    states: list[Floats]
+    left: bool = False
+    axis: int = -1
+    side: int = 0
+    safe: bool = False
+
+
+def run(
+    model: PointModel, start: Floats, pattern: Pattern, until_s: float, going: Callable[[], bool]
+) -> ModelTrace:
+    """A run under SC until it leaves C, at most for `until_s`; `start` (states,)."""
+    trace = ModelTrace([0.0], [np.array(start)])
+    try:
+        with np.errstate(all="ignore"):  # what is no number ends the run
+            for _ in _steps(model, trace, pattern, until_s):
+                x = trace.states[-1]
+                if not np.isfinite(x).all() or _left(model, trace) or not going():
+                    break
+    except StepFaultError:
+        trace.left = False
+    return trace
+
+
+def _scaled(model: PointModel, part: slice, signs: Floats) -> Floats:
+    low, high = model.forms.whole[part].T
+    return np.asarray((low + high) / 2 + signs * (high - low) / 2)
+
+
+def _steps(model: PointModel, trace: ModelTrace, p: Pattern, until_s: float) -> Iterator[None]:
+    """Extends the trace step by step."""
+    errors = _scaled(model, model.errors, p.errors)
+    others = _scaled(model, model.others, p.others)
+    period = model.inputs.period_ns * NS
+    delay, jitter = (v * NS if p.late else 0.0 for v in _delays(model))
+    x, t = trace.states[0], 0.0
+    if model.is_map:
+        step = (model.inputs.map_step_ns or model.inputs.period_ns) * NS
+        while t < until_s:
+            u = model.law(x, errors, others)
+            for _ in range(max(1, round(period / step))):
+                x, t = model.rate(x, u, _against(model, p, x, u)), t + step
+                trace.times.append(t)
+                trace.states.append(x)
+                yield
+        return
+    longest = max(min(model.problem.plant_period_ns * NS, period), period / STEPS_A_HOLD)
+    u = model.law(x, errors, others)
+    waiting: deque[tuple[float, Floats]] = deque()
+    k = 1
+    while t < until_s:
+        act = k * period + jitter
+        read = act - delay
+        until = min(max(read, t), waiting[0][0]) if waiting else max(read, t)
+        count = int(np.ceil((until - t) / longest - 1e-9))
+        w = _against(model, p, x, u)
+        for i in range(count):
+            x = model.step(x, u, w, (until - t) / count)
+            trace.times.append(t + (until - t) * (i + 1) / count)
+            trace.states.append(x)
+            yield
+            w = _against(model, p, x, u)
+        t = until
+        if waiting and waiting[0][0] <= t:
+            u = waiting.popleft()[1]
+        else:
+            waiting.append((act, model.law(x, errors, others)))
+            k += 1
+
+
+def _delays(model: PointModel) -> tuple[int, int]:
+    return model.inputs.delay_ns, model.inputs.jitter_ns
+
+
+def _against(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Floats:
+    """The disturbances that the pattern has now."""
+    if p.follows is None:
+        return _scaled(model, model.disturbances, p.disturbances)
+    middle = _scaled(model, model.disturbances, np.zeros_like(p.disturbances))
+    rate = model.rate(x, u, middle)[p.follows] - (x[p.follows] if model.is_map else 0.0)
+    return _scaled(model, model.disturbances, p.disturbances * (1.0 if rate >= 0.0 else -1.0))
+
+
+def _left(model: PointModel, trace: ModelTrace) -> bool:
+    """Whether the last state is outside C; enters by which end."""
+    x = trace.states[-1]
+    beyond = (x < model.low) | (x > model.high)
+    false = model.safe(x) == FALSE
+    if not false and not beyond.any():
+        return False
+    trace.left, trace.safe = True, false
+    first, width = trace.states[0], np.maximum(model.high - model.low, 1e-300)
+    moved = np.abs(x - first) / width
+    order = np.argsort(-np.where(beyond, moved + 10.0, moved)) if not false else np.argsort(-moved)
+    trace.axis = int(order[0])
+    for i in order if false else ():
+        back = x.copy()
+        back[i] = first[i]
+        if model.safe(back) & TRUE:
+            trace.axis = int(i)
+            break
+    trace.side = 1 if x[trace.axis] >= first[trace.axis] else -1
+    return True
+
+
+# ---------------------------------------------------------------- the soonest
+
+
+@dataclass(eq=False)
+class LeavingSearch:
+    """The run that leaves soonest, and what was tried."""
+
+    soonest: LeavingRun | None = None
+    trace: ModelTrace | None = None
+    runs: int = 0
+    longest_s: float = 0.0
+    undisturbed_s: float | None = None
+    """When the run without any adversary leaves; None: it was not seen to."""
+    cut: bool = False
+
+
+def soonest(
+    model: PointModel, start: Floats, whose: str, going: Callable[[], bool]
+) -> LeavingSearch:
+    """Of all patterns the run from `start` that leaves C first; `going` says when to stop.
+
+    `start`: (states,).
+    """
+    search, period = LeavingSearch(), model.inputs.period_ns * NS
+    todo = list(patterns(model))
+    for holds in LENGTHS:
+        best = holds * period
+        reaches = []
+        for pattern in todo:
+            if not going():
+                search.cut = True
+                return search
+            trace = run(model, start, pattern, best, going)
+            search.runs += 1
+            search.longest_s = max(search.longest_s, trace.times[-1])
+            reaches.append(_reach(model, trace))
+            if not trace.left:
+                continue
+            if not pattern.any:
+                search.undisturbed_s = trace.times[-1]
+            if search.trace is None or trace.times[-1] < search.trace.times[-1] - period / 1000:
+                best, search.trace = trace.times[-1], trace
+                search.soonest = told(model, trace, pattern, whose)
+        if search.soonest is not None:
+            break
+        todo = [todo[i] for i in np.argsort(-np.array(reaches))[:FURTHEST]]
+    return search
+
+
+def _reach(model: PointModel, trace: ModelTrace) -> float:
+    """How far a run gets from where it began, in halves of the grid."""
+    states = np.array(trace.states)
+    half = np.maximum(model.high - model.low, 1e-300) / 2
+    return float(np.nan_to_num(np.abs((states - states[0]) / half), nan=0.0).max())
+
+
+def told(model: PointModel, trace: ModelTrace, pattern: Pattern, whose: str) -> LeavingRun:
+    """A run as plain data."""
+    names = model.names
+    last = len(trace.times) - 1
+    shown = np.unique(np.linspace(0, last, min(last + 1, SHOWN)).astype(int))
+    return LeavingRun(
+        names=names,
+        time_s=np.array(trace.times)[shown],
+        states=np.array(trace.states)[shown],
+        axis=names[trace.axis],
+        side=trace.side,
+        safe=trace.safe,
+        start=whose,
+        chosen=pattern_text(model, pattern),
+        parameter=model.parameter,
+    )
+
+
+def pattern_text(model: PointModel, pattern: Pattern) -> tuple[str, ...]:
+    """What an adversary does, for people."""
+    q = model.problem.quantities
+    names = tuple(s.name for s in q.states)
+    chosen = []
+    parts = (
+        ("", q.disturbances, model.disturbances, pattern.disturbances),
+        ("error of ", q.errors, model.errors, pattern.errors),
+        ("", q.others, model.others, pattern.others),
+    )
+    for what, leaves, part, signs in parts:
+        ends = _scaled(model, part, signs), _scaled(model, part, -signs)
+        for leaf, up, down, sign in zip(leaves, *ends, signs, strict=True):
+            if sign == 0.0:
+                continue
+            said = f"{what}{leaf.name} = {up:.4g}"
+            if part is model.disturbances and pattern.follows is not None:
+                said += f" while {names[pattern.follows]} rises, {down:.4g} while it falls"
+            chosen.append(said)
+    if pattern.late:
+        chosen.append("commands as late as declared")
+    return tuple(chosen)

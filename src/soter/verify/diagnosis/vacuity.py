@@ -1,0 +1,228 @@
+"""Whether a proof says anything: how often AC can have control at all.
+
+Purpose: per group and combination of parameter values, how much of K `ttf` and `safer` leave to AC;
+the least of it, in words for a headline, where it is nothing or hardly anything. What is called
+*never* is enclosed: it holds of every state. What is called *hardly ever* is a share that was
+measured: of cells on which a predicate may let AC have control, or of states drawn from K.
+Non-goals: verdicts: a proof about an empty set is a proof.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.language.model.durations import show_ns
+from soter.language.model.tree_walk import topic_reads
+from soter.verify.claims.product_sets import candidates
+from soter.verify.claims.results import Vacuity
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case, GroupProof
+
+    Floats = NDArray[np.float64]
+
+HARDLY = 0.01
+"""Below this share of a group's K (of C_g for K itself) a headline says so: decision 45."""
+DRAWN = 2000
+ENOUGH = 0.1
+"""Drawing ends early where so much of at least `FEW` states lets AC have control."""
+FEW = 100
+ANCHORS_MAX = 4
+LETS = {"ttf": 1, "safer": 2}
+"""The bit of a predicate's truth that says: AC may have control."""
+NEVER, HARDLY_EVER = "never", "hardly ever"
+
+
+def vacuity(done: Sequence[Case]) -> Vacuity | None:
+    """The worst of all cases; None where `safe` and the proof say something, and AC has control."""
+    if done and not topic_reads(done[0].problem.module.symbol.safe):
+        return Vacuity(NEVER, "safe", 0.0, "`safe` reads no topic: it says nothing of the plant")
+    every = [(case, case_vacuity) for case in done for case_vacuity in _of_case(case)]
+    if not every:
+        return None
+    worst = min((v for _, v in every), key=lambda v: (v.how_often != NEVER, v.share))
+    if len(done) == 1:
+        return worst
+    bad = {id(case) for case, _ in every}
+    case = next(c for c, v in every if v is worst)
+    named = _named(case) if len(bad) < len(done) else "every parameter value"
+    also = f" and {len(bad) - 1} more of {len(done)}" if 1 < len(bad) < len(done) else ""
+    return Vacuity(
+        worst.how_often,
+        worst.what,
+        worst.share,
+        f"with {named}{also} {worst.text}",
+        tuple(zip((p.name for p in case.problem.parameters), case.parameter, strict=True)),
+    )
+
+
+def _named(case: Case) -> str:
+    pairs = zip(case.problem.parameters, case.parameter, strict=True)
+    return ", ".join(f"{p.name} = {value}" for p, value in pairs)
+
+
+def _of_case(case: Case) -> Iterator[Vacuity]:
+    """What is vacuous in one case; nothing where it has no K."""
+    if case.failed("P2a"):
+        return
+    yield from _core(case)
+    free = _least_free(case)
+    for predicate in ("safer", "ttf"):
+        if _excluded(case, predicate):
+            yield Vacuity(NEVER, predicate, 0.0, _never(case, predicate, empty=free == 0.0))
+            continue
+        least_share = min(_shares(case, predicate), default=1.0)
+        if least_share < HARDLY:
+            yield Vacuity(HARDLY_EVER, predicate, least_share, _hardly(predicate, least_share))
+    yield from _apart(case)
+
+
+def _apart(case: Case) -> Iterator[Vacuity]:
+    """Where `safer` gives control `ttf` takes it: each may hold often, and both hardly anywhere.
+
+    By cells on which `safer` may be true and `ttf` may be false: none of them is none at all.
+    """
+    for proof in case.proofs:
+        share, anything = proof.both or (1.0, True)
+        if share < HARDLY:
+            how = HARDLY_EVER if anything else NEVER
+            span = show_ns(case.problem.times.delta_dm)
+            text = f"AC {how} keeps control longer than {span} (where `safer` holds, so does `ttf`)"
+            yield Vacuity(how, "safer", share, text)
+
+
+def _core(case: Case) -> Iterator[Vacuity]:
+    for proof in case.proofs:
+        share = proof.core_share
+        if share is not None and share < HARDLY:
+            text = f"SC keeps `safe` from hardly any state (K is {share:.2%} of C)"
+            yield Vacuity(HARDLY_EVER, "core", share, text)
+
+
+def _never(case: Case, predicate: str, *, empty: bool) -> str:
+    times = case.problem.times
+    if empty:
+        within = show_ns(times.horizon_ns)
+        return f"AC never has control (R(H) is empty: it could leave K within {within})"
+    if predicate == "safer":
+        return "AC never has control (`safer` holds nowhere)"
+    span = show_ns(times.delta_dm)
+    return f"AC never keeps control (`ttf` holds everywhere: {span} at a time at most)"
+
+
+def _hardly(predicate: str, share: float) -> str:
+    """In words; `found` may be of states drawn: then none of them is not nothing."""
+    much = f"{share:.2%}" if share > 0.0 else "none of the states drawn"
+    what = "keeps" if predicate == "ttf" else "gets"
+    says = "`ttf` is false" if predicate == "ttf" else "`safer` holds"
+    return f"AC hardly ever {what} control ({says} on {much} of K)"
+
+
+def _least_free(case: Case) -> float:
+    return min((p.free_share for p in case.proofs if p.free_share is not None), default=1.0)
+
+
+# ---------------------------------------------------------------- never
+
+
+def _excluded(case: Case, predicate: str) -> bool:
+    """Whether no estimate of a state of K can let AC have control; enclosed, not sampled."""
+    if any(p.excludes(predicate) for p in case.proofs):
+        return True
+    if case.problem.computed:
+        return False  # an empty set is a failure of its own
+    box = case.forms.whole.copy()
+    for proof in case.proofs:
+        for state, ends in proof.estimates.items():
+            box[state] = ends
+    return not case.forms.truth(predicate, box) & LETS[predicate]
+
+
+# ---------------------------------------------------------------- shares of K
+
+
+def _shares(case: Case, predicate: str) -> Iterator[float]:
+    """Per group the share of K_g that lets AC have control, the others where that is most."""
+    for proof in case.proofs:
+        share = proof.lets_share(case, predicate)
+        if share is not None:
+            yield share
+    if case.problem.computed:
+        return
+    drawer = _Drawer(case, predicate)
+    for own in case.proofs:
+        yield drawer.share(own)
+
+
+class _Drawer:
+    """States of K, drawn group by group, and what a predicate says of estimates of them."""
+
+    def __init__(self, case: Case, predicate: str) -> None:
+        self.case, self.predicate = case, predicate
+        self.chance = np.random.default_rng(0)
+        self.groups = case.proofs
+        self.drawn = {id(g): g.drawn(self.chance, DRAWN) for g in self.groups}
+        self.anchors = self._anchors()
+
+    def share(self, own: GroupProof) -> float:
+        """Of one group, the others at the anchor that leaves AC most."""
+        best = 0.0
+        for anchor in self.anchors:
+            best = max(best, self._share(own, anchor))
+            if best >= HARDLY:
+                break
+        return best
+
+    def _share(self, own: GroupProof, anchor: Floats) -> float:
+        states = [a.state for a in own.group.axes]
+        count = 0
+        for k, values in enumerate(self.drawn[id(own)], 1):
+            point = anchor.copy()
+            point[states] = values
+            count += self._lets(point)
+            if k >= FEW and count >= ENOUGH * k:
+                return count / k
+        return count / DRAWN
+
+    def _lets(self, point: Floats) -> bool:
+        """Whether an estimate of the state lets AC have control; in some mode of the others."""
+        whole = self.case.forms.whole
+        box = np.repeat(self.chance.uniform(whole[:, :1], whole[:, 1:]), 2, axis=1)
+        box[: len(point)] = point[:, None]
+        truth = self.case.forms.truth(self.predicate, box)
+        wanted = LETS[self.predicate]
+        return bool(truth & wanted) if self.case.problem.modes else truth & 3 == wanted
+
+    def _anchors(self) -> list[Floats]:
+        """Where the other groups are: usual points, and drawn ones at which AC has control."""
+        anchors = candidates(self.case.problem)
+        if len(self.groups) < 2:
+            return anchors[:1]
+        for k in range(DRAWN):
+            point = anchors[0].copy()
+            for part in self.groups:
+                point[[a.state for a in part.group.axes]] = self.drawn[id(part)][k]
+            if self._lets(point):
+                anchors.append(point)
+            if len(anchors) >= len(candidates(self.case.problem)) + ANCHORS_MAX:
+                break
+        return anchors[::-1]
+
+
+# ---------------------------------------------------------------- the start
+
+
+def at_the_start(done: Sequence[Case]) -> str:
+    """A line where AC cannot have control at the start: the state is not in `safer` yet."""
+    for case in done:
+        if case.parameter != case.problem.parameter_start or case.failed("P2a"):
+            continue
+        if any(p.waits_at_start(case) for p in case.proofs):
+            return "at the start `safer` does not hold: SC has control until the state is there"
+    return ""

@@ -1,0 +1,281 @@
+"""The statements of an enclosure: collected, freed of what nobody reads, turned into C.
+
+Purpose: operations in single-assignment form, with nested blocks for undecided branches.
+Non-goals: which operations (`body.py`), what they do (`verify/engine/soter_form.h`).
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.types import int_number
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+FAULT = c.Unary("&", c.Name("fault"))
+SIZE = c.Name("n")
+"""How many symbols the inputs that are read depend on."""
+MAX_OPERATIONS = 60_000
+"""How many operations one emitted function may have; loops and calls are written out."""
+
+
+class EnclosureError(Exception):
+    """This module cannot be enclosed; the text says why, for people."""
+
+
+@dataclass(eq=False)
+class Op:
+    """One call: of kind "form" into a `soter_form`, or giving "ints" or "truth"; "" for effect."""
+
+    kind: str
+    result: str
+    function: str
+    arguments: tuple[c.CExpr, ...]
+    kept: bool = False
+    """Needed although nobody may read the result: it may fault."""
+
+
+@dataclass(eq=False)
+class MergedVariable:
+    """A variable that both blocks of a branch leave their value in."""
+
+    kind: str
+    result: str
+
+
+@dataclass(eq=False)
+class MergeStore:
+    """At the end of a block: its value of a merged variable."""
+
+    target: MergedVariable
+    value: c.CExpr
+    second: bool
+    """The otherwise-block: joins with what the then-block left if both ran."""
+
+
+@dataclass(eq=False)
+class EmittedBranch:
+    """Runs each block that may be taken."""
+
+    condition: c.CExpr
+    merged: list[MergedVariable]
+    then: list[Step]
+    otherwise: list[Step]
+
+
+Step = Op | MergeStore | EmittedBranch
+
+
+@dataclass
+class Emitter:
+    """Collects the operations of one emitted function."""
+
+    statics: dict[tuple[str, str], c.VariableDef] = field(default_factory=dict)
+    """Constant forms and tables of the whole unit, by type and content."""
+    reads: dict[int, c.Name] = field(default_factory=dict)
+    """Inputs that are read as forms, and the variables they are taken into."""
+    operations: int = 0
+    _next: int = 0
+    _blocks: list[list[Step]] = field(default_factory=lambda: [[]])
+
+    def fresh(self, kind: str) -> str:
+        """A new variable."""
+        self._next += 1
+        return f"{kind[0]}{self._next}"
+
+    @property
+    def block(self) -> list[Step]:
+        """Where operations go at present."""
+        return self._blocks[-1]
+
+    @contextmanager
+    def nested(self) -> Iterator[list[Step]]:
+        """Operations go to a new block."""
+        self._blocks.append([])
+        try:
+            yield self._blocks[-1]
+        finally:
+            self._blocks.pop()
+
+    def emit(self, kind: str, function: str, *arguments: c.CExpr, kept: bool = False) -> c.Name:
+        """One more operation; gives the variable with its result.
+
+        EnclosureError where there are more than `MAX_OPERATIONS`.
+        """
+        self.operations += 1
+        if self.operations > MAX_OPERATIONS:
+            msg = f"more than {MAX_OPERATIONS} operations when loops and calls are written out"
+            raise EnclosureError(msg)
+        result = self.fresh(kind) if kind else ""
+        self.block.append(Op(kind, result, function, arguments, kept))
+        return c.Name(result)
+
+    def read(self, number: int) -> c.Name:
+        """An input as a form."""
+        return self.reads.setdefault(number, c.Name(f"x{number}"))
+
+    def static(self, type_: str, stem: str, value: c.Initializer, *, array: bool) -> c.Name:
+        """A constant object of the unit."""
+        key = (type_ + "[]" * array, repr(value))
+        if key not in self.statics:
+            name = f"soter_{stem}_{len(self.statics)}"
+            self.statics[key] = c.VariableDef(type_, name, value, array)
+        return c.Name(self.statics[key].name)
+
+
+def float_literal(x: float) -> c.CExpr:
+    """A double, exactly."""
+    if math.isnan(x):
+        return c.Cast("double", c.Name("NAN"))
+    if math.isinf(x):
+        inf = c.Cast("double", c.Name("INFINITY"))
+        return inf if x > 0 else c.Unary("-", inf)
+    return c.Number(x.hex())
+
+
+def address(place: c.CExpr) -> c.CExpr:
+    """`&place`."""
+    return c.Unary("&", place)
+
+
+def whole_literal(value: int) -> c.CExpr:
+    """An int64_t."""
+    return int_number(value)
+
+
+# ---------------------------------------------------------------- to C
+
+
+def names_in(e: object) -> Iterator[str]:
+    """Names that C mentions in expressions."""
+    if isinstance(e, c.Name):
+        yield e.text
+    elif isinstance(e, tuple):
+        for x in e:
+            yield from names_in(x)
+    elif isinstance(e, (c.CExpr, c.CStmt)):
+        for f in fields(e):
+            yield from names_in(getattr(e, f.name))
+
+
+def pruned(block: list[Step], live: set[str], *, faults: bool = True) -> list[Step]:
+    """The block without operations whose results nobody reads; `live` grows backwards.
+
+    `faults`: operations that may fault stay in any case.
+    """
+    steps: list[Step] = []
+    for s in reversed(block):
+        if isinstance(s, Op):
+            if (s.kept and faults) or s.result in live:
+                live.update(names_in(s.arguments))
+                steps.append(s)
+        elif isinstance(s, MergeStore):
+            if s.target.result in live:
+                live.update(names_in(s.value))
+                steps.append(s)
+        else:
+            merged = [m for m in s.merged if m.result in live]
+            then = pruned(s.then, live, faults=faults)
+            otherwise = pruned(s.otherwise, live, faults=faults)
+            if then or otherwise:
+                live.update(names_in(s.condition))
+                steps.append(EmittedBranch(s.condition, merged, then, otherwise))
+    steps.reverse()
+    return steps
+
+
+def statements(block: list[Step]) -> list[c.CStmt]:
+    """C of a pruned block."""
+    c_statements: list[c.CStmt] = []
+    for s in block:
+        if isinstance(s, Op):
+            c_statements += _op(s)
+        elif isinstance(s, EmittedBranch):
+            c_statements += _branch(s)
+    return c_statements
+
+
+def _op(s: Op) -> list[c.CStmt]:
+    if s.kind == "form":
+        call = c.CallExpr(s.function, (SIZE, address(c.Name(s.result)), *s.arguments))
+        return [c.Declare("soter_form", s.result, None), c.Do(call)]
+    call = c.CallExpr(s.function, s.arguments)
+    if not s.kind:
+        return [c.Do(call)]
+    used = c.Declare(f"soter_{s.kind}", s.result, call, const=True)
+    return [used, c.Unused(s.result)] if s.kept else [used]
+
+
+def _branch(s: EmittedBranch) -> list[c.CStmt]:
+    c_statements: list[c.CStmt] = []
+    for m in s.merged:
+        c_statements += _declared(m)
+    for block, bit in ((s.then, "2U"), (s.otherwise, "1U")):
+        inner = statements(block)
+        inner += [_store(x, s.condition) for x in block if isinstance(x, MergeStore)]
+        if inner:
+            taken = c.Binary("!=", c.Binary("&", s.condition, c.Number(bit)), c.Number("0U"))
+            c_statements.append(c.IfStmt(taken, tuple(inner)))
+    return c_statements
+
+
+def _store(s: MergeStore, condition: c.CExpr) -> c.CStmt:
+    target = c.Name(s.target.result)
+    if not s.second:
+        if s.target.kind == "form":
+            arguments = (SIZE, address(target), address(s.value))
+            return c.Do(c.CallExpr("soter_n_copy", arguments))
+        return c.Assign(target, s.value)
+    if s.target.kind == "form":
+        merge = (SIZE, address(target), condition, address(s.value))
+        return c.Do(c.CallExpr("soter_n_merge", merge))
+    return c.Do(c.CallExpr(f"soter_{s.target.kind}_merge", (address(target), condition, s.value)))
+
+
+def _declared(m: MergedVariable) -> list[c.CStmt]:
+    """A merged variable with some first value."""
+    zero = c.Number("0.0")
+    if m.kind == "form":
+        first = c.CallExpr("soter_n_range", (SIZE, address(c.Name(m.result)), zero, zero))
+        return [c.Declare("soter_form", m.result, None), c.Do(first)]
+    none = c.Initializer(((None, c.Number("0")),)) if m.kind == "ints" else c.Number("0U")
+    return [c.Declare(f"soter_{m.kind}", m.result, none)]
+
+
+def framed(
+    block: list[Step],
+    reads: dict[int, c.Name],
+    results: list[c.CStmt],
+    *,
+    faults: bool = True,
+) -> tuple[c.CStmt, ...]:
+    """The body of a function: the inputs it reads on their own symbols, operations, results.
+
+    Without `faults` it answers for faults of the operations that the results rest on, only.
+    """
+    live = {n for s in results for n in names_in(s)}
+    inner = statements(pruned(block, live, faults=faults))
+    taken = {k: name for k, name in sorted(reads.items()) if name.text in live}
+    numbers = c.Initializer(tuple((None, c.Number(str(k))) for k in taken))
+    arguments = (c.Name("in"), c.Name("read"), c.Number(str(len(taken))), c.Name("symbols"))
+    prologue: list[c.CStmt] = [c.Declare("unsigned", "fault", c.Number("0U"))]
+    prologue.append(c.Declare("int", "symbols[SOTER_INPUTS]", None))
+    prologue.append(c.Declare("int", f"read[{max(1, len(taken))}]", numbers, const=True))
+    prologue.append(c.Declare("int", SIZE.text, c.CallExpr("soter_symbols", arguments), const=True))
+    for k, name in taken.items():
+        given = address(c.IndexExpr(c.Name("in"), c.Number(str(k))))
+        take = c.CallExpr("soter_n_take", (SIZE, address(name), given, c.Name("symbols")))
+        prologue += [c.Declare("soter_form", name.text, None), c.Do(take)]
+    unused = [c.Unused(n) for n in (SIZE.text, "in", "param", "out")]
+    return (*prologue, *inner, *results, *unused, c.Return(c.Name("fault")))
+
+
+def given(place: int, form: c.CExpr) -> c.CStmt:
+    """A resulting form on its way to the caller."""
+    target = address(c.IndexExpr(c.Name("out"), c.Number(str(place))))
+    return c.Do(c.CallExpr("soter_n_give", (SIZE, target, form, c.Name("symbols"))))

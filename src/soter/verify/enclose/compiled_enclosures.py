@@ -1,0 +1,173 @@
+"""The enclosures of one module as Python functions over boxes.
+
+Purpose: compile the unit of a problem, and evaluate `law`, `safe`, ... over single boxes: for
+checks that look at few boxes.
+Non-goals: grids (`verify/grid/sets.py`), where C walks over millions of cells.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.core.statements import FunctionTable
+from soter.core.steps import lower_predicate
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.language.evaluate.conjuncts import PARTS_MAX
+from soter.verify.enclose.engine_library import ReachLibrary
+from soter.verify.enclose.unit import EnclosureError, generate_enclosures
+from soter.verify.problem.other_modes import in_ac
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.core.core import Function, Predicate
+    from soter.language.model.typed import TypedExpr
+    from soter.verify.problem.problem import Problem
+
+    Floats = NDArray[np.float64]
+
+TRUE = 2
+"""A truth that is definitely true."""
+
+
+def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
+    """The compiled enclosures, and the prelude functions that they use.
+
+    `SoterError` R007 where something cannot be enclosed.
+    """
+    hint, functions = _hint(problem)
+    try:
+        unit = generate_enclosures(
+            problem.system,
+            problem.core,
+            problem.module,
+            problem.quantities,
+            core_hint=hint,
+            hint_functions=functions,
+            back=_back(problem),
+        )
+    except EnclosureError as error:
+        diagnostics = Diagnostics()
+        symbol = problem.module.symbol
+        span = getattr(error, "span", None) or symbol.span
+        diagnostics.error(
+            "R007",
+            f"module `{problem.name}`: {error}",
+            span,
+            notes=("a proof must be able to enclose what the program computes",),
+        )
+        raise SoterError(diagnostics.items) from error
+    return ReachLibrary(unit.source), unit.prelude
+
+
+def _back(problem: Problem) -> TypedExpr | None:
+    """`safer` while those are in AC for whom it waits; None where it waits for nobody."""
+    safer = problem.module.symbol.safer
+    if safer is None or problem.modes is None or not problem.modes.waits:
+        return None
+    return in_ac(safer, problem.modes)
+
+
+def _hint(problem: Problem) -> tuple[Predicate | None, dict[str, Function]]:
+    """`core e;` lowered, with the functions that it calls."""
+    e = problem.module.symbol.verify.core
+    if e is None:
+        return None, {}
+    functions = FunctionTable(problem.system)
+    predicate = lower_predicate(functions, problem.system, problem.module.scope, e, e.span)
+    return predicate, dict(functions.by_name)
+
+
+class CompiledEnclosures:
+    """Evaluates the unit over boxes; a box is an array (inputs, 2) of bounds in input order."""
+
+    def __init__(self, library: ReachLibrary, problem: Problem, parameter: Sequence[int]) -> None:
+        self.library = library
+        self._n = library.inputs
+        self._in = np.zeros((self._n, 4 + self._n))
+        self._out = np.zeros((max(self._n, 64), 4 + self._n))
+        self.results = len(self._out)
+        """So many results a function may have at most."""
+        self._param = np.array(list(parameter) or [0], dtype=np.int64)
+        ranges = [
+            (i.low, i.high)
+            for part in (
+                problem.states,
+                problem.controls,
+                problem.disturbances,
+                problem.errors,
+                problem.others,
+            )
+            for i in part
+        ]
+        self.whole: Floats = np.array(ranges, dtype=np.float64).reshape(-1, 2)
+        """The box of all inputs over their whole ranges."""
+
+    def within(self, ranges: Mapping[int, tuple[float, float]]) -> CompiledEnclosures:
+        """The same with other ranges of some inputs in `whole`."""
+        forms = copy(self)
+        forms.whole = self.whole.copy()
+        for i, r in ranges.items():
+            forms.whole[i] = r
+        return forms
+
+    def affine(self, name: str, forms: Floats, count: int) -> Floats | None:
+        """Forms of the results, (count, 4 + inputs): low, high, centre, remainder, coefficients.
+
+        `forms`: of the inputs, in the same shape. None where a step fault is possible.
+        """
+        self._in[:] = 0.0
+        self._in[: len(forms)] = forms
+        return None if self._run(name) else np.array(self._out[:count])
+
+    def truth(self, name: str, box: Floats) -> int:
+        """Bit 0: may be false, bit 1: may be true; both where a step fault is possible.
+
+        `box`: (inputs, 2).
+        """
+        return 3 if self._call(name, box) else int(self._out.view(np.uint8).flat[0])
+
+    def _call(self, name: str, box: Floats) -> int:
+        forms = self._in
+        forms[:] = 0.0
+        low, high = box[:, 0], box[:, 1]
+        n = len(box)
+        middle = low / 2 + high / 2
+        radius = np.maximum(high - middle, middle - low)
+        point = low == high
+        forms[:n, 0], forms[:n, 1] = low, high
+        forms[:n, 2] = np.where(point, low, middle)
+        forms[range(n), range(4, 4 + n)] = np.where(point, 0.0, np.nextafter(radius, np.inf))
+        return self._run(name)
+
+    def _run(self, name: str) -> int:
+        ffi = self.library.ffi
+        function = getattr(self.library.lib, f"soter_{name}")
+        return int(
+            function(
+                ffi.cast("void *", self._in.ctypes.data),
+                ffi.cast("int64_t *", self._param.ctypes.data),
+                ffi.cast("void *", self._out.ctypes.data),
+            )
+        )
+
+    def numbers(self, name: str, box: Floats, count: int) -> Floats | None:
+        """Bounds (count, 2) of the results; None where a step fault is possible."""
+        if self._call(name, box):
+            return None
+        return np.array(self._out[:count, :2])
+
+    def conjuncts(self, name: str) -> list[str]:
+        """The functions whose conjunction is the predicate; none where it is no conjunction."""
+        candidates = [f"{name}_{k}" for k in range(PARTS_MAX)]
+        return [f for f in candidates if self.library.symbol(f) != self.library.ffi.NULL]
+
+    def true(self, name: str, box: Floats) -> bool:
+        """Whether a predicate is definitely true all over the box, (inputs, 2)."""
+        fault = self._call(name, box)
+        return not fault and int(self._out.view(np.uint8).flat[0]) == TRUE

@@ -1,0 +1,440 @@
+"""Operations on the values of an enclosure: settled now where known, emitted where not.
+
+Purpose: one method a kind of scalar operation, and the selection and join of whole values.
+Non-goals: Core (`body.py`), rounding at run time (`verify/engine/soter_form.h`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.language.evaluate import arithmetic
+from soter.language.model.types import (
+    INT_MAX,
+    INT_MIN,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    default_value,
+)
+from soter.verify.enclose.c_emitter import (
+    FAULT,
+    SIZE,
+    MergedVariable,
+    MergeStore,
+    address,
+    float_literal,
+    whole_literal,
+)
+from soter.verify.enclose.enclosed_values import (
+    AggregateParts,
+    Constant,
+    EmittedInts,
+    EmittedTruth,
+    FloatRange,
+    Form,
+    KnownInt,
+    KnownTruth,
+    Sequence,
+    compared,
+    element_types,
+    is_scalar,
+    opened,
+    span_binary,
+    span_unary,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.language.model.types import Type
+    from soter.verify.enclose.c_emitter import Emitter, Step
+    from soter.verify.enclose.enclosed_values import Item
+
+BINARY = {"+": "add", "-": "sub", "*": "mul", "/": "div"}
+SWAPPED = {">": "<", ">=": "<="}
+FORM_COMPARE = {"<": "soter_n_less", "<=": "soter_n_no_more"}
+INTS_COMPARE = {"<": "soter_ints_less", "<=": "soter_ints_at_most", "==": "soter_ints_equal"}
+INT_OPS: dict[str, Callable[..., int]] = {
+    "add": arithmetic.add_int,
+    "sub": arithmetic.sub_int,
+    "mul": arithmetic.mul_int,
+    "div": arithmetic.div_int,
+    "mod": arithmetic.mod_int,
+    "neg": arithmetic.neg_int,
+    "abs": arithmetic.abs_int,
+}
+UNKNOWN = KnownTruth(None)
+
+
+class EnclosureOperations:
+    """Emits operations on values."""
+
+    def __init__(self, emitter: Emitter) -> None:
+        self.emitter = emitter
+
+    # ------------------------------------------------------------ values as C
+
+    def form(self, v: Item) -> c.CExpr:
+        """A float as an operand of type `const soter_form *`."""
+        if isinstance(v, Form):
+            return address(v.place)
+        if isinstance(v, FloatRange):
+            return address(self._static_form(v.low, v.high))
+        assert isinstance(v, Constant)  # infinite or NaN
+        x = float(v.value)
+        low, high = (-math.inf, math.inf) if math.isnan(x) else (x, x)
+        return address(self._static_form(low, high))
+
+    def _static_form(self, low: float, high: float) -> c.Name:
+        middle, beside = low, 0.0
+        if not (math.isfinite(low) and math.isfinite(high)):
+            middle, beside = 0.0, math.inf
+        elif low != high:
+            middle = 0.5 * low + 0.5 * high
+            beside = math.nextafter(max(high - middle, middle - low), math.inf)
+        zeros = c.Initializer(((None, c.Number("0.0")),))
+        items = tuple((None, float_literal(x)) for x in (low, high, middle, beside))
+        value = c.Initializer((*items, (None, zeros)))
+        return self.emitter.static("soter_form", "constant", value, array=False)
+
+    def ints(self, v: Item) -> c.CExpr:
+        """An int as an operand of type `soter_ints`."""
+        if isinstance(v, EmittedInts):
+            return v.place
+        assert isinstance(v, KnownInt)
+        n = whole_literal(v.value)
+        return c.CallExpr("soter_ints_of", (n, n))
+
+    def truth(self, v: Item) -> c.CExpr:
+        """A bool as an operand of type `soter_truth`."""
+        if isinstance(v, EmittedTruth):
+            return v.place
+        assert isinstance(v, KnownTruth)
+        return c.Number("3U" if v.value is None else "2U" if v.value else "1U")
+
+    def top(self, t: Type) -> Item:
+        """Any value of a type."""
+        if isinstance(t, FloatType):
+            return Form(self._static_form(-math.inf, math.inf))
+        if isinstance(t, BoolType):
+            return UNKNOWN
+        if isinstance(t, IntType):
+            return self.whole_range(t.low, t.high)
+        if isinstance(t, EnumType):
+            return self.whole_range(0, len(t.members) - 1)
+        items = tuple(self.top(f) for f in element_types(t))
+        if isinstance(t, ListType):
+            return Sequence(self.whole_range(0, t.capacity), items)
+        return AggregateParts(items)
+
+    def whole_range(self, low: int, high: int) -> EmittedInts | KnownInt:
+        """Any int of a range."""
+        if low == high:
+            return KnownInt(low)
+        ends = (whole_literal(low), whole_literal(high))
+        return EmittedInts(self.emitter.emit("ints", "soter_ints_of", *ends))
+
+    def float_range(self, low: float, high: float) -> Form | FloatRange:
+        """Any float of a range (infinite ends: one-sided; both infinite: also NaN)."""
+        if math.isfinite(low) and math.isfinite(high):
+            return FloatRange(low, high)
+        return Form(self._static_form(low, high))
+
+    # ------------------------------------------------------------ floats
+
+    def _form(self, function: str, *arguments: c.CExpr) -> Form:
+        return Form(self.emitter.emit("form", function, *arguments))
+
+    def unary(self, op: str, v: Item) -> Item:
+        """neg, abs, floor, sqrt of a float."""
+        if isinstance(v, FloatRange):
+            known = span_unary(op, v)
+            if known is not None:
+                return known
+        return self._form(f"soter_n_{op}", self.form(v))
+
+    def binary(self, op: str, a: Item, b: Item) -> Item:
+        """+ - * / of floats."""
+        if isinstance(a, FloatRange) and isinstance(b, FloatRange):
+            known = span_binary(op, a, b)
+            if known is not None:
+                return known
+        if isinstance(a, FloatRange) and op in "+*":
+            a, b = b, a
+        if isinstance(b, FloatRange):
+            if op == "-":
+                op, b = "+", FloatRange(-b.high, -b.low)
+            ends = (float_literal(b.low), float_literal(b.high))
+            if op in {"*", "+"} or not b.low <= 0.0 <= b.high:
+                name = {"+": "shift", "*": "scale", "/": "over"}[op]
+                return self._form(f"soter_n_{name}", self.form(a), *ends)
+        if op == "*" and a == b:
+            return self._form("soter_n_square", self.form(a))
+        return self._form(f"soter_n_{BINARY[op]}", self.form(a), self.form(b))
+
+    def extreme(self, op: str, a: Item, b: Item) -> Item:
+        """The operations min and max, of floats or ints: b < a ? b : a."""
+        if isinstance(a, (EmittedInts, KnownInt)):
+            if isinstance(a, KnownInt) and isinstance(b, KnownInt):
+                return KnownInt(min(a.value, b.value) if op == "min" else max(a.value, b.value))
+            return EmittedInts(
+                self.emitter.emit("ints", f"soter_ints_{op}", self.ints(a), self.ints(b))
+            )
+        if isinstance(a, FloatRange) and isinstance(b, FloatRange):
+            pick = min if op == "min" else max
+            return FloatRange(pick(a.low, b.low), pick(a.high, b.high))
+        for k, x in ((b, a), (a, b)):
+            if isinstance(k, FloatRange) and k.low == k.high:
+                name = "soter_n_at_most" if op == "min" else "soter_n_at_least"
+                return self._form(name, self.form(x), float_literal(k.low))
+        return self._form(f"soter_n_{op}", self.form(a), self.form(b))
+
+    # ------------------------------------------------------------ truth
+
+    def negated(self, v: Item) -> Item:
+        """! of a bool."""
+        if isinstance(v, KnownTruth):
+            return KnownTruth(None if v.value is None else not v.value)
+        return EmittedTruth(self.emitter.emit("truth", "soter_not", self.truth(v)))
+
+    def both(self, a: Item, b: Item) -> Item:
+        """&& of two bools."""
+        for x, y in ((a, b), (b, a)):
+            if isinstance(x, KnownTruth) and x.value is not None:
+                return y if x.value else x
+        return EmittedTruth(self.emitter.emit("truth", "soter_both", self.truth(a), self.truth(b)))
+
+    def either(self, a: Item, b: Item) -> Item:
+        """|| of two bools."""
+        return self.negated(self.both(self.negated(a), self.negated(b)))
+
+    def compare(self, op: str, a: Item, b: Item) -> Item:
+        """A comparison of two floats, ints, enums or bools."""
+        if op == "!=":
+            return self.negated(self.compare("==", a, b))
+        if op in SWAPPED:
+            return self.compare(SWAPPED[op], b, a)
+        if isinstance(a, (EmittedTruth, KnownTruth)):
+            alike = self.both(a, b), self.both(self.negated(a), self.negated(b))
+            return self.either(*alike)
+        if isinstance(a, KnownInt) and isinstance(b, KnownInt):
+            return KnownTruth({"<": a.value < b.value, "<=": a.value <= b.value}.get(op, a == b))
+        if isinstance(a, (EmittedInts, KnownInt)):
+            arguments = (self.ints(a), self.ints(b))
+            return EmittedTruth(self.emitter.emit("truth", INTS_COMPARE[op], *arguments))
+        if isinstance(a, FloatRange) and isinstance(b, FloatRange):
+            return KnownTruth(compared(op, (a.low, a.high), (b.low, b.high)))
+        operands = (self.form(a), self.form(b))
+        if op == "==":
+            return EmittedTruth(self.emitter.emit("truth", "soter_equal", *operands))
+        return EmittedTruth(self.emitter.emit("truth", FORM_COMPARE[op], SIZE, *operands))
+
+    # ------------------------------------------------------------ ints
+
+    def fault(self) -> None:
+        """A fault is possible here."""
+        self.guard(KnownTruth(False))
+
+    def guard(self, condition: Item) -> None:
+        """A fault unless the condition holds."""
+        if condition != KnownTruth(True):
+            self.emitter.emit("", "soter_possible", self.truth(condition), FAULT, kept=True)
+
+    def int_operation(self, op: str, operands: tuple[Item, ...]) -> Item:
+        """One of add sub mul neg abs div mod; faults are noted."""
+        if all(isinstance(o, KnownInt) for o in operands):
+            try:
+                return KnownInt(
+                    INT_OPS[op](*(o.value for o in operands if isinstance(o, KnownInt)))
+                )
+            except arithmetic.StepFault:
+                self.fault()
+                return KnownInt(0)
+        arguments = tuple(self.ints(o) for o in operands)
+        name = self.emitter.emit("ints", f"soter_ints_{op}", *arguments, FAULT, kept=True)
+        return EmittedInts(name)
+
+    def narrowed(self, v: Item, low: int, high: int) -> Item:
+        """An int on its way to a place with a range."""
+        if isinstance(v, KnownInt):
+            if not low <= v.value <= high:
+                self.fault()
+            return KnownInt(min(max(v.value, low), high))
+        ends = (whole_literal(low), whole_literal(high))
+        return EmittedInts(
+            self.emitter.emit("ints", "soter_ints_narrow", self.ints(v), *ends, FAULT, kept=True)
+        )
+
+    def index(self, v: Item, limit: Item, capacity: int) -> Item:
+        """An index that is inside."""
+        if isinstance(v, KnownInt) and isinstance(limit, KnownInt):
+            if not 0 <= v.value < limit.value:
+                self.fault()
+            return KnownInt(min(max(v.value, 0), max(capacity - 1, 0)))
+        most = whole_literal(capacity)
+        return EmittedInts(
+            self.emitter.emit(
+                "ints", "soter_ints_index", self.ints(v), self.ints(limit), most, FAULT, kept=True
+            )
+        )
+
+    def to_int(self, v: Item) -> Item:
+        """int(x) of a float."""
+        if isinstance(v, FloatRange) and v.low == v.high and INT_MIN <= int(v.low) <= INT_MAX:
+            return KnownInt(int(v.low))
+        return EmittedInts(
+            self.emitter.emit("ints", "soter_ints_to_int", self.form(v), FAULT, kept=True)
+        )
+
+    def to_float(self, v: Item) -> Item:
+        """float(i) of an int; also of a bool, as 0 or 1."""
+        if isinstance(v, KnownInt) and abs(v.value) <= 2**53:
+            return FloatRange(float(v.value), float(v.value))
+        if isinstance(v, (EmittedTruth, KnownTruth)):
+            return self._form("soter_n_truth_to_float", self.truth(v))
+        return self._form("soter_n_to_float", self.ints(v))
+
+    # ------------------------------------------------------------ one of several
+
+    def select(self, condition: Item, then: Item, otherwise: Item) -> Item:
+        """What `condition ? then : otherwise` gives."""
+        if isinstance(condition, KnownTruth) and condition.value is not None:
+            return then if condition.value else otherwise
+        return self.mapped(then, otherwise, lambda a, b: self._select_scalar(condition, a, b))
+
+    def _select_scalar(self, condition: Item, a: Item, b: Item) -> Item:
+        t = self.truth(condition)
+        kind = kind_of(a)
+        if kind == "form":
+            return self._form("soter_n_select", t, self.form(a), self.form(b))
+        if kind == "ints":
+            arguments = (t, self.ints(a), self.ints(b))
+            return EmittedInts(self.emitter.emit("ints", "soter_ints_select", *arguments))
+        arguments = (t, self.truth(a), self.truth(b))
+        return EmittedTruth(self.emitter.emit("truth", "soter_truth_select", *arguments))
+
+    def mapped(self, a: Item, b: Item, leaf: Callable[[Item, Item], Item]) -> Item:
+        """Two values of one type, leaf by leaf; what is the same in both stays."""
+        if a is b or a == b:
+            return a
+        a = opened(a) if isinstance(a, Constant) else a
+        b = opened(b) if isinstance(b, Constant) else b
+        if a == b:
+            return a
+        if isinstance(a, AggregateParts):
+            assert isinstance(b, AggregateParts)
+            pairs = zip(a.items, b.items, strict=True)
+            return AggregateParts(tuple(self.mapped(x, y, leaf) for x, y in pairs))
+        if isinstance(a, Sequence):
+            assert isinstance(b, Sequence)
+            length = self.mapped(a.length, b.length, leaf)
+            assert isinstance(length, (EmittedInts, KnownInt))
+            pairs = zip(a.items, b.items, strict=True)
+            return Sequence(length, tuple(self.mapped(x, y, leaf) for x, y in pairs))
+        return leaf(a, b)
+
+    def merged(
+        self,
+        a: Item,
+        b: Item,
+        variables: list[MergedVariable],
+        then: list[Step],
+        otherwise: list[Step],
+    ) -> Item:
+        """What a variable is behind a branch that left `a` in one block and `b` in the other."""
+
+        def leaf(x: Item, y: Item) -> Item:
+            kind = kind_of(x)
+            variable = MergedVariable(kind, self.emitter.fresh(kind))
+            variables.append(variable)
+            then.append(MergeStore(variable, self._stored(kind, x), second=False))
+            otherwise.append(MergeStore(variable, self._stored(kind, y), second=True))
+            return placed(kind, variable.result)
+
+        return self.mapped(a, b, leaf)
+
+    def outlived(self, v: Item, variables: list[MergedVariable], block: list[Step]) -> Item:
+        """A value of one block, for use behind it where that block ran."""
+        v = opened(v) if isinstance(v, Constant) else v
+        if isinstance(v, AggregateParts):
+            return AggregateParts(tuple(self.outlived(x, variables, block) for x in v.items))
+        if isinstance(v, Sequence):
+            length = self.outlived(v.length, variables, block)
+            assert isinstance(length, (EmittedInts, KnownInt))
+            return Sequence(length, tuple(self.outlived(x, variables, block) for x in v.items))
+        if isinstance(v, (FloatRange, KnownInt, KnownTruth, Constant)):
+            return v
+        kind = kind_of(v)
+        variable = MergedVariable(kind, self.emitter.fresh(kind))
+        variables.append(variable)
+        block.append(MergeStore(variable, self._stored(kind, v), second=False))
+        return placed(kind, variable.result)
+
+    def _stored(self, kind: str, v: Item) -> c.CExpr:
+        if kind == "form":
+            e = self.form(v)
+            assert isinstance(e, c.Unary)
+            return e.operand
+        return self.ints(v) if kind == "ints" else self.truth(v)
+
+    def element(self, target: Item, at: Item, t: Type) -> Item:
+        """The element of an array or list at an index that is inside."""
+        if isinstance(at, KnownInt):
+            whole = opened(target) if isinstance(target, Constant) else target
+            assert isinstance(whole, (AggregateParts, Sequence))
+            return whole.items[at.value]
+        if isinstance(target, Constant):
+            values = tuple(target.value)
+            if isinstance(target.type, ListType):
+                missing = target.type.capacity - len(values)
+                values += (default_value(t),) * missing
+            return self._table(t, values, at)
+        assert isinstance(target, (AggregateParts, Sequence))
+        return self._gather(target.items, at)
+
+    def _table(self, t: Type, values: tuple[object, ...], at: Item) -> Item:
+        if not is_scalar(t):
+            if isinstance(t, ListType):
+                return self._gather(tuple(Constant(t, v) for v in values), at)
+            parts = element_types(t)
+            columns = zip(*values, strict=True) if values else ()
+            pairs = zip(parts, columns, strict=True)
+            return AggregateParts(tuple(self._table(f, tuple(col), at) for f, col in pairs))
+        if isinstance(t, BoolType):
+            return self._gather(tuple(Constant(t, v) for v in values), at)
+        if isinstance(t, FloatType):
+            items = tuple((None, float_literal(float(v))) for v in values)  # type: ignore[arg-type]
+            table = self.emitter.static("double", "table", c.Initializer(items), array=True)
+            return self._form("soter_n_table", table, self.ints(at))
+        items = tuple((None, whole_literal(int(v))) for v in values)  # type: ignore[call-overload]
+        table = self.emitter.static("int64_t", "table", c.Initializer(items), array=True)
+        return EmittedInts(self.emitter.emit("ints", "soter_ints_table", table, self.ints(at)))
+
+    def _gather(self, items: tuple[Item, ...], at: Item) -> Item:
+        """By choice among all: joined where `at` is undecided."""
+        selection = items[-1]
+        if len(items) == 1:
+            return selection
+        for k in range(len(items) - 2, -1, -1):
+            below = self.compare("<=", at, KnownInt(k))
+            selection = self.select(below, items[k], selection)
+        return selection
+
+
+def placed(kind: str, name: str) -> Form | EmittedInts | EmittedTruth:
+    """A variable of the emitted C as a value."""
+    if kind == "form":
+        return Form(c.Name(name))
+    return EmittedInts(c.Name(name)) if kind == "ints" else EmittedTruth(c.Name(name))
+
+
+def kind_of(v: Item) -> str:
+    """Which C type a scalar has."""
+    if isinstance(v, (EmittedInts, KnownInt)):
+        return "ints"
+    return "truth" if isinstance(v, (EmittedTruth, KnownTruth)) else "form"

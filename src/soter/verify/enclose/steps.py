@@ -1,0 +1,376 @@
+"""The steps of a verification system, put together as the functions of an enclosure.
+
+Purpose: SC on what it sees, plants on what acts on them, predicates on true or estimated topics.
+Non-goals: printing (`unit.py`), statements (`body.py`).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from fractions import Fraction
+from functools import reduce
+from typing import TYPE_CHECKING
+
+from soter.core import core
+from soter.core.statements import FunctionTable
+from soter.core.steps import lower_predicate
+from soter.language.model.types import FloatType, IntType, RecordType, leaves
+from soter.verify.enclose.c_emitter import FAULT, EnclosureError, float_literal
+from soter.verify.enclose.core_enclosure import EnclosureBody
+from soter.verify.enclose.enclosed_values import (
+    AggregateParts,
+    FloatRange,
+    Form,
+    Item,
+    KnownInt,
+    KnownTruth,
+    Sequence,
+    at_most,
+)
+from soter.verify.enclose.inputs import EnclosureInputs, key, parts
+from soter.verify.enclose.operations import UNKNOWN, EnclosureOperations, kind_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from soter.codegen.c import tree as c
+    from soter.language.model.system import Bound, Component, Module, System
+    from soter.language.model.typed import TypedExpr
+    from soter.language.model.types import Type
+    from soter.verify.enclose.c_emitter import Emitter
+    from soter.verify.problem.quantities import Leaf, Quantities
+
+FLOAT_MAX = sys.float_info.max
+
+
+class Enclosed:
+    """One function of the enclosure, while it is being emitted."""
+
+    def __init__(
+        self,
+        system: System,
+        core_system: core.CoreSystem,
+        module: Module,
+        quantities: Quantities,
+        emitter: Emitter,
+        prelude: set[str],
+    ) -> None:
+        self.system = system
+        self.core = core_system
+        self.module = module
+        self.quantities = quantities
+        self.emitter = emitter
+        self.ops = EnclosureOperations(emitter)
+        self.inputs = EnclosureInputs(self.ops, quantities)
+        self.functions = {f.name: f for f in core_system.functions}
+        self.prelude = prelude
+        self.estimated = False
+        """Topics are read with their errors."""
+        self.moving = False
+        """Controls and disturbances are inputs: a derivative or a next state."""
+        self._topics: dict[int, Item] = {}
+        self._driven: dict[int, Item] | None = None
+
+    # ------------------------------------------------------------ cells
+
+    def body(self, more: Mapping[str, core.Function] | None = None) -> EnclosureBody:
+        """Something to run Core with."""
+        functions = {**self.functions, **(more or {})}
+        return EnclosureBody(self.emitter, functions, self.cell, self.prelude)
+
+    def cell(self, cell: core.Cell, t: Type) -> Item:
+        """The content of a state cell."""
+        if cell.kind == "state":
+            return self.inputs.state(cell.owner, cell.name, t)
+        assert cell.kind == "topic"
+        if cell.owner not in self._topics:
+            self._topics[cell.owner] = self._topic(cell.owner)
+        return self._topics[cell.owner]
+
+    def _topic(self, index: int) -> Item:
+        topic = self.system.topics[index]
+        if topic.queue_of is not None:
+            name = self.system.topics[topic.queue_of].name
+            msg = f"what waits in the queue of `{name}` cannot be enclosed"
+            raise EnclosureError(msg)
+        driven = any(o.topic == index for p in self.core.plants.values() for o in p.outputs)
+        if self.moving:
+            # What another plant drives is sampled and erroneous: its whole set covers both.
+            return self.inputs.topic(topic, {} if driven else self.inputs.controls)
+        if driven and self._driven is not None:
+            bounds = self.error_bounds(index)
+            true = self._driven[index]
+            if not self.estimated or not bounds:
+                return true
+            return self.inputs.measured(index, topic.type, true, bounds=bounds)
+        return self.inputs.topic(topic, self.inputs.others if self.estimated else {})
+
+    def error_bounds(self, topic: int) -> dict[tuple[str, ...], float]:
+        """Measured leaves of a driven topic with their bounds."""
+        t = self.system.topics[topic].type
+        all_paths = [p for p, _ in leaves(t)]
+        return {
+            all_paths[m.leaf]: m.bound
+            for x in self.system.components
+            for m in x.measured
+            if m.topic == topic
+        }
+
+    def plants(self) -> list[tuple[Component, core.PlantStep]]:
+        """The verification plants; EnclosureError where one is extern."""
+        plants = [(self.system.components[i], p) for i, p in sorted(self.core.plants.items())]
+        for component, step in plants:
+            if step.extern:
+                msg = f"plant `{component.name}` is extern: its motion cannot be enclosed"
+                raise EnclosureError(msg)
+        return plants
+
+    def _started(self, component: Component, step: core.PlantStep) -> EnclosureBody:
+        """A body whose temporaries are a plant's states and disturbances."""
+        body = self.body()
+        for x in step.states:
+            body.frame.variables[x.name] = self.cell(x.cell, x.type)
+        named = {d.variable.name: d for d in component.disturbances}
+        drawn = zip(step.disturbances, component.disturbances, strict=True)
+        for (name, _, _), d in drawn:
+            assert named[d.variable.name] is d
+            value = self.inputs.disturbance(component.index, d, read=self.moving)
+            body.frame.variables[name] = value
+        return body
+
+    def drive(self) -> None:
+        """From here on topics that plants drive hold what they publish on the present states."""
+        driven: dict[int, Item] = {}
+        for component, step in self.plants():
+            body = self._started(component, step)
+            body.run(step.publish)
+            for number, output in enumerate(step.outputs):
+                driven[output.topic] = body.frame.outputs[number][1]
+        self._driven = driven
+        self._topics = {}
+
+    def _see(self, topics: Iterable[int]) -> None:
+        """Estimates are made before any branch: what is first read in one is read behind it too."""
+        for index in topics:
+            self._topics[index] = self._topic(index)
+
+    # ------------------------------------------------------------ functions
+
+    def law(self) -> list[c.CExpr]:
+        """What SC publishes, leaf by leaf of the controls; EnclosureError where SC is extern."""
+        self.drive()
+        self.estimated = True
+        step = self.core.nodes[self.module.sc]
+        component = self.system.components[self.module.sc]
+        if component.extern:
+            msg = f"SC `{component.name}` is extern: its commands cannot be enclosed"
+            raise EnclosureError(msg)
+        self._see(component.scope.topics.values())
+        body = self.body()
+        for x in step.locals:
+            body.frame.variables[x.name] = self.ops.top(x.type)
+        if step.takeover:
+            body.branch(UNKNOWN, lambda: body.run(step.takeover), lambda: None)
+        body.run(step.body)
+        published = {o.topic: self._gated(body, k, o) for k, o in enumerate(step.outputs)}
+        return [self.operand(self._leaf(published, x)) for x in self.quantities.controls]
+
+    def _gated(self, body: EnclosureBody, number: int, output: core.Output) -> Item:
+        """What a topic holds behind the gate: checked, or still its last value."""
+        topic = self.system.topics[output.topic]
+        held = self.inputs.topic(topic, {})
+        has, value = body.frame.outputs.get(number, (KnownTruth(False), held))
+        checked: dict[tuple[str, ...], Item] = {}
+        bounds = dict(zip((p for p, _ in leaves(topic.type)), output.bounds, strict=True))
+
+        def check() -> None:
+            for path, t, v in parts(topic.type, value):
+                checked[path] = self._checked(t, v, bounds.get(path))
+
+        if has == KnownTruth(True):
+            check()
+        else:
+            body.branch(has, check, lambda: None)
+            checked = {p: v for p, _, v in parts(topic.type, value)}
+        return self.ops.select(has, self.inputs.build(topic.type, checked), held)
+
+    def _checked(self, t: Type, v: Item, bound: Bound | None) -> Item:
+        """A leaf on its way through the gate."""
+        if isinstance(t, FloatType):
+            low, high = (bound.low, bound.high) if bound else (-float("inf"), float("inf"))
+            ends = (float_literal(low), float_literal(high))
+            form = self.ops.form(v)
+            return Form(self.emitter.emit("form", "soter_n_gate", form, *ends, FAULT, kept=True))
+        if isinstance(t, IntType) and bound is not None:
+            return self.ops.narrowed(v, math.ceil(bound.low), math.floor(bound.high))
+        return v
+
+    def _leaf(self, topics: Mapping[int, Item], leaf: Leaf) -> Item:
+        t = self.system.topics[leaf.owner].type
+        if leaf.owner not in topics:
+            msg = f"SC does not publish `{leaf.name}`"
+            raise EnclosureError(msg)
+        return {p: v for p, _, v in parts(t, topics[leaf.owner])}[leaf.path]
+
+    def operand(self, v: Item) -> c.CExpr:
+        """A leaf as a form, as the caller gets it; of a list nothing is said: any number."""
+        if isinstance(v, Sequence):
+            v = FloatRange(-math.inf, math.inf)
+        return self.ops.form(v if kind_of(v) == "form" else self.ops.to_float(v))
+
+    def drives(self) -> list[c.CExpr]:
+        """Leaves of driven topics: topics in order of index, leaves as declared."""
+        self.drive()
+        assert self._driven is not None
+        return [
+            self.operand(v)
+            for topic, value in sorted(self._driven.items())
+            for _, _, v in parts(self.system.topics[topic].type, value)
+        ]
+
+    def published(self) -> list[Item]:
+        """Of each driven leaf that has a set: whether it lies there, with every error.
+
+        Last of those without a set: that they are finite. Only after `drive`. Of lists, and of
+        arrays too long to be numbered, nothing is said.
+        """
+        assert self._driven is not None
+        conditions: list[Item] = []
+        rest: Item = KnownTruth(True)
+        for index, value in sorted(self._driven.items()):
+            topic = self.system.topics[index]
+            bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
+            errors = self.error_bounds(index)
+            for path, t, v in parts(topic.type, value):
+                bound = bounds.get(path)
+                if isinstance(t, FloatType):
+                    low, high = room_of(bound, errors.get(path, 0.0))
+                    ends: tuple[Item, Item] = FloatRange(low, low), FloatRange(high, high)
+                elif isinstance(t, IntType) and bound is not None:
+                    ends = KnownInt(math.ceil(bound.low)), KnownInt(math.floor(bound.high))
+                else:
+                    continue
+                inside = (self.ops.compare("<=", ends[0], v), self.ops.compare("<=", v, ends[1]))
+                if bound is None:
+                    rest = self.ops.both(rest, self.ops.both(*inside))
+                else:
+                    conditions.append(self.ops.both(*inside))
+        return [*conditions, rest]
+
+    @staticmethod
+    def is_flow(core_system: core.CoreSystem) -> bool:
+        """Whether every plant that moves is an ODE and nothing else."""
+        moving = [p for p in core_system.plants.values() if p.integrate]
+        functions = {f.name: f for f in core_system.functions}
+        return bool(moving) and all(_right_hand_side(p, functions) is not None for p in moving)
+
+    def derivative(self) -> list[c.CExpr]:
+        """The derivative of every state."""
+        self.moving = True
+        derivatives: dict[tuple[int, str, tuple[str, ...]], Item] = {}
+        for component, step in self.plants():
+            call = _right_hand_side(step, self.functions)
+            if call is None:
+                continue
+            body = self._started(component, step)
+            function = self.functions[call.function]
+            record = function.parameters[0].type
+            assert isinstance(record, RecordType)
+            fields = record.fields
+            cells = {x.cell.name: x for x in step.states}
+            x = AggregateParts(tuple(self.cell(cells[n].cell, t) for n, t in fields))
+            others = tuple(body.expr(a) for a in call.arguments[1:])
+            result = body.call(function, (x, *others))
+            for path, _, v in parts(record, result):
+                derivatives[component.index, path[0], path[1:]] = v
+        zero = self.ops.form(FloatRange(0.0, 0.0))
+        return [
+            self.operand(derivatives[key(s)]) if key(s) in derivatives else zero
+            for s in self.quantities.states
+        ]
+
+    def next(self) -> list[c.CExpr]:
+        """Every state after one step of its plant."""
+        self.moving = True
+        next_values: dict[tuple[int, str, tuple[str, ...]], Item] = {}
+        for component, step in self.plants():
+            body = self._started(component, step)
+            body.run(step.integrate)
+            for x in step.states:
+                for path, _, v in parts(x.type, body.frame.variables[x.name]):
+                    next_values[component.index, x.cell.name, path] = v
+        return [self.operand(next_values[key(s)]) for s in self.quantities.states]
+
+    def predicate(
+        self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
+    ) -> c.CExpr:
+        """A predicate on true or estimated topics."""
+        return self.ops.truth(self._holds(p, more, estimated=estimated))
+
+    def _holds(
+        self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
+    ) -> Item:
+        self.drive()
+        self.estimated = estimated
+        self._see(self.module.scope.topics.values())
+        body = self.body(more)
+        body.run(p.body)
+        return body.expr(p.value)
+
+    def _said(self, e: TypedExpr, *, estimated: bool) -> Item:
+        table = FunctionTable(self.system)
+        p = lower_predicate(table, self.system, self.module.scope, e, e.span)
+        return self._holds(p, table.by_name, estimated=estimated)
+
+    def expression(self, e: TypedExpr, *, estimated: bool) -> c.CExpr:
+        """The same from the checked tree."""
+        return self.ops.truth(self._said(e, estimated=estimated))
+
+    def publishing(self, number: int | None = None) -> c.CExpr:
+        """That plants can publish what they drive: all of `published`, or one of it by number."""
+        self.drive()
+        conditions = self.published()
+        return self.ops.truth(
+            reduce(self.ops.both, conditions if number is None else conditions[number : number + 1])
+        )
+
+    def constraint(self, safe: TypedExpr) -> c.CExpr:
+        """C: `safe` on true states, and that plants can publish what they then drive."""
+        said = self._said(safe, estimated=False)
+        return self.ops.truth(reduce(self.ops.both, self.published(), said))
+
+
+def room_of(bound: Bound | None, error: float) -> tuple[float, float]:
+    """What a float may be so that it lies in its set with any error of up to `error` added.
+
+    Exactly: what is at most the upper bound less the error stays so once their sum is rounded.
+    """
+    low, high = (bound.low, bound.high) if bound is not None else (-FLOAT_MAX, FLOAT_MAX)
+    least, most = Fraction(low) + Fraction(error), Fraction(high) - Fraction(error)
+    return -at_most(-least), at_most(most)
+
+
+def _right_hand_side(
+    step: core.PlantStep, functions: Mapping[str, core.Function]
+) -> core.Call | None:
+    """The first call of a plant's derivative; None when the plant is (also) a map."""
+    calls = [
+        s
+        for s in _flat(step.integrate)
+        if isinstance(s, core.Call) and functions[s.function].source_name.endswith(": der")
+    ]
+    written = {x.name for x in step.states if x.written}
+    if not calls:
+        return None
+    record = functions[calls[0].function].result_type
+    assert isinstance(record, RecordType)
+    return calls[0] if len(written) == len(record.fields) else None
+
+
+def _flat(statements: tuple[core.Stmt, ...]) -> list[core.Stmt]:
+    """Statements and those inside loops."""
+    result: list[core.Stmt] = []
+    for s in statements:
+        result += _flat(s.body) if isinstance(s, core.Loop) else [s]
+    return result

@@ -1,0 +1,358 @@
+"""Groups on grids, as the claims ask of them.
+
+Purpose: `GridProof`: for one group of a case C, K, R(H), the inclusions, levels, the start and the
+return, on cells; `Grids`: the method.
+Non-goals: sets (`sets.py`), P2b (`recovery.py`), levels of estimates (`levels.py`), how much it all
+says (`set_volumes.py`), files and figures (`entry.py`, `figures.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from soter.language.model.durations import show_ns
+from soter.verify.claims.case import GroupProof, Method
+from soter.verify.claims.cell_boxes import holding, regions_of
+from soter.verify.claims.product_sets import CellsPart, candidates, states_elsewhere
+from soter.verify.claims.results import GroupSets
+from soter.verify.enclose.scheme_error import STIFF_HINT
+from soter.verify.grid import levels, recovery, set_volumes
+from soter.verify.grid.certificate_entry import entry
+from soter.verify.grid.figures import figure
+from soter.verify.grid.sets import GridGroup
+from soter.verify.tables.grid_tables import GroupTable, table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.report.proof.record import RegionFigure
+    from soter.verify.claims.case import Case, Tell
+    from soter.verify.claims.product_sets import SetFactor
+    from soter.verify.claims.results import Region
+    from soter.verify.problem.problem import Group, Problem
+    from soter.verify.tables.level_table import LevelTable
+
+    Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
+    Arrays = Mapping[str, NDArray[np.generic]]
+
+CROSSED = (
+    "; the differential equation keeps {ends}, and that the scheme which integrates it does "
+    "was not shown"
+)
+CROSSED_HINT = "ranges that end a little further out, where the flow points inwards by itself"
+
+
+@dataclass(eq=False)
+class GridProof(GroupProof):
+    """A group on a grid: its engine, and the sets that it found."""
+
+    group: Group
+    engine: GridGroup
+    found: GroupSets
+    fresh: bool = True
+
+    @property
+    def cells(self) -> int:
+        """All of the grid."""
+        return self.found.allowed.size
+
+    @property
+    def return_ns(self) -> int:  # type: ignore[override]
+        """The longest time from W to Q."""
+        return self.found.return_ns
+
+    # ------------------------------------------------------------ claims
+
+    def take(self, case: Case, part: SetFactor) -> None:
+        """C_g; where it holds at another point than before the product is another."""
+        assert isinstance(part, CellsPart)
+        if not self.fresh and not np.array_equal(self.found.allowed, part.cells):
+            case.again(self)
+        if self.fresh:
+            self.found.allowed = part.cells
+
+    def core(self, case: Case) -> bool:
+        """K: a greatest fixpoint."""
+        if self.engine.stiff:
+            case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
+        kept = self.engine.core(self.found.allowed)
+        self.found.core = kept.witness
+        case.count("rounds", kept.rounds)
+        case.count("longest", int(kept.witness.max()))
+        if kept.witness.any():
+            return True
+        hint = "a finer grid; a wider one; a stronger SC; smaller errors, delays or disturbances"
+        text = "K is empty: no set was found that SC keeps"
+        if self.engine.crossed:
+            text += CROSSED.format(ends=", ".join(self.engine.crossed))
+            hint = CROSSED_HINT
+        case.fail("P2a", text, self, hint).cells = self.found.allowed
+        return False
+
+    def free_phase(self, case: Case) -> None:
+        """R(H)."""
+        horizon = case.problem.in_horizon(case.problem.times.horizon_ns)
+        self.found.free = self.engine.safe_for(horizon, self.found.core > 0)
+
+    def inclusion(self, case: Case, predicate: str) -> None:
+        """On every cell, with all errors."""
+        part = self.found
+        if part.possible is None:
+            part.possible = self.engine.may_hold("safe")
+        if predicate == "ttf":
+            part.lets_ac = lets = self.engine.may_fail("ttf") & part.possible
+        else:
+            part.gives_back = lets = self.engine.may_hold("safer") & part.possible
+        assert part.free is not None
+        wrong = lets & ~part.free
+        if wrong.any():
+            says = "may be false" if predicate == "ttf" else "may be true"
+            count = int(wrong.sum())
+            text = f"`{predicate}` {says} on {count} cells from which AC could leave K within H"
+            hint = f"a finer grid, or a `{predicate}` that is more careful there"
+            case.fail(predicate, text, self, hint).cells = wrong
+
+    def entered(self, case: Case) -> str:
+        """On every cell, with all errors; `safe` is not yet known of where the state jumps to."""
+        del case
+        assert self.found.free is not None
+        wrong = int((self.engine.may_hold("enters") & ~self.found.free).sum())
+        names = ", ".join(a.name for a in self.group.axes)
+        return f"it may hold on {wrong:,} cells of {names} outside R(H)" if wrong else ""
+
+    def levels(self, case: Case) -> None:
+        """S_0, S_1, ... of estimates."""
+        levels.find(case, self, self.engine, self.found)
+
+    def admit(self, case: Case, table: LevelTable) -> None:
+        """A table of the DM, and the states from which AC may have control by it."""
+        assert isinstance(table, GroupTable)
+        levels.admit(case, self, self.engine, self.found, table)
+
+    def start(self, case: Case, until_ns: int) -> None:
+        """The initial states lie in R(h_0)."""
+        reach = self.engine.safe_for(until_ns, self.found.core > 0)
+        at = self.at_start(case)
+        if at is None:
+            case.fail("start", "an initial state lies outside the grid", self, "a wider grid")
+            return
+        if not reach[at].all():
+            wrong = np.zeros_like(reach)
+            wrong[at] = ~reach[at]
+            hint = "start further inside, or closer to rest"
+            case.fail(
+                "start", "SC may come too late for an initial state", self, hint
+            ).cells = wrong
+
+    def at_start(self, case: Case) -> tuple[slice, ...] | None:
+        """The cells of the initial states; None where the grid does not hold all of them."""
+        ends = [case.problem.initial[s] for s in self.engine.axes]
+        box = [holding(e, i.low, i.high) for e, i in zip(self.engine.edges, ends, strict=True)]
+        at = tuple(b for b in box if b is not None)
+        return at if len(at) == len(box) else None
+
+    def held(self, case: Case) -> CellsPart | None:
+        """By the table of the DM."""
+        cells = levels.held(case, self.engine, self.found)
+        return None if cells is None else CellsPart(self.engine, cells)
+
+    def recover(self, case: Case, target: SetFactor) -> None:
+        """Q and W."""
+        assert isinstance(target, CellsPart)
+        recovery.recover(case, self, self.engine, self.found, target.cells)
+
+    # ------------------------------------------------------------ after a failure
+
+    @property
+    def stuck(self) -> float:
+        """Of K."""
+        core, rank = self.found.core > 0, self.found.rank
+        return 0.0 if rank is None else float((core & (rank == 0)).sum() / max(1, core.sum()))
+
+    def give_up(self) -> None:
+        """W in place of K."""
+        part = self.found
+        assert part.home is not None
+        assert part.rank is not None
+        assert part.rank_holds is not None
+        part.core = np.where(part.rank == 1, part.home, part.rank_holds)
+        part.core[part.rank == 0] = 0
+
+    def regions(self, cells: Bools, parameters: Sequence[tuple[str, int]]) -> list[Region]:
+        """Boxes that hold the cells, a set of the grid's shape."""
+        names = [a.name for a in self.group.axes]
+        return regions_of(cells, names, self.engine.edges, parameters)
+
+    # ------------------------------------------------------------ what the proof covers
+
+    @property
+    def covers_scheme(self) -> bool:
+        """Whether the simulator's steps are solutions of its model."""
+        return self.engine.covers_scheme
+
+    @property
+    def together(self) -> tuple[int, ...]:
+        """A chain has one acting time for all commands that move the group."""
+        c = self.engine.c
+        moved = tuple(int(c.command[a]) for a in range(c.commands))
+        return moved if len(moved) > 1 else ()
+
+    # ------------------------------------------------------------ how much it says
+
+    def shares(self, case: Case) -> dict[str, float]:
+        """Of the grid's volume."""
+        del case
+        return set_volumes.shares(self.found)
+
+    def drawn(self, chance: np.random.Generator, count: int) -> Floats:
+        """Uniform on the cells of K, (count, axes)."""
+        return set_volumes.drawn(self.found, chance, count)
+
+    @property
+    def core_share(self) -> float | None:
+        """Of volumes."""
+        return set_volumes.core_share(self.found)
+
+    @property
+    def free_share(self) -> float | None:
+        """Of cells."""
+        return None if self.found.free is None else float(np.mean(self.found.free))
+
+    @property
+    def both(self) -> tuple[float, bool] | None:
+        """By cells on which `safer` may be true and `ttf` may be false."""
+        return set_volumes.both(self.found)
+
+    def excludes(self, predicate: str) -> bool:
+        """Whether no cell of K lets AC have control."""
+        part = self.found
+        lets = part.lets_ac if predicate == "ttf" else part.gives_back
+        return lets is not None and not (lets & (part.core > 0)).any()
+
+    def lets_share(self, case: Case, predicate: str) -> float | None:
+        """Of the volume of K."""
+        del case
+        return set_volumes.lets_share(self.found, predicate)
+
+    def waits_at_start(self, case: Case) -> bool:
+        """By the cells of the initial states."""
+        at, gives_back = self.at_start(case), self.found.gives_back
+        return at is not None and gives_back is not None and not gives_back[at].any()
+
+    @property
+    def deepest(self) -> Mapping[int, float]:
+        """The middle of a cell of C that is furthest from its border."""
+        return set_volumes.deepest(self.found)
+
+    # ------------------------------------------------------------ results
+
+    @property
+    def pair(self) -> tuple[Bools, Bools] | None:
+        """(S_0, S_(m-2)), both of the grid's shape."""
+        levels = self.found.levels
+        return (levels[0], levels[-1]) if levels else None
+
+    def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
+        """Tables of bytes."""
+        return entry(problem, self.found, stem, files)
+
+    def figures(self, note: str) -> list[RegionFigure]:
+        """One."""
+        return [figure(self.found, note)]
+
+
+def grids(proofs: Sequence[object]) -> list[GridProof]:
+    """Those of some groups that are on grids."""
+    return [p for p in proofs if isinstance(p, GridProof)]
+
+
+class Grids(Method):
+    """Fixpoints over cells."""
+
+    kind = "grid"
+    how = {  # noqa: RUF012 - a table
+        "P2a": "greatest fixpoint over chains of SC periods",
+        "P2b": "ranks over chains of SC periods",
+        "ttf": "inclusion on every cell, all errors",
+        "safer": "inclusion on every cell, all errors",
+        "start": "inclusion of the initial states",
+    }
+
+    def opened(self, case: Case, group: Group, tell: Tell | None) -> GridProof:
+        """With an engine of its own."""
+        library, problem = case.forms.library, case.problem
+        engine = GridGroup.of(library, problem, group, case.parameter, progress=tell)
+        allowed = np.zeros(engine.shape, dtype=np.bool_)
+        core = np.zeros(engine.shape, dtype=np.uint8)
+        return GridProof(group, engine, GroupSets(group, allowed, core, solver=engine))
+
+    def parts(
+        self, case: Case, proofs: Sequence[GroupProof], predicate: str
+    ) -> list[CellsPart] | None:
+        """Per group the cells on which the predicate holds, all other states at some point."""
+        engines = [p.engine for p in grids(proofs)]
+        if len(engines) == len(case.problem.groups) == 1:
+            return [CellsPart(engines[0], engines[0].definitely(predicate))]
+        for point in candidates(case.problem):
+            parts = []
+            for engine in engines:
+                elsewhere = states_elsewhere(case.problem, engine, point)
+                parts.append(CellsPart(engine, engine.definitely(predicate, ranges=elsewhere)))
+            if all(part.cells.any() for part in parts):
+                return parts
+        return None
+
+    def hinted(
+        self, case: Case, proofs: Sequence[GroupProof], parts: Sequence[SetFactor]
+    ) -> list[CellsPart] | None:
+        """Cells that are in both."""
+        hints = self.parts(case, proofs, "core")
+        if hints is None:
+            return None
+        both = zip(cast("Sequence[CellsPart]", parts), hints, strict=True)
+        return [CellsPart(part.engine, part.cells & hint.cells) for part, hint in both]
+
+    def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
+        """In cells."""
+        every = [p.found for c in done for p in grids(c.proofs)]
+        if claim == "P2a":
+            cells, of = (sum(int(n) for n in x) for x in _counted(every))
+            longest = max(c.counts.get("longest", 0) for c in done)
+            rounds = max(c.counts.get("rounds", 0) for c in done)
+            span = show_ns(longest * done[0].problem.times.delta_sc)
+            text = f"{cells:,} of {of:,} cells, chains up to {span}"
+            return text, {"cells": cells, "longest": longest, "rounds": rounds}
+        parts = [part.lets_ac if claim == "ttf" else part.gives_back for part in every]
+        cells = sum(int(p.sum()) for p in parts if p is not None)
+        return f"on {cells:,} cells", {"cells": cells}
+
+    def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> GroupTable:
+        """Levels of cells."""
+        return table(problem, group, cast("Sequence[tuple[Bools, Bools]]", pairs))
+
+    def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
+        """As bits, eight cells a byte, (bytes,) each."""
+        both = cast("tuple[Bools, Bools]", pair)
+        return {str(k): np.packbits(np.asarray(cells)) for k, cells in enumerate(both)}
+
+    def unpacked(self, group: Group, arrays: Arrays) -> tuple[Bools, Bools]:
+        """From bits: two sets of the grid's shape."""
+        shape = tuple(len(a.edges) - 1 for a in group.axes)
+        outer, inner = (_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
+        return outer, inner
+
+
+def _counted(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:
+    """Cells of K, and of the grid."""
+    return [int((g.core > 0).sum()) for g in every], [g.core.size for g in every]
+
+
+def _cells(bits: NDArray[np.uint8], shape: tuple[int, ...]) -> Bools:
+    count = int(np.prod(shape))
+    return np.unpackbits(bits, count=count).astype(np.bool_).reshape(shape)

@@ -1,0 +1,347 @@
+"""One group as the engine sees it: grid, ranges, dynamics.
+
+Purpose: the group's description in C, its linear model, memory and slices of work, for
+`sets.py` and `policies.py`.
+Non-goals: sets.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, followed
+from soter.verify.grid.grid_borders import keep_borders
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from soter.verify.enclose.engine_library import ReachLibrary
+    from soter.verify.grid.inputs import GridInputs
+
+    Bools = npt.NDArray[np.bool_]
+    Bytes = npt.NDArray[np.uint8]
+    Floats = npt.NDArray[np.float64]
+    Ints = npt.NDArray[np.int32]
+
+TILE = {1: (64,), 2: (8, 8), 3: (4, 4, 4), 4: (2, 2, 4, 4)}
+OUTSET = 2.0**-20
+"""How much larger than the grid (relative to an axis) the domain of the enclosures is: a run that
+leaves the grid is still inside it, so no claim inside rests on what happens outside."""
+AXIS_MAX = 2**16 - 1
+"""An axis has fewer cells, as many breakpoints at most."""
+
+
+class CancelledError(Exception):
+    """The stop flag was set."""
+
+
+class UnboundedError(Exception):
+    """The enclosures give no finite bound (a possible step fault, or too stiff a flow)."""
+
+
+def _guesses(edges: Floats) -> Ints:
+    """For equal buckets over the axis, a cell near each; the engine corrects from there."""
+    n = len(edges) - 1
+    width = np.diff(edges)
+    even = bool(np.allclose(width, width[0], rtol=1e-6))
+    buckets = n if even else min(16 * n, max(n, int(np.ceil(edges[-1] - edges[0]) / width.min())))
+    at = edges[0] + (edges[-1] - edges[0]) * (np.arange(buckets) + 0.5) / buckets
+    return np.asarray(np.clip(np.searchsorted(edges, at, side="right") - 1, 0, n - 1), np.int32)
+
+
+class GridModel:
+    """The engine for one group: its grid and its dynamics."""
+
+    def __init__(
+        self,
+        library: ReachLibrary,
+        inputs: GridInputs,
+        axes: Sequence[tuple[int, Sequence[float] | Floats]],
+        *,
+        threads: int = 2,
+        linear: bool | None = None,
+        open_ends: Collection[int] = (),
+        progress: Callable[[str, float], None] | None = None,
+        stop: Callable[[], bool] | None = None,
+    ) -> None:
+        """`axes`: (index among the states, breakpoints) of each axis, one to four.
+
+        `linear`: whether a flow is enclosed by one linear model for the whole domain; None: if it
+        is linear but for remainders below a thousandth of its rates. `open_ends`: states whose last
+        breakpoint no run is taken to pass. `progress(what, share)` is told now and then;
+        CancelledError is raised soon after `stop()` turns true.
+        UnboundedError where the dynamics have no finite enclosure over the domain.
+        """
+        self.library, self.inputs, self.threads = library, inputs, threads
+        self.progress, self.stop = progress, stop
+        self.open_ends = frozenset(open_ends)
+        self.axes = tuple(int(i) for i, _ in axes)
+        self.edges = tuple(np.ascontiguousarray(e, dtype=np.float64) for _, e in axes)
+        self.shape = tuple(len(e) - 1 for e in self.edges)
+        assert 1 <= len(self.axes) <= 4, "a group has one to four axes"
+        assert max(self.shape) < AXIS_MAX, "an axis has fewer than 65535 cells"
+        assert all(np.all(np.diff(e) > 0) for e in self.edges), "breakpoints increase"
+        assert library.inputs == max(1, len(inputs.ranges)), "the unit has other inputs"
+        assert 2 * inputs.jitter_ns <= inputs.period_ns, "the jitter is below half a period"
+        assert inputs.period_ns % (inputs.map_step_ns or 1) == 0, "SC steps with the map"
+        self._kept: list[Any] = []
+        self.c = self._described()
+        self.covers_scheme = False
+        """Whether one step of the simulator's scheme is a solution of the model."""
+        self.stiff = ""
+        """Why not, where that is a matter of its step alone."""
+        self.crossed: list[str] = []
+        """Ends of axes that the differential equation keeps, and its scheme is not shown to."""
+        self._linearize(linear)
+        self._narrow_law()
+
+    # ------------------------------------------------------------ the description in C
+
+    def _array(self, values: Any, dtype: str, ctype: str) -> Any:  # noqa: ANN401 - cdata
+        array = np.ascontiguousarray(values, dtype=dtype)
+        self._kept.append(array)
+        return self.library.ffi.cast(ctype, array.ctypes.data)
+
+    def _described(self) -> Any:  # noqa: ANN401 - cdata
+        ffi, x = self.library.ffi, self.inputs
+        g = ffi.new("soter_reach_group *")
+        low, high = (np.array([r[k] for r in x.ranges] or [0.0]) for k in (0, 1))
+        n = len(x.states)
+        for axis, edges in zip(self.axes, self.edges, strict=True):
+            low[axis], high[axis] = min(low[axis], edges[0]), max(high[axis], edges[-1])
+        margin = (high[:n] - low[:n]) * OUTSET
+        low[:n] -= margin
+        high[:n] += margin
+        self.low, self.high = low, high
+        g.low, g.high = (self._array(v, "f8", "double *") for v in (low, high))
+        g.param = self._array(x.parameters or (0,), "i8", "int64_t *")
+        g.law = self.library.symbol("law")
+        g.rate = self.library.symbol("next" if x.kind == "map" else "derivative")
+        g.states, g.controls, g.inputs = n, len(x.controls), self.library.inputs
+        g.is_map = x.kind == "map"
+        g.hold_steps = max(1, x.period_ns // (x.map_step_ns or max(1, x.period_ns)))
+        g.axes = len(self.axes)
+        tile = TILE[len(self.axes)]
+        for a, (state, edges) in enumerate(zip(self.axes, self.edges, strict=True)):
+            guess = _guesses(edges)
+            g.axis[a], g.cells[a], g.tile[a] = state, len(edges) - 1, tile[a]
+            g.tiles[a] = -(-(len(edges) - 1) // tile[a])
+            g.edges[a] = self._array(edges, "f8", "double *")
+            g.guess[a] = self._array(guess, "i4", "int32_t *")
+            g.guesses[a] = len(guess)
+        g.words = -(-self.shape[-1] // 64)
+        g.period = x.period_ns * NS
+        g.delay, g.jitter = (
+            float(np.nextafter(v * NS, np.inf)) if v else 0.0 for v in (x.delay_ns, x.jitter_ns)
+        )
+        g.past = 1 + (2 * x.jitter_ns + x.delay_ns) // max(1, x.period_ns)
+        return g
+
+    def pointer(self, array: npt.NDArray[Any], ctype: str) -> Any:  # noqa: ANN401 - cdata
+        """The address of the data of an array of any shape; the caller keeps the array."""
+        return self.library.ffi.cast(ctype, array.ctypes.data)
+
+    def _linearize(self, linear: bool | None) -> None:
+        g, lib = self.c, self.library.lib
+        ends = [self.pointer(v, "double *") for v in (self.low, self.high)]
+        g.is_local = 0
+        if not lib.soter_reach_linearize(g, *ends):
+            g.is_local = 1
+            if linear or not lib.soter_reach_linearize(g, *ends):
+                raise UnboundedError("the dynamics have no finite enclosure over the grid")
+        if self.inputs.kind == "flow" and not g.is_local:
+            remainder = self._remainder()
+            g.is_local = not (remainder < 1e-3 if linear is None else linear)
+        by_scheme = self._followed()
+        extra, self.stiff = by_scheme.error, by_scheme.stiff
+        self.covers_scheme = extra is not None
+        if extra is not None:
+            for i, w in enumerate(extra):
+                g.extra_w[i] = w
+            if not lib.soter_reach_linearize(g, *ends):
+                raise UnboundedError("the dynamics have no finite enclosure over the grid")
+        if g.is_local and not lib.soter_reach_linearize(g, *ends):
+            raise UnboundedError("the dynamics have no finite enclosure over the grid")
+        if self.inputs.kind == "flow":
+            keep_borders(self)
+        if self.inputs.kind == "flow" and not g.commands:
+            g.delay = g.jitter = 0.0  # no command moves this group: when one acts is all the same
+            g.past = 1
+        if not lib.soter_reach_prepare(g):
+            raise UnboundedError("the flow is too stiff for one period of SC")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether one linear model serves the whole domain (flows)."""
+        return not self.c.is_map and not self.c.is_local
+
+    def model(self) -> dict[str, Floats]:
+        """A (n, n), B (n, commands), c (n), w (n) of x' in A x + B u + c + [-w, w]; `commands`."""
+        g, n = self.c, len(self.axes)
+        m = g.model
+        return {
+            "A": np.array([[m.a[i][j] for j in range(n)] for i in range(n)]),
+            "B": np.array([[m.b[i][a] for a in range(g.commands)] for i in range(n)]).reshape(
+                n, -1
+            ),
+            "c": np.array([m.c[i] for i in range(n)]),
+            "w": np.array([m.w[i] for i in range(n)]),
+            "commands": np.array([g.command[a] for a in range(g.commands)], dtype=np.float64),
+        }
+
+    def _narrow_law(self) -> None:
+        """Where one control moves the group, only that one is asked of SC.
+
+        What may fault elsewhere in SC would go unseen, so all of SC must be free of faults over the
+        whole domain. A read state of a run that counts lies in the grid, hence in the domain.
+        """
+        g = self.c
+        if g.commands != 1 or g.controls == 1 or g.law == self.library.ffi.NULL:
+            return
+        alone = self.library.symbol(f"law_{g.command[0]}")
+        if alone == self.library.ffi.NULL:
+            return
+        forms, out = self._forms(self.low, self.high)
+        ends = [self.library.ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
+        if not self.library.lib.soter_law(ends[0], g.param, ends[1]):
+            g.law = alone
+
+    def _forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+        """The inputs over their ranges as forms, and room for results."""
+        count, given = self.library.inputs, len(low)
+        mid = low / 2 + high / 2
+        rad = np.where(low < high, np.nextafter(np.maximum(high - mid, mid - low), np.inf), 0.0)
+        results = max(count, len(self.inputs.states), len(self.inputs.controls))
+        forms, out = np.zeros((count, 4 + count)), np.zeros((results, 4 + count))
+        forms[:given, 0], forms[:given, 1], forms[:given, 2] = low, high, mid
+        forms[range(given), range(4, 4 + given)] = rad
+        return forms, out
+
+    def rates_within(self, low: Floats, high: Floats) -> Floats | None:
+        """Bounds (states, 2) of the rates over ranges of all inputs; None: a possible fault."""
+        forms, out = self._forms(low, high)
+        ends = [self.library.ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
+        if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
+            return None
+        return np.asarray(out[: len(self.inputs.states), :2])
+
+    def hangs_on_states(self, state: int) -> bool:
+        """Whether the rate of a state is another one at other states (or may be: a fault)."""
+        found = self._rate_forms(self.low, self.high)
+        return found is None or bool(found[0][state, 4 : 4 + len(self.inputs.states)].any())
+
+    def _remainder(self) -> float:
+        """How much W grows from a small box to the whole domain, relative to the rates."""
+        g, lib, n = self.c, self.library.lib, len(self.inputs.states)
+        whole, moving = self.model(), np.zeros(len(self.low), dtype=bool)
+        moving[list(self.axes)] = True
+        moving[n : n + len(self.inputs.controls)] = True
+        mid, half = self.low / 2 + self.high / 2, self.high / 2 - self.low / 2
+        low = np.where(moving, mid - half * OUTSET, self.low)
+        high = np.where(moving, mid + half * OUTSET, self.high)
+        if not lib.soter_reach_linearize(
+            g, self.pointer(low, "double *"), self.pointer(high, "double *")
+        ):
+            return np.inf
+        small = self.model()
+        ends = [self.pointer(v, "double *") for v in (self.low, self.high)]
+        lib.soter_reach_linearize(g, *ends)
+        rates = np.abs(whole["A"]) @ half[list(self.axes)] + whole["w"]
+        commands = [n + int(c) for c in whole["commands"]]
+        rates += np.abs(whole["B"]) @ half[commands]
+        grown = whole["w"] - small["w"]
+        return float(np.max(np.where(rates > 0, grown / np.where(rates > 0, rates, 1), 0)))
+
+    def _followed(self) -> SchemeSolution:
+        """Whether the simulator's steps are solutions of the model, and with what more."""
+        x = self.inputs
+        if x.kind != "flow" or not self.is_linear or not x.steps:
+            return SchemeSolution()
+        names = x.names or tuple(f"state {k}" for k in range(len(x.states)))
+        stepped = SimulatedFlow(self._rate_forms, names, x.steps, len(x.controls))
+        return followed(stepped, self.low, self.high, self.axes)
+
+    def _rate_forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
+        """Forms of all rates, (states, 4 + inputs), and the radius of every input."""
+        ffi, n = self.library.ffi, len(self.inputs.states)
+        forms, out = self._forms(low, high)
+        radius = forms[range(len(low)), range(4, 4 + len(low))]
+        ends = [ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
+        if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
+            return None
+        return out[:n], radius
+
+    # ------------------------------------------------------------ calls in slices
+
+    def tell(self, what: str, share: float) -> None:
+        """Progress to whoever asked for it; CancelledError when work is to stop."""
+        if self.stop is not None and self.stop():
+            raise CancelledError
+        if self.progress is not None:
+            self.progress(what, share)
+
+    def bits(self, cells: Bools) -> npt.NDArray[np.uint64]:
+        """A set, of the grid's shape, as the engine has it, (rows * words,)."""
+        assert cells.shape == self.shape, f"a set has the grid's shape {self.shape}"
+        rows = int(np.prod(self.shape[:-1], dtype=np.int64))
+        bits = np.empty(rows * self.c.words, dtype=np.uint64)
+        data = np.ascontiguousarray(cells).view(np.uint8)
+        self.library.lib.soter_reach_pack(
+            self.c, self.pointer(data, "uint8_t *"), self.pointer(bits, "uint64_t *")
+        )
+        return bits
+
+    def cells_of(self, bits: npt.NDArray[np.uint64]) -> Bools:
+        """The set, of the grid's shape, that the engine's bits, (rows * words,), are."""
+        out = np.empty(self.shape, dtype=np.uint8)
+        self.library.lib.soter_reach_unpack(
+            self.c, self.pointer(bits, "uint64_t *"), self.pointer(out, "uint8_t *")
+        )
+        return out.view(np.bool_)
+
+    @property
+    def tiles(self) -> int:
+        """How many tiles the grid has."""
+        return int(np.prod([self.c.tiles[a] for a in range(len(self.axes))]))
+
+    # ------------------------------------------------------------ estimates
+
+    def touched(self, errors: Mapping[int, float]) -> list[tuple[Any, Any]]:
+        """Per axis: first and last cell that [cell - e, cell + e] touches; outside counts on."""
+        cell_ranges = []
+        for state, edges in zip(self.axes, self.edges, strict=True):
+            e, n = errors.get(state, 0.0), len(edges) - 1
+            low, high = edges[:-1], edges[1:]
+            if e:
+                low, high = np.nextafter(low - e, -np.inf), np.nextafter(high + e, np.inf)
+            first = np.searchsorted(edges, low, side="right") - 1
+            last = np.searchsorted(edges, high, side="left") - 1
+            last = np.where(high > edges[-1], n, last)
+            cell_ranges.append((first.astype(np.int32), last.astype(np.int32)))
+        return cell_ranges
+
+    # ------------------------------------------------------------ memory
+
+    def rounds(self, r: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401 - cdata
+        """Memory of a fixpoint; the caller keeps what is given back as long as `r` is in use.
+
+        By name, each of shape (length,), the length being what the engine fills.
+        """
+        n, tiles = len(self.axes), self.tiles
+        sums = int(np.prod([self.c.tiles[a] + 1 for a in range(n)]))
+        rows = int(np.prod(self.shape[:-1], dtype=np.int64))
+        buffers: dict[str, npt.NDArray[Any]] = {
+            "kept": np.empty(rows * self.c.words, dtype=np.uint64),
+            "reaches": np.empty(tiles * 2 * n, dtype=np.uint16),
+            "changed": np.empty(tiles, dtype=np.uint64),
+            "begun": np.empty(tiles, dtype=np.uint8),
+            "dirty": np.empty(tiles, dtype=np.int32),
+            "sums": np.empty(sums, dtype=np.int32),
+        }
+        for name, array in buffers.items():
+            setattr(r, name, self.pointer(array, f"{array.dtype}_t *"))
+        return buffers

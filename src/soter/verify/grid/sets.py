@@ -1,0 +1,342 @@
+"""Sets of states on rectilinear grids (docs/verification.md, section 3).
+
+Purpose: the Python face of `verify/engine/soter_reach*.c` for one group of up to four axes. Sets
+are numpy arrays of the grid's shape, one item a cell, in C order; bool, or uint8 witnesses. All
+times are nanoseconds. What is claimed is claimed of the real dynamics: rounding is outward.
+Non-goals: extracting the problem, verdicts, certificates; synthesis and ranks (`policies.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.verify.enclose.scheme_error import NS
+from soter.verify.grid.group_model import AXIS_MAX, CancelledError, GridModel, UnboundedError
+from soter.verify.grid.inputs import GridInputs, of_problem
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from soter.verify.enclose.engine_library import ReachLibrary
+    from soter.verify.grid.group_model import Bools, Bytes, Floats, Ints
+    from soter.verify.problem.problem import Group, Problem
+
+__all__ = [
+    "AXIS_MAX",
+    "CancelledError",
+    "Core",
+    "GridGroup",
+    "GridInputs",
+    "UnboundedError",
+    "of_problem",
+]
+
+SLICE_S = 0.1
+"""How long the engine works between two looks at the stop flag."""
+LONGEST = 250
+"""The largest N a witness (uint8) may have, with room for a mark."""
+POOL_BYTES = 2**28
+SEGMENTS = 2
+SEGMENTS_MAX = 64
+"""As `SOTER_REACH_SEGMENTS`."""
+WORTH_IT = 0.005
+"""Share of the target that twice as many segments must add, for as many again to be tried."""
+STEPS_MAX = 8
+WORTH_A_STEP = 0.02
+"""The same where the flow is not linear: each segment is a step of its own for every box."""
+
+
+@dataclass(frozen=True)
+class Core:
+    """K: `witness` holds N per cell, 0 = not in K. `rounds`, `steps`: what it took."""
+
+    witness: Bytes
+    rounds: int
+    steps: int
+
+    @property
+    def cells(self) -> Bools:
+        """Which cells are in K, in the grid's shape."""
+        return np.asarray(self.witness != 0)
+
+
+class GridGroup(GridModel):
+    """The engine for one group: its grid, its dynamics, its sets."""
+
+    _scratch: tuple[npt.NDArray[np.uint16], Ints, Bytes] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        library: ReachLibrary,
+        problem: Problem,
+        group: Group,
+        parameters: Sequence[int] = (),
+        **options: Any,  # noqa: ANN401 - those of __init__
+    ) -> GridGroup:
+        """The engine for a group of a problem."""
+        axes = [(a.state, a.edges) for a in group.axes]
+        ends = {a.state for a in group.axes if a.open}
+        return cls(library, of_problem(problem, parameters), axes, open_ends=ends, **options)
+
+    # ------------------------------------------------------------ predicates
+
+    def truth(
+        self,
+        predicate: str,
+        *,
+        ranges: Mapping[int, tuple[float, float]] | None = None,
+    ) -> Bytes:
+        """Truth of `safe`, `core`, `ttf` or `safer` over each cell, in the grid's shape.
+
+        Bit 0: may be false, bit 1: may be true, bit 2: a step fault is possible. Predicates on
+        estimates see every error within E.
+        `ranges`: input -> (low, high) for other inputs than their whole range.
+        """
+        low, high = self.low.copy(), self.high.copy()
+        for i, (a, b) in (ranges or {}).items():
+            low[i], high[i] = a, b
+        test = self.library.symbol(predicate)
+        assert test != self.library.ffi.NULL, f"the unit has no `{predicate}`"
+        out = np.empty(self.shape, dtype=np.uint8)
+        at = 0
+        while at < self.tiles:
+            at = self.library.lib.soter_reach_truth(
+                self.c,
+                self.pointer(low, "double *"),
+                self.pointer(high, "double *"),
+                test,
+                self.pointer(out, "uint8_t *"),
+                at,
+                SLICE_S,
+                self.threads,
+            )
+            self.tell(predicate, at / self.tiles)
+        return out
+
+    def definitely(
+        self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
+    ) -> Bools:
+        """Cells on all of which the predicate is true and no step fault is possible.
+
+        In the grid's shape.
+        """
+        return np.asarray(self.truth(predicate, ranges=ranges) == 2)
+
+    def may_hold(
+        self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
+    ) -> Bools:
+        """Cells somewhere on which (plus any error of E) the predicate may be true.
+
+        In the grid's shape.
+        """
+        return np.asarray((self.truth(predicate, ranges=ranges) & 6) != 0)
+
+    def may_fail(
+        self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
+    ) -> Bools:
+        """Cells somewhere on which (plus any error of E) the predicate may be false.
+
+        In the grid's shape.
+        """
+        return np.asarray((self.truth(predicate, ranges=ranges) & 5) != 0)
+
+    def constraint(
+        self,
+        *,
+        hint: bool = False,
+        ranges: Mapping[int, tuple[float, float]] | None = None,
+    ) -> Bools:
+        """C: cells on all of which `safe` (with `hint` also `core`) is true.
+
+        And on which plants can publish what they drive, where the unit says when. In the grid's
+        shape.
+        """
+        named = self.library.symbol("constraint") != self.library.ffi.NULL
+        cells = self.definitely("constraint" if named else "safe", ranges=ranges)
+        return cells & self.definitely("core", ranges=ranges) if hint else cells
+
+    # ------------------------------------------------------------ K
+
+    def core(self, allowed: Bools, *, longest: int = LONGEST, patience: int = 4) -> Core:
+        """K: cells from which the law keeps to `allowed` and comes back to K.
+
+        The greatest fixpoint of {c in `allowed`: for some N <= `longest` the tube over
+        [0, N delta + j] lies in `allowed` and the image over [N delta - j, N delta + j] in K}.
+        A chain is given up when its images have been more than a cell away from K `patience`
+        times in a row: a smaller K at worst. The result does not depend on threads. `allowed` has
+        the grid's shape.
+        """
+        if self.still:
+            return Core(np.asarray(allowed).astype(np.uint8), 0, 0)
+        if allowed.all() and self.stays:
+            return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
+        return self._core(allowed, longest, patience)
+
+    @property
+    def still(self) -> bool:
+        """Whether none of its states has dynamics: every set of cells is kept."""
+        return set(self.axes) <= self.inputs.still
+
+    @property
+    def stays(self) -> bool:
+        """Whether no run leaves the grid, whatever the commands, by the flow at its two ends.
+
+        For one axis of a linear flow that no command moves: x' <= 0 wherever x is at the upper
+        end and x' >= 0 at the lower one, for everything else in its range. The solutions of a
+        scalar equation keep their order, so none passes an end.
+        """
+        if len(self.axes) != 1 or not self.is_linear or self.c.commands:
+            return False
+        model = self.model()
+        a, c, w = (float(model[k].flat[0]) for k in ("A", "c", "w"))
+        low, high = float(self.edges[0][0]), float(self.edges[0][-1])
+        slack = 2.0**-48 * (abs(a) * max(abs(low), abs(high)) + abs(c) + w) + 1e-300
+        return a * high + c + w + slack <= 0 and a * low + c - w - slack >= 0
+
+    def _core(self, allowed: Bools, longest: int, patience: int) -> Core:
+        assert 1 <= longest <= LONGEST
+        assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
+        ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
+        size = int(np.prod(self.shape))
+        bits = self.bits(allowed)
+        pool = max(256, min(size, POOL_BYTES // ffi.sizeof("soter_reach_chain")))
+        witness = np.empty(self.shape, dtype=np.uint8)
+        w = ffi.new("soter_reach_work *")
+        rounds = self.rounds(w.r)
+        w.allowed = self.pointer(bits, "uint64_t *")
+        w.witness = self.pointer(witness, "uint8_t *")
+        if self._scratch is None:  # kept for the next time: fresh pages cost more than the work
+            self._scratch = (
+                np.empty(size * 2 * n, dtype=np.uint16),
+                np.empty(size, dtype=np.int32),
+                np.empty(pool * ffi.sizeof("soter_reach_chain"), dtype=np.uint8),
+            )
+        image, slot, chains = self._scratch
+        w.image, w.slot = self.pointer(image, "uint16_t *"), self.pointer(slot, "int32_t *")
+        w.pool = self.pointer(chains, "soter_reach_chain *")
+        w.pool_size, w.longest, w.patience = pool, longest, patience
+        lib.soter_reach_core_begin(self.c, w)
+        while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
+            self.tell("core", w.r.cursor / max(1, w.r.dirty_n))
+        lib.soter_reach_core_end(self.c, w)
+        del rounds
+        return Core(witness, int(w.r.rounds), int(w.r.steps))
+
+    # ------------------------------------------------------------ tubes under all of U
+
+    def safe_for(self, t_ns: int, target: Bools, *, segments: int | None = None) -> Bools:
+        """R(t) for a target: cells from which nothing in U leads out of it within t.
+
+        Every run over [0, t] under any measurable command stays in the target. A map's t is a
+        whole number of periods.
+        `segments`: into how many pieces a flow's tube is cut; None: twice as many as long as that
+        adds cells. What is shown of a cell with few pieces need not be shown with more. Sets have
+        the grid's shape.
+        """
+        assert t_ns >= 0
+        period = self.inputs.map_step_ns or self.inputs.period_ns
+        if t_ns == 0 or self.still or (target.all() and self.stays):
+            return np.array(target, dtype=np.bool_)
+        if self.inputs.kind == "map":
+            assert t_ns % period == 0, "a map is defined at multiples of its period"
+            return self._safe_in(t_ns, target, np.zeros_like(target), t_ns // period)
+        pieces = segments or (SEGMENTS if self.is_linear else max(1, -(-t_ns // period)))
+        most = SEGMENTS_MAX if self.is_linear else STEPS_MAX
+        cells = self._safe_in(t_ns, target, np.zeros_like(target), pieces)
+        while segments is None and 2 * pieces <= most and not cells.all():
+            pieces *= 2
+            more = self._safe_in(t_ns, target, cells, pieces)
+            gained = int(more.sum()) - int(cells.sum())
+            cells = more
+            if gained < (WORTH_IT if self.is_linear else WORTH_A_STEP) * int(target.sum()):
+                break
+        return cells
+
+    def _safe_in(self, t_ns: int, target: Bools, known: Bools, pieces: int) -> Bools:
+        """The same with one number of pieces (of a map: of periods); `known` cells are taken."""
+        ffi, lib = self.library.ffi, self.library.lib
+        out = np.empty(self.shape, dtype=np.uint8)
+        bits, done = self.bits(target), self.bits(known)
+        tube, group = ffi.NULL, self.c
+        if self.is_linear:
+            tube = ffi.new("soter_reach_tube *")
+            if not lib.soter_reach_tube_prepare(group, t_ns * NS, pieces, tube):
+                raise UnboundedError("the flow is too stiff for so long a tube")
+        elif self.inputs.kind == "flow":
+            group = ffi.new("soter_reach_group *", group[0])
+            group.period = float(np.nextafter(t_ns * NS / pieces, np.inf))
+        at = 0
+        while at < self.tiles:
+            at = lib.soter_reach_safe(
+                group,
+                tube,
+                pieces,
+                self.pointer(bits, "uint64_t *"),
+                self.pointer(done, "uint64_t *"),
+                self.pointer(out, "uint8_t *"),
+                at,
+                SLICE_S,
+                self.threads,
+            )
+            self.tell("tubes", at / self.tiles)
+        return out.view(np.bool_)
+
+    # ------------------------------------------------------------ estimates
+
+    def _moved(self, cells: Bools, errors: Mapping[int, float], *, grow: bool) -> Bools:
+        now = np.ascontiguousarray(cells).view(np.uint8)
+        for a, (first, last) in enumerate(self.touched(errors)):
+            if not errors.get(self.axes[a], 0.0):
+                continue
+            n, after = self.shape[a], int(np.prod(self.shape[a + 1 :], dtype=np.int64))
+            out, scratch = np.empty_like(now), np.empty((n + 1) * after, dtype=np.int32)
+            self.library.lib.soter_reach_shrink(
+                now.size // (n * after),
+                n,
+                after,
+                self.pointer(first, "int32_t *"),
+                self.pointer(last, "int32_t *"),
+                int(grow),
+                self.pointer(now, "uint8_t *"),
+                self.pointer(out, "uint8_t *"),
+                self.pointer(scratch, "int32_t *"),
+            )
+            now = out
+        return now.view(np.bool_)
+
+    def erode(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
+        """Cells c with c + E inside the set, in the grid's shape.
+
+        On whole cells, {x^ : x^ - E in the set} and as well {z : z + E in the set}. `errors`:
+        state -> largest error; E is that box, symmetric.
+        """
+        return self._moved(cells, errors, grow=False)
+
+    def dilate(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
+        """Cells that c + E touches for some c of the set, in the grid's shape."""
+        return self._moved(cells, errors, grow=True)
+
+    # ------------------------------------------------------------ for tests and refutation
+
+    def enclosures(
+        self, low: Sequence[float] | Floats, high: Sequence[float] | Floats, holds: int
+    ) -> list[Floats]:
+        """Images and tubes, shape (k, axes, 2) each, of up to `holds` holds from a box."""
+        n = len(self.axes)
+        ends = [np.array(v, dtype=np.float64) for v in (low, high)]
+        images, tubes = (np.zeros((holds, n, 2)) for _ in range(2))
+        done = self.library.lib.soter_reach_run(
+            self.c,
+            self.pointer(ends[0], "double *"),
+            self.pointer(ends[1], "double *"),
+            holds,
+            self.pointer(images, "double *"),
+            self.pointer(tubes, "double *"),
+        )
+        return [images[:done], tubes[:done]]

@@ -1,0 +1,147 @@
+"""Who may run when: the steps of a stretch of time, and which of them may change places.
+
+Purpose: releases of the components of a relation as steps with windows. A step reads at its start,
+at most `late` after its release, and what it does is out at most `response` after that; in one
+instant every order is possible. A hyperperiod is the same wherever it begins, once all phases are
+past.
+Non-goals: what a step does (`transition_relation.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import lcm
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.verify.induction.solver_terms import SolverTerms, Term
+
+
+@dataclass(frozen=True)
+class ComponentCalendar:
+    """Of one component, in ns."""
+
+    component: int
+    period: int
+    phase: int
+    late: int = 0
+    response: int = 0
+
+
+@dataclass(eq=False)
+class Point:
+    """An instant at which something is read or written, `at` in [earliest, latest].
+
+    `place` says which of several at one time comes first.
+    """
+
+    earliest: int
+    latest: int
+    at: Term
+    place: Term
+
+
+@dataclass(eq=False)
+class CalendarStep:
+    """One release: it reads at `start`, and what it does is seen from `effect` on.
+
+    `begun`: it was released before the stretch of time; what it read is not known.
+    """
+
+    component: int
+    release: int
+    start: Point
+    effect: Point
+    begun: bool = False
+
+
+def hyperperiod(clocks: Sequence[ComponentCalendar]) -> int:
+    """After so long all releases come again."""
+    return lcm(*(c.period for c in clocks))
+
+
+def settled(clocks: Sequence[ComponentCalendar]) -> int:
+    """The first multiple of the hyperperiod from which on releases are periodic."""
+    whole = hyperperiod(clocks)
+    return -(-max(c.phase for c in clocks) // whole) * whole
+
+
+def releases(clock: ComponentCalendar, end: int, *, first: bool) -> list[int]:
+    """Releases in [0, end): from the start of a run, or from any later hyperperiod on.
+
+    In the latter case also one before, where its step may not be over.
+    """
+    begin = clock.phase if first else clock.phase % clock.period
+    instants = list(range(begin, end, clock.period))
+    before = begin - clock.period
+    if not first and before + clock.late + clock.response >= 0:
+        instants.insert(0, before)
+    return instants
+
+
+def steps_of(
+    terms: SolverTerms, clocks: Sequence[ComponentCalendar], end: int, *, first: bool
+) -> list[CalendarStep]:
+    """All steps of a stretch of time, and what the clock says of them (facts of `terms`)."""
+    steps: list[CalendarStep] = []
+    for clock in clocks:
+        own = [_step(terms, clock, r) for r in releases(clock, end, first=first)]
+        for a, b in pairwise(own):
+            terms.state(before(terms, a.effect, b.start))
+        steps += own
+    for group in clusters(steps):
+        points = [p for s in group for p in {s.start: 0, s.effect: 0}]
+        if len(points) > 1:
+            terms.state(terms.z3.Distinct(*[p.place for p in points]))
+    return steps
+
+
+def _step(terms: SolverTerms, clock: ComponentCalendar, release: int) -> CalendarStep:
+    begun = release < 0
+    start = _point(terms, max(release, 0), max(release + clock.late, 0))
+    last = release + clock.late + clock.response
+    if begun:
+        effect = _point(terms, 0, last)
+        return CalendarStep(clock.component, release, effect, effect, begun=True)
+    if not clock.response:
+        return CalendarStep(clock.component, release, start, start)
+    effect = _point(terms, release, last)
+    terms.state(effect.at <= start.at + clock.response)
+    terms.state(before(terms, start, effect))
+    return CalendarStep(clock.component, release, start, effect)
+
+
+def _point(terms: SolverTerms, earliest: int, latest: int) -> Point:
+    place = terms.whole("place")
+    if earliest == latest:
+        return Point(earliest, latest, earliest, place)
+    at = terms.whole("at")
+    terms.state(terms.both(earliest <= at, at <= latest))
+    return Point(earliest, latest, at, place)
+
+
+def before(terms: SolverTerms, a: Point, b: Point) -> Term:
+    """Whether `a` comes before `b`."""
+    if a is b or a.earliest > b.latest:
+        return False
+    if a.latest < b.earliest:
+        return True
+    first = a.place < b.place
+    if isinstance(a.at, int) and isinstance(b.at, int):
+        return first  # both at one instant
+    return terms.either(a.at < b.at, terms.both(a.at == b.at, first))
+
+
+def clusters(steps: Sequence[CalendarStep]) -> list[list[CalendarStep]]:
+    """Steps in groups: whatever is in a group is over before anything of the next one begins."""
+    groups: list[list[CalendarStep]] = []
+    latest = -1
+    for step in sorted(steps, key=lambda s: (s.start.earliest, s.release)):
+        if step.start.earliest > latest or not groups:
+            groups.append([])
+        groups[-1].append(step)
+        latest = max(latest, step.effect.latest)
+    return groups

@@ -1,0 +1,262 @@
+"""When the state of a view may jump: only in steps of which `enters` holds (docs/proof.md).
+
+Purpose: a topic that the map of a view reads is followed back to the node that publishes it. Any
+two steps of that node in a row, and its first: what the map reads of the topic is published as it
+was, or `enters` holds of what the later step reads and publishes, and that step publishes all that
+the plants of the view drive.
+Non-goals: that the state lies in R(H) wherever `enters` holds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from soter.core.steps import lower
+from soter.language.elaborate import derived_systems
+from soter.language.model import typed
+from soter.language.model.system import Property
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.types import FLOAT, MODE, RecordType
+from soter.verify.induction.core_to_terms import Evaluation, StepTooLongError
+from soter.verify.induction.solver_terms import Age, SolverTerms
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.core import core
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Type
+    from soter.verify.induction.solver_terms import Term
+
+Path = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Handover:
+    """Of one topic: the node that publishes it, and why nothing is shown; "": it is."""
+
+    topic: typed.TopicSymbol
+    node: str
+    why: str = ""
+
+
+def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iterator[Handover]:
+    """For every topic that the map of a view reads; none where there is no view or no `enters`."""
+    enters = None if module.whole is None else module.whole.verify.enters
+    if enters is None:
+        return
+    for topic in topic_reads(link.value):
+        index = _index(flat, topic)
+        writers = [c for c in flat.components if c.node and index in _written(c)]
+        why = _not_for_this(flat, index, writers) or _remembers(flat, module)
+        why = why or _ages(link.value, topic)
+        name = writers[0].name if writers else ""
+        if not why:
+            changed = ChangedTopic(index, _paths(link.value, topic), _driven(flat, module, link))
+            why = _shown(flat, module, enters, writers[0], changed)
+        yield Handover(topic, name, why)
+
+
+def _ages(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> str:
+    """Every publication makes a topic young again, whatever it says."""
+    aged = any(isinstance(n, typed.AgeRead) and n.topic is topic for n in nodes([value]))
+    return f"its map reads the age of {topic.name}" if aged else ""
+
+
+def _index(flat: System, topic: typed.TopicSymbol) -> int:
+    """Of a topic that some node or plant names; -1 where that is not one topic of the system."""
+    indices = {c.scope.topics[topic] for c in flat.components if topic in c.scope.topics}
+    return indices.pop() if len(indices) == 1 else -1
+
+
+@dataclass(frozen=True)
+class ChangedTopic:
+    """A topic, what the map reads of it, and the topics that show it to DM and SC."""
+
+    index: int
+    paths: list[Path]
+    shown: list[int]
+
+
+def _remembers(flat: System, module: Module) -> str:
+    """An SC with locals may go by what was there before the jump."""
+    sc = flat.components[module.sc]
+    return f"{sc.name} keeps locals" if sc.node is None or sc.node.locals else ""
+
+
+def _driven(flat: System, module: Module, link: typed.AbstractionLink) -> list[int]:
+    """What the plant of a view drives, as far as the module reads it."""
+    scopes = (module.scope.topics, flat.components[module.sc].scope.topics)
+    indices = [next((s[t] for s in scopes if t in s), -1) for t, _ in link.plant.drives]
+    return [i for i in indices if i >= 0]
+
+
+def _written(c: Component) -> list[int]:
+    assert c.node is not None
+    return [c.scope.topics[t] for t in c.node.publishes]
+
+
+def _not_for_this(flat: System, index: int, writers: list[Component]) -> str:
+    if find_spec("z3") is None:
+        return "z3 is not installed"
+    if len(writers) != 1 or index in {d.topic for d in flat.inputs}:
+        return "it is published by more than one, or by nobody"
+    (c,) = writers
+    assert c.node is not None
+    if c.role != "node" or c.extern or c.node.bursts:
+        return f"{c.name} is no node with one value a step"
+    if index in c.failsafe:
+        return f"{c.name} publishes its fail-safe value after a fault"
+    if any(s.queue is not None for s in c.node.subscribes):
+        return f"{c.name} reads a queue"
+    return ""
+
+
+def _paths(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list[Path]:
+    """The parts of a topic that an expression reads; () is all of it."""
+    every = [n for n in nodes([value]) if isinstance(n, typed.TypedExpr)]
+    around = {id(n.target): n for n in every if isinstance(n, typed.TypedField)}
+    paths: dict[Path, None] = {}
+    for read in every:
+        if not isinstance(read, typed.TopicRead) or read.topic is not topic:
+            continue
+        path, at = [], id(read)
+        while at in around:
+            path.append(around[at].index)
+            at = id(around[at])
+        paths[tuple(path)] = None
+    return list(paths)
+
+
+# ---------------------------------------------------------------- the steps
+
+
+@dataclass
+class StepReads:
+    """What one step reads: a value a topic, any of its set; later what it published, too."""
+
+    terms: SolverTerms
+    flat: System
+    values: dict[int, Term] = field(default_factory=dict)
+
+    def cell(self, cell: core.Cell, t: Type) -> Term:
+        """A topic."""
+        if cell.owner not in self.values:
+            topic = self.flat.topics[cell.owner]
+            self.values[cell.owner] = self.terms.fresh(t, topic.name, topic.bounds)
+        return self.values[cell.owner]
+
+    def fact(self, fact: core.Fact) -> Term:
+        """Anything, at every read."""
+        if fact.fact == "in_control":
+            return True
+        if fact.fact == "mode":
+            return self.terms.fresh(MODE, "mode")
+        if fact.fact == "age":
+            age = self.terms.whole("age")
+            self.terms.state(age >= 0)
+            return Age(age)
+        return self.terms.fresh(FLOAT, "time")
+
+
+@dataclass
+class StepTransition:
+    """One step: its locals, what it publishes (whether, what), whether it faults, `enters` then."""
+
+    locals: dict[str, Term]
+    published: dict[int, tuple[Term, Term]]
+    faults: Term
+    enters: Term
+
+
+def _shown(
+    flat: System,
+    module: Module,
+    enters: typed.TypedExpr,
+    c: Component,
+    changed: ChangedTopic,
+) -> str:
+    """Why it is not shown; "" where it is."""
+    told = Property(0, "always", enters, module.scope, "enters", enters.span)
+    program = lower(derived_systems.with_properties(flat, (told,)))
+    topic = flat.topics[changed.index]
+    terms = SolverTerms()
+    assert c.node is not None
+    anything = {v.name: terms.fresh(v.type, v.name) for v in c.node.locals}
+    start = {
+        v.name: terms.constant(v.type, value)
+        for v, value in zip(c.node.locals, c.initial, strict=True)
+    }
+    default = terms.constant(topic.type, topic.default)
+    first = StepTransition({}, {changed.index: (True, default)}, False, False)
+    try:
+        before = _step(terms, flat, program, c, anything)
+        cases = [
+            ("the first step", _step(terms, flat, program, c, start), first),
+            ("a step", _step(terms, flat, program, c, before.locals), before),
+        ]
+        for what, step, last in cases:
+            if _jumps(terms, step, last, topic.type, changed):
+                return (
+                    f"{what} of {c.name} may change it where `enters` does not hold, or without "
+                    "showing it to DM and SC"
+                )
+    except StepTooLongError:
+        return f"a step of {c.name} takes more statements than are followed"
+    return ""
+
+
+def _jumps(
+    terms: SolverTerms, step: StepTransition, last: StepTransition, t: Type, changed: ChangedTopic
+) -> bool:
+    """Whether a step may publish something else than the last one did, where it must not."""
+    nothing = (False, terms.fresh(t, "whatever"))
+    says, value = step.published.get(changed.index, nothing)
+    said, old = last.published.get(changed.index, nothing)
+    old = terms.chosen(said, old, terms.fresh(t, "before"), t)
+    same = terms.both(*[_same(terms, value, old, t, p) for p in changed.paths])
+    shows = [step.published.get(i, (False, None))[0] for i in changed.shown]
+    runs = terms.no(terms.either(step.faults, last.faults))
+    good = terms.either(same, terms.both(step.enters, *shows))
+    bad = terms.both(runs, says, terms.no(good))
+    if isinstance(bad, bool):
+        return bad
+    return bool(terms.solver().check(bad) != terms.z3.unsat)
+
+
+def _same(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> Term:
+    for k in path:
+        assert isinstance(t, RecordType)
+        a, b, t = a[k], b[k], t.fields[k][1]
+    pairs = zip(terms.flat(a, t), terms.flat(b, t), strict=True)
+    return terms.both(*[x == y for x, y in pairs])
+
+
+def _step(
+    terms: SolverTerms, flat: System, program: core.CoreSystem, c: Component, state: dict[str, Term]
+) -> StepTransition:
+    code = program.nodes[c.index]
+    functions = {f.name: f for f in program.functions}
+    reads = StepReads(terms, flat)
+    evaluation = Evaluation(terms, functions, reads)
+    for copy in code.locals:
+        evaluation.bind(copy.name, copy.type, state[copy.cell.name])
+    evaluation.run(code.body)
+    after = {copy.cell.name: evaluation.env[copy.name] for copy in code.locals}
+    published = {
+        o.topic: evaluation.published[k][:2]
+        for k, o in enumerate(code.outputs)
+        if k in evaluation.published
+    }
+    (asked,) = program.properties
+    shown = StepReads(terms, flat, dict(reads.values))
+    for i, (says, value) in published.items():
+        t = flat.topics[i].type
+        shown.values[i] = terms.chosen(says, value, terms.fresh(t, "before"), t)
+    later = Evaluation(terms, functions, shown)
+    later.run(asked.body)
+    holds = later.expr(asked.value)
+    holds = terms.both(holds, terms.no(terms.either(later.fault, later.doubt)))
+    return StepTransition(after, published, terms.either(evaluation.fault, evaluation.doubt), holds)

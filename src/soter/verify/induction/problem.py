@@ -1,0 +1,467 @@
+"""The problem of a module that is proved by induction, read off its program.
+
+Purpose: which nodes beside the module matter, how late they may be, what is proved of them; a
+diagnostic (R030, R031, R032) where induction is not for the module.
+Non-goals: the relation itself (`transition_relation.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from soter.core.steps import lower
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.language.check.constants import Calculator
+from soter.language.elaborate import derived_systems
+from soter.language.model import typed
+from soter.language.model.durations import show_ns
+from soter.language.model.system import Property
+from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
+from soter.timing.trusted_thread import in_thread
+from soter.verify.induction.calendar import ComponentCalendar
+from soter.verify.problem.other_modes import NO_MODES
+from soter.verify.problem.problem import NODES, Problem, Times
+from soter.verify.problem.quantities import Quantities
+from soter.verify.time.deployed_times import AssumedTimes, check_deployed
+from soter.verify.time.schedule import Releases, Schedule
+
+if TYPE_CHECKING:
+    from soter.core.core import Predicate
+    from soter.language.model.system import Component, Module, System
+    from soter.verify.problem.other_modes import Modes
+
+OF_MODES = (
+    "modes of others may stand in SC, `ttf` and `safer`; another mode may change at any instant, "
+    "so `safe` and lemmas have to hold in all of them"
+)
+OTHERS = (
+    "groups",
+    "abstracts",
+    "commands",
+    "core",
+    "horizon",
+    "levels",
+    "acts",
+    "dropout",
+    "enters",
+)
+"""What a `verify` block may say that is for sets, and for no induction."""
+WORDS = {"groups": "grid`, `polytope", "acts": "acts within"}
+
+
+@dataclass(eq=False, kw_only=True)
+class InductionProblem(Problem):
+    """A module, the nodes that matter beside it, and every time of theirs.
+
+    `system` holds these components and no others.
+    """
+
+    clocks: tuple[ComponentCalendar, ...]
+    """As they are followed: SC waits for the DM's verdict."""
+    declared: tuple[ComponentCalendar, ...]
+    """As they are declared."""
+    undeclared: tuple[str, ...]
+    """Times that are not, and are taken for zero."""
+    safe: Predicate
+    lemmas: tuple[Predicate, ...]
+    lemma_texts: tuple[str, ...]
+    progress: tuple[Predicate, ...]
+    """What P2b takes for granted at all times."""
+    progress_texts: tuple[str, ...]
+    any_value: dict[str, str] = field(default_factory=dict)
+    """Topics of which nothing but their set is known: name -> why, in words."""
+    heard: frozenset[int] = frozenset()
+    """Those of them by nodes that hear plants or other modules: P2b takes them for still."""
+    waited: frozenset[int] = frozenset()
+    """Modes that `safer` reads: P2b takes these for AC."""
+    first_ns: int = 0
+    """The first instant of the whole system."""
+
+    @cached_property
+    def outputs(self) -> dict[int, list[int]]:
+        """The topics that each component publishes."""
+        topics_by_component = {}
+        for c in self.system.components:
+            if c.node is not None:
+                topics_by_component[c.index] = [c.scope.topics[t] for t in c.node.publishes]
+        return topics_by_component
+
+    flying: str = ""
+    """The system that the module stands in."""
+
+
+def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> InductionProblem:
+    """The problem of `module` of the flat system; `SoterError` R030, R031 or R032.
+
+    `modes`: whose modes it reads, as topics that nobody publishes.
+    """
+    diagnostics = Diagnostics()
+    _refuse(flat, module, diagnostics)
+    _stop(diagnostics)
+    nodes, any_value, heard = _neighbours(flat, module, modes)
+    kept = [module.dm, module.sc, module.ac, *nodes]
+    system = derived_systems.undriven(flat, kept)
+    index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
+    at = system.modules[index]
+    assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
+    times, clocks, declared, absent = _times(system, at, diagnostics)
+    rests = _rests(flat, module, system, declared, diagnostics)
+    _stop(diagnostics)
+    lemmas_, progress_ = at.symbol.verify.lemmas, at.symbol.verify.progress
+    asked = (at.symbol.safe, *lemmas_, *progress_)
+    texts = tuple(" ".join(e.span.text.split()) for e in asked)
+    properties = [
+        Property(k, "always", e, at.scope, text, e.span)
+        for k, (e, text) in enumerate(zip(asked, texts, strict=True))
+    ]
+    core = lower(derived_systems.with_properties(system, properties))
+    safe, *others = core.properties
+    recover = at.symbol.verify.recover
+    calculator = Calculator(diagnostics, at.scope.params)
+    problem = InductionProblem(
+        system=system,
+        core=core,
+        module=at,
+        quantities=Quantities((), (), (), (), (), ()),
+        kind=NODES,
+        plant_period_ns=0,
+        states=(),
+        initial=(),
+        controls=(),
+        disturbances=(),
+        errors=(),
+        others=(),
+        parameters=(),
+        groups=(),
+        times=times,
+        name=module.name,
+        recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
+        clocks=clocks,
+        declared=declared,
+        undeclared=tuple(absent),
+        safe=safe,
+        lemmas=tuple(others[: len(lemmas_)]),
+        lemma_texts=texts[1 : 1 + len(lemmas_)],
+        progress=tuple(others[len(lemmas_) :]),
+        progress_texts=texts[1 + len(lemmas_) :],
+        any_value=any_value,
+        modes=modes if modes.topics or modes.margins else None,
+        waited=frozenset(at.scope.topics[t] for t, n in modes.topics.items() if n in modes.waits),
+        heard=frozenset(i for i in heard if not flat.topics[i].queues),
+        first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
+        flying=flat.name,
+    )
+    problem.assumptions = [*_assumptions(problem, absent), *rests, *modes.assumptions]
+    return problem
+
+
+def _stop(diagnostics: Diagnostics) -> None:
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
+# ---------------------------------------------------------------- what induction is for
+
+
+def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+    symbol = module.symbol
+    said = [n for n in OTHERS if getattr(symbol.verify, n)]
+    for name in said:
+        diagnostics.error(
+            "R031",
+            f"`{WORDS.get(name, name)}` says nothing to a proof by induction",
+            symbol.verify.span or symbol.span,
+            also=((symbol.verify.induction or symbol.span, "asked for here"),),
+            helps=("leave one of the two out",),
+        )
+    if symbol.ttf is None or symbol.safer is None:
+        diagnostics.error(
+            "R032",
+            f"module `{module.name}` leaves `ttf` and `safer` to be computed",
+            symbol.span,
+            notes=("they are computed from sets of states, and induction has none",),
+            helps=("write both",),
+        )
+    sc = flat.components[module.sc]
+    if sc.extern:
+        diagnostics.error(
+            "R003",
+            f"SC of module `{module.name}` is extern: what it does is not known",
+            sc.span,
+            helps=("write it in Soter",),
+        )
+    assert sc.node is not None
+    for call in _externs(*symbol.spoken, *sc.node.step, *(sc.node.takeover or ())):
+        diagnostics.error(
+            "R003",
+            f"module `{module.name}` rests on the extern function `{call.fun.name}`",
+            call.span,
+            also=((call.fun.span, "declared here"),),
+            helps=("write it in Soter",),
+        )
+    known = {**sc.scope.modules, **module.scope.modules}
+    for where, read in mode_reads(*symbol.spoken, *sc.node.step, *(sc.node.takeover or ())).items():
+        if known.get(where) != module.index:
+            diagnostics.error(
+                "R030",
+                f"module `{module.name}` speaks of the mode of another module",
+                read.span,
+                notes=(OF_MODES,),
+            )
+    for node in nodes(symbol.spoken):
+        if isinstance(node, typed.MarginRead):
+            diagnostics.error(
+                "R030",
+                f"module `{module.name}` speaks of a margin",
+                node.span,
+                notes=("a margin says what the proof of a module shows, and proves nothing",),
+            )
+    for topic in topic_reads(symbol.safe):
+        index = module.scope.topics[topic]
+        writers = [c for c in flat.components if index in _written_by(c)]
+        if not writers or any(c.plant is not None for c in writers):
+            who = f"plant `{writers[0].name}`" if writers else "the environment"
+            diagnostics.error(
+                "R030",
+                f"`safe` of module `{module.name}` speaks of `{flat.topics[index].name}`, which "
+                f"{who} drives",
+                symbol.safe.span,
+                also=((topic.span, "the topic"),),
+                notes=("induction is about what nodes publish",),
+                helps=("prove it on sets of states: `grid` or `polytope` in place of `induction`",),
+            )
+
+
+# ---------------------------------------------------------------- which nodes matter
+
+
+def _neighbours(
+    flat: System, module: Module, modes: Modes
+) -> tuple[list[int], dict[str, str], list[int]]:
+    """The nodes that what is proved rests on; other topics that it rests on, and why not.
+
+    Who writes what `safe` and the lemmas read is followed; of others those that hear neither plants
+    nor other modules: what these say is unknown anyway. Topics of the last kind come third.
+    """
+    symbol, scope = module.symbol, module.scope
+    own = {module.dm, module.sc, module.ac}
+    needed = {scope.topics[t] for t in topic_reads(symbol.safe, *symbol.verify.lemmas)}
+    todo = [scope.topics[t] for t in topic_reads(*symbol.spoken)]
+    todo += _read_by(flat.components[module.sc])
+    decided = {scope.topics[t]: f"decided by the DM of {name}" for t, name in modes.topics.items()}
+    seen: set[int] = set()
+    nodes: dict[int, None] = {}
+    any_value: dict[str, str] = {}
+    heard: list[int] = []
+    while todo:
+        index = _source(flat, todo.pop())
+        if index in seen or index in module.outputs:
+            continue
+        seen.add(index)
+        name = flat.topics[index].name
+        writers = [c for c in flat.components if index in _written_by(c)]
+        why = decided.get(index) or _not_followed(flat, module, writers)
+        if not why and index not in needed:
+            why = _hears(flat, module, writers)
+            heard += [index] if why else []
+        if why:
+            any_value[name] = why
+            continue
+        for c in writers:
+            if c.index not in own and c.index not in nodes:
+                nodes[c.index] = None
+                todo += _read_by(c)
+    return list(nodes), any_value, heard
+
+
+def _source(flat: System, topic: int) -> int:
+    """The topic itself; of a queue, the one whose values it collects."""
+    source = flat.topics[topic].queue_of
+    return topic if source is None else source
+
+
+def _hears(flat: System, module: Module, writers: list[Component]) -> str:
+    """That a node rests on what plants or other modules publish, in words; "": it does not."""
+    todo, seen = list(writers), set(module.outputs)
+    while todo:
+        c = todo.pop()
+        if c.plant is not None or c.module not in (None, module.index):
+            return f"published by {writers[0].name}, which hears {c.role} {c.name}"
+        for read in () if c.extern else _read_by(c):
+            index = _source(flat, read)
+            if index not in seen:
+                seen.add(index)
+                todo += [w for w in flat.components if index in _written_by(w)]
+    return ""
+
+
+def _not_followed(flat: System, module: Module, writers: list[Component]) -> str:
+    """Why a topic may hold anything of its set at any time; "" where its nodes are followed."""
+    if not writers:
+        return "the environment's"
+    for c in writers:
+        if c.plant is not None:
+            return f"driven by plant {c.name}"
+        if c.module is not None:
+            return f"an output of module {flat.modules[c.module].name}"
+        assert c.node is not None
+        if c.extern:
+            return f"published by extern node {c.name}"
+        if _externs(*c.node.step):
+            return f"{c.name} calls an extern function"
+        if c.node.bursts:
+            return f"{c.name} publishes several messages a step"
+        if _reads_modes(c) - {module.index}:
+            return f"{c.name} reads a margin, or the mode of another module"
+    return ""
+
+
+def _reads_modes(c: Component) -> set[int]:
+    assert c.node is not None
+    margins = {-1} if margin_reads(*c.node.step) else set()  # of any module: not followed
+    return {c.scope.modules.get(m, -1) for m in mode_reads(*c.node.step)} | margins
+
+
+def _externs(*roots: object) -> list[typed.TypedCall]:
+    """Calls that end in an extern function."""
+    extern_calls = []
+    for call in calls_in(*roots):
+        seen: set[typed.FunSymbol] = set()
+        todo = [call.fun]
+        while todo:
+            fun = todo.pop()
+            if fun not in seen:
+                seen.add(fun)
+                todo += [inner.fun for inner in calls_in(*(fun.body or ()))]
+        if any(fun.extern for fun in seen):
+            extern_calls.append(call)
+    return extern_calls
+
+
+def _written_by(c: Component) -> list[int]:
+    if c.plant is not None:
+        return [c.scope.topics[t] for t, _ in c.plant.drives]
+    return [] if c.node is None else [c.scope.topics[t] for t in c.node.publishes]
+
+
+def _read_by(c: Component) -> list[int]:
+    assert c.node is not None
+    return [c.scope.topics[t] for t in topic_reads(*c.node.step)]
+
+
+# ---------------------------------------------------------------- times
+
+
+def _times(
+    system: System, module: Module, diagnostics: Diagnostics
+) -> tuple[Times, tuple[ComponentCalendar, ...], tuple[ComponentCalendar, ...], list[str]]:
+    """Times of everybody, as followed and as declared; which are not declared."""
+    verify = module.symbol.verify
+    calculator = Calculator(diagnostics, module.scope.params)
+
+    def ns(expr: typed.TypedExpr | None) -> int:
+        return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
+
+    absent: list[str] = []
+
+    def of(c: Component) -> tuple[int, int]:
+        role = c.role if c.role in ("dm", "sc") else None
+        delays = []
+        for word in ("late", "response"):
+            by_name = getattr(verify, f"{word}_of")
+            expr = getattr(verify, f"{word}_{role}") if role else None
+            names = (c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name)
+            expr = expr or next((by_name[n] for n in names if n in by_name), None)
+            if word == "response" and c.takes_ns is not None:
+                delays.append(c.takes_ns[1])
+                continue
+            if expr is None:
+                absent.append(f"{word} of {c.name}")
+            delays.append(ns(expr))
+        return delays[0], delays[1]
+
+    known = {n for c in system.components for n in (c.name, c.name.rpartition(".")[2])}
+    known |= {c.node.name for c in system.components if c.node is not None}
+    for name in {**verify.late_of, **verify.response_of}:
+        if name not in known:
+            diagnostics.error(
+                "R031",
+                f"`{name}` is no node that the proof of `{module.name}` rests on",
+                verify.span or module.symbol.span,
+                notes=("a time of it says nothing to this proof",),
+                helps=("leave it out",),
+            )
+    each = {c.index: of(c) for c in system.components}
+    dm, sc = system.components[module.dm], system.components[module.sc]
+    waiting = sum(each[dm.index])
+    clocks, declared = [], []
+    for c in system.components:
+        late, response = each[c.index]
+        declared.append(ComponentCalendar(c.index, c.period_ns, c.phase_ns, late, response))
+        if c.index == sc.index:
+            late = max(late, waiting)  # it waits for the DM's verdict
+        clocks.append(ComponentCalendar(c.index, c.period_ns, c.phase_ns, late, response))
+        if late + response > c.period_ns:
+            diagnostics.error(
+                "R015",
+                f"`{c.name}` may take {show_ns(late + response)}, longer than its period",
+                c.span,
+                notes=("runs of one component do not overlap",),
+            )
+    schedule = Schedule(
+        Releases(dm.period_ns, dm.phase_ns, *each[dm.index]),
+        Releases(sc.period_ns, sc.phase_ns, *each[sc.index]),
+        (),
+        (),
+    )
+    return Times(schedule), tuple(clocks), tuple(declared), absent
+
+
+def _rests(
+    flat: System,
+    module: Module,
+    system: System,
+    declared: tuple[ComponentCalendar, ...],
+    diagnostics: Diagnostics,
+) -> list[str]:
+    """R033 where the thread of `flat` does not keep the times of the proof; what they rest on."""
+    by_name = {system.components[c.component].name: (c.late, c.response) for c in declared}
+    dm, sc = flat.components[module.dm].name, flat.components[module.sc].name
+    nodes = {
+        c.name: by_name[c.name]
+        for c in flat.components
+        if c.name in by_name and c.role in ("node", "ac") and in_thread(c)
+    }
+    return check_deployed(flat, module, AssumedTimes(by_name[dm], by_name[sc], nodes), diagnostics)
+
+
+def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:
+    system, module = problem.system, problem.module
+    ac = system.components[module.ac].name
+    assumptions = [f"{ac} publishes at its releases, any value of the declared sets or none"]
+    for c in problem.clocks:
+        if c.late or c.response:
+            name = system.components[c.component].name
+            assumptions.append(
+                f"{name} starts at most {show_ns(c.late)} after its release, and takes at most "
+                f"{show_ns(c.response)}"
+            )
+    if absent:
+        names = ", ".join(absent)
+        assumptions.append(f"undeclared times are zero: {names}")
+    assumptions.append("no release is skipped, and what a step reads it reads at one instant")
+    modes = set() if problem.modes is None else {t.name for t in problem.modes.topics}
+    assumptions += [
+        f"{n}: any value of its set at any time ({w})"
+        for n, w in problem.any_value.items()
+        if n not in modes
+    ]
+    assumptions.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+    if problem.heard:
+        still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))
+        assumptions.append(f"for P2b alone: {still} stays as it is until SC gives control back")
+    assumptions.append("z3 is right where it says that no counterexample exists")
+    assumptions.append("the compiler and the hardware do what the C of the steps says")
+    return assumptions

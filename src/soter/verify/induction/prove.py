@@ -1,0 +1,257 @@
+"""k-induction over hyperperiods.
+
+Purpose: that `safe`, every lemma and every step hold at all times: in the first hyperperiods of
+every run, and after any k hyperperiods in which they held, in the next one, too. And P2b: that no
+state is followed by so many hyperperiods in which DM never says "AC".
+Non-goals: the relation (`transition_relation.py`), runs of the program (`refute.py`).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.verify.induction.calendar import hyperperiod, settled
+from soter.verify.induction.core_to_terms import StepTooLongError
+from soter.verify.induction.solver_terms import SolverTerms
+from soter.verify.induction.transition_relation import Stretch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.verify.induction.problem import InductionProblem
+    from soter.verify.induction.solver_terms import Term
+
+DEPTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+STEPS_MAX = 600
+"""Steps of one stretch of time: more are not tried."""
+BUDGET_S = 60.0
+"""Of CPU time."""
+HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
+
+
+@dataclass
+class Induction:
+    """What was found: `k` hyperperiods of hypothesis where it is proved."""
+
+    hyperperiod_ns: int
+    steps: int = 0
+    """Of one hyperperiod."""
+    k: int = 0
+    proved: bool = False
+    seconds: float = 0.0
+    fails_ns: int | None = None
+    """A run of the relation from the start in which something fails by then."""
+    what: str = ""
+    """What fails there: `safe`, a lemma in words, or a step that faults."""
+    about: str = ""
+    """safe, lemma or fault."""
+    why: str = ""
+    """Why nothing was found."""
+    gave_up: str = ""
+    """What to add where the solver gave up on something."""
+    undecided: str = ""
+    """The same where steps that may fault latch their nodes."""
+    uninterpreted: dict[str, None] = field(default_factory=dict)
+    latching: tuple[str, ...] = ()
+    """Components of which nothing shows that they do not fault: what is proved holds if they do."""
+    returns: int = 0
+    """So many whole hyperperiods SC never keeps control; 0: not shown."""
+    returns_s: float = 0.0
+    contradicted: bool = False
+    """What progress rests on never holds for long."""
+
+    @property
+    def returns_ns(self) -> int:
+        """P2b: SC may take over in the middle of a hyperperiod, after which so many are whole."""
+        return (self.returns + 1) * self.hyperperiod_ns if self.returns else 0
+
+
+def induct(problem: InductionProblem, progress: Callable[[float], None] | None = None) -> Induction:
+    """Prove a module, or say how far it came."""
+    began = time.perf_counter()
+    whole = hyperperiod(problem.clocks)
+    induction = Induction(whole, sum(whole // c.period for c in problem.clocks))
+    if induction.steps > STEPS_MAX // 2:
+        induction.why = f"a hyperperiod has {induction.steps} steps, too many to be followed"
+        return induction
+    try:
+        _deepen(problem, induction, progress)
+        if not induction.proved and induction.about != "safe":
+            _latching(problem, induction, progress)
+        if induction.proved:
+            _returns(problem, induction)
+    except StepTooLongError:
+        induction.why = "a step takes more statements than are followed"
+    induction.seconds = time.perf_counter() - began
+    return induction
+
+
+def _latching(
+    problem: InductionProblem, induction: Induction, progress: Callable[[float], None] | None
+) -> None:
+    """The same where a step may fault, and latches its node: what holds then holds anyway."""
+    names = _may_fault(problem)
+    if not names:
+        return
+    other = Induction(induction.hyperperiod_ns, induction.steps, latching=names)
+    _deepen(problem, other, progress)
+    if other.proved or other.about == "safe":
+        induction.latching, induction.k, induction.proved = names, other.k, other.proved
+        induction.uninterpreted |= other.uninterpreted
+    if other.about == "safe":
+        induction.about, induction.what, induction.fails_ns = (
+            other.about,
+            other.what,
+            other.fails_ns,
+        )
+    elif not other.proved:
+        induction.undecided = other.why or f"{other.what} then"
+
+
+def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
+    """SC, and nodes beside the module, with a step that may fault for all that is known of it."""
+    terms = SolverTerms()
+    stretch = Stretch(problem, terms, hyperperiod(problem.clocks))
+    indices = {d.step.component for d in stretch.done if d.doubt is not False}
+    return tuple(problem.system.components[i].name for i in sorted(indices))
+
+
+def _deepen(
+    problem: InductionProblem, induction: Induction, progress: Callable[[float], None] | None
+) -> None:
+    began = time.process_time()
+    for n, k in enumerate(DEPTHS):
+        if progress is not None:
+            progress(n / len(DEPTHS))
+        if (k + 1) * induction.steps > STEPS_MAX and n:
+            induction.why = (
+                f"no induction over up to {DEPTHS[n - 1]} hyperperiods{induction.gave_up}"
+            )
+            return
+        if time.process_time() - began > BUDGET_S:
+            induction.why = f"no induction within {BUDGET_S:g} s of CPU time: it was given up"
+            return
+        if _base(problem, induction, k) != HOLDS:
+            return
+        if _step(problem, induction, k):
+            induction.k, induction.proved = k, True
+            return
+    induction.why = f"no induction over up to {DEPTHS[-1]} hyperperiods{induction.gave_up}"
+
+
+# ---------------------------------------------------------------- the two halves
+
+
+def _base(problem: InductionProblem, induction: Induction, k: int) -> str:
+    """Whether all holds in the first k hyperperiods of every run, and before them."""
+    terms = SolverTerms()
+    end = settled(problem.clocks) + k * induction.hyperperiod_ns
+    stretch = Stretch(problem, terms, end, first=True, latching=bool(induction.latching))
+    induction.uninterpreted |= stretch.uninterpreted
+    bad = _bad(stretch, 0, end)
+    solver = terms.solver()
+    answer = solver.check(terms.either(*[b for b, _, _ in bad]))
+    if answer == terms.z3.unsat:
+        return HOLDS
+    if answer != terms.z3.sat:
+        induction.why = f"the solver gave up on the first {k} hyperperiods"
+        return UNKNOWN
+    model = solver.model()
+    times = [
+        (model.eval(terms.z3.IntVal(0) + at, model_completion=True).as_long(), number)
+        for b, at, number in bad
+        if terms.z3.is_true(model.eval(_term(terms, b), model_completion=True))
+    ]
+    induction.fails_ns, number = min(times)
+    induction.about = ("fault", "safe")[number] if number < 2 else "lemma"
+    induction.what = _named(problem, number)
+    return FAILS
+
+
+def _named(problem: InductionProblem, number: int) -> str:
+    if number == 0:
+        return "a step of SC, or of a node beside the module, may fault"
+    return "`safe`" if number == 1 else f"the lemma `{problem.lemma_texts[number - 2]}`"
+
+
+def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
+    """Whether all that held for k hyperperiods holds in the next one."""
+    terms = SolverTerms()
+    whole = induction.hyperperiod_ns
+    stretch = Stretch(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
+    solver = terms.solver()
+    _assume(solver, stretch, k * whole)
+    bad = _bad(stretch, k * whole, (k + 1) * whole)
+    answer = solver.check(terms.either(*[b for b, _, _ in bad]))
+    if answer == terms.z3.unknown:
+        induction.gave_up = "; the solver gave up on some of them"
+    return bool(answer == terms.z3.unsat)
+
+
+def _assume(solver: Term, stretch: Stretch, until: int) -> None:
+    """Everything that is seen before `until` held."""
+    terms = stretch.terms
+    for seen in stretch.seen:
+        if seen.earliest < until:
+            counts = terms.both(seen.counts, seen.latest < until or seen.at < until)
+            solver.add(terms.z3.Implies(counts, _term(terms, terms.both(*seen.holds))))
+
+
+def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]:
+    """Each way in which something fails in [begin, end): whether, when, what."""
+    terms = stretch.terms
+    failures = []
+    for seen in stretch.seen:
+        if seen.latest < begin or seen.earliest >= end:
+            continue
+        inside = terms.both(
+            seen.earliest >= begin or seen.at >= begin, seen.latest < end or seen.at < end
+        )
+        counts = terms.both(seen.counts, inside)
+        for number, holds in enumerate(seen.holds):
+            holds_ = terms.both(holds, seen.later) if number == 1 else holds
+            failures.append((terms.both(counts, terms.no(holds_)), seen.at, number))
+    return failures
+
+
+# ---------------------------------------------------------------- P2b
+
+
+def _returns(problem: InductionProblem, induction: Induction) -> None:
+    """After how many hyperperiods in SC there are none: from any state in which all holds."""
+    began, since = time.perf_counter(), time.process_time()
+    whole = induction.hyperperiod_ns
+    for n in DEPTHS:
+        if (
+            n + induction.k
+        ) * induction.steps > STEPS_MAX or time.process_time() - since > BUDGET_S / 2:
+            break
+        if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
+            break
+        if _nothing(problem, induction, n, stays=True):
+            induction.contradicted = bool(problem.progress) and _nothing(
+                problem, induction, 1, stays=False
+            )
+            induction.returns = 0 if induction.contradicted else n
+            break
+    induction.returns_s = time.perf_counter() - began
+
+
+def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: bool) -> bool:
+    """Whether no state is followed by n hyperperiods in which all holds; `stays`: and SC all along.
+
+    No step faults there, and what progress rests on holds.
+    """
+    terms, end = SolverTerms(), n * induction.hyperperiod_ns
+    stretch = Stretch(problem, terms, end, returning=True, stays=stays)
+    solver = terms.solver()
+    _assume(solver, stretch, end)
+    granted = [terms.either(terms.no(s.counts), s.granted) for s in stretch.seen]
+    solver.add(*[_term(terms, g) for g in granted])
+    return bool(solver.check() == terms.z3.unsat)
+
+
+def _term(terms: SolverTerms, truth: Term) -> Term:
+    return terms.z3.BoolVal(truth) if isinstance(truth, bool) else truth

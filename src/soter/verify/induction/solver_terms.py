@@ -1,0 +1,464 @@
+"""Values of Soter as terms of a solver: exact, or uninterpreted.
+
+Purpose: truths, ints and enums are themselves; an age is whole nanoseconds; whatever else a value
+is made of (floats, lists, long arrays) is an element of one uninterpreted sort, and what is
+computed with it an uninterpreted function of it: equal values, equal answers, and nothing else is
+known. So every run of the program is a model; not every model is a run.
+Non-goals: statements (`evaluate.py`), time (`calendar.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.model.data_table import Table
+from soter.language.model.types import (
+    FLOAT,
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.language.model.system import Bound
+    from soter.language.model.types import Type, Value
+
+    Bounds = Sequence[Bound | None]
+
+Term = Any
+"""A bool, int or float of Python where it is known, else a term of the solver; tuples of them for
+records and short arrays; an `Age`."""
+ARRAY_MAX = 16
+"""Longer arrays are one value of the uninterpreted sort."""
+ELEMENTS_MAX = 8
+"""Of a list that is known: so many of its elements are."""
+QUERY_WORK = 100_000_000
+"""Of one query, in the solver's own units: twenty seconds or so of a free core."""
+QUERY_MS = 600_000
+"""A query that takes so long is on a machine that does nothing else for us."""
+AGE_MAX = 2**63
+
+
+@dataclass(frozen=True)
+class Age:
+    """The float `float(ns) / 1e9` of whole nanoseconds that are a term."""
+
+    ns: Term
+
+
+def require_z3() -> Any:  # noqa: ANN401 - an untyped module
+    """The solver; SoterError D007 where the extra is not installed."""
+    try:
+        import z3  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "D007",
+                    "induction needs the package `z3-solver`",
+                    helps=("install it: pip install 'soter[induction]'",),
+                ),
+            )
+        ) from None
+    return z3
+
+
+def is_known(term: Term) -> bool:
+    """Whether a scalar is a number of Python."""
+    return isinstance(term, (bool, int, float))
+
+
+def is_tuple(t: Type) -> bool:
+    """Whether values of a type are tuples of their parts."""
+    return isinstance(t, RecordType) or (isinstance(t, ArrayType) and t.size <= ARRAY_MAX)
+
+
+def parts(t: Type) -> list[Type]:
+    """The types of the parts of a record or short array."""
+    if isinstance(t, RecordType):
+        return [f for _, f in t.fields]
+    assert isinstance(t, ArrayType)
+    return [t.element] * t.size
+
+
+def structure(t: Type) -> str:
+    """A type by what its values are made of: two that differ have no value in common."""
+    if isinstance(t, RecordType):
+        return "{" + ", ".join(f"{n}: {structure(f)}" for n, f in t.fields) + "}"
+    if isinstance(t, ArrayType):
+        return f"{structure(t.element)}[{t.size}]"
+    if isinstance(t, ListType):
+        return f"{structure(t.element)}[<={t.capacity}]"
+    return str(t)
+
+
+def is_whole(t: Type) -> bool:
+    """Whether values of a type are integers of the solver."""
+    return isinstance(t, (IntType, DurationType, EnumType))
+
+
+@dataclass
+class SolverTerms:
+    """Makes terms; `facts` is what is true of them, whatever happens."""
+
+    facts: list[Term] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.z3 = require_z3()
+        self.sort = self.z3.DeclareSort("value")
+        self._count = 0
+        self._constants: dict[tuple[Type, str], tuple[Value, Term]] = {}
+        self._inside: dict[tuple[Type, object], tuple[Bounds, Term]] = {}
+        self._made: list[tuple[Type, Term, list[tuple[Term, Type]]]] = []
+        self._told: set[tuple[str, int]] = set()
+        self._opaque: dict[int, tuple[Term, bool]] = {}
+
+    # ------------------------------------------------------------ truths
+
+    def both(self, *truths: Term) -> Term:
+        """Their conjunction."""
+        if any(t is False for t in truths):
+            return False
+        unknown = [t for t in truths if t is not True]
+        return True if not unknown else unknown[0] if len(unknown) == 1 else self.z3.And(*unknown)
+
+    def either(self, *truths: Term) -> Term:
+        """Their disjunction."""
+        if any(t is True for t in truths):
+            return True
+        unknown = [t for t in truths if t is not False]
+        return False if not unknown else unknown[0] if len(unknown) == 1 else self.z3.Or(*unknown)
+
+    def no(self, truth: Term) -> Term:
+        """Its negation."""
+        return not truth if isinstance(truth, bool) else self.z3.Not(truth)
+
+    def solver(self) -> Term:
+        """A solver that knows the facts; it gives up after so much work, however long that took.
+
+        So a verdict does not hang on how busy the machine is.
+        """
+        solver = self.z3.Solver()
+        solver.set("rlimit", QUERY_WORK)
+        solver.set("timeout", QUERY_MS)
+        solver.set("random_seed", 0)
+        solver.add(*[self.z3.BoolVal(f) if isinstance(f, bool) else f for f in self.facts])
+        return solver
+
+    def state(self, truth: Term) -> None:
+        """A fact."""
+        if truth is not True:
+            self.facts.append(self.z3.BoolVal(False) if truth is False else truth)
+
+    # ------------------------------------------------------------ new values
+
+    def name(self, what: str) -> str:
+        """A name nobody has."""
+        self._count += 1
+        return f"{what}!{self._count}"
+
+    def fresh(self, t: Type, what: str, bounds: Bounds | None = None) -> Term:
+        """Any value of a type; with `bounds` (per leaf) any that a topic of them may hold."""
+        if is_tuple(t):
+            return tuple(
+                self.fresh(part, f"{what}.{k}", own)
+                for k, (part, own) in enumerate(_divided(t, bounds))
+            )
+        if isinstance(t, BoolType):
+            return self.z3.Bool(self.name(what))
+        if is_whole(t):
+            term = self.z3.Int(self.name(what))
+            low, high = range_of(t, bounds)
+            self.state(self.z3.And(low <= term, term <= high))
+            return term
+        term = self.z3.Const(self.name(what), self.sort)
+        if bounds is not None:
+            self.state(self._predicate(t, bounds)(term))
+        return term
+
+    def whole(self, what: str) -> Term:
+        """Any integer."""
+        return self.z3.Int(self.name(what))
+
+    def truth(self, what: str) -> Term:
+        """Any truth."""
+        return self.z3.Bool(self.name(what))
+
+    def constant(self, t: Type, value: Value) -> Term:
+        """A value that is known."""
+        if is_tuple(t):
+            return tuple(self.constant(p, v) for p, v in zip(parts(t), value, strict=True))
+        if isinstance(t, (ListType, ArrayType)):
+            return self.lifted(t, value)
+        return value
+
+    # ------------------------------------------------------------ the uninterpreted sort
+
+    def lifted(self, t: Type, value: Term) -> Term:
+        """A float, list or array as an element of the sort."""
+        if isinstance(value, Age):
+            return self.apply("seconds", [value.ns], FLOAT)
+        if not isinstance(value, (float, int, tuple, Table)):  # of a table nothing is known
+            return value
+        key = (t, repr(value))
+        if key not in self._constants:
+            term = self.z3.Const(f"{structure(t)} {value!r}", self.sort)
+            self._constants[key] = (value, term)
+            for (of, _), (bounds, predicate) in self._inside.items():
+                if of == t:
+                    self._decide(predicate(term), t, value, bounds)
+            if isinstance(t, ListType) and isinstance(value, tuple):
+                self._list_of(term, t, value)
+        return self._constants[key][1]
+
+    def _list_of(self, term: Term, t: ListType, value: tuple[Value, ...]) -> None:
+        """What is known of a list that is known."""
+        self.state(self.length(term) == len(value))
+        for k, element in enumerate(value[:ELEMENTS_MAX]):
+            element_term = self.apply("element", [term, self.z3.IntVal(k)], t.element)
+            known = self.constant(t.element, element)
+            pairs = zip(
+                self.flat(element_term, t.element), self.flat(known, t.element), strict=True
+            )
+            self.state(self.both(*[a == b for a, b in pairs]))
+
+    def length(self, term: Term) -> Term:
+        """Of a list."""
+        return self.z3.Function("length", self.sort, self.z3.IntSort())(term)
+
+    def _predicate(self, t: Type, bounds: Bounds) -> Term:
+        """Whether a value of the sort may be published where these bounds hold."""
+        key = (t, tuple(None if b is None else (b.low, b.high) for b in bounds))
+        if key not in self._inside:
+            name = f"may be published {structure(t)} {key[1]}"
+            predicate = self.z3.Function(name, self.sort, self.z3.BoolSort())
+            self._inside[key] = (bounds, predicate)
+            for (of, _), (value, term) in list(self._constants.items()):
+                if of == t:
+                    self._decide(predicate(term), t, value, bounds)
+            for made, term, elements in list(self._made):
+                if made == t:
+                    self._decide_made(predicate(term), t, elements, bounds)
+        return self._inside[key][1]
+
+    def _decide(self, claim: Term, t: Type, value: Value, bounds: Bounds) -> None:
+        self.state(claim == allowed(value, t, bounds))
+
+    def _decide_made(
+        self, claim: Term, t: Type, elements: list[tuple[Term, Type]], bounds: Bounds
+    ) -> None:
+        """A list passes where its elements do."""
+        size = len(elements)
+        own = [bounds] * size if isinstance(t, ListType) else [b for _, b in _divided(t, bounds)]
+        passes = [self.may_publish(v, p, b or ()) for (v, p), b in zip(elements, own, strict=True)]
+        self.state(claim == self.both(*passes))
+
+    def listed(self, t: Type, elements: list[tuple[Term, Type]]) -> Term:
+        """A list or long array, made of its elements."""
+        if not elements:
+            return self.lifted(t, ())
+        given = [x for v, p in elements for x in self.flat(v, p)]
+        list_term = self.apply(f"made {structure(t)} {len(elements)}", given, t)
+        self._made.append((t, list_term, elements))
+        for (of, _), (bounds, predicate) in list(self._inside.items()):
+            if of == t:
+                self._decide_made(predicate(list_term), t, elements, bounds)
+        if isinstance(t, ListType):
+            self.state(self.length(list_term) == len(elements))
+        return list_term
+
+    def may_publish(self, value: Term, t: Type, bounds: Bounds) -> Term:
+        """Whether the gate lets a value pass: finite, and inside the bounds of its leaves."""
+        if is_tuple(t):
+            own = zip(value, _divided(t, bounds), strict=True)
+            return self.both(*[self.may_publish(v, p, b or ()) for v, (p, b) in own])
+        if isinstance(t, (BoolType, EnumType)):
+            return True
+        if is_whole(t):
+            low, high = range_of(t, bounds)
+            return self.both(low <= value, value <= high)
+        if isinstance(value, float):
+            return allowed(value, t, bounds)
+        return self._predicate(t, bounds)(self.lifted(t, value))
+
+    # ------------------------------------------------------------ functions
+
+    def flat(self, value: Term, t: Type) -> list[Term]:
+        """The leaves of a value, as arguments of a function of the solver."""
+        if is_tuple(t):
+            pairs = zip(value, parts(t), strict=True)
+            return [x for v, p in pairs for x in self.flat(v, p)]
+        if isinstance(t, BoolType):
+            return [self.z3.BoolVal(value) if isinstance(value, bool) else value]
+        if is_whole(t):
+            return [self.z3.IntVal(value) if isinstance(value, int) else value]
+        return [self.lifted(t, value)]
+
+    def apply(self, name: str, arguments: list[Term], t: Type) -> Term:
+        """An uninterpreted function of some leaves; what its type says is a fact."""
+        if is_tuple(t):
+            return tuple(
+                self.apply(f"{name}.{k}", arguments, part) for k, part in enumerate(parts(t))
+            )
+        sorts = [a.sort() for a in arguments]
+        if isinstance(t, BoolType):
+            return self._function(name, sorts, self.z3.BoolSort())(*arguments)
+        if not is_whole(t):
+            return self._function(name, sorts, self.sort)(*arguments)
+        term = self._function(name, sorts, self.z3.IntSort())(*arguments)
+        low, high = range_of(t, None)
+        if (name, term.get_id()) not in self._told:
+            self._told.add((name, term.get_id()))
+            self.state(self.z3.And(low <= term, term <= high))
+        return term
+
+    def is_opaque(self, term: Term) -> bool:
+        """Whether what is uninterpreted stands in a term (its names are not looked behind)."""
+        if is_known(term):
+            return False
+        known = self._opaque.get(term.get_id())
+        if known is None:
+            own = term.sort() == self.sort or (term.num_args() and self._declared(term))
+            opaque = bool(own) or any(self.is_opaque(x) for x in term.children())
+            known = self._opaque[term.get_id()] = term, opaque  # kept: ids are given again
+        return known[1]
+
+    def _declared(self, term: Term) -> bool:
+        return bool(term.decl().kind() == self.z3.Z3_OP_UNINTERPRETED)
+
+    def _function(self, name: str, sorts: list[Term], result: Term) -> Term:
+        if not sorts:
+            constant = self.z3.Const(name, result)
+            return lambda: constant
+        return self.z3.Function(f"{name}/{len(sorts)}", *sorts, result)
+
+    # ------------------------------------------------------------ one of two
+
+    def chosen(self, condition: Term, then: Term, otherwise: Term, t: Type) -> Term:
+        """`condition ? then : otherwise`."""
+        if isinstance(condition, bool):
+            return then if condition else otherwise
+        if is_tuple(t):
+            triples = zip(then, otherwise, parts(t), strict=True)
+            return tuple(self.chosen(condition, a, b, p) for a, b, p in triples)
+        if then is otherwise or (is_known(then) and is_known(otherwise) and _same(then, otherwise)):
+            return then
+        if isinstance(t, FloatType) and isinstance(then, Age) and isinstance(otherwise, Age):
+            return Age(self.z3.If(condition, then.ns, otherwise.ns))
+        (a,), (b,) = self.flat(then, t), self.flat(otherwise, t)
+        return self.z3.If(condition, a, b)
+
+    def defined(self, value: Term, t: Type, what: str) -> Term:
+        """A name for a value: what is built of it stays small."""
+        if is_tuple(t):
+            pairs = enumerate(zip(value, parts(t), strict=True))
+            return tuple(self.defined(v, p, f"{what}.{k}") for k, (v, p) in pairs)
+        if is_known(value):
+            return value
+        if isinstance(value, Age):
+            return Age(self.named(value.ns, what))
+        return self.named(value, what)
+
+    def named(self, term: Term, what: str) -> Term:
+        """A scalar of the solver by a name of its own."""
+        if is_known(term) or self.z3.is_const(term):
+            return term
+        constant = self.z3.Const(self.name(what), term.sort())
+        self.facts.append(constant == term)
+        return constant
+
+    # ------------------------------------------------------------ ages
+
+    def compare_age(self, op: str, ns: Term, limit: float) -> Term:
+        """`float(ns) / 1e9 op limit`, exactly: division and conversion are monotone."""
+        if math.isnan(limit):
+            return op == "!="
+        reached, passed = _least(limit, after=False), _least(limit, after=True)
+        if op == ">":
+            return ns >= passed
+        if op == ">=":
+            return ns >= reached
+        if op == "<":
+            return ns < reached
+        if op == "<=":
+            return ns < passed
+        same = self.both(ns >= reached, ns < passed)
+        return same if op == "==" else self.no(same)
+
+
+def _same(a: Term, b: Term) -> bool:
+    """The same number, bit by bit."""
+    return type(a) is type(b) and repr(a) == repr(b)
+
+
+def _least(limit: float, *, after: bool) -> int:
+    """The least ns for which float(ns) / 1e9 reaches `limit`, or is greater."""
+    low, high = 0, AGE_MAX
+    while low < high:
+        middle = (low + high) // 2
+        there = float(middle) / 1e9
+        if (there > limit) if after else (there >= limit):
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+def _divided(t: Type, bounds: Bounds | None) -> list[tuple[Type, Bounds | None]]:
+    """The parts of a type, each with the bounds of its leaves."""
+    bounded_parts: list[tuple[Type, Bounds | None]] = []
+    at = 0
+    for part in parts(t):
+        count = sum(1 for _ in leaves(part))
+        bounded_parts.append((part, None if bounds is None else bounds[at : at + count]))
+        at += count
+    return bounded_parts
+
+
+def range_of(t: Type, bounds: Bounds | None) -> tuple[int, int]:
+    """The values of an int, duration or enum, cut to the bounds of its topic."""
+    if isinstance(t, EnumType):
+        return 0, len(t.members) - 1
+    low, high = (t.low, t.high) if isinstance(t, IntType) else (-(2**63), 2**63 - 1)
+    if bounds and bounds[0] is not None:
+        low, high = max(low, math.ceil(bounds[0].low)), min(high, math.floor(bounds[0].high))
+    return low, high
+
+
+def allowed(value: Value, t: Type, bounds: Bounds) -> bool:
+    """What the gate says of a known value."""
+    if isinstance(t, RecordType):
+        pairs = zip(value, _divided_long(t, bounds), strict=True)
+        return all(allowed(v, p, b) for v, (p, b) in pairs)
+    if isinstance(t, ArrayType):
+        pairs = zip(value, _divided_long(t, bounds), strict=True)
+        return all(allowed(v, p, b) for v, (p, b) in pairs)
+    if isinstance(t, ListType):
+        return all(allowed(v, t.element, bounds) for v in value)
+    if isinstance(t, (BoolType, EnumType)):
+        return True
+    if isinstance(t, FloatType) and not math.isfinite(value):
+        return False
+    return bounds[0] is None or bounds[0].low <= value <= bounds[0].high
+
+
+def _divided_long(t: RecordType | ArrayType, bounds: Bounds) -> list[tuple[Type, Bounds]]:
+    own = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
+    bounded_parts: list[tuple[Type, Bounds]] = []
+    at = 0
+    for part in own:
+        count = sum(1 for _ in leaves(part))
+        bounded_parts.append((part, bounds[at : at + count]))
+        at += count
+    return bounded_parts

@@ -1,0 +1,242 @@
+"""The verdicts on a module that is proved by induction.
+
+Purpose: what the induction found as findings, property by property; a refutation where a run was
+had; assumptions that only the proof knows.
+Non-goals: the induction (`prove.py`).
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.model import typed
+from soter.language.model.durations import show_ns
+from soter.language.model.tree_walk import nodes
+from soter.verify.claims.failsafe_claim import NO_LAW
+from soter.verify.claims.results import (
+    ASSUMED,
+    PROPERTIES,
+    PROVED,
+    REFUTED,
+    STAYS,
+    UNDECIDED,
+    Finding,
+    ModuleResult,
+)
+from soter.verify.induction.prove import induct
+from soter.verify.induction.refute import refuting_run
+from soter.verify.problem.other_modes import said
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.verify.induction.problem import InductionProblem
+    from soter.verify.induction.prove import Induction
+    from soter.verify.induction.refute import Search
+
+HOW = "k-induction over every schedule"
+TOGETHER = ("P3", "ttf", "safer", "start")
+"""Part of the one induction."""
+TEXTS = {
+    "P3": "whatever AC publishes, `safe` holds until the DM and SC have answered",
+    "ttf": "whenever the DM leaves AC in control, `safe` goes on holding",
+    "safer": "whenever the DM gives AC control, `safe` goes on holding",
+    "start": "the first hyperperiods of every run, from the declared first values",
+}
+
+
+UNTRIED = (typed.AgeRead, typed.ModeRead)
+"""What the check of the compiled DM gives no values to."""
+
+
+class InductionResult(ModuleResult):
+    """A module that was proved by induction: `induction` is what was found."""
+
+    induction: Induction
+
+
+def verify_by_induction(
+    problem: InductionProblem,
+    *,
+    search: Search | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> ModuleResult:
+    """Everything about one module. `SoterError` D007 where the solver is not installed.
+
+    `search`: finds runs that refute; None: nobody looks for one.
+    """
+    began = time.perf_counter()
+    induction = induct(problem, progress)
+    result = InductionResult(problem, {}, [])
+    result.induction = induction
+    findings = result.findings
+    _static(problem, findings)
+    findings["P2a"] = _safe(problem, induction)
+    findings["P2b"] = _returns(problem, induction)
+    _taken_for_granted(problem, induction)
+    for name in TOGETHER:
+        findings[name] = _part_of_it(name, findings["P2a"])
+    if induction.proved and findings["P2b"].verdict == PROVED:
+        result.recover_s = induction.returns_ns / 1e9
+    elif (
+        not induction.proved
+        and search is not None
+        and induction.about in ("safe", "fault")
+        and induction.fails_ns is not None
+    ):
+        _refute(problem, induction, findings, search)
+    findings["failsafe"] = _failsafe(problem)
+    findings["DM"] = _decision_module(result)
+    result.findings = {p: findings[p] for p in PROPERTIES}
+    if induction.uninterpreted:
+        names = ", ".join(induction.uninterpreted)
+        result.notes = (f"opaque (of equal arguments equal answers, and nothing else): {names}",)
+    result.seconds = time.perf_counter() - began
+    return result
+
+
+def _failsafe(problem: InductionProblem) -> Finding:
+    """A law acts on plants, of which an induction says nothing."""
+    if not problem.module.law:
+        return Finding(ASSUMED, text=NO_LAW)
+    text = "a fail-safe law acts on plants, of which a proof by induction says nothing"
+    return Finding(UNDECIDED, text=text, hint="leave the law out, or prove it with a grid")
+
+
+def _static(problem: InductionProblem, findings: dict[str, Finding]) -> None:
+    times = problem.times
+    findings["P1a"] = Finding(
+        PROVED,
+        method="periods compared",
+        text=f"SC every {show_ns(times.delta_sc)}, DM every {show_ns(times.delta_dm)}",
+    )
+    findings["P1b"] = Finding(
+        PROVED, method="outputs compared", text="AC and SC publish the same topics"
+    )
+    findings["P1c"] = Finding(
+        ASSUMED if problem.undeclared else PROVED,
+        method="every schedule is in the relation",
+        text="every order of steps that periods, phases, lateness and responses allow",
+    )
+
+
+def _safe(problem: InductionProblem, induction: Induction) -> Finding:
+    finding = Finding(UNDECIDED, induction.seconds - induction.returns_s, HOW)
+    finding.counts = {"k": induction.k, "steps": induction.steps, "lemmas": len(problem.lemmas)}
+    if induction.proved:
+        finding.verdict = PROVED
+        many = len(problem.lemmas)
+        lemmas = "" if not many else f", with {many} lemma{'s' if many > 1 else ''}"
+        plural = "s" if induction.k > 1 else ""
+        finding.text = (
+            f"induction over {induction.k} hyperperiod{plural} of "
+            f"{show_ns(induction.hyperperiod_ns)} "
+            f"({induction.steps} steps each){lemmas}"
+        )
+        return finding
+    if induction.fails_ns is not None:
+        within = show_ns(induction.fails_ns)
+        how = "" if induction.about == "fault" else " fails"
+        finding.text = f"{induction.what}{how} within {within} in a run of the relation"
+        if induction.undecided:
+            finding.text += f"; taken for granted that it latches then: {induction.undecided}"
+        finding.hint = {
+            "lemma": "a lemma is proved together with `safe`: mend it, or leave it out",
+            "fault": "show that the step cannot fault: bounded types, a check before it",
+        }.get(induction.about, "a longer threshold, a faster DM or SC")
+        return finding
+    finding.text = induction.why
+    finding.hint = "say as a `lemma` what else is always true: of a candidate, its age, the mode"
+    return finding
+
+
+def _returns(problem: InductionProblem, induction: Induction) -> Finding:
+    finding = Finding(UNDECIDED, induction.returns_s, HOW)
+    finding.text = "there is no proof that `safe` is kept"
+    if induction.proved and induction.returns:
+        finding.verdict = PROVED
+        finding.text = f"SC gives control back within {show_ns(induction.returns_ns)}"
+        granted = [*(["`progress` holds"] if problem.progress else [])]
+        still = sorted(problem.system.topics[i].name for i in problem.heard)
+        granted += [f"{_named(still, 'and')} stays as it is"] if still else []
+        if problem.modes is not None and problem.modes.waits:
+            granted += [f"{said(problem.modes.waits)} in AC"]
+        granted += (
+            [f"no step of {_named(induction.latching, 'or')} faults"] if induction.latching else []
+        )
+        if granted:
+            finding.verdict = ASSUMED
+            finding.text += f" while {_named(granted, 'and')}: not proved"
+        if problem.modes is not None and problem.modes.never:
+            finding.verdict, finding.text = UNDECIDED, problem.modes.never
+            finding.hint = "let one of them give control back whatever the other one does"
+    elif problem.module.symbol.verify.stays is not None:
+        finding.verdict, finding.text = ASSUMED, STAYS
+    elif induction.contradicted:
+        finding.text = "what `progress` takes for granted holds in no run"
+        finding.hint = "say what always holds: at the start, too, and of topics' defaults"
+    elif induction.proved:
+        finding.text = "not proved: from some state that nothing excludes SC keeps control"
+        finding.hint = "a lemma that excludes it, or a `safer` that SC reaches"
+        if problem.recover_ns is not None:
+            finding.hint = f"longer than `recover within` {show_ns(problem.recover_ns)}"
+    return finding
+
+
+def _taken_for_granted(problem: InductionProblem, induction: Induction) -> None:
+    """What nothing proves: P2b rests on it, and `safe` does not."""
+    for text in problem.progress_texts:
+        problem.assumptions.append(f"progress, for P2b alone, proved by nobody: `{text}`")
+    if induction.proved and induction.latching:
+        problem.assumptions.append(
+            f"for P2b alone: no step of {_named(induction.latching, 'or')} faults, which nothing "
+            "shows of what is opaque; one that faults is latched, and `safe` holds all the same"
+        )
+
+
+def _named(names: Sequence[str], word: str) -> str:
+    *most, last = names
+    return f"{', '.join(most)} {word} {last}" if most else last
+
+
+def _part_of_it(name: str, safe: Finding) -> Finding:
+    text = TEXTS[name] if safe.verdict == PROVED else safe.text
+    return Finding(safe.verdict, 0.0, HOW, text, safe.hint)
+
+
+def _refute(
+    problem: InductionProblem, induction: Induction, findings: dict[str, Finding], search: Search
+) -> None:
+    began = time.perf_counter()
+    assert induction.fails_ns is not None
+    run = refuting_run(problem, induction.fails_ns, search, fault=induction.about == "fault")
+    for name in ("P2a", "P3"):
+        finding = findings[name]
+        if run is None:
+            finding.hint += " (no run of the program was found that shows it)"
+            continue
+        finding.verdict = REFUTED
+        finding.method = "a run, replayed in the interpreter"
+        finding.text = f"a run violates {induction.what} at {show_ns(run.time_ns)}"
+        finding.hint = ""
+        finding.counterexample = run
+    findings["P2a"].seconds += time.perf_counter() - began
+
+
+def _decision_module(result: ModuleResult) -> Finding:
+    """The generated C of the DM is the switching logic, as far as it is tried."""
+    from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
+
+    began = time.perf_counter()
+    how = "the compiled DM on all facts and on every class of input"
+    symbol = result.problem.module.symbol
+    read = nodes([e for e in (symbol.ttf, symbol.safer) if e is not None])
+    if any(isinstance(n, UNTRIED) for n in read):
+        return Finding(ASSUMED, 0.0, how, "not tried: `ttf` or `safer` reads an age, or a mode")
+    try:
+        check = check_module(result)
+    except (SoterError, NotImplementedError) as error:
+        return Finding(ASSUMED, time.perf_counter() - began, how, f"not tried: {error}")
+    return Finding(check.verdict, time.perf_counter() - began, how, check.text)

@@ -1,0 +1,376 @@
+"""Polytope groups, as the claims ask of them.
+
+Purpose: `PolytopeProof`: for one group of a case C, K, R(H), levels or inclusions, the start and
+the return; each proved with multipliers, and entered as a failure where it is not; `Polytopes`: the
+method.
+Non-goals: finding sets (`proofs.py`), reading matrices (`extract.py`), comparing predicates with
+sets (`predicates.py`), verdicts.
+
+C_g is a box on which `safe` surely holds; the product with the other groups is checked by
+`verify/claims/claims.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from soter.verify.claims.case import GroupProof, Method
+from soter.verify.claims.product_sets import BoxPart
+from soter.verify.claims.results import PolytopePart
+from soter.verify.polytope import proofs
+from soter.verify.polytope.ball_matrices import BeyondError
+from soter.verify.polytope.certificate_entry import entry
+from soter.verify.polytope.extract_group import NotLinearError, linear_group
+from soter.verify.polytope.figures import figures
+from soter.verify.polytope.half_spaces import LinearProgram, Polytope, inner_point
+from soter.verify.polytope.predicates import box_of, inside, outside, shares
+from soter.verify.polytope.proofs import NotProvedError, Windows
+from soter.verify.problem.estimates import seen
+from soter.verify.tables.polytope_tables import Facets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.report.proof.record import RegionFigure
+    from soter.verify.claims.case import Case, Tell
+    from soter.verify.claims.product_sets import SetFactor
+    from soter.verify.polytope.proofs import PolytopeSets
+    from soter.verify.problem.problem import Group, Problem
+    from soter.verify.tables.level_table import LevelTable
+
+    Floats = NDArray[np.float64]
+    Pair = tuple[Polytope, Polytope]
+    Arrays = Mapping[str, NDArray[np.generic]]
+
+WEAK = "a stronger SC; smaller errors, delays or disturbances; wider ranges"
+DRAWN = 2000
+"""States of K, to see how many of them let AC have control."""
+PARTS = ("low", "high", "rows", "bounds")
+
+
+def why_not(todo: Callable[[], object]) -> str:
+    """Why a proof fails; "" where it does not."""
+    try:
+        with np.errstate(all="ignore"):
+            todo()
+    except NotProvedError as error:
+        return str(error)
+    except BeyondError:
+        return "its numbers are beyond what can be bounded"
+    return ""
+
+
+@dataclass(frozen=True)
+class Target(BoxPart):
+    """A polytope, and ranges that hold it."""
+
+    polytope: Polytope
+
+    @classmethod
+    def of(cls, group: Group, polytope: Polytope) -> Target:
+        """Over a group's states."""
+        ends = zip(group.axes, polytope.low.tolist(), polytope.high.tolist(), strict=True)
+        return cls({a.state: (low, high) for a, low, high in ends}, polytope)
+
+
+@dataclass(eq=False)
+class PolytopeProof(GroupProof):
+    """A group whose sets are polytopes."""
+
+    group: Group
+    found: PolytopePart
+    fresh: bool = True
+    mark = "p"
+
+    @property
+    def return_ns(self) -> int:  # type: ignore[override]
+        """The longest time from K to Q."""
+        return self.found.return_ns
+
+    def _proved(
+        self, case: Case, claims: Sequence[str], name: str, prove: Callable[..., None]
+    ) -> bool:
+        """Prove a part of the claims about the sets, and keep the multipliers."""
+        record = proofs.claims_of()
+        why = why_not(lambda: prove(self.found.sets, record))
+        self.found.multipliers[name] = record.record
+        for claim in claims if why else ():
+            hint = "start further inside, or closer to rest" if claim == "start" else WEAK
+            case.fail(claim, f"not shown of the polytope: {why}", self, hint)
+        return not why
+
+    def _both(self, case: Case, text: str, hint: str) -> None:
+        for claim in ("ttf", "safer"):
+            case.fail(claim, text, self, hint)
+
+    # ------------------------------------------------------------ claims
+
+    def take(self, case: Case, part: SetFactor) -> None:
+        """C_g: ranges of its states."""
+        del case
+        assert isinstance(part, BoxPart)
+        if self.fresh:
+            self.found.limits = [part.box[a.state] for a in self.group.axes]
+
+    def core(self, case: Case) -> bool:
+        """K, and R(H) beside it."""
+        problem, part = case.problem, self.found
+        times = problem.times
+        windows = Windows(times.horizon_ns, times.decision, max(problem.levels, 2))
+        try:
+            part.model = linear_group(problem, case.forms, self.group, part.limits)
+        except NotLinearError as error:
+            case.fail("P2a", f"no polytope: {error}", self, error.hint)
+            return False
+        linear = part.model.group
+
+        def find() -> None:
+            part.sets = proofs.find_core(linear, windows)
+
+        why_not(find)
+        if part.sets is None or inner_point(part.sets.core) is None:
+            case.fail("P2a", "K is empty: no polytope was found that SC keeps", self, WEAK)
+            part.sets = None
+            return False
+        return self._proved(case, ("P2a",), "K", proofs.prove_core)
+
+    def free_phase(self, case: Case) -> None:
+        """R(H)."""
+        if self.found.sets is None:
+            return
+        if inner_point(self.found.sets.free) is None:
+            hint = "wider ranges, where a state may touch their ends; a shorter horizon"
+            self._both(case, "R(H) is empty: AC could leave K from every state", hint)
+        else:
+            self._proved(case, ("ttf", "safer"), "R", proofs.prove_free)
+
+    def levels(self, case: Case) -> None:
+        """S_0 ... S_(m-2); without a proof there are none."""
+        sets = self.found.sets
+        if sets is None:
+            return
+        problem = case.problem
+        shown = seen(problem)
+        states = [a.state for a in self.group.axes]
+        names = [problem.quantities.states[s].name for s in states if s not in shown]
+        topics = {problem.topic_leaf_of_state[s][0] for s in states if s in shown}
+        several = problem.times.age_dm > 0 and len(topics) > 1
+        if names or several:
+            text = f"the DM sees no topic with {', '.join(names)}"
+            text = text if names else "the DM sees this group in topics of different ages"
+            hint = "one topic that shows all of the group's states, or write `ttf` and `safer`"
+            self._both(case, text, hint)
+            return
+        why = why_not(lambda: proofs.find_levels(sets))
+        empty = [j for j, s in enumerate(sets.allowed) if inner_point(s) is None]
+        if why or empty:
+            hint = "fewer levels, a smaller period, smaller errors, a stronger SC"
+            self._both(case, why or f"S_{empty[0]} is empty: AC would never get control", hint)
+        elif self._proved(case, ("ttf", "safer"), "S", proofs.prove_levels):
+            return
+        sets.allowed, sets.carried = [], []
+
+    def withheld(self, case: Case) -> bool:
+        """After any failure up to its levels."""
+        claims = ("P2a", "ttf", "safer")
+        return any(f.proof is self and f.claim in claims for f in case.failures)
+
+    def admit(self, case: Case, table: LevelTable) -> None:
+        """The half-spaces of the DM."""
+        assert isinstance(table, Facets)
+        self.found.deployed = table.certain
+        hint = "fewer values of the parameters: the DM has one set of half-spaces for all of them"
+        for claim, p in zip(("ttf", "safer"), table.certain, strict=True):
+            if inner_point(p) is None:
+                text = "no estimate is in the sets of every case: AC would never get control"
+                case.fail(claim, text, self, hint)
+
+    def inclusion(self, case: Case, predicate: str) -> None:
+        """Where `ttf` may be false, or `safer` true, on an estimate of a state of C: in R(H)."""
+        if self.found.sets is None:
+            return
+        wrong = outside(case.forms, case.problem, self.found, predicate)
+        if wrong is None:
+            return
+        says = "may be false" if predicate == "ttf" else "may be true"
+        text = f"`{predicate}` {says} where it was not shown that AC stays in K for H"
+        hint = (
+            f"a `{predicate}` that is more careful there, or none: then it is computed; "
+            "a polytope ends where SC is clamped, a `grid` need not"
+        )
+        case.fail(predicate, text, self, hint).where = wrong
+
+    def start(self, case: Case, until_ns: int) -> None:
+        """The initial states lie in R(h_0)."""
+        if self.found.sets is None:
+            return
+        ends = [case.problem.initial[a.state] for a in self.group.axes]
+        low, high = np.array([(i.low, i.high) for i in ends]).T
+        box = Polytope(low, high, np.zeros((0, len(low))), np.zeros(0))
+
+        def prove(sets: PolytopeSets, record: proofs.Claims) -> None:
+            proofs.prove_start(sets, record, box, until_ns)
+
+        self._proved(case, ("start",), "start", prove)
+
+    def held(self, case: Case) -> Target | None:
+        """By the half-spaces of the DM."""
+        del case
+        deployed, sets = self.found.deployed, self.found.sets
+        if deployed is None or sets is None:
+            return None
+        return Target.of(self.group, deployed[1].shrunk(sets.group.error))
+
+    def recover(self, case: Case, target: SetFactor) -> None:
+        """Q, and after how many holds every run from K is in it."""
+        assert isinstance(target, Target)
+        sets = self.found.sets
+        if sets is None:
+            return
+        sets.target = target.polytope
+        if not self.fresh:
+            return
+        why = why_not(lambda: proofs.find_return(sets))
+        if why or sets.kept is None:
+            text = "no polytope was found that SC keeps inside `safer` and returns to"
+            case.fail("P2b", text, self, "let SC come to rest where `safer` holds")
+        elif self._proved(case, ("P2b",), "Q", proofs.prove_return):
+            times = case.problem.times
+            self.found.return_ns = sets.periods * times.delta_sc + times.jitter_sc
+
+    # ------------------------------------------------------------ how much it says
+
+    @property
+    def covers_scheme(self) -> bool:
+        """Whether the simulator's steps are solutions of its model."""
+        return self.found.model is not None and self.found.model.covers_scheme
+
+    def shares(self, case: Case) -> dict[str, float]:
+        """Of its ranges, sampled."""
+        if not self.found.shares:
+            self.found.shares = shares(case.forms, case.problem, self.found)
+        return self.found.shares
+
+    def drawn(self, chance: np.random.Generator, count: int) -> Floats:
+        """Uniform where they can be found, else mixtures of extreme ones; (count, n)."""
+        assert self.found.sets is not None
+        return inside(self.found.sets.core, chance, count)
+
+    @property
+    def estimates(self) -> Mapping[int, tuple[float, float]]:
+        """C_g."""
+        return {a.state: r for a, r in zip(self.group.axes, self.found.limits, strict=True)}
+
+    def lets_share(self, case: Case, predicate: str) -> float | None:
+        """Of states drawn from K, where predicates are computed."""
+        part = self.found
+        if not case.problem.computed or part.deployed is None or part.sets is None:
+            return None
+        drawn = inside(part.sets.core, np.random.default_rng(0), DRAWN)
+        return float(part.deployed[0 if predicate == "ttf" else 1].contains(drawn).mean())
+
+    @property
+    def deepest(self) -> Mapping[int, float]:
+        """The middle of C_g."""
+        return {state: (low + high) / 2 for state, (low, high) in self.estimates.items()}
+
+    # ------------------------------------------------------------ results
+
+    @property
+    def pair(self) -> Pair | None:
+        """(S_0, S_(m-2))."""
+        sets = self.found.sets
+        return (sets.allowed[0], sets.safer) if sets is not None and sets.allowed else None
+
+    def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
+        """Half-spaces and multipliers."""
+        return entry(problem, self.found, stem, files)
+
+    def figures(self, note: str) -> list[RegionFigure]:
+        """One, where there is a K."""
+        return figures(self.found, note)
+
+
+class Polytopes(Method):
+    """Half-spaces, with multipliers for every claim."""
+
+    kind = "polytope"
+    how = dict.fromkeys(
+        ("P2a", "P2b", "ttf", "safer", "start"), "half-spaces, with multipliers for every claim"
+    )
+    hint = ", or give a `polytope` narrower ranges"
+
+    def opened(self, case: Case, group: Group, tell: Tell | None) -> PolytopeProof:
+        """Nothing is computed yet."""
+        del case, tell
+        return PolytopeProof(group, PolytopePart(group))
+
+    def parts(
+        self, case: Case, proofs: Sequence[GroupProof], predicate: str
+    ) -> Sequence[BoxPart] | None:
+        """Ranges over which the predicate surely holds, of all groups together."""
+        own = [p for p in proofs if isinstance(p, PolytopeProof)]
+        if predicate == case.problem.returning:
+            return _targets(case, own)
+        if not any(p.fresh for p in own):
+            return [BoxPart(p.estimates) for p in own]
+        ends = {a.state: (a.edges[0], a.edges[-1]) for p in own for a in p.group.axes}
+        box = box_of(case.forms, case.problem, predicate, ends)
+        if box is None:
+            return None
+        return [BoxPart({a.state: box[a.state] for a in p.group.axes}) for p in own]
+
+    def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
+        """In half-spaces, or boxes."""
+        every = [p.found for c in done for p in c.proofs if isinstance(p, PolytopeProof)]
+        if claim == "P2a":
+            faces = sum(len(part.sets.core.faces[1]) for part in every if part.sets is not None)
+            return f"{faces:,} half-spaces, kept in every period of SC" if faces else "", {}
+        boxes = sum(part.boxes.get(claim, 0) for part in every)
+        return f"on {boxes:,} boxes" if boxes else "", {"boxes": boxes}
+
+    def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> Facets:
+        """Half-spaces of all cases."""
+        del problem
+        return Facets.of([a.state for a in group.axes], cast("Sequence[Pair]", pairs))
+
+    def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
+        """Box and half-spaces, by name: `low` and `high` (n,), `rows` (N, n), `bounds` (N,)."""
+        both = enumerate(cast("Pair", pair))
+        return {f"{k}_{name}": getattr(p, name) for k, p in both for name in PARTS}
+
+    def unpacked(self, group: Group, arrays: Arrays) -> Pair:
+        """From the same: `low` and `high` (n,), `rows` (N, n), `bounds` (N,)."""
+        del group
+        outer, inner = (
+            Polytope(*(np.asarray(arrays[f"{k}_{name}"], np.float64) for name in PARTS))
+            for k in range(2)
+        )
+        return outer, inner
+
+
+def _targets(case: Case, own: Sequence[PolytopeProof]) -> list[Target] | None:
+    """Per group a box of states all of whose estimates satisfy `safer`; None: none."""
+    ends: dict[int, tuple[float, float]] = {}
+    for p in own:
+        if p.found.sets is None:
+            return None
+        program = LinearProgram(p.found.sets.core)
+        eye = np.eye(len(p.found.limits))
+        for a, row, (low, high) in zip(p.group.axes, eye, p.found.limits, strict=True):
+            least, most = -program.greatest(-row)[0], program.greatest(row)[0]
+            ends[a.state] = (max(low, least), min(high, most))
+    ranges = box_of(case.forms, case.problem, case.problem.returning, ends)
+    if ranges is None:
+        return None
+    targets = []
+    for p in own:
+        low, high = np.array([ranges[a.state] for a in p.group.axes]).T
+        box = Polytope(low, high, np.zeros((0, len(low))), np.zeros(0))
+        targets.append(Target.of(p.group, box))
+    return targets

@@ -1,0 +1,461 @@
+"""A polytope group as numbers: A, B, drift, the linear part of SC's law, errors and times.
+
+Purpose: `linear_group` reads a `LinearGroup` off the enclosures of a problem. Whatever is not
+linear, the influence of other groups and the error of the simulator's scheme count as drift, or as
+remainder of the law; a bad choice of matrices gives useless sets, never wrong ones.
+Non-goals: sets (`proofs.py`), C (`claims.py`).
+
+How. A form says that a value lies in c + sum g_i eps_i + [-r, r] for inputs x_i = m_i + r_i eps_i.
+With a_i = fl(g_i / r_i) it lies in sum a_i x_i + [low, high]; these two are computed in rationals
+and rounded outward. The law is clamped, hence linear only between two values of z = K y + k: K is
+taken from a small box near rest, and the law is then enclosed over all inputs with z between the
+two values, by letting z itself be an input in place of one of the others: what the law gives
+beyond z is the remainder.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.enclose.scheme_error import (
+    LINEAR,
+    STIFF_HINT,
+    SchemeSolution,
+    SimulatedFlow,
+    followed,
+)
+from soter.verify.grid.group_model import OUTSET
+from soter.verify.polytope.linear_group import LinearGroup
+from soter.verify.problem.estimates import errors_of
+from soter.verify.problem.verification_system import sc_reads
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
+    from soter.verify.problem.problem import Group, Problem
+
+    Floats = NDArray[np.float64]
+    Ranges = Sequence[tuple[float, float]]
+
+F = Fraction
+FORM = 4
+"""low, high, centre, remainder; then the coefficients."""
+NEAR = 2.0**-12
+"""How small the box near rest is, relative to the ranges, from which the gain is taken."""
+SMALL = 1e-6
+"""A share of U: where the law's remainder is larger, it counts as clamped."""
+HALVINGS = 40
+
+
+class NotLinearError(Exception):
+    """Why a group has no linear model; `hint`: what would help."""
+
+    def __init__(self, text: str, hint: str) -> None:
+        super().__init__(text)
+        self.hint = hint
+
+
+@dataclass(frozen=True, eq=False)
+class ExtractedGroup:
+    """The group, and whether one step of the simulator's scheme is a solution of it.
+
+    `law` with the controls that move the group: what a certificate says of SC.
+    """
+
+    group: LinearGroup
+    covers_scheme: bool
+    law: AffineLaw
+    commands: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class AffineLaw:
+    """u = gain xi + offset up to `remainder` where that lies in [low, high]; xi: all inputs."""
+
+    gain: Floats
+    offset: Floats
+    remainder: Floats
+    low: Floats
+    high: Floats
+
+
+def linear_group(
+    problem: Problem, forms: CompiledEnclosures, group: Group, limits: Ranges
+) -> ExtractedGroup:
+    """The group with C inside the box `limits` of its own states; NotLinearError where none is."""
+    _supported(problem, group)
+    own = [a.state for a in group.axes]
+    n, m = len(problem.states), len(problem.controls)
+    domain = forms.whole.copy()
+    margin = (domain[:n, 1] - domain[:n, 0]) * OUTSET
+    domain[:n, 0] -= margin
+    domain[:n, 1] += margin
+    rates = forms.affine("derivative", inputs(domain), n)
+    if rates is None:
+        raise NotLinearError("the plants may fault in the group's ranges", "smaller ranges")
+    commands = [a for a in range(m) if np.any(rates[own, FORM + n + a] != 0.0)]
+    if not commands:
+        raise NotLinearError("no command moves this group", "a `grid`")
+    moving = [*own, *(n + a for a in commands)]
+    parts = [split(rates[s], domain, moving) for s in own]
+    matrix = np.array([p[0] for p in parts])
+    drift = np.array([(p[1], p[2]) for p in parts])
+    by_scheme = _followed(problem, forms, domain, own)
+    if by_scheme.stiff:
+        raise NotLinearError(by_scheme.stiff, STIFF_HINT)
+    extra = by_scheme.error
+    if extra is not None:
+        drift[:, 0] = np.nextafter(drift[:, 0] - extra, -np.inf)
+        drift[:, 1] = np.nextafter(drift[:, 1] + extra, np.inf)
+    law = _law(problem, forms, domain, commands)
+    error = np.array([errors_of(problem).get(s, 0.0) for s in own])
+    offset, remainder = _seen(problem, law, domain, own, error)
+    k, times = len(own), problem.times
+    bounds = np.array([(problem.controls[a].low, problem.controls[a].high) for a in commands])
+    low, high = np.array(limits, dtype=np.float64).T
+    return ExtractedGroup(
+        LinearGroup(
+            state=matrix[:, :k],
+            control=matrix[:, k:],
+            drift_low=drift[:, 0],
+            drift_high=drift[:, 1],
+            control_low=bounds[:, 0],
+            control_high=bounds[:, 1],
+            error=error,
+            gain=law.gain[:, own],
+            offset=offset,
+            remainder=remainder,
+            law_low=law.low,
+            law_high=law.high,
+            low=low,
+            high=high,
+            rows=np.zeros((0, k)),
+            bounds=np.zeros(0),
+            delta_ns=times.delta_sc,
+            jitter_ns=times.jitter_sc,
+            delay_ns=times.delay_sc,
+        ),
+        extra is not None,
+        law,
+        tuple(commands),
+    )
+
+
+def _supported(problem: Problem, group: Group) -> None:
+    """What the library's claims presuppose."""
+    times = problem.times
+    if problem.kind != "flow":
+        raise NotLinearError("`polytope` groups are flows, and this plant is a map", "a `grid`")
+    if 2 * times.jitter_sc > times.delta_sc:
+        raise NotLinearError(
+            "SC acts later than half its period", "less lateness, or a longer period of SC"
+        )
+    if not all(np.isfinite(a.edges).all() for a in group.axes):
+        raise NotLinearError("an axis has no range", "`polytope a in [low, high];`")
+    if times.delay_sc > 0 and len(_sources(problem, group)) > 1:
+        raise NotLinearError(
+            "SC sees the states of this group in several topics, of different ages",
+            "one topic with all of them",
+        )
+
+
+def _sources(problem: Problem, group: Group) -> set[int]:
+    """Topics that plants drive and SC reads, which may show states of the group.
+
+    Those that show, leaf by leaf, only states of other groups are left out.
+    """
+    own = {a.state for a in group.axes}
+    sc = problem.system.components[problem.module.sc]
+    assert sc.node is not None
+    driven = {
+        c.scope.topics[topic]
+        for c in problem.system.components
+        if c.plant is not None
+        for topic, _ in c.plant.drives
+    }
+    shown: dict[int, list[int]] = {}
+    for s, (topic, _) in problem.topic_leaf_of_state.items():
+        shown.setdefault(topic, []).append(s)
+    topics = set()
+    for symbol in sc_reads(sc.node):
+        topic = sc.scope.topics[symbol]
+        states = shown.get(topic, [])
+        foreign = len(states) == len(problem.system.topics[topic].bounds) and not own & set(states)
+        if topic in driven and not foreign:
+            topics.add(topic)
+    return topics
+
+
+# ---------------------------------------------------------------- forms
+
+
+def inputs(box: Floats) -> Floats:
+    """A symbol for each input of a box (inputs, 2)."""
+    n = len(box)
+    affine_forms = np.zeros((n, FORM + n))
+    middle, radius = _centred(box)
+    affine_forms[:, 0], affine_forms[:, 1], affine_forms[:, 2] = box[:, 0], box[:, 1], middle
+    affine_forms[range(n), range(FORM, FORM + n)] = radius
+    return affine_forms
+
+
+def _centred(box: Floats) -> tuple[Floats, Floats]:
+    middle = box[:, 0] / 2 + box[:, 1] / 2
+    radius = np.nextafter(np.maximum(box[:, 1] - middle, middle - box[:, 0]), np.inf)
+    point = box[:, 0] == box[:, 1]
+    return np.where(point, box[:, 0], middle), np.where(point, 0.0, radius)
+
+
+def split(form: Floats, box: Floats, chosen: Sequence[int]) -> tuple[Floats, float, float]:
+    """(a, low, high): the value lies in sum a_i x_i + [low, high], i over the chosen inputs.
+
+    `form` (4 + inputs,), `box` (inputs, 2), a (chosen,).
+    """
+    middle, radius = _centred(box)
+    g = form[FORM : FORM + len(box)]
+    tiny = LINEAR * float(np.abs(g).sum())
+    a = np.array([g[i] / radius[i] if radius[i] > 0 and abs(g[i]) > tiny else 0.0 for i in chosen])
+    centre, spread = F(form[2]), F(form[3])
+    spread += sum(abs(F(g[i])) for i in range(len(box)) if i not in set(chosen))
+    for i, slope in zip(chosen, a, strict=True):
+        centre -= F(slope) * F(middle[i])
+        spread += abs(F(g[i]) - F(slope) * F(radius[i]))
+    return a, down(centre - spread), up(centre + spread)
+
+
+def down(x: Fraction) -> float:
+    """A double that is not above x."""
+    double = float(x)
+    return double if F(double) <= x else float(np.nextafter(double, -np.inf))
+
+
+def up(x: Fraction) -> float:
+    """A double that is not below x."""
+    return -down(-x)
+
+
+def _followed(
+    problem: Problem, forms: CompiledEnclosures, domain: Floats, own: Sequence[int]
+) -> SchemeSolution:
+    """What the simulator's scheme adds to the rates of the group's states."""
+    n = len(problem.states)
+
+    def rates(low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
+        given = inputs(np.stack([low, high], axis=1))
+        derivatives = forms.affine("derivative", given, n)
+        return None if derivatives is None else (derivatives, np.diag(given[:, FORM:]))
+
+    names = tuple(s.name for s in problem.quantities.states)
+    stepped = SimulatedFlow(rates, names, problem.schemes, len(problem.controls))
+    return followed(stepped, domain[:, 0], domain[:, 1], own)
+
+
+# ---------------------------------------------------------------- the law
+
+
+def _law(
+    problem: Problem, forms: CompiledEnclosures, domain: Floats, commands: Sequence[int]
+) -> AffineLaw:
+    """The linear part of SC's law, with the limits between which it is that."""
+    every = len(problem.controls)
+    chosen = list(range(len(domain)))
+    bounds = np.array([(problem.controls[a].low, problem.controls[a].high) for a in commands])
+    width = bounds[:, 1] - bounds[:, 0]
+    for point in rests(problem, domain):
+        near = _near(domain, point)
+        affine_law = forms.affine("law", inputs(near), every)
+        if affine_law is None:
+            continue
+        parts = [split(affine_law[a], near, chosen) for a in commands]
+        gain = np.array([p[0] for p in parts])
+        offset = np.array([p[1] / 2 + p[2] / 2 for p in parts])
+        spread = np.array([p[2] - p[1] for p in parts])
+        if not np.all(spread <= SMALL * width):
+            continue
+        rest = np.clip(gain @ point + offset, bounds[:, 0], bounds[:, 1])
+        law = _limited(forms, domain, gain, offset, rest, bounds, commands)
+        if law is not None:
+            return law
+    raise NotLinearError(
+        "SC's law is not linear near rest",
+        "a law that is linear there, at most clamped; or a `grid`",
+    )
+
+
+def rests(problem: Problem, domain: Floats) -> list[Floats]:
+    """Points near which SC may be linear: the start, zero, the middle of the ranges.
+
+    Each (inputs,); `domain`: (inputs, 2).
+    """
+    middle = domain[:, 0] / 2 + domain[:, 1] / 2
+    start = middle.copy()
+    start[: len(problem.initial)] = [i.low / 2 + i.high / 2 for i in problem.initial]
+    return [np.clip(p, domain[:, 0], domain[:, 1]) for p in (start, np.zeros_like(middle), middle)]
+
+
+def _near(domain: Floats, point: Floats) -> Floats:
+    reach = (domain[:, 1] - domain[:, 0]) * NEAR
+    low, high = np.maximum(domain[:, 0], point - reach), np.minimum(domain[:, 1], point + reach)
+    return np.stack([low, high], axis=1)
+
+
+def _limited(
+    forms: CompiledEnclosures,
+    domain: Floats,
+    gain: Floats,
+    offset: Floats,
+    rest: Floats,
+    bounds: Floats,
+    commands: Sequence[int],
+) -> AffineLaw | None:
+    """The widest limits, as a share of U around `rest`, for which the remainder is small."""
+    width = bounds[:, 1] - bounds[:, 0]
+
+    def tried(share: float) -> AffineLaw | None:
+        low = rest - share * (rest - bounds[:, 0])
+        high = rest + share * (bounds[:, 1] - rest)
+        if not np.all(low < high):
+            return None
+        rem = remainder_of(forms, domain, gain, offset, low, high, commands)
+        fine = rem is not None and np.all(rem <= SMALL * width)
+        return AffineLaw(gain, offset, rem, low, high) if fine and rem is not None else None
+
+    best = tried(1.0) or tried(1.0 - 2.0**-20)
+    if best is not None:
+        return best
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        share = low / 2 + high / 2
+        law = tried(share)
+        best, low, high = (law, share, high) if law is not None else (best, low, share)
+    return best
+
+
+def remainder_of(
+    forms: CompiledEnclosures,
+    domain: Floats,
+    gain: Floats,
+    offset: Floats,
+    low: Floats,
+    high: Floats,
+    commands: Sequence[int],
+) -> Floats | None:
+    """No |law - z| exceeds this while every z = gain xi + offset lies in [low, high]; (m,).
+
+    One input per independent row is replaced: xi_P = M (z - offset - gain_N xi_N), in rationals.
+    None where SC may fault there.
+    """
+    count = forms.library.inputs
+    given = inputs(domain)
+    middle, radius = _centred(domain)
+    z_mid, z_rad = _centred(np.stack([low, high], axis=1))
+    rows, pivots = _pivots(gain, radius)
+    inverse = _inverse([[F(gain[a, p]) for p in pivots] for a in rows])
+    free = [i for i in range(len(domain)) if i not in pivots]
+    for i, p in enumerate(pivots):
+        exact = [F(0)] * len(domain)
+        centre = F(0)
+        for weight, a in zip(inverse[i], rows, strict=True):
+            known = sum((F(gain[a, f]) * F(middle[f]) for f in free), F(0))
+            centre += weight * (F(z_mid[a]) - F(offset[a]) - known)
+            exact[pivots[rows.index(a)]] += weight * F(z_rad[a])
+            for f in free:
+                exact[f] -= weight * F(gain[a, f]) * F(radius[f])
+        rounded = [float(x) for x in exact]
+        loss = abs(centre - F(float(centre)))
+        loss += sum(abs(x - F(y)) for x, y in zip(exact, rounded, strict=True))
+        given[p, 2], given[p, 3], given[p, FORM:] = float(centre), up(loss), rounded
+    affine_law = forms.affine("law", given, max(commands) + 1)
+    if affine_law is None:
+        return None
+    result = []
+    for k, a in enumerate(commands):
+        g = [F(x) for x in affine_law[a, FORM : FORM + count]]
+        centre = F(affine_law[a, 2])
+        if k in rows:
+            g[pivots[rows.index(k)]] -= F(z_rad[k])
+            gap = abs(centre - F(z_mid[k]))
+        else:  # z follows from the others, or is constant: compare with it as it is
+            gap, g = _against(gain[k], offset[k], given, centre, g)
+        result.append(up(gap + sum((abs(x) for x in g), F(0)) + F(affine_law[a, 3])))
+    return np.array(result)
+
+
+def _against(
+    row: Floats, offset: float, given: Floats, centre: Fraction, g: list[Fraction]
+) -> tuple[Fraction, list[Fraction]]:
+    """The form (centre, g) less that of row xi + offset over the forms `given`."""
+    gap, rest = centre - F(offset), list(g)
+    slack = F(0)
+    for weight, form in zip(row, given, strict=True):
+        gap -= F(weight) * F(form[2])
+        slack += abs(F(weight)) * F(form[3])
+        for i, x in enumerate(form[FORM:]):
+            rest[i] -= F(weight) * F(x)
+    return abs(gap) + slack, rest
+
+
+def _pivots(gain: Floats, radius: Floats) -> tuple[list[int], list[int]]:
+    """Independent rows, and an input for each that the row can be solved for."""
+    work = [[F(x) for x in row] for row in gain]
+    rows: list[int] = []
+    pivots: list[int] = []
+    for a, row in enumerate(work):
+        weight = [0.0 if i in pivots else abs(float(x)) * radius[i] for i, x in enumerate(row)]
+        p = int(np.argmax(weight))
+        if weight[p] <= 0.0:
+            continue
+        for later in work[a + 1 :]:
+            factor = later[p] / row[p]
+            later[:] = [x - factor * y for x, y in zip(later, row, strict=True)]
+        rows.append(a)
+        pivots.append(p)
+    return rows, pivots
+
+
+def _inverse(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
+    """Of an invertible matrix of rationals (Gauss-Jordan)."""
+    n = len(matrix)
+    work = [[*row, *(F(int(i == j)) for j in range(n))] for i, row in enumerate(matrix)]
+    for i in range(n):
+        swap = next(k for k in range(i, n) if work[k][i] != 0)
+        work[i], work[swap] = work[swap], work[i]
+        head = work[i][i]
+        work[i] = [x / head for x in work[i]]
+        for k in range(n):
+            if k != i:
+                factor = work[k][i]
+                work[k] = [x - factor * y for x, y in zip(work[k], work[i], strict=True)]
+    return [row[n:] for row in work]
+
+
+def _seen(
+    problem: Problem, law: AffineLaw, domain: Floats, own: Sequence[int], error: Floats
+) -> tuple[Floats, Floats]:
+    """(offset, remainder) as a function of the group's own estimates, all else at its worst."""
+    middle, radius = _centred(domain)
+    first = len(problem.states) + len(problem.controls) + len(problem.disturbances)
+    errors = range(first, first + len(problem.errors))
+    offsets, remainders = [], []
+    for row, constant, rest in zip(law.gain, law.offset, law.remainder, strict=True):
+        exact, spread = F(constant), F(rest)
+        for i, weight in enumerate(row):
+            if i in own:
+                continue
+            exact += F(weight) * F(middle[i])
+            if i not in errors:
+                spread += abs(F(weight)) * F(radius[i])
+        wrong = sum((abs(F(row[i])) * F(radius[i]) for i in errors), F(0))
+        known = sum((abs(F(row[s])) * F(e) for s, e in zip(own, error, strict=True)), F(0))
+        spread += max(F(0), wrong - known)
+        offset = float(exact)
+        offsets.append(offset)
+        remainders.append(up(spread + abs(exact - F(offset))))
+    return np.array(offsets), np.array(remainders)

@@ -1,0 +1,255 @@
+"""Polytopes in half-space form, and upper bounds of linear functions on them.
+
+Purpose: `Polytope` = a box cut by half-spaces; `Bounds` gives, for rows c, numbers that c x does
+not exceed on it. A linear program only suggests multipliers: for every lambda >= 0 (Farkas)
+
+    c x  <=  lambda . f  +  max over the box of (c - lambda F) x,
+
+and the right side is what is computed, rounding outward. So a wrong suggestion gives a useless
+bound, never a wrong one, and multipliers can be kept and used again without any solver.
+Non-goals: which sets are wanted (`proofs.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.verify.polytope.ball_matrices import Array, Ball, centred, exact, up_product, up_sum
+
+SLACK = 1e-6
+"""By how much a half-space must cut to count as one, and thresholds are lowered for rounding."""
+CLOSE = 2.0**-40
+"""Relative distance from which on the rounding of a product decides nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope:
+    """{x : low <= x <= high, rows x <= bounds}; rows (N, n)."""
+
+    low: Array
+    high: Array
+    rows: Array
+    bounds: Array
+
+    @cached_property
+    def box(self) -> tuple[Array, Array]:
+        """Centre and radius of the box, (n,) each."""
+        return centred(self.low, self.high)
+
+    @cached_property
+    def faces(self) -> tuple[Array, Array]:
+        """All half-spaces, those of the box last: (N + 2n, n), (N + 2n,)."""
+        eye = np.eye(len(self.low))
+        rows = np.concatenate([self.rows, eye, -eye])
+        return rows, np.concatenate([self.bounds, self.high, -self.low])
+
+    def contains(self, points: Array) -> npt.NDArray[np.bool_]:
+        """For each point (k, n): whether it lies inside, as plain floats say (plots, tests)."""
+        inside = ((points >= self.low) & (points <= self.high)).all(axis=1)
+        return np.asarray(inside & (points @ self.rows.T <= self.bounds).all(axis=1))
+
+    def with_rows(self, rows: Array, bounds: Array) -> Polytope:
+        """Cut by further half-spaces rows x <= bounds, (k, n) and (k,)."""
+        return Polytope(
+            self.low,
+            self.high,
+            np.concatenate([self.rows, rows]),
+            np.concatenate([self.bounds, bounds]),
+        )
+
+    def meet(self, other: Polytope) -> Polytope:
+        """What both have in common."""
+        low, high = np.maximum(self.low, other.low), np.minimum(self.high, other.high)
+        return Polytope(low, high, self.rows, self.bounds).with_rows(other.rows, other.bounds)
+
+    def shrunk(self, error: Array) -> Polytope:
+        """{z : z + E inside}, E = the box of radius `error` (n,); rounds inward."""
+        loss = up_product(np.abs(self.rows), error) if len(self.rows) else np.zeros(0)
+        return Polytope(
+            np.nextafter(self.low + error, np.inf),
+            np.nextafter(self.high - error, -np.inf),
+            self.rows,
+            np.nextafter(self.bounds - loss, -np.inf),
+        )
+
+
+class Bounds:
+    """Upper bounds of rows on one polytope; multipliers from an LP, or from a record of one."""
+
+    def __init__(self, polytope: Polytope, multipliers: list[Array] | None = None) -> None:
+        """`multipliers`: what `record` of an earlier, equal use was; then nothing is solved."""
+        self.polytope = polytope
+        self.record: list[Array] = []
+        self._kept = iter(multipliers) if multipliers is not None else None
+        self._solver = None if multipliers is not None else LinearProgram(polytope)
+
+    @property
+    def empty(self) -> bool:
+        """Whether the LP found no point (a hint)."""
+        return self._solver is not None and self._solver.empty
+
+    def of(self, rows: Ball) -> Array:
+        """No row exceeds its number on the polytope; (N, n) -> (N,)."""
+        if not len(rows.mid):
+            return np.zeros(0)
+        p = self.polytope
+        if self._kept is not None:
+            weights = next(self._kept)
+        else:
+            assert self._solver is not None
+            weights = np.array([self._solver.weights(row) for row in rows.mid])
+        self.record.append(weights)
+        return bound(p, rows, weights)
+
+
+def bound(p: Polytope, rows: Ball, weights: Array) -> Array:
+    """The bound weights f + max over the box of (rows - weights F) x, rounded outward, (N,).
+
+    `rows` (N, n); ValueError where `weights` are not (N, half_spaces) or one is negative.
+    """
+    if weights.shape != (len(rows.mid), len(p.rows)) or not (weights >= 0).all():
+        raise ValueError("multipliers are one non-negative number per row and half-space")
+    w = exact(weights)
+    rest = rows - w @ exact(p.rows) if len(p.rows) else rows
+    centre, radius = p.box
+    flat = rest @ exact(centre[:, None])
+    if len(p.rows):
+        flat = flat + w @ exact(p.bounds[:, None])
+    return up_sum(flat.upper()[:, 0], up_product(rest.magnitude(), radius))
+
+
+class LinearProgram:
+    """max c x on a polytope, again and again, by HiGHS: hints only."""
+
+    def __init__(self, polytope: Polytope) -> None:
+        highspy = require_highs()
+        self._highs = highspy.Highs()
+        self._highs.setOptionValue("output_flag", False)
+        self._highs.setOptionValue("threads", 1)
+        self._highs.setOptionValue("presolve", "off")
+        for side in ("primal", "dual"):
+            self._highs.setOptionValue(f"{side}_feasibility_tolerance", 1e-10)
+        self.n = len(polytope.low)
+        self.rows = 0
+        self._optimal = highspy.HighsModelStatus.kOptimal
+        self._columns = np.arange(self.n, dtype=np.int32)
+        infinity = highspy.kHighsInf
+        self._infinity = infinity
+        self._highs.addVars(self.n, polytope.low, polytope.high)
+        for row, limit in zip(polytope.rows, polytope.bounds, strict=True):
+            self.add(row, limit)
+        self.empty = self.is_empty()
+
+    def add(self, row: Array, limit: float) -> None:
+        """Cut by a half-space, row x <= limit, `row` (n,)."""
+        self._highs.addRow(-self._infinity, float(limit), self.n, self._columns, row)
+        self.rows += 1
+
+    def is_empty(self) -> bool:
+        """Whether no point was found (a hint)."""
+        return not self._solve(np.zeros(self.n))
+
+    def limit(self, place: int, limit: float) -> None:
+        """Change the bound of half-space number `place`."""
+        self._highs.changeRowBounds(place, -self._infinity, float(limit))
+
+    def _solve(self, row: Array) -> bool:
+        """Maximise row x; from scratch where going on from the last vertex went astray."""
+        self._highs.changeColsCost(self.n, self._columns, -row)
+        for _ in range(2):
+            self._highs.run()
+            if self._highs.getModelStatus() == self._optimal:
+                return True
+            self._highs.clearSolver()
+        return False
+
+    def weights(self, row: Array) -> Array:
+        """Multipliers, (half_spaces,), at the greatest value of row x; zeros without one.
+
+        `row`: (n,).
+        """
+        if not self._solve(row):
+            return np.zeros(self.rows)
+        duals = np.asarray(self._highs.getSolution().row_dual, dtype=np.float64)[: self.rows]
+        return np.maximum(-duals, 0.0) + 0.0 if np.isfinite(duals).all() else np.zeros(self.rows)
+
+    def greatest(self, row: Array) -> tuple[float, Array]:
+        """The greatest value of row x, `row` (n,), and x; infinity where the solver found none."""
+        solved = self._solve(row)
+        x = np.asarray(self._highs.getSolution().col_value, dtype=np.float64)
+        return (float(row @ x) if solved else np.inf), x
+
+
+def require_highs() -> Any:  # noqa: ANN401 - an untyped module
+    """The LP solver; SoterError D007 where the extra is not installed."""
+    try:
+        import highspy  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "D007",
+                    "polytopes need the package `highspy`",
+                    helps=("install it: pip install 'soter[polytopes]'",),
+                ),
+            )
+        ) from None
+    return highspy
+
+
+def lean(polytope: Polytope) -> Polytope:
+    """The same set without half-spaces that the others imply (as the LP sees it).
+
+    Whoever claims something about the set proves it about what is left.
+    """
+    rows, bounds = polytope.rows, polytope.bounds
+    scale = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
+    order = np.lexsort((bounds / scale,))
+    kept: list[int] = []
+    program = LinearProgram(Polytope(polytope.low, polytope.high, rows[:0], bounds[:0]))
+    for i in order:
+        if program.greatest(rows[i])[0] > bounds[i]:
+            program.add(rows[i], bounds[i])
+            kept.append(int(i))
+    for place in range(len(kept) - 1, -1, -1):
+        program.limit(place, np.inf)
+        if program.greatest(rows[kept[place]])[0] > bounds[kept[place]]:
+            program.limit(place, bounds[kept[place]])
+        else:
+            kept[place] = -1
+    left = sorted(k for k in kept if k >= 0)
+    return Polytope(polytope.low, polytope.high, rows[left], bounds[left])
+
+
+def inner_point(p: Polytope) -> Array | None:
+    """A point (n,) that surely lies in a polytope: the middle of extreme ones; None without any."""
+    program = LinearProgram(p)
+    if program.empty:
+        return None
+    eye = np.eye(len(p.low))
+    rows = np.concatenate([eye, -eye, p.rows])
+    point = np.mean([program.greatest(row)[1] for row in rows], axis=0)
+    return point if surely_inside(p, point) else None
+
+
+def surely_inside(p: Polytope, x: Array) -> bool:
+    """Whether a point (n,) lies in a polytope; in rationals where floats could err."""
+    if not np.isfinite(x).all():
+        return False
+    rows, limits = p.faces
+    excess, size = rows @ x - limits, np.abs(rows) @ np.abs(x) + np.abs(limits)
+    close = np.abs(excess) <= CLOSE * size + 2.0**-1000
+    if (excess[~close] > 0).any():
+        return False
+    point = [Fraction(v) for v in x]
+    return all(
+        sum(Fraction(a) * v for a, v in zip(row, point, strict=True)) <= Fraction(limit)
+        for row, limit in zip(rows[close], limits[close], strict=True)
+    )

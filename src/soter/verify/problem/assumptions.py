@@ -1,0 +1,348 @@
+"""What a proof takes for granted, in words.
+
+Purpose: the assumptions of one problem; they are printed with every verdict.
+Non-goals: checking them (`monitor/model_membership.py`, `soter run`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.evaluate.abstraction_start import start_behind
+from soter.language.model.durations import show_ns
+from soter.language.model.tree_walk import calls_in, topic_reads
+from soter.language.model.types import FloatType, leaves
+from soter.language.prelude.bounds import BOUNDS
+from soter.verify.induction.handover import handovers
+from soter.verify.problem.problem import SCHEME, Jumps
+from soter.verify.time.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
+
+if TYPE_CHECKING:
+    from soter.language.model import typed
+    from soter.language.model.system import Component
+    from soter.verify.problem.inputs import Inputs
+    from soter.verify.problem.problem import Times
+    from soter.verify.problem.verification_system import VerificationSystem
+    from soter.verify.time.cause_effect_chains import CauseEffectChain, CauseEffectChains
+
+EXACT = ("clamp", "sign", "quat_conj")
+"""Prelude functions without an error of their own."""
+BEHIND = {
+    "in_step": "in the thread of the module, started when SC has published, however late that is; "
+    "what they make of a command belongs to the plants of the proof",
+    "counted": "pass a command on at their next step, which is counted; what they make of it "
+    "belongs to the plants of the proof",
+    "inner": "between commands and plants, with sensors of their own: they and their delays belong "
+    "to the plants of the proof",
+}
+NO_DROPOUT = (
+    "sensors never drop out: where one does the DM hands over to SC, which then reads what is "
+    "too old for its own proof (`dropout` covers a silence)"
+)
+
+
+def assumptions_of(
+    place: VerificationSystem,
+    inputs: Inputs,
+    times: Times,
+    chains: CauseEffectChains,
+    kind: str,
+    jumps: Jumps,
+) -> list[str]:
+    """Every assumption; SCHEME is taken out again where the scheme turns out to be covered."""
+    assumptions = [
+        *_environment(place, inputs, jumps),
+        *_ways(place, chains),
+        *_timing(place, times, chains, kind),
+    ]
+    if kind == "flow":
+        assumptions += _of_one_instant(place)
+        assumptions.append(SCHEME)
+    assumptions.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+    if inputs.parameters:
+        names = ", ".join(p.name for p in inputs.parameters)
+        assumptions.append(
+            f"{names} changes only while the estimate lies in S_0 of the new value, whichever "
+            "mode; DM and SC read the new value from that instant on"
+        )
+    assumptions += _arithmetic(place)
+    return assumptions
+
+
+def jumps_of(place: VerificationSystem) -> Jumps:
+    """Of all abstractions of a module."""
+    assumptions: list[str] = []
+    entered: dict[str, str] = {}
+    unkept: list[str] = []
+    for link in place.module.symbol.verify.abstracts:
+        given = {h.topic: h for h in handovers(place.flat, place.home, link)}
+        kept = [h for h in given.values() if not h.why]
+        rest = [t for t in topic_reads(link.value) if t not in {h.topic for h in kept}]
+        if rest:
+            read = ", ".join(t.name for t in rest)
+            assumptions.append(
+                f"where {read} change, on which the state of {link.name} rests, that state moves "
+                f"as {link.plant.name} does, or jumps while the estimate lies in S_0 of where it "
+                "jumps to, whichever mode; DM and SC read what shows it from that instant on"
+            )
+        for h in kept:
+            assert place.home.whole is not None
+            enters = place.home.whole.verify.enters
+            assert enters is not None
+            fact = (
+                f"wherever `{' '.join(enters.span.text.split())}` holds of what {h.node} reads and "
+                f"publishes in one step, the state of {link.name} lies in R(H) of where it jumps to"
+            )
+            alone = (
+                f"{h.node} changes what it rests on of {h.topic.name} in no other step, and shows "
+                "it to DM and SC in the same one"
+            )
+            assumptions.append(f"{fact} ({alone}: proved)")
+            entered[assumptions[-1]] = f"{fact}; {alone}: proved"
+        unkept += [
+            f"`enters` shows nothing of {h.topic.name}, on which {link.name} rests: {h.why}"
+            for h in ([] if kept else given.values())
+        ]
+    return Jumps((*assumptions, *unkept), entered, unkept[0] if unkept else "")
+
+
+def _judged(place: VerificationSystem) -> list[str]:
+    """Topics that `safe` reads and neither the DM nor SC: nobody follows who publishes them."""
+    followed = {*read_by_dm(place), *read_by_sc(place)}
+    assumptions = []
+    for symbol in topic_reads(place.module.symbol.safe):
+        index = place.module.scope.topics.get(symbol, -1)
+        if index in place.driven and index not in followed:
+            assumptions.append(
+                f"what `safe` says of {place.system.topics[index].name} is judged on what "
+                f"{place.driven[index].name} drives: what is published there is not looked at"
+            )
+    return assumptions
+
+
+def _start(place: VerificationSystem, link: typed.AbstractionLink) -> str:
+    """From where on: what flies starts where `inputs.py` has it, if that is known."""
+    if start_behind(place.flat, place.home, link) is None:
+        return f"the initial states of {link.name}"
+    return f"the start of {link.instance}"
+
+
+def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> list[str]:
+    assumptions = [
+        f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
+        f"within its bounds, from {_start(place, link)} on"
+        for link in place.module.symbol.verify.abstracts
+    ]
+    assumptions += jumps.told
+    if place.abstract:
+        assumptions += _judged(place)
+    names = ", ".join(c.name for c in place.plants)
+    if not place.abstract:
+        assumptions.append(f"the world behaves like {names} for some disturbance within its bounds")
+    of_others = {i.name(place.system) for i in place.influences}
+    drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
+    said = [(d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]") for d, r in drawn]
+    for others, what in (
+        (False, "disturbances stay within their bounds"),
+        (True, "what others publish and what moves these plants stays in its declared set"),
+    ):
+        bounds = ", ".join(text for of, text in said if of is others)
+        assumptions += [f"{what}: {bounds}"] if bounds else []
+    if inputs.errors:
+        pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
+        bounds = ", ".join(f"{e.name} within {r.high:g}" for e, r in pairs)
+        exact = _exact(place, inputs)
+        rest = f"; exact: {', '.join(exact)}" if exact else ""
+        assumptions.append(f"measurement errors stay within their bounds: {bounds}{rest}")
+    measured = {(e.owner, e.path) for e in inputs.errors}
+    if place.driven and not measured:
+        assumptions.append("estimates are exact: no measurement error is declared")
+    bounded = _published(place)
+    if bounded:
+        names = ", ".join(bounded)
+        assumptions.append(
+            f"what plants publish lies in the declared sets: {names} (else they stop)"
+        )
+    if inputs.others:
+        names = ", ".join(o.name for o in inputs.others)
+        assumptions.append(f"{names}: any value of the declared set, at any time")
+    return assumptions
+
+
+def _published(place: VerificationSystem) -> list[str]:
+    """Topics of which nothing shows that what plants publish lies in their sets.
+
+    Of a plant that flies in the place of one of the proof: all. Else C is no more than what it can
+    publish, but for lists, and arrays too long to be numbered.
+    """
+    if place.abstract:
+        names = {place.around + link.instance for link in place.module.symbol.verify.abstracts}
+        plants = [c for c in place.flat.components if c.name in names and c.plant is not None]
+        topics = [place.flat.topics[c.scope.topics[t]] for c in plants for t in driven_by(c)]
+        return list(dict.fromkeys(t.name for t in topics if t.set_declared))
+    topics = [place.system.topics[c.scope.topics[t]] for c in place.plants for t in driven_by(c)]
+    return [
+        t.name
+        for t in topics
+        if t.set_declared and any(p in ("[]", "[*]") for path, _ in leaves(t.type) for p in path)
+    ]
+
+
+def driven_by(c: Component) -> list[typed.TopicSymbol]:
+    """The topics that a plant drives."""
+    return [] if c.plant is None else [t for t, _ in c.plant.drives]
+
+
+def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[str]:
+    """What stands between plant and module is followed in time, not in value."""
+    assumptions: list[str] = []
+    if not place.abstract:
+        return assumptions
+    for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc]):
+        shown = place.shown_by(next(i for i in place.driven if _is(place, i, chain)))
+        through = ", ".join(_filter(n) for n in chain.nodes)
+        if chain.source:
+            first = chain.nodes[0].name
+            text = (
+                f"what {first} publishes, on which {chain.topic.name} rests, is its own, and the "
+                "defaults of its topics are what it would have published before its first step"
+            )
+        elif chain.sensor is None or chain.sensor.name != shown:
+            who = "the world" if chain.sensor is None else chain.sensor.name
+            text = f"{chain.topic.name} rests on {who}, too, whose age is followed"
+        elif not chain.nodes:
+            text = f"{chain.topic.name} shows the state of {shown} at the instant of publication"
+        else:
+            text = (
+                f"{chain.topic.name} shows, within the errors declared, the state of {shown} that "
+                f"{through} read (how old that is, is followed)"
+            )
+        assumptions.append(text)
+    topics: dict[str, list[str]] = {}
+    for topic, who in chains.beside:
+        topics.setdefault(who, []).append(topic)
+    assumptions += [
+        f"{who}, of which the proof knows nothing, is heard by nodes behind {', '.join(read)}: "
+        "whatever it says, and however old that is, these show the plants of the proof"
+        for who, read in topics.items()
+    ]
+    for kind, words in BEHIND.items():
+        nodes = list(dict.fromkeys(n for w in chains.ways for n in getattr(w, kind)))
+        if nodes:
+            assumptions.append(f"{', '.join(_filter(n) for n in nodes)}: {words}")
+    on_the_way = [*chains.nodes, *chains.behind, *(n for w in chains.ways for n in w.in_step)]
+    if on_the_way:
+        names = ", ".join(dict.fromkeys(n.name for n in on_the_way))
+        assumptions.append(f"no step of {names} faults (a node that does is silent from then on)")
+    return list(dict.fromkeys(assumptions))
+
+
+def _is(place: VerificationSystem, index: int, chain: CauseEffectChain) -> bool:
+    return place.system.topics[index] is chain.topic
+
+
+def _filter(node: Component) -> str:
+    assert node.node is not None
+    kept = ", ".join(v.name for v in node.node.locals)
+    return f"{node.name} (which keeps {kept})" if kept else node.name
+
+
+def _exact(place: VerificationSystem, inputs: Inputs) -> list[str]:
+    """Leaves of what the DM and SC read of plants for which no error is declared."""
+    measured = {(e.owner, e.path) for e in inputs.errors}
+    leaf_names = []
+    for index in dict.fromkeys([*read_by_dm(place), *read_by_sc(place)]):
+        topic = place.system.topics[index]
+        paths = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
+        leaf_names += [".".join((topic.name, *p)) for p in paths if (index, p) not in measured]
+    return leaf_names
+
+
+def _of_one_instant(place: VerificationSystem) -> list[str]:
+    """An estimate is the state at one instant plus an error, also when it comes in parts."""
+    assumptions = []
+    for who, topics in (("the DM", read_by_dm(place)), ("SC", read_by_sc(place))):
+        if len(topics) > 1:
+            names = ", ".join(place.system.topics[t].name for t in topics)
+            assumptions.append(
+                f"what {who} reads together shows the plants at one instant: {names}"
+            )
+    return assumptions
+
+
+def _timing(
+    place: VerificationSystem, times: Times, chains: CauseEffectChains, kind: str
+) -> list[str]:
+    verify = place.module.symbol.verify
+    assumptions = []
+    if not times.schedule.dropout and times.schedule.read_by_sc:
+        assumptions.append(NO_DROPOUT)
+    if kind == "map":
+        words = "plant, DM and SC run in the same instant, in this order, and commands act in it"
+        return [*assumptions, words]
+    if times.schedule.dropout:
+        assumptions.append(
+            f"a sensor is silent for at most {show_ns(times.schedule.dropout)} longer than its "
+            "period, and never at its first release"
+        )
+    if times.age_sc:
+        assumptions.append(
+            f"what SC reads is at most {show_ns(times.age_sc)} old (for SC no runtime enforces it)"
+        )
+    declared = [n for n in DELAYS if n in times.declared]
+    if declared:
+        shown = ", ".join(f"{n.replace('_', ' ')} {show_ns(getattr(times, n))}" for n in declared)
+        assumptions.append(f"times as declared: {shown}")
+    nodes = sorted({*verify.late_of, *verify.response_of})
+    if nodes:
+        assumptions.append(f"times as declared, too: of {', '.join(nodes)}")
+    absent = [WORDS[n] for n in DELAYS if n not in times.declared]
+    lasting = {n.name: n.takes_ns for n in (*chains.nodes, *chains.behind) if n.takes_ns}
+    assumptions += [
+        f"{n} takes {show_ns(high)} a step at most, as it says" for n, (_, high) in lasting.items()
+    ]
+    absent += [
+        f"{n} is on time" if n in lasting else f"{n} is on time and takes none"
+        for n in undeclared(place, chains)
+    ]
+    if absent:
+        assumptions.append(f"undeclared times are zero: {', '.join(absent)}")
+    assumptions += times.rests
+    assumptions.append("SC waits for the DM, in one thread, and no release is skipped")
+    assumptions.append("commands of AC and SC act in the order in which they were published")
+    return assumptions
+
+
+def _arithmetic(place: VerificationSystem) -> list[str]:
+    sc = place.sc.node
+    assumptions = []
+    symbol = place.module.symbol
+    roots: list[object] = [*(sc.step if sc is not None else ()), *symbol.predicates]
+    for c in place.plants:
+        assert c.plant is not None
+        roots += [e for _, e in c.plant.lets]
+        roots += [*c.plant.der.values(), *c.plant.next.values(), *(e for _, e in c.plant.drives)]
+    inexact = sorted(n for n in _prelude_calls(roots) & set(BOUNDS) if n not in EXACT)
+    if inexact:
+        assumptions.append(
+            f"error bounds of {', '.join(inexact)}: tested, not proved; the libm that encloses "
+            "them is within 8 units in the last place"
+        )
+    assumptions.append("the compiler and the hardware compute binary64 as IEEE 754 says")
+    return assumptions
+
+
+def _prelude_calls(roots: list[object]) -> set[str]:
+    """Names of the prelude functions that are called, directly or through others."""
+    names: set[str] = set()
+    seen: set[typed.FunSymbol] = set()
+    todo: list[object] = list(roots)
+    while todo:
+        for call in calls_in(todo.pop()):
+            if call.fun in seen:
+                continue
+            seen.add(call.fun)
+            if call.fun.prelude:
+                names.add(call.fun.name)
+            todo += call.fun.body or ()
+    return names

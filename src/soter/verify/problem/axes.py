@@ -1,0 +1,261 @@
+"""Groups and axes: which states are analysed together, over which boxes.
+
+Purpose: the `grid` and `polytope` lines of a module, or defaults where everything is bounded.
+Non-goals: finding out whether a partition is useful; a wrong one is only useless.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from soter.language.check.constants import Calculator
+from soter.language.model import typed
+from soter.language.model.types import RecordType, leaves
+from soter.verify.problem.problem import Axis, Group, Interval
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.language.model.system import Component
+    from soter.verify.problem.inputs import Inputs
+    from soter.verify.problem.verification_system import VerificationSystem
+
+AXES_MAX = 4
+CELLS_MAX = 200_000_000
+AXIS_CELLS_MAX = 60_000
+WIDEST = 1e6
+"""Of a cell up to an open end, in ranges of its axis."""
+DEFAULT_CELLS = {1: 2000, 2: 300, 3: 64, 4: 24}
+Path = tuple[str, ...]
+
+
+class Axes:
+    """Finds the state behind every axis."""
+
+    def __init__(self, place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
+        self.place = place
+        self.inputs = inputs
+        self.diagnostics = diagnostics
+        self.calculator = Calculator(diagnostics, place.module.scope.params)
+        self.names = {leaf.name: i for i, leaf in enumerate(inputs.states)}
+        self.topic_leaves = self._topic_leaves()
+        self.shown: dict[int, tuple[int, int]] = {}
+        """State -> the (topic, leaf) that is its declared axis."""
+
+    def groups(self) -> tuple[Group, ...]:
+        """Declared groups, and one of its own for every bounded state that is on no axis."""
+        declared_groups = [self._group(g) for g in self.place.module.symbol.verify.groups]
+        groups = [g for g in declared_groups if g.axes]
+        self._once(groups)
+        missing = set(range(len(self.inputs.states))) - {a.state for g in groups for a in g.axes}
+        if not self.diagnostics.has_errors and missing:
+            groups += self._default(sorted(missing), alone=bool(groups))
+        return tuple(groups)
+
+    # ------------------------------------------------------------ declared
+
+    def _once(self, groups: list[Group]) -> None:
+        """R009 where two axes, by whatever names, are the same state."""
+        seen: set[int] = set()
+        for group in groups:
+            for axis in group.axes:
+                if axis.state in seen:
+                    self.diagnostics.error(
+                        "R009",
+                        f"two axes are the same state, `{axis.name}`",
+                        group.span or self.place.module.symbol.span,
+                        notes=("every state is analysed once",),
+                        helps=("keep one of them",),
+                    )
+                seen.add(axis.state)
+
+    def _group(self, group: typed.TypedAxisGroup) -> Group:
+        axes = []
+        for item in group.axes:
+            state = self._state(item)
+            if state is not None:
+                axes.append(self._axis(item, state))
+        cells = math.prod(len(a.edges) - 1 for a in axes)
+        longest = max((len(a.edges) - 1 for a in axes), default=1)
+        large = len(axes) > AXES_MAX or cells > CELLS_MAX or longest > AXIS_CELLS_MAX
+        if group.kind == "grid" and large:
+            self.diagnostics.error(
+                "R010",
+                f"this grid has {len(axes)} axes and {cells} cells",
+                group.span,
+                notes=(
+                    f"one group has at most {AXES_MAX} axes and {CELLS_MAX} cells",
+                    f"and one axis at most {AXIS_CELLS_MAX}",
+                ),
+                helps=(
+                    "states that do not interact may stand in `grid` lines of their own",
+                    "or use fewer cells",
+                ),
+            )
+        return Group(tuple(axes), group.kind, group.span)
+
+    def _axis(self, item: typed.TypedGridAxis, state: int) -> Axis:
+        name = self.inputs.states[state].name
+        if item.low is None or item.high is None:
+            extent = self._extent(state)
+            if not all(math.isfinite(x) for x in extent):
+                self._unbounded([name], item.span, f"polytope {name} in [-1.0, 1.0];")
+            return Axis(state, name, extent)
+        low, high = (
+            float(self.calculator.value(e, "a bound") or 0.0) for e in (item.low, item.high)
+        )
+        cells = self.calculator.value(item.cells, "the number of cells") if item.cells else 1
+        edges = self._edges(low, high, int(cells or 1), item)
+        if item.open is None:
+            return Axis(state, name, edges)
+        end = float(self.calculator.value(item.open, "the end of an open axis") or 0.0)
+        if not end - low < WIDEST * (high - low):
+            self.diagnostics.error(
+                "R010",
+                f"the open end of `{name}` lies more than {WIDEST:g} times its range away",
+                item.open.span,
+                notes=("enclosures over such a cell say nothing",),
+                helps=("an end that no run passes, not far beyond what matters",),
+            )
+        return Axis(state, name, (*edges, end), open=True)
+
+    def _edges(
+        self, low: float, high: float, cells: int, item: typed.TypedGridAxis | None = None
+    ) -> tuple[float, ...]:
+        """Evenly spaced breakpoints."""
+        edges = [low + (high - low) * (i / cells) for i in range(cells)] + [high]
+        if any(a >= b for a, b in pairwise(edges)) and item is not None:
+            self.diagnostics.error(
+                "R010",
+                f"{cells} cells are too many for [{low!r}, {high!r}]",
+                item.span,
+                notes=("there are not as many floats between the bounds",),
+            )
+        return tuple(edges)
+
+    def _extent(self, state: int) -> tuple[float, float]:
+        """For a polytope's axis without a range: the set of its topic, or everything."""
+        for (topic, leaf), s in self.topic_leaves.items():
+            bound = self.place.system.topics[topic].bounds[leaf]
+            if s == state and bound is not None:
+                return bound.low, bound.high
+        return -math.inf, math.inf
+
+    def _state(self, item: typed.TypedGridAxis) -> int | None:
+        """The state that an axis names."""
+        shown = ".".join((item.topic.name if item.topic else item.instance, *item.path))
+        if item.topic is None:
+            state = self.names.get(self.place.prefix + shown)
+        else:
+            index = self._topic(item.topic)
+            paths = [p for p, _ in leaves(item.topic.type)]
+            at = None if index is None else (index, paths.index(item.path))
+            state = self.topic_leaves.get(at) if at is not None else None
+            if at is not None and state is not None:
+                self.shown[state] = at
+        if state is None:
+            known = ", ".join(f"`{n}`" for n in self.names)
+            self.diagnostics.error(
+                "R009",
+                f"the axis `{shown}` is no state of a verification plant",
+                item.span,
+                notes=(
+                    "an axis names a state, or a leaf of a topic that equals one",
+                    f"the states are {known}" if known else "there are no states",
+                    *self._otherwise(item),
+                ),
+                helps=("drive the state and scale it in controllers, or an axis over the state",),
+            )
+        return state
+
+    def _otherwise(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
+        """How the topic of an axis is driven, where that is by more than a state."""
+        for c in self.place.plants:
+            for topic, value in c.plant.drives if c.plant is not None else ():
+                if topic is item.topic:
+                    told = " ".join(value.span.text.split())
+                    return (f"plant `{c.name}` drives `{topic.name}` as `{told}`",)
+        return ()
+
+    def _topic(self, symbol: typed.TopicSymbol) -> int | None:
+        scopes = [
+            self.place.module.scope,
+            self.place.sc.scope,
+            *(c.scope for c in self.place.plants),
+        ]
+        return next((s.topics[symbol] for s in scopes if symbol in s.topics), None)
+
+    # ------------------------------------------------------------ defaults
+
+    def _default(self, missing: list[int], *, alone: bool) -> list[Group]:
+        """Groups over states that no line mentions."""
+        ranges = {s: self._natural(s) for s in missing}
+        unbounded = [s for s in missing if ranges[s] is None]
+        if unbounded:
+            names = [self.inputs.states[s].name for s in unbounded]
+            example = ", ".join(f"{n} in [-1.0, 1.0] / 100" for n in names[:AXES_MAX])
+            symbol = self.place.module.symbol
+            self._unbounded(names, symbol.verify.span or symbol.span, f"grid {example};")
+            return []
+        if not alone and len(missing) <= AXES_MAX:
+            return [Group(tuple(self._natural_axis(s, len(missing), ranges[s]) for s in missing))]
+        return [Group((self._natural_axis(s, 1, ranges[s]),)) for s in missing]
+
+    def _unbounded(self, names: list[str], span: Span, example: str) -> None:
+        self.diagnostics.error(
+            "R008",
+            f"nothing bounds the state{'s' if len(names) > 1 else ''} "
+            + ", ".join(f"`{n}`" for n in names),
+            span,
+            notes=("every state is analysed over a box; outside it counts as unsafe",),
+            helps=(f"write `verify {{ {example} }}` with your bounds",),
+        )
+
+    def _natural(self, state: int) -> Interval | None:
+        """What the program says about the values of a state."""
+        if state in self.inputs.still:
+            start = self.inputs.initial[state]
+            return start if start.low < start.high else None
+        low, high = self._extent(state)
+        return Interval(low, high) if math.isfinite(low) and math.isfinite(high) else None
+
+    def _natural_axis(self, state: int, axes: int, extent: Interval | None) -> Axis:
+        assert extent is not None
+        edges = self._edges(extent.low, extent.high, DEFAULT_CELLS[axes])
+        return Axis(state, self.inputs.states[state].name, edges)
+
+    # ------------------------------------------------------------ topics that are states
+
+    def _topic_leaves(self) -> dict[tuple[int, int], int]:
+        """(topic, leaf) -> the state that is driven there, unchanged."""
+        state_by_leaf = {}
+        for c in self.place.plants:
+            assert c.plant is not None
+            for topic, value in c.plant.drives:
+                for i, (path, _) in enumerate(leaves(topic.type)):
+                    at = self._driven(c, value, path)
+                    if at is not None and at in self.names:
+                        state_by_leaf[c.scope.topics[topic], i] = self.names[at]
+        return state_by_leaf
+
+    def _driven(self, c: Component, e: typed.TypedExpr, path: Path) -> str | None:
+        """The full name of the state leaf that `path` of an expression is; None otherwise."""
+        assert c.plant is not None
+        if isinstance(e, typed.VarRead):
+            lets = dict(c.plant.lets)
+            if e.variable in lets:
+                return self._driven(c, lets[e.variable], path)
+            return ".".join((c.name, e.variable.name, *path))
+        if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
+            name = e.target.type.fields[e.index][0]
+            return self._driven(c, e.target, (name, *path))
+        if isinstance(e, typed.Aggregate) and path:
+            t = e.type
+            if not isinstance(t, RecordType):
+                return self._driven(c, e.elements[int(path[0][1:-1])], path[1:])
+            at = t.index(path[0])
+            order = e.order or tuple(range(len(e.elements)))
+            return None if at is None else self._driven(c, e.elements[order.index(at)], path[1:])
+        return None

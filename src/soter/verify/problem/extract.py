@@ -1,0 +1,290 @@
+"""Read the verification problem of a module off its program.
+
+Purpose: a flat system and a module -> `Problem`; where the program does not determine one, a
+diagnostic that says what to write (codes R...).
+Non-goals: computing sets (`verify/grid/sets.py`), verdicts (`verify.py`).
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+from soter.core.steps import lower
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.language.check.constants import Calculator
+from soter.language.elaborate.views import refuse_views
+from soter.language.model.system import modules_above
+from soter.language.model.types import leaves
+from soter.language.syntax.schemes import SCHEMES
+from soter.verify.enclose.scheme_error import NS, ORDER
+from soter.verify.induction.problem import InductionProblem, extract_induction
+from soter.verify.problem.assumptions import assumptions_of, jumps_of
+from soter.verify.problem.axes import Axes
+from soter.verify.problem.failsafe_problem import behind, under_law
+from soter.verify.problem.inputs import Inputs, inputs_of
+from soter.verify.problem.other_modes import modes_as_topics
+from soter.verify.problem.problem import Interval, Problem
+from soter.verify.problem.supported import check_supported
+from soter.verify.problem.verification_system import VerificationSystem, place, whole
+from soter.verify.time.cause_effect_chains import side_inputs
+from soter.verify.time.problem_times import times_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.language.model.system import Module, System
+    from soter.verify.problem.problem import Group
+
+LEVELS_DEFAULT = 3
+CASES_MAX = 4096
+
+
+OF_NODES = "it is on sets of states; that belongs to one of nodes, by induction: `induction;`"
+OF_VIEWS = "it says when the state of a view may jump, and there is no view"
+
+
+def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
+    """The problem of `module` of the flat system; `SoterError` with R... where there is none.
+
+    With that of its fail-safe law, where one is declared.
+    """
+    problem = _extract(flat, module, synthesize=synthesize)
+    if module.law and not isinstance(problem, InductionProblem):
+        try:
+            problem.law_unread = behind(flat, module) or _beyond_the_law(problem)
+            if not problem.law_unread:
+                problem.law = _extract(*under_law(flat, module))
+        except SoterError as error:
+            problem.law_unread = error.diagnostics[0].message
+    return problem
+
+
+def _beyond_the_law(problem: Problem) -> str:
+    """Why nothing is claimed of a law here; "" where something may be.
+
+    What others of the same trusted part keep, nobody keeps once it has stopped. Of a map whose
+    lease ends at an instant it is not said whether a command that ends there moves it once more.
+    """
+    if problem.influences:
+        named = ", ".join(i.name(problem.system) for i in problem.influences)
+        return f"the plants are moved by {named}, which nobody keeps where all stops"
+    if problem.kind != "flow":
+        return "the plants move in steps (`next`): when a lease ends there is not settled"
+    return ""
+
+
+def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
+    diagnostics = Diagnostics()
+    refuse_views(module)
+    _stands_alone(flat, module, diagnostics)
+    _stop(diagnostics)
+    flat, module, modes = modes_as_topics(flat, module)
+    if module.symbol.verify.induction is not None:
+        return extract_induction(flat, module, modes)
+    _no_lemmas(module, diagnostics)
+    _stop(diagnostics)
+    at = place(flat, module)
+    kind = check_supported(at, diagnostics, synthesize=synthesize)
+    _stop(diagnostics)
+    inputs = inputs_of(at, diagnostics)
+    _stop(diagnostics)
+    groups = Axes(at, inputs, diagnostics)
+    axis_groups = groups.groups()
+    times, chains = times_of(at, kind, diagnostics)
+    _cases(at, inputs, diagnostics)
+    commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
+    _stop(diagnostics)
+    calculator = Calculator(diagnostics, at.module.scope.params)
+    symbol = at.module.symbol
+    levels = symbol.verify.levels
+    recover = symbol.verify.recover
+    jumps = jumps_of(at)
+    return Problem(
+        system=at.system,
+        core=lower(at.system),
+        module=at.module,
+        quantities=inputs.quantities(),
+        kind=kind,
+        plant_period_ns=at.plants[0].period_ns,
+        states=_extents(axis_groups, len(inputs.states)),
+        initial=tuple(inputs.initial),
+        controls=tuple(inputs.control_ranges),
+        disturbances=tuple(inputs.disturbance_ranges),
+        errors=tuple(inputs.error_ranges),
+        others=tuple(inputs.other_ranges),
+        parameters=tuple(inputs.parameters),
+        groups=axis_groups,
+        times=times,
+        levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
+        has_core_hint=symbol.verify.core is not None,
+        computed=symbol.ttf is None,
+        synthesize=synthesize,
+        topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()} | groups.shown,
+        state_of_leaf=groups.topic_leaves,
+        assumptions=[
+            *_forced(flat, module),
+            *assumptions_of(at, inputs, times, chains, kind, jumps),
+            *_open(axis_groups),
+            *modes.assumptions,
+        ],
+        name=f"{module.name} as {module.view}" if module.view else module.name,
+        beside=side_inputs(at),
+        view=module.view,
+        whole=whole(at) if module.view else None,
+        jumps=jumps,
+        modes=modes if modes.topics or modes.margins else None,
+        influences=at.influences,
+        commands=commands,
+        parameter_start=tuple(inputs.parameter_start),
+        schemes=_schemes(at, inputs) if kind == "flow" else (),
+        still=frozenset(inputs.still),
+        stays=symbol.verify.stays is not None,
+        recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
+    )
+
+
+def _forced(flat: System, module: Module) -> list[str]:
+    if module.forced is None:
+        return []
+    who = module.forced.upper()
+    return [f"the DM switches: in system {flat.name} it does not, {module.name} is forced to {who}"]
+
+
+def _open(groups: tuple[Group, ...]) -> list[str]:
+    ends = [f"{a.name} below {a.edges[-1]!r}" for g in groups for a in g.axes if a.open]
+    return [
+        f"no run gets beyond an open end, of which nothing is proved: {', '.join(ends)}"
+    ] * bool(ends)
+
+
+def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+    """R020 for a module above another one, and for one below."""
+    above = modules_above(flat, module.index)
+    if module.over is None and not above:
+        return
+    other = above[0] if above else flat.modules[module.over or 0]
+    side = "below" if above else "above"
+    diagnostics.error(
+        "R020",
+        f"module `{module.name}` stands {side} module `{other.name}`, and is not proved there",
+        module.symbol.span,
+        also=((other.symbol.span, f"`{other.symbol.name}`"),),
+        notes=(
+            f"its SC has control only while `{other.name}` is in AC"
+            if above
+            else "what may act after its DM said SC is a whole module, which no proof follows yet",
+        ),
+        helps=("verify it in a system of its own, with nodes as its controllers", "or test it"),
+    )
+
+
+def extract_sets(flat: System, module: Module) -> Problem:
+    """The same where it is a problem of sets; `SoterError` R031 where it is one of induction."""
+    problem = extract(flat, module)
+    require_sets(problem)
+    return problem
+
+
+def require_sets(problem: Problem) -> None:
+    """`SoterError` R031 for a module that is proved by induction."""
+    if isinstance(problem, InductionProblem):
+        diagnostics = Diagnostics()
+        verify = problem.module.symbol.verify
+        diagnostics.error(
+            "R031",
+            f"module `{problem.name}` is proved by induction: there are no sets of states",
+            verify.induction or problem.module.symbol.span,
+            notes=("monitors and advice rest on sets",),
+        )
+        raise SoterError(diagnostics.items)
+
+
+def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
+    verify = module.symbol.verify
+    alone = (verify.enters,) if verify.enters is not None and not module.view else ()
+    for word, said in (
+        ("lemma", verify.lemmas),
+        ("progress", verify.progress),
+        ("enters", alone),
+    ):
+        if not said:
+            continue
+        diagnostics.error(
+            "R031",
+            f"`{word}` says nothing to this proof",
+            said[0].span,
+            notes=(OF_VIEWS if word == "enters" else OF_NODES,),
+            helps=(f"leave `{word}` out",),
+        )
+
+
+def _stop(diagnostics: Diagnostics) -> None:
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
+def _extents(groups: tuple[Group, ...], count: int) -> tuple[Interval, ...]:
+    interval_by_state = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
+    return tuple(interval_by_state[s] for s in range(count))
+
+
+def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
+    """Every combination of parameter values; one empty combination where there are none."""
+    yield from product(*(p.values for p in problem.parameters))
+
+
+def _schemes(at: VerificationSystem, inputs: Inputs) -> tuple[tuple[float, int, int], ...]:
+    """Of each state step, order and plant: `Problem.schemes`.
+
+    The step is 0 where a release of SC does not fall on a step of the plant: a command that is
+    published between two steps acts on all of its step in the simulator. So it is where the plant's
+    scheme is none whose error is known (`enclose/scheme_error.py`).
+    """
+    schemes = []
+    for leaf in inputs.states:
+        c = at.system.components[leaf.owner]
+        assert c.plant is not None
+        scheme = SCHEMES[c.plant.method]
+        fits = at.sc.period_ns % c.period_ns == 0 == at.sc.phase_ns % c.period_ns
+        covered = fits and scheme.order == scheme.stages <= ORDER
+        schemes.append((c.period_ns / c.substeps * NS if covered else 0.0, scheme.order, c.index))
+    return tuple(schemes)
+
+
+def _cases(at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    count = 1
+    for parameter in inputs.parameters:
+        count *= len(parameter.values)
+    if count > CASES_MAX:
+        symbol = at.module.symbol
+        diagnostics.error(
+            "R014",
+            f"the parameters of the plants have {count} combinations",
+            symbol.span,
+            notes=(f"everything is proved for each of at most {CASES_MAX}",),
+            helps=("give them smaller ranges",),
+        )
+
+
+def _commands(
+    at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics, *, synthesize: bool
+) -> tuple[tuple[float, ...], ...]:
+    """The finite set of each control; the ends and the middle of its range where none is given."""
+    symbol = at.module.symbol
+    calculator = Calculator(diagnostics, at.module.scope.params)
+    declared: dict[tuple[int, tuple[str, ...]], tuple[float, ...]] = {}
+    for c in symbol.verify.commands:
+        values = {float(calculator.value(v, "a command") or 0.0) for v in c.values}
+        index = at.sc.scope.topics[c.topic]
+        for path, _ in leaves(c.topic.type):
+            if path[: len(c.path)] == c.path:
+                declared[index, path] = tuple(sorted(values))
+    if not synthesize and not declared:
+        return ()
+    commands = []
+    for leaf, r in zip(inputs.controls, inputs.control_ranges, strict=True):
+        middle = 0.0 if r.low < 0.0 < r.high else 0.5 * r.low + 0.5 * r.high
+        ends = tuple(sorted({r.low, middle, r.high}))
+        commands.append(declared.get((leaf.owner, leaf.path), ends))
+    return tuple(commands)

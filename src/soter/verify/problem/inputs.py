@@ -1,0 +1,264 @@
+"""The inputs of a verification problem: which leaves, over which ranges.
+
+Purpose: states, controls, disturbances, errors, others and parameters of a verification system
+(docs/verification.md, section 1), with a diagnostic where the program does not determine one.
+Non-goals: grids (`axes.py`), enclosures (`verify/enclose/unit.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.language.evaluate.abstraction_start import start_behind
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.verify.problem.problem import DiscreteParameter, Interval
+from soter.verify.problem.quantities import Leaf, Quantities
+from soter.verify.problem.verification_system import sc_reads
+from soter.verify.time.problem_times import read_by_dm
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.language.model import typed
+    from soter.language.model.system import Component
+    from soter.language.model.types import Type, Value
+    from soter.verify.problem.verification_system import VerificationSystem
+
+PARAMETER_VALUES_MAX = 4096
+
+
+@dataclass(eq=False)
+class Inputs:
+    """Leaves and ranges, in the order of `Quantities`."""
+
+    states: list[Leaf] = field(default_factory=list)
+    initial: list[Interval] = field(default_factory=list)
+    controls: list[Leaf] = field(default_factory=list)
+    control_ranges: list[Interval] = field(default_factory=list)
+    disturbances: list[Leaf] = field(default_factory=list)
+    disturbance_ranges: list[Interval] = field(default_factory=list)
+    errors: list[Leaf] = field(default_factory=list)
+    error_ranges: list[Interval] = field(default_factory=list)
+    others: list[Leaf] = field(default_factory=list)
+    other_ranges: list[Interval] = field(default_factory=list)
+    parameter_leaves: list[Leaf] = field(default_factory=list)
+    parameters: list[DiscreteParameter] = field(default_factory=list)
+    parameter_start: list[int] = field(default_factory=list)
+    still: set[int] = field(default_factory=set)
+    """States without dynamics: constants of a run, over their initial range."""
+
+    def quantities(self) -> Quantities:
+        """As the enclosures take them."""
+        return Quantities(
+            tuple(self.states),
+            tuple(self.controls),
+            tuple(self.disturbances),
+            tuple(self.errors),
+            tuple(self.others),
+            tuple(self.parameter_leaves),
+        )
+
+
+def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
+    """Every input; incomplete where there are diagnostics."""
+    inputs = Inputs()
+    for c in place.plants:
+        _states(c, _starts_at(place, c), inputs, diagnostics)
+    _outputs(place, inputs, diagnostics)
+    for c in place.plants:
+        _disturbances(c, inputs, diagnostics)
+    _errors(place, inputs)
+    _others(place, inputs, diagnostics)
+    return inputs
+
+
+# ---------------------------------------------------------------- plants
+
+
+def _starts_at(place: VerificationSystem, c: Component) -> tuple[Value, ...] | None:
+    """Where a plant of the proof starts by the map of what flies; None where that is not known."""
+    for link in place.module.symbol.verify.abstracts if place.abstract else ():
+        if link.name == c.name:
+            return start_behind(place.flat, place.home, link)
+    return None
+
+
+def _states(
+    c: Component, mapped: tuple[Value, ...] | None, inputs: Inputs, diagnostics: Diagnostics
+) -> None:
+    """`mapped`: where it starts in a run, which counts beside what it says itself."""
+    plant = c.plant
+    assert plant is not None
+    variables = zip(plant.states, c.initial, c.initial_range, mapped or c.initial, strict=True)
+    for variable, initial, drawn, start in variables:
+        moves = variable in plant.der or variable in plant.next
+        for (path, t), value, there in zip(
+            leaves(variable.type),
+            scalars(variable.type, initial),
+            scalars(variable.type, start),
+            strict=False,
+        ):
+            name = ".".join((c.name, variable.name, *path))
+            leaf = Leaf(c.index, variable.name, path, name)
+            if "[]" in path:
+                _not_float("state", name, variable.type, variable.span, diagnostics)
+            elif isinstance(t, FloatType):
+                inputs.states.append(leaf)
+                low, high = drawn or (value, value)
+                if mapped is not None:
+                    low, high = min(low, there), max(high, there)
+                inputs.initial.append(Interval(low, high))
+                if not moves:
+                    inputs.still.add(len(inputs.states) - 1)
+            elif moves:
+                diagnostics.error(
+                    "R014",
+                    f"the state `{name}` moves and is no `float`",
+                    variable.span,
+                    f"its type is `{t}`",
+                    notes=("sets are computed over floats; other states must not change",),
+                    helps=("make it a `float`, or leave it to a plant that is not verified",),
+                )
+            else:
+                _parameter(leaf, t, variable.span, inputs, diagnostics)
+                inputs.parameter_start.append(int(value))
+
+
+def _parameter(leaf: Leaf, t: Type, span: Span, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    """A discrete state without dynamics: proved for each value."""
+    values: tuple[int, ...] = ()
+    if isinstance(t, BoolType):
+        values = (0, 1)
+    elif isinstance(t, EnumType):
+        values = tuple(range(len(t.members)))
+    elif isinstance(t, IntType) and t.high - t.low < PARAMETER_VALUES_MAX:
+        values = tuple(range(t.low, t.high + 1))
+    if not values:
+        diagnostics.error(
+            "R014",
+            f"the parameter `{leaf.name}` has too many values",
+            span,
+            f"its type is `{t}`",
+            notes=(f"everything is proved for each of at most {PARAMETER_VALUES_MAX} values",),
+            helps=("give it a range: `int in [0, 9]`",),
+        )
+        return
+    inputs.parameter_leaves.append(leaf)
+    inputs.parameters.append(DiscreteParameter(leaf.name, values))
+
+
+def scalars(t: Type, value: Value) -> Iterator[Value]:
+    """The scalar leaves of a value, in the order of `leaves`."""
+    if isinstance(value, tuple):
+        fields = getattr(t, "fields", None)
+        parts = [f for _, f in fields] if fields is not None else [t.element] * len(value)  # type: ignore[attr-defined]
+        for part, inner in zip(parts, value, strict=True):
+            yield from scalars(part, inner)
+    else:
+        yield value
+
+
+def _disturbances(c: Component, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    for d in c.disturbances:
+        for path, t in leaves(d.variable.type):
+            name = ".".join((c.name, d.variable.name, *path))
+            if not isinstance(t, FloatType):
+                _not_float("disturbance", name, t, d.variable.span, diagnostics)
+                continue
+            inputs.disturbances.append(Leaf(c.index, d.variable.name, path, name))
+            inputs.disturbance_ranges.append(Interval(d.low, d.high))
+
+
+def _not_float(what: str, name: str, t: Type, span: Span, diagnostics: Diagnostics) -> None:
+    diagnostics.error(
+        "R014",
+        f"the {what} `{name}` is no `float`",
+        span,
+        f"its type is `{t}`",
+        notes=("sets are computed over floats",),
+    )
+
+
+# ---------------------------------------------------------------- topics
+
+
+def _topic_leaves(
+    place: VerificationSystem, index: int, what: str, diagnostics: Diagnostics
+) -> Iterator[tuple[Leaf, Interval | None]]:
+    topic = place.system.topics[index]
+    for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
+        name = ".".join((topic.name, *path))
+        if not isinstance(t, FloatType) or _crowded(path):
+            _not_float(what, name, topic.type, topic.symbol.span, diagnostics)
+            return
+        interval = Interval(bound.low, bound.high) if bound is not None else None
+        yield Leaf(index, "", path, name), interval
+
+
+def _crowded(path: tuple[str, ...]) -> bool:
+    """A leaf that stands for many: of a list, or of an array too long to be numbered."""
+    return any(part in ("[]", "[*]") for part in path)
+
+
+def _outputs(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    for index in place.module.outputs:
+        for leaf, interval in _topic_leaves(place, index, "output", diagnostics):
+            assert interval is not None  # V003
+            inputs.controls.append(leaf)
+            inputs.control_ranges.append(interval)
+
+
+def _errors(place: VerificationSystem, inputs: Inputs) -> None:
+    read = {*_read(place), *read_by_dm(place)}  # computed predicates read the axes' topics
+    for c in place.plants:
+        for m in c.measured:
+            topic = place.system.topics[m.topic]
+            path = list(leaves(topic.type))[m.leaf][0]
+            if m.topic in read and m.bound > 0.0:
+                inputs.errors.append(Leaf(m.topic, "", path, ".".join((topic.name, *path))))
+                inputs.error_ranges.append(Interval(-m.bound, m.bound))
+
+
+def _read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]:
+    """Topics that SC and the DM's predicates read, with a place where that is known."""
+    symbol, module = place.module.symbol, place.module
+    assert place.sc.node is not None
+    reads: dict[int, typed.TypedExpr | None] = {}
+    spans = topic_reads(*place.sc.node.step)
+    for topic in sc_reads(place.sc.node):
+        reads.setdefault(place.sc.scope.topics[topic], spans.get(topic))
+    predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
+    for topic, read in topic_reads(*predicates).items():
+        reads.setdefault(module.scope.topics[topic], read)
+    return reads
+
+
+def _others(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    """Topics that are read and that no verification plant drives."""
+    driven = place.driven
+    for index, read in _read(place).items():
+        if index in driven:
+            continue
+        topic = place.system.topics[index]
+        if not topic.set_declared:
+            diagnostics.error(
+                "R001",
+                f"no verification plant drives `{topic.name}`, and it has no value set",
+                read.span if read is not None else topic.symbol.span,
+                "read here" if read is not None else "",
+                also=((topic.symbol.span, "declared here"),) if read is not None else (),
+                notes=("what nothing bounds may be anything, and nothing can be proved of it",),
+                helps=(
+                    "put the plant that drives it beside the module, or name one: `abstracts`",
+                    "or give the topic a set: `in [-1.0, 1.0]` with your bounds",
+                ),
+            )
+            continue
+        for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
+            if isinstance(t, FloatType) and bound is not None:  # the rest ranges over its type
+                inputs.others.append(Leaf(index, "", path, ".".join((topic.name, *path))))
+                inputs.other_ranges.append(Interval(bound.low, bound.high))

@@ -1,0 +1,267 @@
+"""The verification problem of one module, as plain data.
+
+Purpose: what `extract.py` reads off a program and everything else in this room works on
+(docs/verification.md, section 1).
+Non-goals: computing anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.core.core import CoreSystem
+    from soter.diagnostics.span import Span
+    from soter.language.elaborate.plant_influences import Influence
+    from soter.language.model.system import Module, System
+    from soter.verify.problem.other_modes import Modes
+    from soter.verify.problem.quantities import Quantities
+    from soter.verify.time.schedule import Schedule
+
+
+NODES = "nodes"
+"""`Problem.kind` where the state is what nodes publish and keep: no plant, no sets."""
+SCHEME = (
+    "the plant is the one solution of its differential equation, whose right-hand side is "
+    "Lipschitz in the state; not the simulator's scheme"
+)
+"""The assumption of a proof that is about the differential equation alone."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A closed interval."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Times:
+    """Every time of a proof in ns, derived from `schedule`. `declared` names those that were."""
+
+    schedule: Schedule
+    horizon: int | None = None
+    """H as declared; None: what is needed."""
+    declared: frozenset[str] = frozenset()
+    rests: tuple[str, ...] = ()
+    """What these times rest on where execution times are declared, in words."""
+
+    @property
+    def delta_dm(self) -> int:
+        """Delta, the period of the DM."""
+        return self.schedule.dm.period
+
+    @property
+    def delta_sc(self) -> int:
+        """The period of SC."""
+        return self.schedule.sc.period
+
+    @property
+    def age_dm(self) -> int:
+        """A."""
+        return self.schedule.age_dm
+
+    @property
+    def age_sc(self) -> int:
+        """A_sc."""
+        return self.schedule.age_sc
+
+    @property
+    def late_dm(self) -> int:
+        """J_dm."""
+        return self.schedule.dm.late
+
+    @property
+    def late_sc(self) -> int:
+        """J_sc, without waiting for the DM."""
+        return self.schedule.sc.late
+
+    @property
+    def response_dm(self) -> int:
+        """R_dm."""
+        return self.schedule.dm.response
+
+    @property
+    def response_sc(self) -> int:
+        """R_sc."""
+        return self.schedule.sc.response
+
+    @property
+    def acts(self) -> int:
+        """L, nodes behind the module not included."""
+        return max(o.most for o in self.schedule.outputs)
+
+    @property
+    def phase_dm(self) -> int:
+        """Of the DM's first release."""
+        return self.schedule.dm.phase
+
+    @property
+    def phase_sc(self) -> int:
+        """Of SC's first release."""
+        return self.schedule.sc.phase
+
+    @property
+    def h_star(self) -> int:
+        """H*, or h_0 where that is longer and an "AC" verdict does not show that SC can read."""
+        return self.schedule.needed
+
+    @property
+    def horizon_ns(self) -> int:
+        """H."""
+        return self.h_star if self.horizon is None else self.horizon
+
+    @property
+    def delay_sc(self) -> int:
+        """d: how old the state is that a command answers."""
+        return self.schedule.delay
+
+    @property
+    def jitter_sc(self) -> int:
+        """j: the length of the window in which a command begins to act."""
+        return self.schedule.jitter
+
+    @property
+    def lease_ns(self) -> int:
+        """From a release of SC to the end of the lease that its step gives, at most."""
+        return self.schedule.lease
+
+    @property
+    def decision(self) -> int:
+        """Delta + A + J_dm: from a state to the DM's next look, at worst."""
+        return self.schedule.look
+
+    @property
+    def start(self) -> int:
+        """h_0: by then an output of SC has acted that answers a state."""
+        return self.schedule.start
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a group's grid."""
+
+    state: int
+    """Index among the states."""
+    name: str
+    edges: tuple[float, ...]
+    """Breakpoints, strictly increasing; n + 1 of them for n cells."""
+    open: bool = False
+    """Nothing is claimed of runs beyond the last breakpoint, and no run is taken to get there."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """States that are analysed together."""
+
+    axes: tuple[Axis, ...]
+    representation: str = "grid"
+    """"grid" or "polytope"."""
+    span: Span | None = None
+
+
+@dataclass(frozen=True)
+class DiscreteParameter:
+    """A discrete plant state without dynamics; proved for each of its values."""
+
+    name: str
+    values: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """What of an abstraction's state stands in topics, so that it may change at once.
+
+    `told`: the assumptions. `entered`: those of them that say that the state then lies in R(H) ->
+    what is said of each where that is shown. `unkept`: that nobody was shown to keep to `enters`,
+    also one of them; "": somebody was, or there is none.
+    """
+
+    told: tuple[str, ...] = ()
+    entered: Mapping[str, str] = field(default_factory=dict)
+    unkept: str = ""
+
+
+@dataclass(eq=False, kw_only=True)
+class Problem:
+    """One module with its verification plants.
+
+    `states`, `controls`, ... are the ranges of the inputs of `quantities`, in the same order.
+    """
+
+    system: System
+    """The verification system: the module and its verification plants, nothing else."""
+    core: CoreSystem
+    module: Module
+    quantities: Quantities
+    kind: str
+    """"flow", "map", or NODES."""
+    plant_period_ns: int
+    states: tuple[Interval, ...]
+    """The grid's extent for each state."""
+    initial: tuple[Interval, ...]
+    controls: tuple[Interval, ...]
+    disturbances: tuple[Interval, ...]
+    errors: tuple[Interval, ...]
+    others: tuple[Interval, ...]
+    parameters: tuple[DiscreteParameter, ...]
+    groups: tuple[Group, ...]
+    """In chain order: a group depends on itself and earlier ones."""
+    times: Times
+    levels: int = 3
+    has_core_hint: bool = False
+    computed: bool = False
+    """The module has neither `ttf` nor `safer`: they are to be computed."""
+    synthesize: bool = False
+    """SC is to be found (`soter verify --synthesize`)."""
+    topic_leaf_of_state: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """State -> (topic, leaf) that equals it, where there is one."""
+    state_of_leaf: Mapping[tuple[int, int], int] = field(default_factory=dict)
+    """(topic, leaf) -> the state that it equals, for every leaf that does."""
+    assumptions: list[str] = field(default_factory=list)
+    name: str = ""
+    """Full name of the module in its own system, for people; with the name of the view."""
+    view: str = ""
+    """Name of the view, if it is one."""
+    beside: Mapping[str, str] = field(default_factory=dict)
+    """Topics of SC that no plant drives -> the node that publishes them in every step."""
+    whole: System | None = None
+    """Of a view: the verification system with all of the module's predicates."""
+    jumps: Jumps = field(default_factory=Jumps)
+    modes: Modes | None = None
+    """Whose modes the module reads; None: nobody else's."""
+    influences: tuple[Influence, ...] = ()
+    """What others publish and what moves the plants: the last disturbances of each plant."""
+    commands: tuple[tuple[float, ...], ...] = ()
+    """For synthesis: the finite set of each control, in their order."""
+    parameter_start: tuple[int, ...] = ()
+    """Declared first value of each parameter."""
+    still: frozenset[int] = frozenset()
+    """States without dynamics: constants of a run."""
+    schemes: tuple[tuple[float, int, int], ...] = ()
+    """Of each state the step of its plant's scheme in s, the order of that, and the number of the
+    plant (`enclose/scheme_error.py`). A step of 0: the scheme is not covered, which is an
+    assumption."""
+    recover_ns: int | None = None
+    """T of P2b where it is declared: `recover within d;`."""
+    stays: bool = False
+    """`recover never;`: P2b is not asked, SC may keep control for ever."""
+    law: Problem | None = None
+    """The same module with its fail-safe law in the place of SC; None: none is declared."""
+    law_unread: str = ""
+    """Why a declared law determines no such problem."""
+
+    @property
+    def returning(self) -> str:
+        """The predicate under which P2b gives control back: `safer` with all other modes in AC."""
+        return "back" if self.modes is not None and self.modes.waits else "safer"
+
+    def in_horizon(self, ns: int) -> int:
+        """A time as proofs take it: a map's is a whole number of its periods."""
+        if self.kind == "map":
+            return -(-ns // self.plant_period_ns) * self.plant_period_ns
+        return ns

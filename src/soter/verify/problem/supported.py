@@ -1,0 +1,252 @@
+"""What a proof cannot follow, said before anything is computed.
+
+Purpose: diagnostics for controllers, plants and predicates outside of what `reach/` handles.
+Non-goals: numbers.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed
+from soter.language.model.tree_walk import calls_in, nodes, plant_code, topic_reads
+from soter.language.model.types import BoolType, EnumType, IntType, leaves
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.language.model.system import Component
+    from soter.language.model.types import Type
+    from soter.verify.problem.verification_system import VerificationSystem
+
+UNKNOWN_FACTS = {
+    typed.TimeRead: "`time`",
+    typed.AgeRead: "`age(...)`",
+    typed.ModeRead: "`mode(...)`",
+    typed.MarginRead: "`margin(...)`",
+    typed.InControl: "`in_control`",
+}
+OF_MODES = (
+    "modes of other modules may stand in SC, `ttf` and `safer`; another mode may change at any "
+    "instant, so `safe` has to hold in all of them"
+)
+LOCAL_VALUES_MAX = 2**31
+
+
+def check_supported(
+    place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool
+) -> str:
+    """Report what cannot be followed; gives "flow" or "map"."""
+    _controller(place, diagnostics, synthesize=synthesize)
+    kinds: dict[str, Component] = {}
+    for c in place.plants:
+        _plant(c, place, diagnostics, kinds)
+    _choosing(place, diagnostics)
+    if not place.plants:
+        diagnostics.error(
+            "R002",
+            f"module `{place.module.symbol.name}` has no plant to be verified with",
+            place.module.symbol.span,
+            notes=("what a module does to the world is proved about a model of the world",),
+            helps=(
+                "put a plant that drives the module's topics into its system",
+                "or name one: `verify { abstracts d by model: Model = d.truth; }`",
+            ),
+        )
+    if place.plants and not kinds and not diagnostics.has_errors:
+        diagnostics.error(
+            "R002",
+            f"no plant that module `{place.module.symbol.name}` is verified with moves",
+            place.plants[0].span,
+            "no state of it has `der` or `next`",
+            notes=("what a module does to the world is proved about a model of the world",),
+            helps=("say how its states move: `der x = ...;`",),
+        )
+    if len(kinds) > 1:
+        diagnostics.error(
+            "R005",
+            "verification plants with `der` and with `next` cannot be mixed",
+            kinds["map"].span,
+            "has `next`",
+            also=((kinds["flow"].span, "has `der`"),),
+            notes=("a flow is proved at every instant, a map at the multiples of its period",),
+            helps=("write both the same way",),
+        )
+    _predicates(place, diagnostics)
+    return "map" if "map" in kinds else "flow"
+
+
+# ---------------------------------------------------------------- the safe controller
+
+
+def _controller(place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool) -> None:
+    node = place.flat.components[place.home.sc].node
+    assert node is not None
+    symbol = place.module.symbol
+    if node.name == typed.SYNTHESIZED:
+        if not synthesize:
+            diagnostics.error(
+                "R004",
+                f"module `{symbol.name}` has no safe controller yet",
+                node.span,
+                helps=("find one: `soter verify --synthesize`",),
+            )
+        return
+    if node.extern:
+        diagnostics.error(
+            "R003",
+            f"the safe controller `{node.name}` is extern",
+            symbol.sc_span or symbol.span,
+            also=((node.span, "declared here"),),
+            notes=("a proof reads the controller's own source",),
+            helps=("write it in Soter", "or leave it out: `sc synthesized period 10ms;`"),
+        )
+        return
+    _facts(node.step, f"the safe controller `{node.name}`", diagnostics)
+    for variable in node.locals:
+        unbounded = [t for _, t in leaves(variable.type) if not _bounded(t)]
+        if unbounded:
+            diagnostics.error(
+                "R004",
+                f"the safe controller `{node.name}` keeps `{variable.name}`, which has no bounds",
+                variable.span,
+                f"a `{unbounded[0]}`",
+                notes=("what it keeps may have any value when it takes over",),
+                helps=("give it a type with few values: `int in [0, 9]`, `bool`, an `enum`",),
+            )
+
+
+def _bounded(t: Type) -> bool:
+    if isinstance(t, IntType):
+        return t.high - t.low < LOCAL_VALUES_MAX
+    return isinstance(t, (BoolType, EnumType))
+
+
+# ---------------------------------------------------------------- plants
+
+
+def _choosing(place: VerificationSystem, diagnostics: Diagnostics) -> None:
+    """R007 for plants that choose, those that fly and those that stand for them."""
+    seen: set[typed.PlantSymbol] = set()
+    for c in (*place.plants, *place.flat.components):
+        if c.plant is None or c.plant in seen:
+            continue
+        seen.add(c.plant)
+        choice = next(
+            (n for n in nodes(plant_code(c.plant)) if isinstance(n, typed.TypedChoose)), None
+        )
+        if choice is not None:
+            diagnostics.error(
+                "R007",
+                f"plant `{c.name}` chooses, which a proof does not follow",
+                choice.span,
+                notes=("a proof is about all that disturbances may be, not about alternatives",),
+                helps=("make it a `disturbance` with its bounds", "or test it: `soter test`"),
+            )
+
+
+def _plant(
+    c: Component, place: VerificationSystem, diagnostics: Diagnostics, kinds: dict[str, Component]
+) -> None:
+    plant = c.plant
+    assert plant is not None
+    if plant.extern:
+        diagnostics.error(
+            "R006",
+            f"plant `{c.name}` is extern",
+            plant.span,
+            notes=("nothing is known about its dynamics",),
+            helps=(
+                "write a model that it conforms to",
+                "and name it: `verify { abstracts d by model: Model = ...; }`",
+            ),
+        )
+        return
+    if plant.der:
+        kinds.setdefault("flow", c)
+    if plant.next:
+        kinds.setdefault("map", c)
+    lets = [e for _, e in plant.lets]
+    equations = [*lets, *plant.der.values(), *plant.next.values()]
+    _facts(equations, f"plant `{c.name}`", diagnostics)
+    for symbol, read in topic_reads(*equations).items():
+        index = c.scope.topics[symbol]
+        if index not in place.module.outputs:
+            diagnostics.error(
+                "R007",
+                f"the dynamics of `{c.name}` read `{symbol.name}`, no output of the module",
+                read.span,
+                also=((place.module.symbol.span, "the module"),),
+                notes=(
+                    "what others publish may move a plant of a proof as floats of declared sets",
+                ),
+                helps=(
+                    f"declare its set: `topic {symbol.name}: ... in [low, high];`",
+                    "or make it a `disturbance` with its bounds, or a state of the plant",
+                ),
+            )
+
+
+# ---------------------------------------------------------------- predicates
+
+
+def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
+    symbol = place.module.symbol
+    for what, e in (("safe", symbol.safe), ("core", symbol.verify.core)):
+        if e is None:
+            continue
+        _facts([e], f"`{what}`", diagnostics)
+        for topic, read in topic_reads(e).items():
+            if place.module.scope.topics[topic] not in place.driven:
+                diagnostics.error(
+                    "R001",
+                    f"`{what}` reads `{topic.name}`, which no verification plant drives",
+                    read.span,
+                    also=((topic.span, "declared here"),),
+                    notes=("it is proved on the plant's true state",),
+                    helps=("put the plant that drives it beside the module, or use `abstracts`",),
+                )
+    for what, e in (("ttf", symbol.ttf), ("safer", symbol.safer)):
+        if e is not None:
+            _facts([e], f"`{what}`", diagnostics)
+
+
+def _facts(roots: object, where: str, diagnostics: Diagnostics) -> None:
+    """R007 for clocks, ages, modes and externs."""
+    assert isinstance(roots, (list, tuple))
+    for node in nodes(roots):
+        word = UNKNOWN_FACTS.get(type(node))
+        if word is not None and isinstance(node, typed.TypedExpr):
+            notes: tuple[str, ...] = (
+                "sets are over the plant's state; what else decides is unknown there",
+            )
+            if isinstance(node, typed.ModeRead):
+                notes = (OF_MODES,)
+            diagnostics.error(
+                "R007",
+                f"{where} reads {word}, which a proof cannot follow",
+                node.span,
+                notes=notes,
+            )
+    _externs(roots, where, roots, set(), diagnostics)
+
+
+def _externs(
+    top: object, where: str, roots: object, seen: set[object], diagnostics: Diagnostics
+) -> None:
+    assert isinstance(roots, (list, tuple))
+    for call in calls_in(*roots):
+        if call.fun in seen:
+            continue
+        seen.add(call.fun)
+        if call.fun.body is None:
+            span: Span = call.span
+            diagnostics.error(
+                "R003",
+                f"{where} calls the extern function `{call.fun.name}`",
+                span,
+                notes=("a proof reads the source of everything it is about",),
+                helps=("write the function in Soter",),
+            )
+        else:
+            _externs(top, where, call.fun.body, seen, diagnostics)

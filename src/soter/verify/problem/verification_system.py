@@ -1,0 +1,157 @@
+"""Where a module is proved: its verification system (docs/verification.md, section 1).
+
+Purpose: from a flat system and one of its modules to a system of that module and its
+verification plants, and nothing else.
+Non-goals: quantities and ranges (`extract.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate import derived_systems
+from soter.language.model import typed
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import DURATION
+
+if TYPE_CHECKING:
+    from soter.language.elaborate.plant_influences import Influence
+    from soter.language.model.system import Component, Module, System
+
+
+@dataclass(frozen=True, eq=False)
+class VerificationSystem:
+    """A verification system; its only module is `module`, `plants` are its plants."""
+
+    system: System
+    module: Module
+    plants: tuple[Component, ...]
+    abstract: bool
+    """Whether the plants are abstractions of the ones that fly."""
+    prefix: str
+    """What stands before the names of instances beside the module: `d.`, or nothing."""
+    flat: System
+    """The flying system, which holds the module as `home`."""
+    home: Module
+    influences: tuple[Influence, ...] = ()
+    """What others publish and what moves the plants: any values of its declared sets."""
+
+    @property
+    def sc(self) -> Component:
+        """The safe controller."""
+        return self.system.components[self.module.sc]
+
+    @property
+    def driven(self) -> dict[int, Component]:
+        """Topic index -> the verification plant that drives it."""
+        driver_by_topic = {}
+        for c in self.plants:
+            assert c.plant is not None
+            for topic, _ in c.plant.drives:
+                driver_by_topic[c.scope.topics[topic]] = c
+        return driver_by_topic
+
+    def flying(self, topic: typed.TopicSymbol) -> int:
+        """A topic that the module reads, as an index of the flying system; -1: not there."""
+        home = self.home
+        for scope in (home.scope, *(self.flat.components[i].scope for i in (home.sc, home.ac))):
+            if topic in scope.topics:
+                return scope.topics[topic]
+        return -1
+
+    def declared(self, c: Component, what: str) -> typed.TypedExpr | None:
+        """The time of a node of the flying system that `late` or `response` says, by its name.
+
+        The module calls nodes as the system that holds it does: without that system's own name. A
+        node that says how long its steps take has that as its response.
+        """
+        if what == "response" and c.takes_ns is not None:
+            return typed.Literal(DURATION, c.span, c.takes_ns[1])
+        times: dict[str, typed.TypedExpr] = getattr(self.module.symbol.verify, f"{what}_of")
+        return times.get(c.name.removeprefix(self.around))
+
+    def shown_by(self, index: int) -> str:
+        """The plant of the flying system that a driven topic is to show, by name."""
+        plant = self.driven[index]
+        if not self.abstract:
+            return plant.name
+        links = self.module.symbol.verify.abstracts
+        return self.around + next(n.instance for n in links if n.name == plant.name)
+
+    @property
+    def around(self) -> str:
+        """The name of the sub-system that holds the module, with a dot, or nothing."""
+        outer = self.home.name.rpartition(".")[0]
+        return outer + "." if outer else ""
+
+
+def place(flat: System, module: Module) -> VerificationSystem:
+    """The verification system of a module of `flat`; `SoterError` where there is none."""
+    abstract = bool(module.symbol.verify.abstracts)
+    apart = _abstract(flat, module) if abstract else _reduced(flat, module)
+    system, influences = derived_systems.moved_by_others(apart, apart.modules[0])
+    plants = tuple(c for c in system.components if c.role == "plant")
+    prefix = "" if abstract else module.name.rpartition(".")[0]
+    prefix = prefix + "." if prefix else ""
+    return VerificationSystem(
+        system=system,
+        module=system.modules[0],
+        plants=plants,
+        abstract=abstract,
+        prefix=prefix,
+        flat=flat,
+        home=module,
+        influences=influences,
+    )
+
+
+def sc_reads(node: typed.NodeSymbol) -> list[typed.TopicSymbol]:
+    """The topics that the step of a controller reads; all it subscribes to where it is unknown."""
+    if node.extern:
+        return [s.topic for s in node.subscribes]
+    return list(topic_reads(*node.step))
+
+
+def read_by_module(module: typed.ModuleSymbol, sc: typed.NodeSymbol) -> list[typed.TopicSymbol]:
+    """Every topic that SC, a predicate or an axis of the module reads."""
+    axes = [a.topic for g in module.verify.groups for a in g.axes if a.topic is not None]
+    reads = [*sc_reads(sc), *topic_reads(*module.predicates), *axes]
+    return list(dict.fromkeys(reads))
+
+
+def whole(at: VerificationSystem) -> System:
+    """The same of a view, with the module that flies: all of its predicates."""
+    assert at.home.whole is not None
+    return _abstract(
+        at.flat, replace(at.home, symbol=replace(at.home.whole, verify=at.home.symbol.verify))
+    )
+
+
+def _abstract(flat: System, module: Module) -> System:
+    """The module beside the plants that `abstracts` names."""
+    links = module.symbol.verify.abstracts
+    plants = [typed.InstanceSymbol(n.name, n.plant, {}, {}, n.span) for n in links]
+    return derived_systems.beside(flat, module, plants)
+
+
+def _reduced(flat: System, module: Module) -> System:
+    """The module's own system without what the proof does not look at."""
+    scope = {
+        **flat.components[module.sc].scope.topics,
+        **flat.components[module.ac].scope.topics,
+        **module.scope.topics,
+    }
+    sc = flat.components[module.sc].node
+    assert sc is not None
+    wanted = {scope[t] for t in read_by_module(module.symbol, sc) if t in scope}
+    home = module.name.rpartition(".")[0]
+    named = {a.instance for g in module.symbol.verify.groups for a in g.axes if a.instance}
+    named = {f"{home}.{n}" if home else n for n in named}
+    plants = [
+        c
+        for c in flat.components
+        if c.plant is not None
+        and (any(c.scope.topics[t] in wanted for t, _ in c.plant.drives) or c.name in named)
+    ]
+    return derived_systems.module_alone(flat, module, plants)

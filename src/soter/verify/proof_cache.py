@@ -1,0 +1,108 @@
+"""What was proved on this machine, known again by whoever runs exactly the same.
+
+Purpose: `store_verdicts` keeps verdicts in the cache; `stored_verdicts` finds them for a flat
+system. The key is all that a proof rests on: every byte of the program and its data, the system,
+the values of all parameters, the module, and every byte of Soter itself.
+Non-goals: proofs of others (`soter.recheck`); the verdicts of a program that was changed.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.model.proof_verdicts import Proof
+from soter.native.cache import cache_dir, digest, find_cached, store
+from soter.native.own_files import soter_sha256
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from soter.language.model.system import System
+    from soter.verify.claims.results import ModuleResult
+
+FILE = "proof.json"
+WORST = ("proved", "assumed", "undecided", "refuted")
+
+
+def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> None:
+    """Keep the verdicts of `of`, each of a module of a flat system; a cache that refuses is left.
+
+    A module that is proved in views has one result for each of them: the worst verdict counts.
+    """
+    together: dict[tuple[str, str], list[ModuleResult]] = {}
+    flying: dict[str, System] = {}
+    for system, result in zip(systems, of, strict=True):
+        module = result.name.removesuffix(f" as {result.problem.view}")
+        flying.setdefault(system.name, system)
+        together.setdefault((system.name, module), []).append(result)
+    for (system_name, module), results in together.items():
+        system = flying[system_name]
+        names = dict.fromkeys(n for r in results for n in r.findings)
+        verdicts = {
+            n: max((r.findings[n].verdict for r in results if n in r.findings), key=WORST.index)
+            for n in names
+        }
+        assumptions = list(dict.fromkeys(a for r in results for a in r.problem.assumptions))
+        text = json.dumps({"verdicts": verdicts, "assumptions": assumptions}, sort_keys=True)
+        name, content = _name(system, module), _content(system, module)
+
+        def make(at: Path, text: str = text) -> None:
+            (at / FILE).write_text(text, encoding="utf-8")
+
+        try:
+            store(f"{name}-{digest((text,))[:8]}", content, (FILE,), make)
+        except SoterError:
+            return  # nothing is known later: that is no lie
+
+
+def stored_verdicts(system: System) -> dict[str, Proof]:
+    """Module -> what was proved of it in exactly this system.
+
+    What nothing is known of is left out, and all of it where runs go beyond what proofs are about.
+    """
+    if system.faults or system.shuffled or system.test is not None or system.proved is not None:
+        return {}
+    proofs = {}
+    for module in system.modules:
+        proof = None if module.forced is not None else _of(system, module.name)
+        if proof is not None:
+            proofs[module.name] = proof
+    return proofs
+
+
+def _of(system: System, module: str) -> Proof | None:
+    """The verdicts that stand in the cache; of several, which differ, none."""
+    name = _name(system, module)
+    try:
+        entries = sorted(cache_dir().glob(f"{name}-*"))
+        if not entries:
+            return None
+        content = _content(system, module)
+        texts = set()
+        for entry in entries:
+            at = find_cached(entry.name.rsplit("-", 1)[0], content, (FILE,))
+            if at is not None:
+                texts.add((at / FILE).read_text(encoding="utf-8"))
+    except (OSError, SoterError):
+        return None
+    if len(texts) != 1:
+        return None
+    told = json.loads(texts.pop())
+    return Proof(dict(told["verdicts"]), tuple(told["assumptions"]))
+
+
+def _parts(system: System, module: str) -> tuple[str, ...]:
+    """All that a proof rests on, but for Soter itself."""
+    values = repr(sorted(system.params.items()))
+    return ("proof 1", system.program.sha256, system.name, values, module)
+
+
+def _name(system: System, module: str) -> str:
+    return f"proof-{digest(_parts(system, module))[:24]}"
+
+
+def _content(system: System, module: str) -> str:
+    return digest((*_parts(system, module), soter_sha256()))

@@ -1,0 +1,214 @@
+"""A verification as a page that can be filed.
+
+Purpose: results -> `report/proof/record.py`: properties, times, shares, the paper's regions R1 to
+R5 of every group, assumptions, the trusted base, hashes.
+Non-goals: the page's looks (`report/proof/page.py`).
+"""
+
+from __future__ import annotations
+
+import platform
+from collections import Counter
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.model.durations import show_ns
+from soter.native.compiler import find
+from soter.report.errors import ReportError
+from soter.report.proof.page import proof_document, write_proof
+from soter.report.proof.record import (
+    ModuleProof,
+    ProofPage,
+    PropertyRow,
+    RegionFigure,
+    TakenRow,
+)
+from soter.verify.claims.results import NO_CORE
+from soter.verify.composition import rows_of
+from soter.verify.diagnosis.leaving_figures import leaving_figures
+from soter.verify.problem.problem import NODES
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.verify.claims.results import (
+        CaseSets,
+        ModuleResult,
+        VerifyReport,
+    )
+
+MEANINGS = {
+    "P1a": "AC and SC step at least as often as the decision module",
+    "P1b": "AC and SC publish the same topics",
+    "P1c": "SC's first output acts before the time that AC may use up has passed: H ≥ H*",
+    "P2a": "from every state of the core K, SC keeps the constraint C for ever",
+    "P2b": "from every state of K, SC reaches a time at which the DM gives control back",
+    "P3": "when AC has control, the state stays in K for H, whatever is published",
+    "ttf": "whenever `ttf` may be false, the state lies in R(H)",
+    "safer": "whenever `safer` may be true, the state lies in R(H)",
+    "start": "the declared initial states are among those for which all this holds",
+    "failsafe": "once the lease has ended the fail-safe law keeps the constraint C for ever",
+    "DM": "the generated C of the decision module switches as docs/semantics.md says",
+}
+OF_SETS = "the enclosures and the set engine; `soter recheck` checks certificates without them"
+OF_INDUCTION = "z3, and how Core is read for it; `soter recheck` asks z3, too, but reads Core anew"
+BY_INDUCTION = {
+    "P1c": "every order of steps that the times allow is part of the proof",
+    "P2a": "`safe` holds for ever, whatever AC publishes of its declared sets",
+    "P2b": "where SC has control, a time comes at which the DM gives it back",
+    "P3": "when AC has control, `safe` holds until the DM and SC have answered",
+    "ttf": "whenever the DM leaves AC in control, `safe` goes on holding",
+    "safer": "whenever the DM gives AC control, `safe` goes on holding",
+}
+"""What is said otherwise where there are no sets of states."""
+SHARES = {
+    "core": "core K, of the grid's volume",
+    "free": "R(H): AC may have control here",
+    "lets_ac": "`ttf` may be false: AC keeps control",
+    "gives_back": "`safer` may be true: AC gets control back",
+}
+
+
+def write_report(report: VerifyReport, path: Path) -> Path:
+    """Write the page; SoterError D006 where it cannot be written."""
+    made = page(report)
+    try:
+        return write_proof(made, path)
+    except ReportError as error:
+        raise SoterError((Diagnostic("D006", str(error)),)) from error
+
+
+def page_text(report: VerifyReport) -> str:
+    """The page as one HTML text."""
+    return proof_document(page(report))
+
+
+def page(report: VerifyReport) -> ProofPage:
+    """The page as data."""
+    names = ", ".join(_names(report)) or "no module"
+    assumptions = dict.fromkeys(a for m in report.modules for a in m.problem.assumptions)
+    under = f", under {len(assumptions)} assumptions" if report.verdict == "proved" else ""
+    taken = {n for m in report.modules for n in m.assumed}
+    under += f" ({', '.join(sorted(taken))} assumed)" if under and taken else ""
+    return ProofPage(
+        f"Verification of {report.path}",
+        f"{names}: {report.verdict}{_but(report)}{under}",
+        f"system {report.system}, {report.seconds:.1f} s",
+        tuple(_module(m) for m in report.modules),
+        (*assumptions, *(f"not covered: {text}" for text in report.coverage.rest)),
+        _trusted(report),
+        {
+            "command": report.command,
+            "program": report.path,
+            "program sha256": report.program_sha256,
+            "soter": version("soter"),
+            "C compiler": find().identity,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+        },
+        together=report.together if report.composed else "",
+        taken=tuple(TakenRow(t.module, t.what, t.why, t.open) for t in rows_of(report)),
+    )
+
+
+def _names(report: VerifyReport) -> list[str]:
+    """Of the modules; one that is proved in views stands there once."""
+    views = Counter(m.name.removesuffix(f" as {m.problem.view}") for m in report.modules)
+    viewed = any(m.problem.view for m in report.modules)
+    return [f"{name} in {n} views" if viewed and n > 1 else name for name, n in views.items()]
+
+
+def _trusted(report: VerifyReport) -> tuple[str, ...]:
+    kinds = {m.problem.kind == NODES for m in report.modules}
+    return (
+        "Soter's front end and Core: both the proof and the code that flies come from them",
+        *((OF_SETS,) if False in kinds else ()),
+        *((OF_INDUCTION,) if True in kinds else ()),
+        "the C compiler, the operating system and the hardware that run both",
+    )
+
+
+def _but(report: VerifyReport) -> str:
+    """What the headline of a proof must not leave out."""
+    little = [m for m in report.modules if m.headline != m.verdict and m.vacuity is not None]
+    if report.verdict not in ("proved", "assumed") or not little:
+        return ""
+    several = len(report.modules) > 1
+    said = [
+        f"{m.name}: {m.vacuity.text}" if several else m.vacuity.text for m in little if m.vacuity
+    ]
+    return f", but {'; '.join(said)}"
+
+
+def _module(m: ModuleResult) -> ModuleProof:
+    meanings = {**MEANINGS, **(BY_INDUCTION if m.problem.kind == NODES else {})}
+    rows = tuple(
+        PropertyRow(name, meanings.get(name, ""), f.verdict, f.method, f.seconds, f.text)
+        for name, f in m.findings.items()
+    )
+    runs = [f.counterexample for f in m.findings.values() if f.counterexample is not None]
+    told = dict.fromkeys(map(str, runs))  # one run may refute several
+    undecided = [
+        ": ".join(filter(None, (name, f.text, *map(str, f.regions[:3]), f.hint)))
+        for name, f in m.findings.items()
+        if f.verdict == "undecided" and f.text != NO_CORE
+    ]
+    undecided += [c.text for n, f in m.findings.items() if n != "P3" for c in f.causes]
+    leaving = next((f.leaving for f in m.findings.values() if f.leaving is not None), None)
+    return ModuleProof(
+        name=m.name,
+        verdict=m.verdict,
+        headline=f"keeps `{_safe(m)}`; {len(m.problem.assumptions)} assumptions, {_cells(m)}"
+        f"{m.seconds:.1f} s" + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
+        properties=rows,
+        times=_times(m),
+        shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
+        figures=tuple(f for case in m.cases[:1] for f in _figures(m, case)),
+        counterexample=tuple(line for run in told for line in run.splitlines()),
+        undecided=tuple(undecided),
+        but=m.vacuity.text if m.headline != m.verdict and m.vacuity is not None else "",
+        leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
+        leaving_text=str(leaving) if leaving is not None else "",
+    )
+
+
+def _safe(m: ModuleResult) -> str:
+    """What `safe` of the module is, as it is written."""
+    return " ".join(m.problem.module.symbol.safe.span.text.split())
+
+
+def _cells(m: ModuleResult) -> str:
+    return f"{m.cells:,} cells, " if m.cells else ""
+
+
+def _times(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
+    t = m.problem.times
+    if m.problem.kind == NODES:
+        return (
+            ("Δ", "period of the DM", show_ns(t.delta_dm)),
+            ("δ", "period of SC", show_ns(t.delta_sc)),
+        )
+    rows = [
+        ("Δ", "period of the DM", t.delta_dm),
+        ("δ", "period of SC", t.delta_sc),
+        ("A", "age of what the DM reads, enforced", t.age_dm),
+        ("A_sc", "age of what SC reads, assumed", t.age_sc),
+        ("J_dm, J_sc", "lateness", max(t.late_dm, t.late_sc)),
+        ("R_dm, R_sc", "response", max(t.response_dm, t.response_sc)),
+        ("L", "until a command acts", t.acts),
+        ("H", "horizon", t.horizon_ns),
+        ("H*", "needed", t.h_star),
+    ]
+    return tuple((symbol, meaning, show_ns(ns)) for symbol, meaning, ns in rows)
+
+
+# ---------------------------------------------------------------- regions
+
+
+def _figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:
+    names = [p.name for p in m.problem.parameters]
+    note = ", ".join(f"{n} = {v}" for n, v in zip(names, case.parameter, strict=True))
+    return [f for proof in case.proofs for f in proof.figures(note)]

@@ -1,0 +1,266 @@
+"""What a verification is about, and what it is not: systems, modules, parameters, composition.
+
+Purpose: every system that holds a module is either the same problem, or named as not covered; who
+guarantees what a module takes for granted of the rest of its system (docs/proof.md, Composition).
+Non-goals: proofs.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.elaborate.views import systems_by_view
+from soter.language.front_end import system_to_prove
+from soter.verify.induction.problem import InductionProblem
+from soter.verify.problem.extract import extract
+from soter.verify.scope_data import ScopeGuarantee, VerificationScope
+from soter.verify.topic_contracts import publisher_of, topic_contract_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Value
+    from soter.verify.problem.problem import Problem
+
+Chosen = list[tuple["System", "Module"]]
+
+
+def coverage_of(
+    checked: CheckResult, chosen: Chosen, problems: list[Problem], params: Mapping[str, Value]
+) -> VerificationScope:
+    """What was verified besides the modules that were chosen, and what was not."""
+    also, rest = [], []
+    taken = {(flat.name, m.name) for flat, m in chosen}
+    for name in checked.systems or [""]:
+        flat = system_to_prove(checked, name, params, exact=False)
+        for module in flat.modules:
+            if (flat.name, module.name) in taken:
+                continue
+            where = f"{module.name} in system {flat.name}"
+            same, why = _same(flat, module, problems, chosen)
+            if same:
+                also.append(where)
+            else:
+                rest.append(f"{where}: {why}")
+    for flat, module in chosen:
+        rest += _contracts(flat, module)
+        rest += _plants_beside(flat)
+    used = chosen[0][0].params if chosen else {}
+    guarantees = [
+        g for (flat, m), p in zip(chosen, problems, strict=True) for g in _taken(flat, m, p)
+    ]
+    return VerificationScope(
+        tuple(also), tuple(dict.fromkeys(rest)), tuple(used.items()), tuple(guarantees)
+    )
+
+
+# ---------------------------------------------------------------- other systems
+
+
+def _same(
+    flat: System, module: Module, problems: list[Problem], chosen: Chosen
+) -> tuple[bool, str]:
+    symbols = {p.module.symbol.name for p in problems}
+    if module.forced is not None:
+        return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
+    try:
+        keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
+    except SoterError as error:
+        codes = ", ".join(dict.fromkeys(d.code for d in error.diagnostics))
+        return False, f"it poses no problem that can be proved ({codes})"
+    every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
+    posed = every[0] if all(every) else []
+    if posed and (module.symbol.verify.abstracts or module.symbol.verify.views):
+        there = _flying_key(flat, module)
+        if not any(_flying_key(*chosen[i]) == there for i in posed):
+            return False, "another vehicle, or other nodes around the module, not verified there"
+    if posed:
+        return True, ""
+    if module.symbol.name in symbols:
+        return False, "another problem there, not verified (`--system`)"
+    return False, "not verified"
+
+
+def problem_key(problem: Problem) -> object:
+    """Equal where two modules pose the same problem: all that sets and claims are computed from.
+
+    Components are compared by what they were declared as, and by every number of theirs.
+    """
+    components = tuple(_component(problem.system, c) for c in problem.system.components)
+    forced = problem.module.forced
+    symbol = problem.module.symbol if problem.whole is None else problem.whole.modules[0].symbol
+    return (
+        components,
+        forced,
+        problem.module.symbol.name,
+        problem.view,
+        symbol.safe,
+        symbol.ttf,
+        symbol.safer,
+        problem.module.period_ns,
+        problem.module.clean,
+        problem.times,
+        problem.groups,
+        problem.initial,
+        problem.levels,
+        problem.recover_ns,
+        tuple(problem.assumptions),
+        problem.law_unread,
+        None if problem.law is None else _law(problem),
+    )
+
+
+def _law(problem: Problem) -> object:
+    """The fail-safe law: with the problem itself it is all that its own problem is made of."""
+    law = problem.module.law
+    return tuple(sorted((problem.system.topics[i].name, repr(v)) for i, v in law.items()))
+
+
+def _flying_key(flat: System, module: Module) -> object:
+    """Everything around a module whose plants are abstractions: what they abstract is in it."""
+    return (
+        module.name,
+        tuple((c.name, _component(flat, c)) for c in flat.components),
+        tuple((d.topic, d.every_ns, d.values) for d in flat.inputs),
+    )
+
+
+def _component(system: System, c: Component) -> object:
+    return (
+        c.role,
+        c.plant or c.node,
+        c.period_ns,
+        c.phase_ns,
+        c.initial,
+        c.initial_range,
+        c.substeps,
+        tuple((d.low, d.high, d.hold_ns) for d in c.disturbances),
+        tuple((m.leaf, m.bound, _topic(system, m.topic)) for m in c.measured),
+        tuple((s.name, _topic(system, i)) for s, i in c.scope.topics.items()),
+        tuple((s.name, v) for s, v in c.scope.params.items()),
+    )
+
+
+def _topic(system: System, index: int) -> object:
+    topic = system.topics[index]
+    return (topic.name, topic.bounds, topic.default, topic.max_age_ns, topic.driver)
+
+
+# ---------------------------------------------------------------- contracts, composition
+
+
+def _contracts(flat: System, module: Module) -> list[str]:
+    sc = flat.components[module.sc].node
+    judged = "judged in runs and tests, no part of the proof"
+    gaps = []
+    if module.symbol.contract:
+        gaps.append(f"the contract of {module.symbol.name}: {judged}")
+    if sc is not None and (sc.assumes or sc.guarantees):
+        gaps.append(f"contracts of {sc.name}: {judged}")
+    return gaps
+
+
+def _plants_beside(flat: System) -> list[str]:
+    """Plants that a value outside of a declared set stops, and that no module's proof is about."""
+    abstracted = {
+        m.name.rpartition(".")[0] + "." * ("." in m.name) + link.instance
+        for m in flat.modules
+        for link in m.symbol.verify.abstracts
+    }
+    gaps = []
+    for plant in (c for c in flat.components if c.plant and c.name not in abstracted):
+        sets = [t.name for t in (flat.topics[i] for i in _driven(plant)) if t.set_declared]
+        if sets and not publisher_of(flat, plant):
+            gaps.append(
+                f"plant {plant.name} of system {flat.name}, which stops where what it drives "
+                f"leaves its declared set: {', '.join(sets)}"
+            )
+    return gaps
+
+
+def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
+    """What is taken for granted of everybody outside of the module."""
+    guarantees = []
+    for leaf in dict.fromkeys(o.owner for o in problem.quantities.others):
+        topic = problem.system.topics[leaf]
+        there = [t for t in flat.topics if t.symbol is topic.symbol]
+        there.sort(key=lambda t: not t.name.startswith(module.name.rpartition(".")[0]))
+        by = (there[0] if there else topic).driver or "nobody (its default)"
+        what = f"{topic.name} lies in its declared set"
+        guarantees.append(ScopeGuarantee(problem.name, what, by, "enforced"))
+    guarantees += _modes(problem)
+    guarantees += _moved(flat, problem)
+    for link in module.symbol.verify.abstracts:
+        what = f"{link.instance} behaves like {link.plant.name}, whatever others do"
+        guarantees.append(ScopeGuarantee(problem.name, what, link.instance, "assumed"))
+    for parameter in problem.parameters:
+        what = f"{parameter.name} changes only inside S_0 of the new value"
+        guarantees.append(ScopeGuarantee(problem.name, what, "whoever changes it", "assumed"))
+    if isinstance(problem, InductionProblem):
+        for text in problem.progress_texts:
+            what = f"progress, for P2b alone: {text}"
+            guarantees.append(
+                ScopeGuarantee(problem.name, what, "the program: proved by nobody", "assumed")
+            )
+    plants = [c.name for c in problem.system.components if c.plant is not None]
+    if plants and not module.symbol.verify.abstracts:
+        moved = " and what is said of others" if problem.influences else ""
+        what = f"{', '.join(plants)} moved by {module.name}, the declared disturbances{moved} alone"
+        guarantees.append(ScopeGuarantee(problem.name, what, "the equations", "enforced"))
+    if problem.quantities.disturbances:
+        what = "disturbances within their ranges"
+        guarantees.append(ScopeGuarantee(problem.name, what, "the world", "declared"))
+    return guarantees
+
+
+def _modes(problem: Problem) -> list[ScopeGuarantee]:
+    """Modes of others: nothing is asked of them, but where P2b waits."""
+    if problem.modes is None:
+        return []
+    guarantees = [
+        ScopeGuarantee(problem.name, f"mode({name}) is SC or AC", f"the DM of {name}", "enforced")
+        for name in problem.modes.topics.values()
+    ]
+    return guarantees + [
+        ScopeGuarantee(problem.name, f"for P2b alone: {name} in AC", name, "assumed")
+        for name in problem.modes.waits
+    ]
+
+
+def _moved(flat: System, problem: Problem) -> list[ScopeGuarantee]:
+    """What others publish and the plants of the module read: who keeps it in its set."""
+    guarantees = []
+    for i in problem.influences:
+        index, by = _in_the_system(flat, problem, i.topic)
+        what = f"{i.name(problem.system)} in [{i.low:g}, {i.high:g}]"
+        plant = next((c for c in flat.components if c.plant and index in _driven(c)), None)
+        if plant is None:
+            guarantees.append(
+                ScopeGuarantee(problem.name, what, by or "nobody (its default)", "enforced")
+            )
+            continue
+        keeper, how = topic_contract_of(flat, index, i.leaf, i.low, i.high), "guaranteed"
+        if not keeper:
+            keeper, how = publisher_of(flat, plant), "published"
+        guarantees.append(
+            ScopeGuarantee(problem.name, what, keeper or by, how if keeper else "assumed")
+        )
+    return guarantees
+
+
+def _driven(plant: Component) -> list[int]:
+    assert plant.plant is not None
+    return [plant.scope.topics[t] for t, _ in plant.plant.drives]
+
+
+def _in_the_system(flat: System, problem: Problem, index: int) -> tuple[int, str]:
+    """A topic of the verification system, where the module flies: its index, and who drives it."""
+    topic = problem.system.topics[index]
+    there = [t for t in flat.topics if t.symbol is topic.symbol]
+    around = problem.module.name.rpartition(".")[0]
+    there.sort(key=lambda t: (t.name != topic.name, not t.name.startswith(around)))
+    counterpart = there[0] if there else topic
+    return counterpart.index, counterpart.driver

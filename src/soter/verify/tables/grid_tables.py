@@ -1,0 +1,191 @@
+"""Computed predicates as functions of the program: a table, and how it is read.
+
+Purpose: levels of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)) packed four cells a byte, and
+checked expressions for `ttf` and `safer` that interpreter, Core and C see like any other.
+Non-goals: the sets (`levels.py`), when they are computed (`computed_predicates.py`), half-spaces
+(`polytope_tables.py`).
+
+Why reading is sound. S_j is a set of closed cells. `place` looks for the cell by halving, then
+compares the estimate with the two breakpoints of the cell it found: comparisons are exact, so an
+entry is used only if the estimate lies in that closed cell, whichever of two neighbours a point of
+a shared face came to. NaN, infinities and everything outside the grid fail the comparison: level 0,
+that is `ttf` and not `safer`. The time is bounded: ceil(log2 n) + 2 comparisons an axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.language.model import typed as t
+from soter.language.model.types import FLOAT, INT, IntType, leaves
+from soter.verify.problem.estimates import seen
+from soter.verify.tables.level_table import EstimateSamples, LevelTable
+from soter.verify.tables.tree_writer import Writer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.problem.problem import Group, Problem
+
+    Bools = NDArray[np.bool_]
+
+PER_BYTE = 4
+POWERS = (1, 4, 16, 64)
+FULL = 2
+"""The level at which AC may have control back."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroupTable(LevelTable):
+    """The levels of one group over the axes that the DM sees."""
+
+    states: tuple[int, ...]
+    edges: tuple[tuple[float, ...], ...]
+    entries: NDArray[np.uint8]
+    """0, 1, 2 a cell."""
+
+    @property
+    def packed(self) -> tuple[int, ...]:
+        """Four cells a byte, the first in the lowest bits; C order."""
+        flat = self.entries.ravel()
+        flat = np.concatenate([flat, np.zeros(-len(flat) % PER_BYTE, dtype=np.uint8)])
+        four = flat.reshape(-1, PER_BYTE) @ np.array(POWERS, dtype=np.uint8)
+        return tuple(int(v) for v in four)
+
+    @property
+    def share(self) -> float:
+        """Share of the cells that are in S_0."""
+        return float((self.entries > 0).mean())
+
+    @property
+    def full(self) -> tuple[float, ...] | None:
+        """The middle of a cell of S_(m-2); None where there is none."""
+        best = np.unravel_index(int(self.entries.argmax()), self.entries.shape)
+        if self.entries[best] != FULL:
+            return None
+        cells = zip(self.edges, best, strict=True)
+        return tuple(e[int(i)] / 2 + e[int(i) + 1] / 2 for e, i in cells)
+
+    @property
+    def ends(self) -> tuple[tuple[float, ...], ...]:
+        """Breakpoints."""
+        return self.edges
+
+    @property
+    def samples(self) -> EstimateSamples | None:
+        """The middle of every cell, where it lies inside; None where the DM sees no axis."""
+        if not self.states:
+            return None  # one entry for all estimates
+        edges = [np.array(e) for e in self.edges]
+        middle = [e[:-1] / 2 + e[1:] / 2 for e in edges]
+        wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges, strict=True)]
+        grids = np.meshgrid(*middle, indexing="ij")
+        points = np.stack(grids, axis=-1).reshape(-1, len(middle))
+        sure = np.logical_and.reduce(np.meshgrid(*wide, indexing="ij")).ravel()
+        levels = self.entries.ravel()[sure]
+        return EstimateSamples(np.ascontiguousarray(points[sure]), levels, levels, whole=True)
+
+    def function(self, w: Writer, name: str) -> t.FunSymbol:
+        """The cell is looked for by halving."""
+        return level_function(w, name, self)
+
+    def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
+        """Breakpoints and packed levels, as in the C."""
+        files[f"{stem}.bin"] = bytes(self.packed)
+        axes = []
+        for i, (state, edges) in enumerate(zip(self.states, self.edges, strict=True)):
+            files[f"{stem}_axis{i}.bin"] = np.array(edges, dtype="<f8").tobytes()
+            axes.append({"state": names[state], "edges": f"{stem}_axis{i}.bin"})
+        return {"axes": axes, "levels": f"{stem}.bin"}
+
+
+def table(problem: Problem, group: Group, pairs: Sequence[tuple[Bools, Bools]]) -> GroupTable:
+    """The table of a grid from (S_0, S_(m-2)) in every case: what holds in all of them.
+
+    All sets have the grid's shape.
+    """
+    shown = seen(problem)
+    sure = np.logical_and.reduce([np.asarray(outer) for outer, _ in pairs])
+    inner = np.logical_and.reduce([np.asarray(inner) for _, inner in pairs]) & sure
+    entries = sure.astype(np.uint8) + inner.astype(np.uint8)
+    kept = [k for k, a in enumerate(group.axes) if a.state in shown]
+    unseen = tuple(k for k in range(entries.ndim) if k not in kept)
+    axes = [group.axes[k] for k in kept]
+    return GroupTable(
+        tuple(a.state for a in axes),
+        tuple(a.edges for a in axes),
+        np.asarray(entries.min(axis=unseen)) if unseen else entries,
+    )
+
+
+def predicates(
+    problem: Problem, level_tables: Sequence[LevelTable]
+) -> tuple[t.TypedExpr, t.TypedExpr]:
+    """(ttf, safer): some group below level 1, every group at level 2."""
+    symbol = problem.module.symbol
+    w = Writer(symbol.span)
+    shown = seen(problem)
+    lows, highs = [], []
+    for i, each in enumerate(level_tables):
+        name = f"{symbol.name}_level{i if len(level_tables) > 1 else ''}"
+        fun = each.function(w, name)
+        arguments = []
+        for state in each.states:
+            topic, leaf = problem.topic_leaf_of_state[state]
+            path = list(leaves(problem.system.topics[topic].type))[leaf][0]
+            arguments.append(w.leaf(shown[state], path))
+        lows.append(w.op("<", w.call(fun, *arguments), w.number(1)))
+        highs.append(w.op(">=", w.call(fun, *arguments), w.number(2)))
+    return w.chain("||", lows), w.chain("&&", highs)
+
+
+# ---------------------------------------------------------------- functions
+
+
+def place_function(w: Writer, name: str, edges: Sequence[float]) -> t.FunSymbol:
+    """`fun place(x: float): int`: a cell that contains x, or -1 where there is none."""
+    count = len(edges) - 1
+    table = w.array(f"{name}_EDGES", FLOAT, tuple(float(e) for e in edges))
+    x = w.variable("x", "parameter", FLOAT)
+    low, high = (w.variable(n, "var", INT) for n in ("low", "high"))
+    mid, step = w.variable("mid", "let", INT), w.variable("step", "loop", INT)
+    middle = w.op("/", w.op("+", w.read(low), w.read(high)), w.number(2))
+    above = w.op(">=", w.read(x), w.at(table, w.read(mid)))
+    halve = t.TypedIf(w.span, ((above, (w.assign(low, mid),)),), (w.assign(high, mid),))
+    rounds = (count - 1).bit_length()
+    search = t.ForRange(w.span, step, 0, rounds, (w.declare(mid, middle), halve))
+    first = w.at(table, w.read(low))
+    last = w.at(table, w.op("+", w.read(low), w.number(1)))
+    inside = w.op("&&", w.op(">=", w.read(x), first), w.op("<=", w.read(x), last))
+    answer = t.Conditional(INT, w.span, inside, w.read(low), w.number(-1))
+    begin = [w.declare(low, w.number(0)), w.declare(high, w.number(count))]
+    return w.function(name, (x,), [*begin, *([search] if rounds else []), w.give(answer)])
+
+
+def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
+    """`fun level(x0: float, ...): int`: 0, 1 or 2 for an estimate; 0 outside the grid."""
+    inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges)))
+    body: list[t.TypedStmt] = []
+    cell: t.TypedExpr = w.number(0)
+    outside = []
+    for k, (x, edges) in enumerate(zip(inputs, table.edges, strict=True)):
+        index = w.variable(f"i{k}", "let", INT)
+        place = place_function(w, f"{name}_place{k}", edges)
+        body.append(w.declare(index, w.call(place, w.read(x))))
+        cell = w.op("+", w.op("*", cell, w.number(len(edges) - 1)), w.read(index))
+        outside.append(w.op("<", w.read(index), w.number(0)))
+    if outside:
+        body.append(t.TypedIf(w.span, ((w.chain("||", outside), (w.give(w.number(0)),)),), ()))
+    at = w.variable("cell", "let", INT)
+    body.append(w.declare(at, cell))
+    packed = w.array(f"{name}_TABLE", IntType(0, 255), table.packed)
+    powers = w.array(f"{name}_POWERS", INT, POWERS)
+    four = w.number(PER_BYTE)
+    byte = w.at(packed, w.op("/", w.read(at), four))
+    shifted = w.op("/", byte, w.at(powers, w.op("%", w.read(at), four)))
+    return w.function(name, inputs, [*body, w.give(w.op("%", shifted, four))])

@@ -1,0 +1,469 @@
+"""Verify one module: every property, a verdict each.
+
+Purpose: run the engine over all cases, refine where only borders fail, look for counterexamples to
+what is not proved, and put it all into a `ModuleResult`. Whatever could not be bounded is
+undecided.
+Non-goals: the claims themselves (`verify/claims/`).
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.current_phase import phase
+from soter.language.model.durations import show_ns
+from soter.verify.claims import claims
+from soter.verify.claims.case import Case, ClaimTimer
+from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
+from soter.verify.claims.grid_refinement import refined, refinement_note
+from soter.verify.claims.handover_claim import not_entered
+from soter.verify.claims.levels import deploy, levels
+from soter.verify.claims.published_ranges import say_narrowed
+from soter.verify.claims.recovery import in_time, recover
+from soter.verify.claims.results import (
+    ASSUMED,
+    NO_CORE,
+    PROPERTIES,
+    PROVED,
+    STAYS,
+    UNDECIDED,
+    Finding,
+    ModuleResult,
+)
+from soter.verify.claims.scheme_assumption import scheme_of
+from soter.verify.diagnosis.recovery_patience import recover_at_last
+from soter.verify.diagnosis.vacuity import at_the_start, vacuity
+from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
+from soter.verify.grid.sets import UnboundedError
+from soter.verify.induction.problem import InductionProblem
+from soter.verify.induction.verify import verify_by_induction
+from soter.verify.problem.extract import cases
+from soter.verify.problem.other_modes import said
+from soter.verify.proof_methods import in_order, method_of
+from soter.verify.time.problem_times import DELAYS, in_words
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.verify.enclose.engine_library import ReachLibrary
+    from soter.verify.induction.refute import Search
+    from soter.verify.problem.problem import Group, Problem
+
+    Progress = Callable[[float], None]
+    Tell = Callable[[str, float], None]
+
+REFINEMENTS_MAX = 2
+SHRINK_MAX = 0.1
+"""Share of K that may be given up because there is no way back from it."""
+STAGES = ("safe", "core", "tubes", "ttf", "safer", "way")
+"""What the engine says it does, in the order in which that takes place."""
+HOW = {
+    "P1a": "periods compared",
+    "P1b": "outputs compared",
+    "P1c": "worst case over all releases",
+    "P3": "inclusions of `ttf` and `safer`",
+    "failsafe": "K inside the core of the fail-safe law",
+    "DM": "the compiled DM on all facts and on every class of input",
+}
+"""What is no matter of groups."""
+CASES, ATTACKED = 0.6, 0.9
+"""Shares of a module's time, roughly, after which the cases are done, and the compiled DM."""
+RESTS_ON = ("P1c", "P2a", "P3", "start")
+"""Where the law begins the state is in K by these."""
+CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
+
+
+def verify_module(
+    problem: Problem,
+    *,
+    refute: bool = True,
+    explain: bool | None = None,
+    progress: Progress | None = None,
+    search: Search | None = None,
+) -> ModuleResult:
+    """Everything about one module. `SoterError` R... where a program cannot be enclosed.
+
+    `explain`: measure why something stays undecided; None: where `refute` is. `search`: finds runs
+    that refute a proof by induction.
+    """
+    if isinstance(problem, InductionProblem):
+        return verify_by_induction(problem, search=search if refute else None, progress=progress)
+    began = time.perf_counter()
+    library, prelude = library_of(problem)
+    _assume(problem, prelude)
+    done = _all_cases(problem, library, _upto(progress, CASES))
+    result = ModuleResult(problem, {}, [c.sets for c in done], notes=refinement_note(done))
+    _static(problem, result)
+    for claim in CLAIMS:
+        result.findings[claim] = _finding(problem, done, claim)
+    result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
+    scheme_of(result, done)
+    _together(problem, done)
+    _handed_over(problem, result, done)
+    _waits(problem, result.findings["P2b"])
+    _stays(problem, result.findings["P2b"])
+    result.findings["failsafe"] = _failsafe(problem, result, done)
+    if result.findings["failsafe"].verdict == PROVED:
+        result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
+    _reached(progress, CASES, f"{problem.name}: the compiled DM")
+    result.findings["DM"] = _decision_module(result)
+    result.findings = {p: result.findings[p] for p in PROPERTIES}
+    result.recover_s = _recover_s(done, result)
+    result.shares = _shares(done)
+    result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
+    _reached(progress, ATTACKED, f"{problem.name}: looking for a counterexample" * refute)
+    if refute and problem.modes is None:  # in a run somebody has to decide what the others do
+        _refute(problem, result)
+    if refute if explain is None else explain:
+        _diagnose(done, result)
+    say_narrowed(result, done, CLAIMS)
+    result.seconds = time.perf_counter() - began
+    return result
+
+
+# ---------------------------------------------------------------- all cases
+
+
+def _upto(progress: Progress | None, share: float) -> Progress | None:
+    """The first part of a progress."""
+    return None if progress is None else lambda done: progress(share * done)
+
+
+def _reached(progress: Progress | None, share: float, name: str) -> None:
+    """What begins once `share` of a module is done."""
+    if name:
+        phase(name)
+    if progress is not None:
+        progress(share)
+
+
+def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | None) -> list[Case]:
+    every = list(cases(problem))
+    done = []
+    furthest = 0.0
+    for i, parameter in enumerate(every):
+
+        def tell(what: str, part: float, i: int = i) -> None:
+            nonlocal furthest
+            if progress is not None:
+                stage = STAGES.index(what) if what in STAGES else 0
+                furthest = max(furthest, (i + (stage + part) / len(STAGES)) / len(every))
+                progress(furthest)
+
+        done.append(_settled(problem, library, parameter, tell))
+    if problem.computed:
+        deploy(done)  # the DM has one table for all cases, and P2b returns to what it holds
+        for case in done:
+            _return(case)
+    return done
+
+
+def _return(case: Case) -> None:
+    """P2b of one case."""
+    if case.failed("P2b") or case.problem.stays:
+        return  # there is no K, or no enclosure; or it is not asked
+    try:
+        with ClaimTimer(case, "P2b"):
+            recover(case)
+    except UnboundedError as error:
+        case.fail("P2b", str(error), hint="a smaller grid, or a shorter horizon")
+
+
+def _settled(
+    problem: Problem, library: ReachLibrary, parameter: tuple[int, ...], tell: Tell
+) -> Case:
+    """One case, on finer grids where borders fail. Computed predicates keep the declared grid."""
+    first = case = _case(problem, library, problem.groups, parameter, tell, None)
+    for _ in range(0 if problem.computed else REFINEMENTS_MAX):
+        finer = refined(case)
+        if finer is None:
+            break
+        case = _case(problem, library, finer, parameter, tell, case)
+        case.first = first
+    return case
+
+
+def _case(
+    problem: Problem,
+    library: ReachLibrary,
+    groups: tuple[Group, ...],
+    parameter: tuple[int, ...],
+    tell: Tell,
+    before: Case | None,
+) -> Case:
+    """All claims for one combination of parameter values."""
+    case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
+    try:
+        case = claims.open_case(problem, library, groups, parameter, tell, before)
+        _claims(case)
+    except UnboundedError as error:
+        for claim in CLAIMS:
+            case.fail(claim, str(error), hint="a smaller grid, or a shorter horizon")
+    return case
+
+
+def _claims(case: Case) -> None:
+    with ClaimTimer(case, "P2a"):
+        has_core = claims.constraint(case) and claims.core(case)
+    if not has_core:
+        for claim in CLAIMS[1:]:
+            case.fail(claim, NO_CORE)
+        return
+    _after_core(case)
+    if case.problem.computed:
+        return  # P2b waits for the sets of all cases
+    if case.problem.stays:
+        return
+    with ClaimTimer(case, "P2b"):
+        recover_at_last(case)
+    if _shrunk(case):
+        _after_core(case)
+        in_time(case)
+
+
+def _after_core(case: Case) -> None:
+    """Everything that rests on K."""
+    with ClaimTimer(case, "P3"):
+        claims.free_phase(case)
+    if case.problem.computed:
+        with ClaimTimer(case, "ttf"):
+            levels(case)
+    else:
+        for predicate in ("ttf", "safer"):
+            with ClaimTimer(case, predicate):
+                claims.inclusion(case, predicate)
+    with ClaimTimer(case, "start"):
+        claims.start(case)
+
+
+def _shrunk(case: Case) -> bool:
+    """Give up the few cells of K from which no way back was found: W in place of K.
+
+    At its border K has cells that SC keeps, but only by chains whose images are all of K. W is
+    as good: its cells have chains in C whose images lie in W, and Q is kept.
+    """
+    failures = case.failed("P2b")
+    if case.problem.computed or not failures or not all(f.stuck for f in failures):
+        return False
+    stuck = [f.proof for f in failures if f.proof is not None]
+    if any(proof.stuck > SHRINK_MAX for proof in stuck):
+        return False
+    for proof in case.proofs:
+        proof.fresh = proof in stuck
+    for proof in stuck:
+        proof.give_up()
+    case.failures = [f for f in case.failures if f.proof not in stuck and f.claim != "start"]
+    return True
+
+
+# ---------------------------------------------------------------- verdicts
+
+
+def _decision_module(result: ModuleResult) -> Finding:
+    """The generated C of the DM is the switching logic."""
+    from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
+
+    began = time.perf_counter()
+    check = check_module(result)
+    return Finding(check.verdict, time.perf_counter() - began, HOW["DM"], check.text)
+
+
+def _assume(problem: Problem, prelude: tuple[str, ...]) -> None:
+    if prelude and not any("prelude" in a for a in problem.assumptions):
+        problem.assumptions.append("error bounds of the prelude's functions: tested, not proved")
+
+
+def _together(problem: Problem, done: list[Case]) -> None:
+    """A proof may have one acting time for all commands that move its group: an assumption."""
+    if problem.times.jitter_sc == 0:
+        return
+    for proof in (p for case in done for p in case.proofs):
+        if proof.together:
+            names = ", ".join(problem.quantities.controls[k].name for k in proof.together)
+            text = f"what SC publishes begins to act in all of these at one instant: {names}"
+            if text not in problem.assumptions:
+                problem.assumptions.append(text)
+
+
+def _handed_over(problem: Problem, result: ModuleResult, done: list[Case]) -> None:
+    """A declared `enters` is an obligation: shown, nothing of it is assumed; else it is undecided.
+
+    That the state lies in R(H) wherever it holds is about all of K and R(H): no claim of one case.
+    """
+    entered, why = problem.jumps.entered, problem.jumps.unkept
+    if entered and not why:
+        open_ = next(filter(None, map(not_entered, done)), "")
+        why = f"nothing shows that `enters` implies R(H): {open_}" if open_ else ""
+    for finding in (result.findings[c] for c in ("P2a", "P3") if why):
+        if finding.verdict == PROVED:
+            finding.verdict, finding.text = UNDECIDED, why
+            finding.hint = "a guard that lets less in, over what the view's plants drive; or leave "
+            finding.hint += "`enters` out: then every change is an assumption"
+    for text, shown in entered.items() if not why else ():
+        problem.assumptions.remove(text)
+        result.notes += (shown,)
+
+
+def _waits(problem: Problem, finding: Finding) -> None:
+    """P2b of a module that waits for others is about times at which these are in AC."""
+    modes = problem.modes
+    if modes is None or not modes.waits or finding.verdict != PROVED:
+        return
+    if modes.never:
+        finding.verdict, finding.text = UNDECIDED, modes.never
+        finding.hint = "let one of them give control back whatever the other one does"
+        return
+    finding.verdict = ASSUMED
+    finding.text += f" while {said(modes.waits)} in AC: not proved"
+
+
+def _stays(problem: Problem, finding: Finding) -> None:
+    """`recover never`: nobody says that control comes back, and nobody has to, K or no K."""
+    if problem.stays:
+        finding.verdict, finding.method, finding.text = ASSUMED, "", STAYS
+        finding.hint, finding.regions = "", []
+
+
+def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:
+    """That the law keeps C once the lease has ended: SC and AC stay inside what it keeps."""
+    finding = Finding(PROVED, method=HOW["failsafe"])
+    if problem.law is None and not problem.law_unread:
+        return Finding(ASSUMED, method=HOW["failsafe"], text=NO_LAW)
+    lawful = [c.lawful for c in done if c.lawful is not None]
+    why = next((x.why for x in lawful if x.why), problem.law_unread)
+    if why or len(lawful) < len(done) or not all(c.proofs for c in done):
+        finding.verdict, finding.text = UNDECIDED, why or NO_CORE
+        finding.hint = NOT_FOR_LAWS if problem.law_unread else hint_of(why)
+        return finding
+    open_ = [n for n in RESTS_ON if not result.findings[n].holds]
+    if open_:
+        finding.verdict = UNDECIDED
+        finding.text = f"the law keeps K, and nothing says that it begins there: {', '.join(open_)}"
+        return finding
+    problem.assumptions.append(
+        "the actuators hold the law from the end of the lease on: all of them at one instant, "
+        f"within {show_ns(problem.times.acts)}, and they take nothing that comes later"
+    )
+    kept, of = (sum(x.cells[k] for x in lawful) for k in (0, 1))
+    lease = show_ns(problem.times.lease_ns)
+    finding.text = f"the law keeps C from K_fs: {kept:,} of {of:,} cells; K lies in it; "
+    finding.text += f"each lease ends at most {lease} after its release"
+    return finding
+
+
+def _static(problem: Problem, result: ModuleResult) -> None:
+    """P1a and P1b were checked with the program; P1c is a sum."""
+    times = problem.times
+    result.findings["P1a"] = Finding(
+        PROVED,
+        method=HOW["P1a"],
+        text=f"SC every {show_ns(times.delta_sc)}, DM every {show_ns(times.delta_dm)}",
+    )
+    result.findings["P1b"] = Finding(
+        PROVED, method=HOW["P1b"], text="AC and SC publish the same topics"
+    )
+    enough = times.horizon_ns >= times.h_star
+    held = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
+    result.findings["P1c"] = Finding(
+        held if enough else UNDECIDED,
+        method=HOW["P1c"],
+        text=in_words(times),
+        hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",
+    )
+
+
+def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
+    first = method_of(in_order(problem.groups)[0])
+    finding = Finding(PROVED, method=first.how[claim])
+    finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
+    names = [p.name for p in problem.parameters]
+    for case in done:
+        for failure in case.failed(claim):
+            finding.verdict = UNDECIDED
+            finding.text = finding.text or failure.text
+            finding.hint = finding.hint or failure.hint
+            if failure.cells is not None and failure.proof is not None:
+                parameters = list(zip(names, case.parameter, strict=True))
+                finding.regions += failure.proof.regions(failure.cells, parameters)
+            if failure.where is not None:
+                finding.regions.append(failure.where)
+    if not finding.text:
+        finding.text = _proved_text(problem, done, claim, finding)
+    return finding
+
+
+def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Finding) -> str:
+    many = f" for each of {len(done)} parameter values" if len(done) > 1 else ""
+    if claim == "P2a":
+        finding.counts = {"cells": 0, "longest": 0, "rounds": 0}
+        return f"SC keeps C from K: {'; '.join(_said(done, claim, finding))}{many}"
+    if claim in ("ttf", "safer"):
+        if problem.computed:
+            return f"`{claim}` is computed from the sets{many}"
+        finding.counts = {"cells": 0, "boxes": 0}
+        what = {"ttf": "not ttf", "safer": "safer"}[claim]
+        return f"{what} implies R(H), {', '.join(_said(done, claim, finding))}{many}"
+    if claim == "P2b":
+        seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
+        return f"SC gives control back within {show_ns(seconds)}{many}"
+    return f"initial states lie in R({show_ns(problem.times.start)})"
+
+
+def _said(done: list[Case], claim: str, finding: Finding) -> list[str]:
+    """On what each method has proved it; its counts are entered."""
+    used = {id(m): m for g in in_order(done[0].problem.groups) for m in (method_of(g),)}
+    said = [m.said(done, claim) for m in used.values()]
+    for _, counts in said:
+        finding.counts.update(counts)
+    return [text for text, _ in said if text]
+
+
+def _p3(result: ModuleResult, seconds: float) -> Finding:
+    """Both inclusions."""
+    ttf, safer = result.findings["ttf"], result.findings["safer"]
+    bad = next((f for f in (ttf, safer) if f.verdict != PROVED), None)
+    times = result.problem.times
+    text = f"whatever AC publishes for {show_ns(times.horizon_ns)}, the state stays in K"
+    finding = Finding(PROVED, seconds + ttf.seconds + safer.seconds, HOW["P3"], text)
+    if bad is not None:
+        finding.verdict, finding.text, finding.hint = bad.verdict, bad.text, bad.hint
+        finding.regions = list(bad.regions)
+    return finding
+
+
+def _recover_s(done: list[Case], result: ModuleResult) -> float | None:
+    if result.findings["P2b"].verdict != PROVED:
+        return None
+    return max((c.counts.get("recover_ns", 0) for c in done), default=0) / 1e9
+
+
+def _shares(done: list[Case]) -> dict[str, float]:
+    """Products over the groups, the least over the cases."""
+    shares_by_name: dict[str, list[float]] = {}
+    for case in done:
+        one: dict[str, float] = {}
+        for proof in case.proofs:
+            for name, value in proof.shares(case).items():
+                one[name] = one.get(name, 1.0) * value
+        for name, value in one.items():
+            shares_by_name.setdefault(name, []).append(value)
+    return {name: min(values) for name, values in shares_by_name.items()}
+
+
+# ---------------------------------------------------------------- refutation
+
+
+def _refute(problem: Problem, result: ModuleResult) -> None:
+    """A run that leaves C refutes what was not proved; one that never returns refutes P2b."""
+    from soter.verify.attack.refutations import refuted  # noqa: PLC0415 - compiles the whole system
+
+    refuted(problem, result)
+
+
+def _diagnose(done: list[Case], result: ModuleResult) -> None:
+    """Where something stays undecided, or SC for ever: why, as far as a few seconds can tell."""
+    from soter.verify.diagnosis.empty_invariant import diagnose, open_in  # noqa: PLC0415 - only here
+
+    if open_in(result):
+        diagnose(done, result)

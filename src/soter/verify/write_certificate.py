@@ -1,0 +1,239 @@
+"""Write what was proved as a folder for `soter recheck` (docs/verification.md, section 4).
+
+Purpose: program files, tables and manifest of some verification results, sealed.
+Non-goals: checking anything; figures and reports, which go elsewhere.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.diagnostics.os_error_text import reason
+from soter.language.load.loader import load
+from soter.language.syntax import tree
+from soter.verify.claims.results import PROVED, UNCLAIMED
+from soter.verify.induction.certificate_entry import induction_entry
+from soter.verify.induction.verify import InductionResult
+from soter.verify.proof_methods import pairs_of, tables
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.language.model.typed import TypedProgram
+    from soter.language.model.types import Value
+    from soter.verify.claims.results import CaseSets, ModuleResult
+    from soter.verify.problem.problem import Interval, Problem, Times
+    from soter.verify.problem.quantities import Leaf
+
+SCHEMA = 1
+MANIFEST, SEAL = "manifest.json", "SEAL"
+
+
+def write(
+    folder: Path, program: TypedProgram, results: Sequence[ModuleResult], systems: Sequence[str]
+) -> None:
+    """Write the certificate of `results`, each of a module in the system of that name.
+
+    An old certificate in the folder is replaced. `SoterError` D008 where something else lies
+    there, D006 where the system refuses.
+    """
+    files = dict(_sources(program))
+    main = _main(program, files)
+    modules = []
+    for k, (result, system) in enumerate(zip(results, systems, strict=True)):
+        modules.append(_module(result, system, f"sets/{k}", files))
+    manifest = {
+        "schema": SCHEMA,
+        "soter": version("soter"),
+        "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
+        "main": main,
+        "params": _params(results),
+        "program_sha256": program.sha256,
+        "modules": modules,
+    }
+    text = json.dumps(manifest, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    raw = (text + "\n").encode()
+    files[MANIFEST] = raw
+    files[SEAL] = (hashlib.sha256(raw).hexdigest() + "\n").encode()
+    _replace(folder, files)
+
+
+# ---------------------------------------------------------------- the program
+
+
+def _paths(program: TypedProgram) -> list[Path]:
+    """The main file, what it imports, and the data of all of them."""
+    diagnostics = Diagnostics()
+    loaded = load(program.path, diagnostics)
+    if loaded is None:
+        raise SoterError(diagnostics.items)
+    paths = [f.path for f in loaded.files]
+    for file in loaded.files:
+        constants = [d for d in file.file.declarations if isinstance(d, tree.ConstDecl)]
+        paths += [file.path.parent / d.data for d in constants if d.data is not None]
+    return list(dict.fromkeys(p.resolve() for p in paths))
+
+
+def _sources(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
+    """Each file by its path below the deepest folder that holds all of them."""
+    paths = _paths(program)
+    root = Path(os.path.commonpath([p.parent for p in paths]))
+    for path in paths:
+        yield f"program/{path.relative_to(root).as_posix()}", path.read_bytes()
+
+
+def _main(program: TypedProgram, files: dict[str, bytes]) -> str:
+    """The main file is the first."""
+    name = next(iter(files)).removeprefix("program/")
+    assert name.endswith(Path(program.path).name)
+    return name
+
+
+def _params(results: Sequence[ModuleResult]) -> dict[str, object]:
+    """The values of all parameters, floats as C99 hexadecimal texts.
+
+    Without those that are not the same in all systems: there each system says its own (`set`).
+    """
+    values: dict[str, Value] = {}
+    differ: set[str] = set()
+    for result in results:
+        for name, value in result.problem.system.params.items():
+            if repr(values.setdefault(name, value)) != repr(value):
+                differ.add(name)
+    for name in differ:
+        del values[name]
+    return {n: v.hex() if isinstance(v, float) else v for n, v in values.items()}
+
+
+# ---------------------------------------------------------------- a module
+
+
+def _module(
+    result: ModuleResult, system: str, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    problem = result.problem
+    if isinstance(result, InductionResult):
+        return induction_entry(result, system)
+    q = problem.quantities
+    plants = [c.name for c in problem.system.components if c.role == "plant"]
+    claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
+    if not problem.module.law:
+        claims.pop("failsafe", None)  # none is declared: there is nothing to be claimed
+    recover = problem.recover_ns if claims.get("P2b") == PROVED else None
+    inputs = [
+        *_inputs("state", q.states, problem.states),
+        *_inputs("control", q.controls, problem.controls),
+        *_inputs("disturbance", q.disturbances, problem.disturbances),
+        *_inputs("error", q.errors, problem.errors),
+        *_inputs("other", q.others, problem.others),
+    ]
+    entry: dict[str, object] = {
+        "system": system,
+        "module": problem.name.removesuffix(f" as {problem.view}"),
+        "plants": plants,
+        "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
+        "times": _times(problem.times),
+        "inputs": inputs,
+        "cases": [
+            _case(problem, case, f"{stem}_{k}", files) for k, case in enumerate(result.cases)
+        ],
+        "claims": claims,
+        "assumptions": list(problem.assumptions),
+        "recover_ns": recover,
+    }
+    if problem.view:
+        entry["view"] = problem.view
+    if result.laws:
+        ruled = enumerate(result.laws)
+        entry["law"] = [_case(problem, case, f"{stem}_law{k}", files) for k, case in ruled]
+    if problem.computed:
+        entry["tables"] = _tables(result, stem, files)
+    return entry
+
+
+def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[dict[str, object]]:
+    """What the DM of the module holds: levels of every group, as in its C."""
+    cases = [pairs_of(case) for case in result.cases]
+    if not cases or any(len(case) != len(result.problem.groups) for case in cases):
+        return []  # not everything was computed: there is no table, and nothing to be claimed
+    names = [s.name for s in result.problem.quantities.states]
+    numbered_tables = enumerate(tables(result.problem, cases))
+    return [each.entry(names, f"{stem}_dm{k}", files) for k, each in numbered_tables]
+
+
+def _inputs(
+    kind: str, leaves: Sequence[Leaf], ranges: Sequence[Interval]
+) -> Iterator[dict[str, str]]:
+    for leaf, r in zip(leaves, ranges, strict=True):
+        low, high = float(r.low).hex(), float(r.high).hex()
+        yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
+
+
+def _times(times: Times) -> dict[str, int]:
+    return {
+        "Delta_ns": times.delta_dm,
+        "delta_ns": times.delta_sc,
+        "A_ns": times.age_dm,
+        "A_sc_ns": times.age_sc,
+        "J_dm_ns": times.late_dm,
+        "J_sc_ns": times.late_sc,
+        "R_dm_ns": times.response_dm,
+        "R_sc_ns": times.response_sc,
+        "L_ns": times.acts,
+        "H_ns": times.horizon_ns,
+        "H_star_ns": times.h_star,
+        "d_ns": times.delay_sc,
+        "j_ns": times.jitter_sc,
+        "h0_ns": times.start,
+    }
+
+
+def _case(
+    problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    numbers: dict[str, int] = {}
+    groups = []
+    for proof in case.proofs:
+        k = numbers[proof.mark] = numbers.get(proof.mark, -1) + 1
+        groups.append(proof.entry(problem, f"{stem}_{proof.mark}{k}", files))
+    return {"parameter": list(case.parameter), "groups": groups}
+
+
+# ---------------------------------------------------------------- the folder
+
+
+def _replace(folder: Path, files: dict[str, bytes]) -> None:
+    """Only files of an old certificate are removed, and only where it is one."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        old = [p for p in folder.rglob("*") if not p.is_dir() or p.is_symlink()]
+        names = {p.relative_to(folder).as_posix() for p in old}
+        strange = {n for n in names if n.split("/")[0] not in ("program", "sets", MANIFEST, SEAL)}
+        if strange or (names and MANIFEST not in names):
+            raise SoterError((_in_the_way(folder, min(strange or names)),))
+        for path in old:
+            path.unlink()
+        for path in sorted((p for p in folder.rglob("*")), reverse=True):
+            path.rmdir()
+        for name, data in files.items():
+            target = folder / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+    except OSError as error:
+        why = reason(error)
+        problem = Diagnostic("D006", f"cannot write the certificate `{folder}`: {why}")
+        raise SoterError((problem,)) from None
+
+
+def _in_the_way(folder: Path, name: str) -> Diagnostic:
+    return Diagnostic(
+        "D008",
+        f"`{folder}` holds `{name}`, which is no part of a certificate",
+        helps=("name a new or empty folder",),
+    )

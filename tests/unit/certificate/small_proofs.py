@@ -1,0 +1,235 @@
+"""Certificates for the tests of the re-checker, made without the prover.
+
+Purpose: a cart between two walls, its tables by a slow fixpoint over images of single cells, and a
+writer of folders that takes any manifest, right or wrong.
+Non-goals: good sets; speed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.certificate.allowed_claims import CLAIMS
+from soter.certificate.assumptions import p1c_of
+from soter.certificate.format.folder import canonical
+from soter.certificate.inclusions.group_claims import ChainCheck, FreeCheck, GroupTables
+from soter.certificate.inclusions.predicates import certain
+from soter.certificate.inclusions.tables import Cells, Grid
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.problem import Facts, read_facts
+from soter.certificate.rechecker import TIME_KEYS
+from soter.certificate.terms.arb_balls import above, below
+from soter.certificate.terms.compile_terms import form_of_box
+from soter.language.front_end import check_file, system_to_prove
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def facts_of(path: Path, system: str, module: str) -> Facts:
+    """The problem of a program."""
+    checked = check_file(str(path))
+    assert checked.ok, checked.diagnostics
+    return read_facts(system_to_prove(checked, system), module)
+
+
+def even_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
+    """Breakpoints at equal distances."""
+    return (*(low + (high - low) * k / cells for k in range(cells)), high)
+
+
+def images(check: ChainCheck, within: Cells, holds_max: int) -> dict[int, list[Any]]:
+    """For each cell and each number of holds the box reached, while everything stays within."""
+    grid = check.group.grid
+    images_by_cell: dict[int, list[Any]] = {}
+    chain = check.chain(1)
+    n = chain.dimension
+    for at, cell in enumerate(np.ndindex(grid.shape)):
+        form = form_of_box(grid.box(tuple((i, i + 1) for i in cell)), symbols=True)
+        step, row = chain.first, []
+        if not within.members[cell]:
+            images_by_cell[at] = []
+            continue
+        for _ in range(holds_max):
+            after = step(form)
+            if after is None or not within.contains_all(after[1]):
+                break
+            form = after[0]
+            if chain.last is not None:
+                last = chain.last(form)
+                row.append(last[1] if last and within.contains_all(last[1]) else None)
+            else:
+                ends = [(form[2 * i], form[2 * i + 1]) for i in range(n)]
+                row.append(tuple(x for lo, hi in ends for x in (below(lo), above(hi))))
+            step = chain.later
+        images_by_cell[at] = row
+    return images_by_cell
+
+
+def kernel(check: ChainCheck, within: Cells, holds_max: int) -> np.ndarray:
+    """Witnesses of the greatest set that SC keeps within another one."""
+    grid = check.group.grid
+    boxes = images(check, within, holds_max)
+    members = within.members.copy()
+    while True:
+        cells = Cells(grid, members)
+        witnesses = np.zeros(grid.shape, dtype=np.uint8)
+        for at, cell in enumerate(np.ndindex(grid.shape)):
+            if members[cell]:
+                for k in range(len(boxes[at]) - 1, -1, -1):
+                    if boxes[at][k] is not None and cells.contains(boxes[at][k]):
+                        witnesses[cell] = k + 1
+                        break
+        if ((witnesses > 0) == members).all():
+            return witnesses
+        members = witnesses > 0
+
+
+def ranks(check: ChainCheck, home: Cells, core: np.ndarray, holds_max: int) -> Any:
+    """Ranks and their witnesses."""
+    grid = check.group.grid
+    everywhere = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
+    boxes = images(check, everywhere, holds_max)
+    rank = np.zeros(grid.shape, dtype=np.uint16)
+    holds = np.zeros(grid.shape, dtype=np.uint8)
+    done, level = home.members.copy(), 0
+    while True:
+        level += 1
+        cells, fresh = Cells(grid, done), []
+        for at, cell in enumerate(np.ndindex(grid.shape)):
+            if core[cell] and not done[cell]:
+                for k, box in enumerate(boxes[at]):
+                    if box is not None and cells.contains(box):
+                        fresh.append((cell, k + 1))
+                        break
+        if not fresh:
+            return rank, holds
+        for cell, k in fresh:
+            done[cell], rank[cell], holds[cell] = True, level, k
+
+
+def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40) -> dict[str, Any]:
+    """Manifest entry of a module with one group, and its tables as `sets`."""
+    extents = tuple(facts.axes[i] for i in range(len(facts.states)))
+    entry: dict[str, Any] = {
+        "module": facts.module.name,
+        "plants": [c.name for c in facts.plants],
+        "parameters": [{"name": p.name, "values": list(p.values)} for p in facts.parameters],
+        "times": {k: facts.times[k] for k in TIME_KEYS},
+        "inputs": [
+            {
+                "name": s.name,
+                "kind": s.kind,
+                "low": (extents[i][0] if i < len(extents) else s.low).hex(),
+                "high": (extents[i][1] if i < len(extents) else s.high).hex(),
+            }
+            for i, s in enumerate(
+                [
+                    *facts.states,
+                    *facts.controls,
+                    *facts.disturbances,
+                    *facts.errors,
+                    *facts.others,
+                ]
+            )
+        ],
+        "claims": dict.fromkeys(CLAIMS[:-1], "proved") | {"P1c": p1c_of(facts)},  # it has no law
+        "assumptions": [],
+        "recover_ns": None,
+        "cases": [],
+    }
+    sets: dict[str, bytes] = {}
+    groups_of = [tuple(range(len(facts.states)))]
+    for k, values in enumerate(facts.cases()):
+        model = CaseModel(facts, values, extents)
+        grid = Grid(tuple(even_edges(*extents[i], n) for i, n in enumerate(shape[0])))
+        none = np.zeros(grid.shape, dtype=np.uint8)
+        group = GroupTables(groups_of[0], grid, none)
+        safe = certain(model, [group], facts.symbol.safe, errors=False)[0]
+        check = ChainCheck(model, group)
+        core = kernel(check, safe, holds_max)
+        cells = Cells(grid, core > 0)
+        phase = FreeCheck(model, group, facts.times["H_ns"])
+        free = np.zeros(grid.shape, dtype=np.bool_)
+        for cell in np.ndindex(grid.shape):
+            box = grid.box(tuple((i, i + 1) for i in cell))
+            free[cell] = bool(core[cell]) and phase.stays(box, cells, 4)
+        assert facts.symbol.safer is not None
+        calm = certain(model, [group], facts.symbol.safer, errors=True)[0]
+        home = kernel(check, calm, holds_max)
+        rank, holds = ranks(check, Cells(grid, home > 0), core, holds_max)
+        stem = f"sets/{k}_"
+        tables = {
+            "K": core.tobytes(),
+            "R": np.packbits(free.reshape(-1), bitorder="little").tobytes(),
+            "Q": home.tobytes(),
+            "W": rank.astype("<u2").tobytes(),
+            "W_N": holds.tobytes(),
+        }
+        axes = []
+        for i, edges in enumerate(grid.edges):
+            sets[f"{stem}axis{i}.bin"] = np.array(edges, dtype="<f8").tobytes()
+            axes.append({"state": facts.states[i].name, "edges": f"{stem}axis{i}.bin"})
+        sets.update({f"{stem}{n}.bin": data for n, data in tables.items()})
+        named = {n: f"{stem}{n}.bin" for n in tables}
+        entry["cases"].append(
+            {"parameter": list(values), "groups": [{"kind": "grid", "axes": axes, **named}]}
+        )
+    return {"entry": entry, "sets": sets}
+
+
+def write(
+    folder: Path, program: dict[str, str], main: str, entries: list[Any], sets: dict[str, bytes]
+) -> None:
+    """A sealed folder of whatever it is given."""
+    files = {f"program/{n}": text.encode() for n, text in program.items()} | sets
+    for name, data in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    checked = check_file(str(folder / "program" / main))
+    manifest = {
+        "schema": 1,
+        "soter": "test",
+        "files": {n: hashlib.sha256(d).hexdigest() for n, d in files.items()},
+        "main": main,
+        "params": {},
+        "program_sha256": checked.program.sha256 if checked.program else "",
+        "modules": entries,
+    }
+    seal(folder, manifest)
+
+
+def seal(folder: Path, manifest: Any) -> None:
+    """Write manifest and seal."""
+    raw = canonical(manifest)
+    (folder / "manifest.json").write_bytes(raw)
+    (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
+
+
+def reseal(folder: Path, manifest: Any) -> None:
+    """Every hash anew."""
+    for name in manifest["files"]:
+        manifest["files"][name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+    seal(folder, manifest)
+
+
+def edit_program(folder: Path, *pairs: tuple[str, str]) -> Any:
+    """Replace texts in the program of a certificate, hashes right; the manifest."""
+    manifest = json.loads((folder / "manifest.json").read_text())
+    path = folder / "program" / manifest["main"]
+    text = path.read_text()
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new)
+    path.write_text(text)
+    checked = check_file(str(path))
+    assert checked.ok, checked.diagnostics.items
+    assert checked.program is not None
+    manifest["program_sha256"] = checked.program.sha256
+    reseal(folder, manifest)
+    return manifest

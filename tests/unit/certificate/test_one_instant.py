@@ -1,0 +1,59 @@
+"""What DM or SC read together is the state at one instant, or the program is not rechecked."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.certificate.reading.problem import DiffersError
+from unit.certificate import small_proofs
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TEXT = """soter 1;
+topic x: float max_age 20ms;
+topic y: float max_age 20ms;
+topic u: float in [-1.0, 1.0];
+plant P period 10ms { reads u; drives x = p; state p: float; der p = u; }
+plant Q period 10ms { drives y = q; state q: float; der q = -q; }
+node Fast period 20ms { subscribes x; publishes u; step { publish u = 1.0; } }
+node Slow period 20ms { subscribes x, y; publishes u; step { publish u = clamp(-x, -1.0, 1.0); } }
+rta M {
+  ac Fast;
+  sc Slow;
+  period 20ms;
+  safe abs(x) < 3.0 && abs(y) < 1.0;
+  ttf abs(x) > 2.0;
+  safer abs(x) < 1.0;
+  verify { grid x in [-3.0, 3.0] / 100; grid y in [-1.0, 1.0] / 10; }
+}
+system S { p: P; q: Q; module M; }
+"""
+SC = ("clamp(-x,", "clamp(-x - y,")
+DM = ("ttf abs(x) > 2.0;", "ttf abs(x) + abs(y) > 2.0;")
+CLOCKS = ("plant Q period 10ms", "plant Q period 5ms")
+
+
+def facts_with(folder: Path, *pairs: tuple[str, str]) -> None:
+    text = TEXT
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "two.soter"
+    path.write_text(text)
+    small_proofs.facts_of(path, "S", "M")
+
+
+@pytest.mark.parametrize("reader", [SC, DM])
+def test_two_clocks_are_rejected_where_both_are_read(
+    tmp_path: Path, reader: tuple[str, str]
+) -> None:
+    facts_with(tmp_path, reader)
+    with pytest.raises(DiffersError, match="different times"):
+        facts_with(tmp_path, reader, CLOCKS)
+
+
+def test_two_clocks_are_fine_where_only_one_is_read(tmp_path: Path) -> None:
+    facts_with(tmp_path, CLOCKS)

@@ -1,0 +1,264 @@
+"""Certificates of inductions: accepted by another encoding, rejected when they were made wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from generators.opaque_planner import OPAQUE as SLOW
+from long_tests import some
+from soter.api.program import load
+from soter.api.rechecking import recheck
+from soter.language.front_end import check_file
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+pytest.importorskip("z3")
+pytest.importorskip("flint")
+
+PLANNER = """soter 1;
+type Plan = enum { Hover, Around, ThroughBuilding };
+topic candidate: Plan;
+topic inForce: Plan;
+fun good(p: Plan): bool { return p != Plan.ThroughBuilding; }
+node Any period 10ms { publishes candidate; step { publish candidate = choose Plan; } }
+node Hold period 10ms { publishes candidate; step { publish candidate = Plan.Hover; } }
+node Follower period 10ms {
+  subscribes candidate;
+  publishes inForce;
+  var plan: Plan;
+  step {
+    if age(candidate) > seconds(30ms) { plan = candidate; }
+    publish inForce = plan;
+  }
+}
+rta Planner {
+  ac Any;
+  sc Hold;
+  period 20ms;
+  safe good(inForce);
+  ttf !good(candidate);
+  safer good(candidate);
+  verify { induction; lemma good(candidate) || age(candidate) <= seconds(30ms); }
+}
+system S default { node Follower; module Planner; until 1s; }
+"""
+
+
+def certificate(tmp_path: Path, text: str = PLANNER) -> Path:
+    program = tmp_path / "planner.soter"
+    program.write_text(text)
+    load(program).verify(cert=tmp_path / "cert", refute=False)
+    return tmp_path / "cert"
+
+
+def sealed_again(folder: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    """The same certificate with another manifest, sealed as a new one would be."""
+    manifest = json.loads((folder / "manifest.json").read_text())
+    change(manifest)
+    raw = (json.dumps(manifest, sort_keys=True, separators=(",", ":")) + "\n").encode()
+    (folder / "manifest.json").write_bytes(raw)
+    (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
+
+
+def test_what_was_proved_is_accepted(tmp_path: Path) -> None:
+    report = recheck(certificate(tmp_path))
+    assert report.accepted, report.reason
+    assert report.safe
+    assert report.returns
+    (module,) = report.modules
+    assert module.times["k"] >= 1
+
+
+OTHER = """topic shown: int;
+node Other period 10ms phase PHASE { publishes shown; jitter 4ms; step { publish shown = 1; } }
+"""
+
+
+def beside(phase: str) -> str:
+    """Somebody in the thread who may be late, and whom the proof does not follow."""
+    text = PLANNER.replace("rta Planner", OTHER.replace("PHASE", phase) + "rta Planner")
+    return text.replace("{ node Follower;", "{ node Other; node Follower;")
+
+
+def test_who_is_late_and_delays_nobody_that_is_followed(tmp_path: Path) -> None:
+    """Released 5 ms after the others, it is done 1 ms before they are released again."""
+    report = recheck(certificate(tmp_path, beside("5ms")))
+    assert report.accepted, report.reason
+    assert report.safe
+
+
+def test_who_is_late_and_delays_others(tmp_path: Path) -> None:
+    """What was proved of a thread in which nobody waits for it."""
+    folder = certificate(tmp_path, beside("5ms"))
+    source = folder / "program" / "planner.soter"
+    source.write_text(source.read_text().replace("phase 5ms", "phase 7ms"))
+    checked = check_file(str(source)).program
+    assert checked is not None
+
+    def change(manifest: dict[str, Any]) -> None:
+        manifest["files"]["program/planner.soter"] = hashlib.sha256(source.read_bytes()).hexdigest()
+        manifest["program_sha256"] = checked.sha256
+
+    sealed_again(folder, change)
+    report = recheck(folder)
+    assert not report.accepted
+    assert report.reason.startswith("not rechecked: releases that are late (`jitter`), and with")
+
+
+def edited(key: str, value: object) -> Callable[[dict[str, Any]], None]:
+    def change(manifest: dict[str, Any]) -> None:
+        manifest["modules"][0]["induction"][key] = value
+
+    return change
+
+
+def clock(manifest: dict[str, Any]) -> None:
+    manifest["modules"][0]["induction"]["clocks"]["Follower"][0] = 20_000_000
+
+
+def claim(manifest: dict[str, Any]) -> None:
+    manifest["modules"][0]["claims"]["P1c"] = "proved"
+
+
+def law(manifest: dict[str, Any]) -> None:
+    """Of plants an induction says nothing: nobody would look at it."""
+    manifest["modules"][0]["claims"]["failsafe"] = "proved"
+
+
+def left_out(manifest: dict[str, Any]) -> None:
+    del manifest["modules"][0]["induction"]["clocks"]["Follower"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        edited("k", 0),
+        edited("k", -1),
+        edited("k", True),
+        edited("k", 10**9),
+        edited("returns", 0),
+        edited("lemmas", []),
+        edited("lemmas", ["good(candidate)"]),
+        edited("hyperperiod_ns", 10_000_000),
+        clock,
+        claim,
+        law,
+        left_out,
+    ],
+)
+def test_a_manifest_made_wrong_is_rejected(
+    tmp_path: Path, change: Callable[[dict[str, Any]], None]
+) -> None:
+    folder = certificate(tmp_path)
+    sealed_again(folder, change)
+    assert not recheck(folder).accepted
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("seconds(30ms) { plan", "seconds(20ms) { plan"),
+        ("age(candidate) >", "age(candidate) >="),
+        ("publish candidate = Plan.Hover", "publish candidate = Plan.ThroughBuilding"),
+        ("ttf !good(candidate)", "ttf false"),
+        ("period 20ms", "period 30ms"),
+        ("lemma good(candidate) ||", "lemma good(candidate) &&"),
+        ("induction;", "induction; late sc 1ms;"),
+        ("node Hold period 10ms", "node Hold period 20ms"),
+    ],
+)
+def test_a_program_made_wrong_is_rejected(tmp_path: Path, old: str, new: str) -> None:
+    """The program, its hash and the manifest are those of the wrong program; the claims are not."""
+    good = certificate(tmp_path)
+    claims = json.loads((good / "manifest.json").read_text())["modules"]
+    (tmp_path / "wrong").mkdir()
+    assert old in PLANNER
+    wrong = certificate(tmp_path / "wrong", PLANNER.replace(old, new))
+
+    def put(manifest: dict[str, Any]) -> None:
+        own = manifest["modules"][0]["induction"]
+        manifest["modules"] = claims
+        claims[0]["induction"]["clocks"] = own["clocks"]
+        claims[0]["induction"]["hyperperiod_ns"] = own["hyperperiod_ns"]
+        claims[0]["induction"]["lemmas"] = own["lemmas"]
+
+    sealed_again(wrong, put)
+    assert not recheck(wrong).accepted
+
+
+def test_too_small_a_k_is_rejected(tmp_path: Path) -> None:
+    """The plan in force is a copy of a copy: one hyperperiod of hypothesis is not enough."""
+    text = PLANNER.replace("period 20ms", "period 10ms").replace("30ms", "20ms")
+    text = text.replace("lemma good(candidate) || age(candidate) <= seconds(20ms);", "")
+    folder = certificate(tmp_path, text)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    k = manifest["modules"][0]["induction"]["k"]
+    assert k > 1
+    assert recheck(folder).accepted
+    sealed_again(folder, edited("k", k - 1))
+    assert not recheck(folder).accepted
+
+
+OPAQUE = SLOW.replace("period 400ms", "period 40ms")
+
+
+@pytest.mark.long
+def test_what_is_opaque_is_accepted_as_far_as_it_is_proved(tmp_path: Path) -> None:
+    """P2b rests on `progress`: assumed, and not confirmed."""
+    report = recheck(certificate(tmp_path, OPAQUE))
+    assert report.accepted, report.reason
+    assert report.safe
+    assert not report.returns
+    (module,) = report.modules
+    assert any("latches its node" in a.text for a in module.assumptions)
+
+
+def latching(manifest: dict[str, Any]) -> None:
+    manifest["modules"][0]["induction"]["latching"] = False
+
+
+def returns(manifest: dict[str, Any]) -> None:
+    manifest["modules"][0]["claims"]["P2b"] = "proved"
+    manifest["modules"][0]["induction"]["returns"] = 3
+
+
+@pytest.mark.parametrize("change", some([latching, returns, edited("progress", [])], 1))
+@pytest.mark.long
+def test_more_than_is_proved_of_what_is_opaque_is_rejected(
+    tmp_path: Path, change: Callable[[dict[str, Any]], None]
+) -> None:
+    folder = certificate(tmp_path, OPAQUE)
+    sealed_again(folder, change)
+    assert not recheck(folder).accepted
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("&& good(candidate) { now", "{ now"),
+        ("good(candidate) { now", "good(now) { now"),
+        ("publish inForce = now", "publish inForce = candidate"),
+        ("{ now = candidate; }", "{ now.ends = candidate.ends; now.n = 1; }"),
+        ("safe inForce.n == 0 ||", "safe"),
+        ("  publishes inForce;\n", "  publishes inForce;\n  failsafe inForce = BAD;\n"),
+    ],
+    ids=["unchecked", "another", "around", "parts", "at the start", "fail-safe"],
+)
+def test_wrong_programs_of_what_is_opaque_are_rejected(tmp_path: Path, old: str, new: str) -> None:
+    text = OPAQUE.replace("topic asked", "const BAD: Way = { ends: [1.0], n: 1 };\ntopic asked")
+    good = certificate(tmp_path, text)
+    (module,) = json.loads((good / "manifest.json").read_text())["modules"]
+    assert module["claims"]["P2a"] == "proved"
+    (tmp_path / "wrong").mkdir()
+    assert old in text
+    wrong = certificate(tmp_path / "wrong", text.replace(old, new))
+    sealed_again(wrong, lambda manifest: manifest.update(modules=[module]))
+    report = recheck(wrong)
+    assert not report.accepted
+    assert "something fails" in report.reason

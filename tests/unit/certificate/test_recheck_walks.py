@@ -1,0 +1,269 @@
+"""Blocks of cells, what is known of them, and groups that no run leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from bench.recheck_models import Cart
+
+from soter.certificate.case_check import CaseCheck
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.group_claims import ChainCheck, GroupTables, ranked
+from soter.certificate.inclusions.inward_flow import points_inwards
+from soter.certificate.inclusions.tables import Cells, Grid, unshown, volume
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.terms.compile_terms import form_of_box
+from unit.certificate import small_proofs
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from soter.certificate.inclusions.tables import Block
+
+CLAMPED = "clamp(-2.0 * seen, -1.0, 1.0)"
+LAG = """soter 1;
+topic seen: float max_age 10ms;
+topic push: float in [-1.0, 1.0] = 0.0;
+plant Lag period 10ms {
+  reads push;
+  drives seen = w;
+  state w: float in [-0.1, 0.1];
+  state q: float in [-0.1, 0.1];
+  disturbance d: float in [-0.5, 0.5];
+  der w = push;
+  der q = RATE * (w - q) + EXTRA;
+}
+node Any period 20ms { subscribes seen; publishes push; step { publish push = 0.0; } }
+node Zero period 20ms {
+  subscribes seen;
+  publishes push;
+  step { publish push = clamp(-2.0 * seen, -1.0, 1.0); }
+}
+rta Module {
+  ac Any;
+  sc Zero;
+  period 20ms;
+  safe abs(seen) < 1.01;
+  ttf abs(seen) > 0.5;
+  safer abs(seen) < 0.3;
+  verify { grid l.w in [-1.0, 1.0] / 40; grid l.q in [-BOUND, BOUND] / 1; }
+}
+system S default { l: Lag; module Module; until 10s; }
+"""
+
+
+def lag(
+    tmp_path: Path, rate: str, extra: str, bound: float, law: str = CLAMPED
+) -> tuple[CaseModel, list[GroupTables]]:
+    """The model, and a table for w and for q; `bound`: of the grid of q."""
+    text = LAG.replace(CLAMPED, law)
+    text = text.replace("RATE", rate).replace("EXTRA", extra).replace("BOUND", repr(bound))
+    (tmp_path / "lag.soter").write_text(text)
+    facts = small_proofs.facts_of(tmp_path / "lag.soter", "S", "Module")
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
+    grids = (Grid((small_proofs.even_edges(-1.0, 1.0, 40),)), Grid(((-bound, bound),)))
+    groups = []
+    for i, grid in enumerate(grids):
+        every = np.ones(grid.shape, dtype=np.uint8)
+        free = np.ones(grid.shape, dtype=np.bool_)
+        rank = np.ones(grid.shape, dtype=np.uint16)
+        groups.append(GroupTables((i,), grid, every, free, every, rank, every))
+    return model, groups
+
+
+@pytest.mark.parametrize(
+    ("rate", "extra", "bound", "inwards"),
+    [
+        ("4.0", "0.0", 1.01, True),
+        ("4.0", "0.0", 0.99, False),  # w may be beyond
+        ("4.0", "d", 1.13, True),
+        ("4.0", "d", 1.12, False),  # 4 (1 - 1.12) + 0.5 > 0
+        ("4.0", "d + 0.4", 1.23, True),
+        ("4.0", "d + 0.4", 1.2, False),  # at the upper end alone
+        ("4.0", "d - 0.4", 1.2, False),  # at the lower end alone
+        ("4.0", "0.01 * push", 1.5, False),  # a command moves it
+        ("-4.0", "0.0", 1.5, False),
+        ("0.0", "d", 1.5, False),
+    ],
+)
+def test_what_flows_inwards(
+    tmp_path: Path, rate: str, extra: str, bound: float, inwards: bool
+) -> None:
+    model, groups = lag(tmp_path, rate, extra, bound)
+    assert points_inwards(model, groups[1].states) == inwards
+    assert not points_inwards(model, groups[0].states), "its command moves it"
+
+
+def test_a_group_that_flows_inwards_needs_no_chain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, groups = lag(tmp_path, "4.0", "d", 1.13)
+    asked = []
+    chain = ChainCheck.chain
+
+    def noted(self: ChainCheck, pieces: int) -> Any:
+        asked.append(self.group.states)
+        return chain(self, pieces)
+
+    monkeypatch.setattr(ChainCheck, "chain", noted)
+    case = CaseCheck(model, [groups[1]], {"P2a"}, {}, lambda _: None, 1)
+    case.cores = [Cells(groups[1].grid, groups[1].core > 0)]
+    case.kept = [True]
+    case._kernel()
+    case._free()
+    assert case.tasks == []
+    assert asked == []
+    case.kept = [False]
+    case._kernel()
+    assert asked
+    assert case.tasks
+
+
+def test_a_part_of_a_group_that_flows_inwards_is_not_kept_for_free(tmp_path: Path) -> None:
+    """Half of the grid is left at once although the whole is not."""
+    model, groups = lag(tmp_path, "4.0", "d", 1.13)
+    grid = Grid(((-1.13, 0.0, 1.13),))
+    half = np.array([1, 0], dtype=np.uint8)
+    part = GroupTables((1,), grid, half, half > 0, half, np.ones(2, np.uint16), half)
+    case = CaseCheck(model, [groups[0], part], {"P2a"}, {}, lambda _: None, 1)
+    with pytest.raises(RejectedError, match="lead back"):
+        case.check()
+
+
+@pytest.mark.parametrize(
+    ("law", "near", "far"),
+    [(CLAMPED, True, True), ("-2.0 * seen", True, False), ("2.0 + 0.0 * seen", False, False)],
+)
+def test_a_command_outside_its_set_ends_a_chain(
+    tmp_path: Path, law: str, near: bool, far: bool
+) -> None:
+    model, groups = lag(tmp_path, "4.0", "d", 1.13, law)
+    chain = ChainCheck(model, groups[0]).chain(1)
+    for at, known in (((20, 22), near), ((38, 39), far)):
+        form = form_of_box(groups[0].grid.box((at,)), symbols=True)
+        assert (chain.first(form) is not None) == known
+
+
+# ---------------------------------------------------------------- walks
+
+
+def test_a_walk_gives_back_the_cells_that_nothing_showed() -> None:
+    draw = np.random.default_rng(5)
+    for shape in [(1,), (37,), (9, 14), (5, 4, 6)]:
+        for _ in range(10):
+            todo, true = draw.random((2, *shape)) < 0.7
+            tried: list[int] = []
+
+            def attempt(
+                at: Block,
+                wanted: NDArray[np.bool_],
+                true: NDArray[np.bool_] = true,
+                todo: NDArray[np.bool_] = todo,
+                tried: list[int] = tried,
+            ) -> NDArray[np.bool_]:
+                here = tuple(slice(a, b) for a, b in at)
+                assert not (wanted & ~todo[here]).any(), "only what is wanted"
+                tried.append(volume(at))
+                some = draw.random(wanted.shape) < 0.3
+                shown: NDArray[np.bool_] = true[here] & (some | (volume(at) == 1))
+                return shown
+
+            whole = tuple((0, n) for n in shape)
+            cells = {tuple(low for low, _ in b) for b in unshown(todo, whole, attempt, 8)}
+            assert cells == {tuple(int(i) for i in c) for c in np.argwhere(todo & ~true)}
+            assert max(tried, default=1) <= 8
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[CaseModel, GroupTables]:
+    cart = Cart(cells_x=12, cells_v=10)
+    path = tmp_path_factory.mktemp("small") / "cart.soter"
+    path.write_text(cart.text())
+    facts = small_proofs.facts_of(path, "Track", "SafeCart")
+    extents = tuple(facts.axes[i] for i in range(2))
+    model = CaseModel(facts, (), extents)
+    grid = Grid(
+        tuple(small_proofs.even_edges(*e, n) for e, n in zip(extents, (12, 10), strict=True))
+    )
+    return model, GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
+
+
+def test_steps_without_boxes_give_the_same_forms(small: tuple[CaseModel, GroupTables]) -> None:
+    model, group = small
+    chain = ChainCheck(model, group).chain(1)
+    for i in range(12):
+        form = form_of_box(group.grid.box(((i, i + 1), (4, 6))), symbols=True)
+        for k in range(4):
+            full = (chain.first, chain.later)[k > 0](form)
+            bare = chain.bare[k > 0](form)
+            assert bare is not None
+            assert bare[1] == ()
+            if full is None:
+                break
+            assert [str(x) for x in full[0]] == [str(x) for x in bare[0]]
+            form = full[0]
+
+
+def test_what_was_seen_of_a_block_is_used_for_its_parts_only(
+    small: tuple[CaseModel, GroupTables], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`seen` is written for the block alone, and only as far as it was within."""
+    model, group = small
+    check = ChainCheck(model, group)
+    everywhere = Cells(group.grid, np.ones(group.grid.shape, dtype=np.bool_))
+    seen = np.zeros(group.grid.shape, dtype=np.uint16)
+    at = ((5, 7), (4, 6))
+    whole = list(check.reached(at, [2, 5], everywhere, seen))
+    assert [k for k, _ in whole] == [2, 5]
+    assert (seen[5:7, 4:6] == 5).all()
+    assert seen.sum() == 4 * 5
+    assert list(check.reached(at, [2, 5], everywhere, seen)) == whole
+    looked: list[int] = []
+    contains_all = everywhere.contains_all
+
+    def noted(boxes: Sequence[float]) -> bool:
+        looked.append(len(boxes))
+        return contains_all(boxes)
+
+    monkeypatch.setattr(everywhere, "contains_all", noted)
+    list(check.reached(at, [2], everywhere, seen))
+    assert [n > 0 for n in looked] == [False, False, True], "only the end of the last hold"
+    looked.clear()
+    list(check.reached(((5, 8), (4, 6)), [2], everywhere, seen))
+    assert [n > 0 for n in looked] == [True, True, True]
+    edge = ((11, 12), (9, 10))  # at the wall, as fast as the grid goes
+    assert list(check.reached(edge, [3], everywhere, seen)) == []
+    assert seen[11, 9] < 3
+
+
+def test_every_cell_is_held_to_its_own_rank(small: tuple[CaseModel, GroupTables]) -> None:
+    """In a block of several ranks no cell may count another's as its own."""
+    model, group = small
+    shape = group.grid.shape
+    home = np.zeros(shape, dtype=np.bool_)
+    home[4:8, 3:7] = True
+    rank = np.zeros(shape, dtype=np.uint16)
+    rank[home] = 1
+    holds = np.full(shape, 60, dtype=np.uint8)
+    rank[3, 4:6] = (2, 3)
+    group = replace(group, rank=rank, rank_holds=holds)
+    check = ChainCheck(model, group)
+    whole = group.grid.whole
+    assert list(ranked(check, Cells(group.grid, home), whole)) == []
+    rank[8, 4:6] = 1  # beside home, and of a rank that only home is below
+    rank[2, 4:6] = 1
+    assert list(ranked(check, Cells(group.grid, home), whole)) == []
+    holds[3, 4] = 0
+    blocks = list(ranked(check, Cells(group.grid, home), whole))
+    assert blocks == [((3, 4), (4, 5))], "no hold, no way"
+    none = Cells(group.grid, np.zeros(shape, dtype=np.bool_))
+    rank[:], holds[:] = 0, 1
+    rank[home] = 1
+    left = list(ranked(check, none, whole))
+    assert len(left) == home.sum(), "what leads to rank 1 is not below rank 1"

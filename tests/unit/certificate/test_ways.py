@@ -1,0 +1,97 @@
+"""Nodes between plant and module are followed: their age, their first step, what they leave out."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from bench.recheck_small import PROGRAMS
+
+import soter
+from soter.api import recheck
+from soter.certificate.assumptions import assumptions_of, p1c_of
+from soter.certificate.reading.problem import DiffersError
+from soter.certificate.terms.terms import NotRecheckedError
+from unit.certificate import small_proofs
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.certificate.reading.facts import Facts
+
+MS = 1_000_000
+
+
+def facts_of(folder: Path, *pairs: tuple[str, str]) -> Facts:
+    text = PROGRAMS["flying"]
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "small.soter").write_text(text)
+    return small_proofs.facts_of(folder / "small.soter", "S", "M")
+
+
+def test_times_of_nodes_on_the_way_count(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    (read,) = facts.setting.by_sc
+    (path,) = read.paths
+    assert [n.name for n in path.nodes] == ["Estimate"]
+    (effect,) = facts.setting.effects
+    assert [n.name for n in effect.nodes] == ["Driver"]
+    assert facts.times["A_ns"] == 30 * MS + path.lag() == 32 * MS
+    # SC waits 3 ms, takes 1; the driver steps by 5 and takes 1; 1 until it acts
+    assert facts.times["j_ns"] == 7 * MS
+    assert p1c_of(facts) == "proved"
+
+
+def test_a_driver_without_times_runs_behind_sc(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path, (", Driver 0ms", ""), (", Driver 1ms", ""))
+    (effect,) = facts.setting.effects
+    assert not effect.nodes
+    assert "in step Driver" in {a.key for a in assumptions_of(facts)}
+
+
+def test_an_estimate_without_times_makes_p1c_assumed(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path, (", Estimate 1ms, Driver 1ms", ", Driver 1ms"))
+    assert p1c_of(facts) == "assumed"
+    assert "undeclared Estimate" in {a.key for a in assumptions_of(facts)}
+
+
+def test_a_publisher_that_is_too_slow_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DiffersError, match="R011"):
+        facts_of(tmp_path, ("node Estimate period 10ms", "node Estimate period 1s"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("{ publish x = raw; }", "{ if raw > 0.0 { publish x = raw; } }", "in every step"),
+        ("{ publish force = u; }", "{ if u > 0.0 { publish force = u; } }", "in every step"),
+        ("subscribes raw; publishes x; step { publish x = raw; }",
+         "subscribes raw queue 2; publishes x; step { publish x = raw[0]; }", "a queue"),
+        ("Estimate 1ms, Driver 0ms", "Estimate 10ms, Driver 0ms", "may not be over"),
+    ],
+)  # fmt: skip
+def test_nodes_that_leave_out_values_are_not_rechecked(
+    tmp_path: Path, old: str, new: str, why: str
+) -> None:
+    with pytest.raises(NotRecheckedError, match=why):
+        facts_of(tmp_path, (old, new))
+
+
+def test_a_step_that_faults_is_a_reason(tmp_path: Path) -> None:
+    """Found by `bench/recheck_overstated.py`: it came out as an exception."""
+    path = tmp_path / "small.soter"
+    path.write_text(PROGRAMS["assumed"])
+    soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    small_proofs.edit_program(
+        tmp_path / "cert", ("step { publish u = clamp", "step { assert false; publish u = clamp")
+    )
+    report = recheck(tmp_path / "cert")
+    assert not report.accepted
+    small_proofs.edit_program(
+        tmp_path / "cert", ("assert false;", "let zero = 0.0; assert 1.0 / zero > 0.0;")
+    )
+    report = recheck(tmp_path / "cert")
+    assert not report.accepted
+    assert "faults" in report.reason

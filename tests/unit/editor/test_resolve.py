@@ -1,0 +1,88 @@
+"""What the editor takes a name for is what the checker takes it for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.editor.keywords import meaning
+from soter.editor.names.resolve import index_of
+from soter.language.front_end import check_file
+from soter.language.load.loader import load
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes
+from soter.language.syntax.tokens import NAME, lex
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.span import Span
+    from soter.editor.names.definitions import NameIndex
+
+ROOT = Path(__file__).resolve().parents[3]
+PROGRAMS = sorted((ROOT / "examples").glob("*/*.soter"))
+HOUSE_WORDS = {"truth", "len", "Mode", "AC", "SC"}
+"""Names that nobody declares."""
+
+
+def read_by(program: typed.TypedProgram) -> Iterator[tuple[Span, Span]]:
+    """Where a checked program reads something, and where that is declared."""
+    roots: list[object] = []
+    for table in (program.funs, program.nodes, program.plants, program.modules):
+        for symbol in table.values():
+            values = [getattr(symbol, f) for f in symbol.__dataclass_fields__]
+            roots += [v for v in values if not isinstance(v, (dict, list))]
+            roots += [v for d in values if isinstance(d, dict) for v in d.values()]
+    flat = [part for root in roots for part in (root if isinstance(root, tuple) else (root,))]
+    for node in nodes(n for n in flat if isinstance(n, (typed.TypedExpr, typed.TypedStmt))):
+        if isinstance(node, typed.VarRead):
+            yield node.span, node.variable.span
+        elif isinstance(node, typed.TopicRead):
+            yield node.span, node.topic.span
+        elif isinstance(node, typed.ParamRead):
+            yield node.span, node.param.span
+
+
+def words_of(index: NameIndex, path: Path) -> Iterator[tuple[str, int]]:
+    """Names of a file that mean nothing to the index, and their lines."""
+    source = next(f.source for f in index.files if f.path == path)
+    known = {(u.span.start, u.span.end) for u in index.uses_in(source)}
+    tokens = lex(source)
+    for kind, text, start, end in zip(
+        tokens.kinds, tokens.texts, tokens.starts, tokens.ends, strict=True
+    ):
+        if kind == NAME and (start, end) not in known:
+            yield text, source.line_of(start)
+
+
+@pytest.mark.parametrize("path", PROGRAMS, ids=lambda p: p.stem)
+def test_every_read_leads_to_what_the_checker_reads(path: Path) -> None:
+    checked = check_file(str(path))
+    assert checked.program is not None
+    assert checked.loaded is not None
+    index = index_of(checked.loaded)
+    compared = 0
+    for use, declared in read_by(checked.program):
+        if use.source.name.startswith("<prelude>"):
+            continue
+        reference = index.at(use.source, use.end if "." in use.text else use.start)
+        assert reference is not None, (use.source.name, use.line, use.text)
+        assert reference.definition.span.source is declared.source, (use.line, use.text)
+        assert declared.start <= reference.definition.span.start < declared.end, (
+            use.line,
+            use.text,
+        )
+        compared += 1
+    assert compared
+
+
+@pytest.mark.parametrize("path", PROGRAMS, ids=lambda p: p.stem)
+def test_no_name_of_a_program_is_without_a_meaning(path: Path) -> None:
+    """What is left are words of the grammar."""
+    loaded = load(str(path), Diagnostics())
+    assert loaded is not None
+    left = {word for word, _ in words_of(index_of(loaded), path)}
+    assert {w for w in left if meaning(w) is None} - HOUSE_WORDS == set()

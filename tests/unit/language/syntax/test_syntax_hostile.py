@@ -1,0 +1,270 @@
+"""Hostile input: always diagnostics, quickly; never an exception."""
+
+from __future__ import annotations
+
+import random
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.render import render_all, to_json
+from soter.diagnostics.source import Source
+from soter.language.syntax.parser import parse
+
+N = 10_000
+MILLION = 1_000_000
+SECONDS_MAX = 4.0  # two are promised; half a second is usual on an idle machine
+_RANDOM = random.Random(20)  # noqa: S311 - test data
+
+
+def inside(expression: str) -> str:
+    """A program with this expression."""
+    return f"soter 1;\nfun f(x: float): float {{ return {expression}; }}\n"
+
+
+def statements(text: str) -> str:
+    """A program with these statements."""
+    return f"soter 1;\nfun f(x: float): float {{ {text} }}\n"
+
+
+_BYTES = _RANDOM.randbytes(MILLION)
+HOSTILE = {
+    "random bytes as utf-8": _BYTES.decode("utf-8", "replace"),
+    "random bytes as latin-1": _BYTES.decode("latin-1"),
+    "random bytes as surrogates": _BYTES.decode("utf-8", "surrogateescape"),
+    "random printable": "".join(_RANDOM.choices([chr(c) for c in range(32, 127)], k=MILLION)),
+    "random words": " ".join(
+        _RANDOM.choices(
+            [
+                "node",
+                "fun",
+                "rta",
+                "topic",
+                "x",
+                "1",
+                "1.5",
+                "10ms",
+                "{",
+                "}",
+                "(",
+                ")",
+                "[",
+                "]",
+                ";",
+                ",",
+                ":",
+                "=",
+                "+",
+                "-",
+                "if",
+                "else",
+                "for",
+                "let",
+                "step",
+            ],
+            k=200_000,
+        )
+    ),
+    "parentheses": inside("(" * N + "x" + ")" * N),
+    "open parentheses": inside("(" * N),
+    "nothing but parentheses": "(" * N,
+    "brackets": inside("[" * N + "x" + "]" * N),
+    "nothing but brackets": "[" * N,
+    "braces": "{" * N,
+    "braces in an expression": inside("{" * N),
+    "closing braces": "}" * N,
+    "records": inside("{ a: " * N + "x" + "}" * N),
+    "minus": inside("-" * N + "x"),
+    "not": inside("!" * N + "x"),
+    "words not": inside("not " * N + "x"),
+    "choices to the right": inside("x ? x : " * N + "x"),
+    "choices to the left": inside("x ? " * N + "x" + " : x" * N),
+    "sums": inside("x" + " + x" * N),
+    "comparisons": inside("x" + " < x" * N),
+    "calls": inside("f(" * N + "x" + ")" * N),
+    "indices": inside("x" + "[0]" * N),
+    "nested indices": inside("x[" * N + "0" + "]" * N),
+    "fields": inside("x" + ".a" * N),
+    "blocks": statements("if x { " * N + "}" * N),
+    "open blocks": statements("if x { " * N),
+    "ifs": statements("if " * N),
+    "elses": statements("else " * N),
+    "whiles": statements("while " * N),
+    "lets": statements("let " * N),
+    "assignments": statements("x = " * N),
+    "braceless": statements("if x return 1; " * N),
+    "nested record types": "soter 1; type T = " + "{ a: " * N + "float" + "}" * N + ";",
+    "array types": "soter 1; type T = float" + "[1]" * N + ";",
+    "value sets": "soter 1; topic t: T in " + "{ a in " * N + "[1,2]" + "}" * N + ";",
+    "declarations in declarations": "soter 1;\n"
+    + "".join(" " * i + "fun f(x: float): float {\n" for i in range(1000)),
+    "open comment": "soter 1; " + "/* " * N,
+    "open string": 'soter 1; import "' + "a" * MILLION,
+    "open strings": '"\n' * N,
+    "NUL": "\0" * MILLION,
+    "spaced NUL": "\0 " * (MILLION // 2),
+    "byte-order marks": "\ufeff" * N,
+    "surrogates": "soter 1;\n\ud800 const \udfff: float = \ud800;",
+    "non-ASCII names": "soter 1;\n" + "const gr\u00f6\u00dfe: float = \u00e4;\n" * 1000,
+    "semicolons": ";" * MILLION,
+    "dots": "." * MILLION,
+    "digits": "soter 1; const x: int = " + "1" * MILLION + ";",
+    "underscored digits": "1_" * (MILLION // 2),
+    "points in a number": "1." * (MILLION // 2),
+    "exponent": "soter 1; const x: float = 1e" + "9" * N + "; const y: duration = 1e-9999999s;",
+    "long duration": "soter 1; const x: duration = 1" + "0" * N + "s + 1e999999h;",
+    "keywords": "fun rta node plant topic " * N,
+    "operators": "<>=!&|+-*/" * N,
+    "one name": "a" * MILLION,
+    "names": "a " * (MILLION // 2),
+    "instances": "soter 1; system S {" + "a: b; " * N,
+    "subscriptions": "soter 1; node n period 1s { subscribes " + "a, " * N,
+    "parameters": "soter 1; fun f(" + "a: float, " * N,
+    "enums": "soter 1; type t = enum { " + "a, " * N,
+    "verify blocks": "soter 1; rta r { " + "verify { " * N,
+    "carriage returns": "soter 1;\r" * N,
+    "empty": "",
+    "one brace": "{",
+    "nothing but soter": "soter",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_text_is_answered_quickly(name: str) -> None:
+    diagnostics = Diagnostics()
+    begin = time.process_time()
+    file = parse(Source("bad.soter", HOSTILE[name]), diagnostics)
+    seconds = time.process_time() - begin
+    assert diagnostics.has_errors
+    assert len(diagnostics) <= 101
+    assert file is not None
+    assert seconds < SECONDS_MAX
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_diagnostics_of_hostile_text_can_be_shown(name: str) -> None:
+    diagnostics = Diagnostics()
+    parse(Source("bad.soter", HOSTILE[name]), diagnostics)
+    begin = time.process_time()
+    shown = render_all(diagnostics.items)
+    assert time.process_time() - begin < SECONDS_MAX
+    assert all(line.isprintable() and len(line) < 300 for line in shown.split("\n"))
+    shown.encode("utf-8")
+    assert all(to_json(d)["line"] for d in diagnostics.items)
+
+
+def test_errors_of_one_file_are_capped_with_a_final_note() -> None:
+    diagnostics = Diagnostics()
+    parse(Source("bad.soter", "soter 1;\n" + "const x: float = ;\n" * 500), diagnostics)
+    assert [d.code for d in diagnostics.items] == ["S007"] * 100 + ["S021"]
+
+
+_PIECES = [
+    "soter",
+    "1;",
+    "node",
+    "fun",
+    "rta",
+    "plant",
+    "system",
+    "test",
+    "topic",
+    "type",
+    "const",
+    "param",
+    "import",
+    "extern",
+    "period",
+    "step",
+    "let",
+    "var",
+    "publish",
+    "return",
+    "assert",
+    "if",
+    "elseif",
+    "else",
+    "for",
+    "in",
+    "while",
+    "push",
+    "true",
+    "false",
+    "float",
+    "int",
+    "x",
+    "y",
+    "f",
+    "1",
+    "1.5",
+    "10ms",
+    '"s"',
+    "(",
+    ")",
+    "{",
+    "}",
+    "[",
+    "]",
+    ";",
+    ",",
+    ":",
+    ".",
+    "..",
+    "=",
+    "==",
+    "<=",
+    "&&",
+    "||",
+    "!",
+    "-",
+    "+",
+    "*",
+    "/",
+    "%",
+    "?",
+    "default",
+    "ac",
+    "sc",
+    "safe",
+    "verify",
+    "grid",
+    "drives",
+    "within",
+    "leadsto",
+    "max_age",
+    "//",
+    "/*",
+    "*/",
+    "@",
+    "é",
+    "'",
+    '"',
+    "\n",
+]
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.sampled_from(_PIECES), max_size=60).map(" ".join))
+def test_any_mixture_of_tokens_is_answered(text: str) -> None:
+    diagnostics = Diagnostics()
+    file = parse(Source("bad.soter", text), diagnostics)
+    assert render_all(diagnostics.items) or file.edition == 1
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text(max_size=80))
+def test_any_text_is_answered(text: str) -> None:
+    diagnostics = Diagnostics()
+    parse(Source("bad.soter", "soter 1;\n" + text), diagnostics)
+    render_all(diagnostics.items, color=True)
+
+
+@pytest.mark.long
+def test_truncating_a_program_anywhere_is_answered(everything: str) -> None:
+    for end in range(0, len(everything), 17):
+        diagnostics = Diagnostics()
+        parse(Source("cut.soter", everything[:end]), diagnostics)
+        assert len(diagnostics) <= 4

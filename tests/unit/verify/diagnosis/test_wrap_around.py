@@ -1,0 +1,73 @@
+"""An angle that turns over: told only where plant and `safe` are the same at both ends."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from soter.verify.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
+from unit.verify.diagnosis.tank_modules import cause, changed, explained, kinds
+
+ARM = """soter 1;
+topic arm: float max_age 100ms;
+topic motor: float in [-1.0, 1.0] = 0.0;
+plant Arm period 50ms {
+  reads motor;
+  drives arm = a;
+  state a: float = 1.0;
+  disturbance push: float in [0.0, 0.1];
+  der a = 0.5 + motor + push + 0.1 * sin(a);
+  measured arm within 0.01;
+}
+node Learned period 100ms { subscribes arm; publishes motor; step { publish motor = 1.0; } }
+node Turn period 100ms {
+  subscribes arm;
+  publishes motor;
+  step { publish motor = arm > 100.0 ? 0.0 : 0.2; }
+}
+rta SafeArm {
+  ac Learned; sc Turn; period 100ms;
+  safe sin(arm) < 2.0;
+  ttf sin(arm) > 1.5;
+  safer sin(arm) < 1.2;
+  verify { grid arm in [-3.14159265358979, 3.14159265358979] / 200; }
+}
+system Plant { t: Arm; module SafeArm; until 60s; }
+"""
+
+
+@pytest.fixture(scope="module")
+def arm() -> ModuleResult:
+    return explained(ARM)
+
+
+def test_an_angle_that_turns_over_is_told_as_such(arm: ModuleResult) -> None:
+    assert arm.findings["P2a"].text == "K is empty: an axis that should wrap around"
+    assert dict(arm.findings["P2a"].causes[0].numbers)["end"] == pytest.approx(math.pi)
+
+
+def test_the_run_does_leave_at_that_end_where_plant_and_safe_are_the_same(
+    arm: ModuleResult,
+) -> None:
+    run = arm.findings["P2a"].leaving
+    assert run is not None
+    assert (run.side, run.safe) == (1, False)
+    assert run.states[-1][0] > math.pi >= run.states[-2][0]
+    assert math.sin(math.pi) == pytest.approx(math.sin(-math.pi), abs=1e-12)  # x' and `safe`
+    x, t = 1.0, 0.0  # the plant's own equation, in small steps, with all of the push
+    while x <= math.pi:
+        x, t = x + 1e-4 * (0.5 + 0.2 + 0.1 + 0.1 * math.sin(x)), t + 1e-4
+    assert run.time_s[-1] == pytest.approx(t, abs=0.06)  # a step of the simulation
+
+
+def test_a_plant_that_differs_at_the_ends_does_not_wrap() -> None:
+    module_result = explained(changed(("0.1 * sin(a)", "0.01 * a"), text=ARM))
+    assert "wrap_around" not in kinds(module_result, "P2a")
+    assert dict(cause(module_result, "P2a", "drift").numbers)["side"] == 1.0
+
+
+def test_a_place_that_merely_moves_on_does_not_wrap() -> None:
+    text = changed(("+ 0.1 * sin(a)", ""), ("3.14159265358979", "3.0"), text=ARM)
+    text = changed(("sin(arm) < 2.0", "arm < 50.0"), text=text)
+    assert "wrap_around" not in kinds(explained(text), "P2a")

@@ -1,0 +1,146 @@
+"""A synthesised table keeps its core whatever is estimated; the way to Q takes no longer than
+claimed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from soter.verify.grid.policies import CommandTable, _Synthesis, core_synthesis, way
+from soter.verify.grid.sets import GridGroup, GridInputs
+from unit.verify.grid.grid_adversary import Runs
+from unit.verify.grid.small_enclosure_units import corner, hill
+from unit.verify.grid.test_grid_enclosures import CARS, MS, group_of
+from unit.verify.grid.test_grid_sets import drawn, inside
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.float64]
+
+COMMANDS = [[-1.0], [0.0], [1.0]]
+X, V = (-0.5, 0.5), (-0.6, 0.6)
+
+
+def engine() -> GridGroup:
+    inputs = GridInputs(states=(X, V), controls=((-1.0, 1.0),), kind="map", period_ns=100 * MS)
+    edges = [np.linspace(*X, 122), np.linspace(*V, 91)]
+    return GridGroup(hill(1.0, 2.0), inputs, list(enumerate(edges)))
+
+
+def entry(group: GridGroup, estimate: Floats) -> tuple[npt.NDArray[np.int64], ...]:
+    """The cell [low, high) of an estimate, the last one closed; clipped to the grid."""
+    return tuple(
+        np.clip(np.searchsorted(e, estimate[a], side="right") - 1, 0, len(e) - 2)
+        for a, e in enumerate(group.edges)
+    )
+
+
+def run(
+    group: GridGroup, table: CommandTable, errors: dict[int, float], steps: int
+) -> tuple[int, int]:
+    """Runs from K under the table, errors at their bounds: how many leave K, how many find no
+    entry. Estimates outside the grid read its last cell."""
+    rng = np.random.default_rng(1)
+    x, _ = drawn(group, table.cells, rng, 20000)
+    left = missing = 0
+    for _ in range(steps):
+        bounds = [errors.get(a, 0.0) for a in range(2)]
+        error = np.stack([corner(rng, -e, e, (x.shape[1],)) for e in bounds])
+        choice = table.choice[entry(group, x + error)]
+        missing += int((choice == 255).sum())
+        u = table.commands[np.minimum(choice, len(COMMANDS) - 1), 0]
+        v = np.clip(x[1] + 0.1 * u - 0.05 * x[0], -0.5, 0.5)
+        x = np.stack([x[0] + v, v])
+        stays = inside(group, table.cells, x)
+        left += int((~stays).sum())
+        x = x[:, stays]
+    return left, missing
+
+
+@pytest.mark.parametrize("errors", [{}, {0: 0.02}, {1: 0.14}, {0: 0.03, 1: 0.08}])
+def test_the_table_keeps_the_core(errors: dict[int, float]) -> None:
+    group = engine()
+    table = core_synthesis(group, np.ones(group.shape, dtype=bool), COMMANDS, errors=errors)
+    assert 0.2 < table.cells.mean() < 0.9
+    assert run(group, table, errors, 4) == (0, 0)
+
+
+def test_a_table_that_forgets_the_error_is_found_out() -> None:
+    group = engine()
+    table = core_synthesis(group, np.ones(group.shape, dtype=bool), COMMANDS)
+    left, missing = run(group, table, {1: 0.14}, 4)
+    assert left > 0
+    assert missing > 0
+
+
+@pytest.mark.parametrize(("error", "exact"), [(0, 1), (1, 0)])
+def test_an_estimate_on_a_face_serves_the_cell_below_beside_its_own(error: int, exact: int) -> None:
+    group = engine()
+    work = _Synthesis(group, np.ones(group.shape, dtype=bool), np.array(COMMANDS), {error: 1e-3},
+                      None)  # fmt: skip
+    kept = np.zeros(group.shape, dtype=bool)
+    own, beside = [60, 60], [60, 60]
+    beside[error] += 1  # within the error
+    beside[exact] -= 1  # shares a face with the estimate's row of cells
+    kept[tuple(own)] = kept[tuple(beside)] = True
+    work.fine[:] = 0
+    work.fine[tuple(own)], work.fine[tuple(beside)] = 1, 2
+    assert work.of_estimates(kept)[tuple(own)] == 0  # no command serves both
+
+
+def test_an_error_makes_the_synthesised_core_smaller() -> None:
+    group = engine()
+    everything = np.ones(group.shape, dtype=bool)
+    none, some = (core_synthesis(group, everything, COMMANDS, errors=e) for e in ({}, {1: 0.14}))
+    assert some.cells.sum() < none.cells.sum()
+    assert not np.any(some.cells & ~none.cells)
+
+
+def test_the_preferred_commands_lead_to_the_middle() -> None:
+    group = engine()
+    middle = [(e[:-1] + e[1:]) / 2 for e in group.edges]
+    cost = np.hypot(*np.meshgrid(*middle, indexing="ij"))
+    distances = []
+    for prefer in (None, cost):
+        table = core_synthesis(group, np.ones(group.shape, dtype=bool), COMMANDS, prefer=prefer)
+        x, _ = drawn(group, table.cells, np.random.default_rng(2), 2000)
+        for _ in range(60):
+            u = table.commands[table.choice[entry(group, x)], 0]
+            v = np.clip(x[1] + 0.1 * u - 0.05 * x[0], -0.5, 0.5)
+            x = np.stack([x[0] + v, v])
+        distances.append(float(np.hypot(*x).mean()))
+    assert distances[1] < 0.5 * distances[0]
+
+
+@pytest.mark.parametrize("number", [1, 3])
+@pytest.mark.parametrize("in_turns", [False, True])
+def test_the_way_back_takes_no_longer_than_claimed(number: int, *, in_turns: bool) -> None:
+    c = CARS[number]
+    group = group_of(c, cells=121)
+    allowed = group.constraint()
+    core = group.core(allowed, longest=80).cells
+    middle = np.abs(group.edges[0][:-1] + group.edges[0][1:]) < 1.4
+    rates = np.abs(group.edges[1][:-1] + group.edges[1][1:]) < 1.6
+    goal = core & middle[:, None] & rates[None, :]
+    first = way(group, core, allowed, goal, holds=(2, 5)) if in_turns else None
+    way_back = way(group, core, allowed, goal, before=first)
+    if first is not None:
+        before = first.cells
+        assert 0.1 * core.sum() < before.sum() < way_back.cells.sum()
+        assert np.array_equal(way_back.rank[before], first.rank[before])
+        assert way_back.rank[way_back.cells & ~before].min() > first.rank.max()
+        assert np.array_equal(way_back.cells, way(group, core, allowed, goal).cells)
+    assert np.array_equal(way_back.rank == 1, goal)
+    assert (way_back.cells & core).sum() > 0.98 * core.sum()
+    rng = np.random.default_rng(6)
+    start, at = drawn(group, way_back.cells & ~goal, rng, 1500)
+    limit = way_back.time_ns[at[:, 0], at[:, 1]] * 1e-9
+    assert 0 < limit.max() <= way_back.longest_ns * 1e-9
+    back = np.zeros(start.shape[1], dtype=bool)
+    runs = Runs(c, start, rng)
+    for _, x, _met in runs.holds(int(limit.max() / c.period) + 1):
+        back |= inside(group, goal, x) & (runs.time <= limit + 1e-9)
+    assert back.all()

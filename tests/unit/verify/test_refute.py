@@ -1,0 +1,205 @@
+"""Refutations: found natively, counted only where the interpreter, given the choices, agrees."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+from bench.mutant_models import BASES
+
+import json_documents
+from soter.language.front_end import check_file, system_of
+from soter.semantics.adversary import AdverseDraws
+from soter.semantics.externs import UnboundExternError
+from soter.verify.attack.attacked_system import DRAWN, OWN, NotAttackableError, attacked
+from soter.verify.attack.counterexample import (
+    CYCLE,
+    LEAVES,
+    leaving,
+    read_counterexample,
+    replay,
+    write_counterexample,
+)
+from soter.verify.attack.refute import refute, refute_return
+from soter.verify.problem.verification_system import place
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bench.mutant_models import Base
+
+    from soter.language.model.system import System
+
+BY_NAME = {b.name: b for b in BASES}
+
+
+def system_with(base: Base, changes: dict[str, object]) -> System:
+    text = base.text({**base.defaults, **changes})
+    return system_of(check_file(f"{base.name}.soter", text), "Protected")
+
+
+def mutant(base_name: str, name: str) -> tuple[Base, System]:
+    base = BY_NAME[base_name]
+    return base, system_with(base, dict(base.mutants)[name])
+
+
+@pytest.mark.parametrize(
+    ("base", "name"),
+    [
+        ("cart", "SC with the wrong sign"),
+        ("cart", "horizon of zero in ttf, no margin"),
+        ("cart", "SC hovers: it only brakes"),
+        ("tank", "safer is constant true"),
+        ("tank", "SC weaker than the leak"),
+        ("pendulum", "ttf takes degrees for radians"),
+        ("lift", "2 Delta became Delta: one step too few"),
+    ],
+)
+def test_a_bad_module_is_refuted(base: str, name: str) -> None:
+    chosen, system = mutant(base, name)
+    counterexample = refute(system, chosen.module, 20.0).found
+    assert counterexample is not None
+    assert counterexample.shows == LEAVES
+    again = replay(counterexample, system)
+    assert again is not None
+    assert again.time_ns == counterexample.time_ns
+    assert replay(counterexample, system_with(chosen, {})) is None, (
+        "the sound module survives the same run"
+    )
+
+
+@pytest.mark.parametrize("base", [b for b in BASES if b.beside is None], ids=lambda b: b.name)
+def test_a_sound_module_is_not(base: Base) -> None:
+    system = system_with(base, {})
+    search = refute(system, base.module, 0.5)
+    assert search.found is None
+    assert search.runs > 100
+    assert refute_return(system, base.module, 0.3).found is None
+
+
+def test_a_dm_that_never_returns_is_refuted() -> None:
+    base, system = mutant("tank", "SC rests where safer never holds")
+    assert refute(system, base.module, 0.5).found is None
+    counterexample = refute_return(system, base.module, 20.0).found
+    assert counterexample is not None
+    assert counterexample.shows == CYCLE
+    assert counterexample.cycle_ns is not None
+    assert all(len(chosen) == 1 for chosen in counterexample.choices.values())
+    assert replay(counterexample, system) is not None
+    assert replay(replace(counterexample, cycle_ns=counterexample.cycle_ns + 1), system) is None
+    later = {**counterexample.choices, "t.leak": [*counterexample.choices["t.leak"], (10**6, 0.0)]}
+    assert replay(replace(counterexample, choices=later), system) is None, (
+        "choices that change one day"
+    )
+    early = replace(counterexample, time_ns=counterexample.cycle_ns)
+    assert replay(early, system) is None, "at the start the state does not repeat itself"
+    assert replay(counterexample, system_with(base, {})) is None
+
+
+def test_a_file_says_it_all(tmp_path: Path) -> None:
+    base, system = mutant("tank", "ttf is constant false")
+    counterexample = refute(system, base.module, 20.0).found
+    assert counterexample is not None
+    path = write_counterexample(counterexample, tmp_path / "deep" / "x.json")
+    read = read_counterexample(path)
+    assert read == counterexample
+    schema = json_documents.SCHEMAS["counterexample"]
+    assert list(json_documents._check(schema, json.loads(path.read_text()), "")) == []
+    document = json.loads(path.read_text())
+    document["choices"]["t.leak"][0][1] = 0.11  # more leak than the program declares
+    path.write_text(json.dumps(document))
+    assert replay(read_counterexample(path), system) is None
+    del document["choices"]["t.leak"]
+    path.write_text(json.dumps(document))
+    assert replay(read_counterexample(path), system) is None
+    path.write_text(json.dumps({**document, "schema": 9}))
+    with pytest.raises(ValueError, match="no counterexample"):
+        read_counterexample(path)
+
+
+def test_choices_that_do_no_harm_refute_nothing() -> None:
+    base, system = mutant("tank", "ttf is constant false")
+    counterexample = refute(system, base.module, 20.0).found
+    assert counterexample is not None
+    still = {stream: [(0, 0.0)] for stream in counterexample.choices}
+    assert replay(replace(counterexample, choices=still), system) is None
+    assert replay(replace(counterexample, time_ns=counterexample.time_ns - 1), system) is None
+
+
+STILL = """soter 1;
+topic level: float max_age 20ms;
+topic pump: float in [-1.0, 1.0] = 0.0;
+plant Tank period 10ms {
+  reads pump;
+  drives level = h;
+  state h: float = START;
+  der h = 0.0 * pump;
+  measured level within 0.5;
+}
+node A period 10ms { publishes pump; step { publish pump = 1.0; } }
+node S period 10ms { publishes pump; step { publish pump = 0.0; } }
+rta M { ac A; sc S; period 10ms; safe level < 1.0; ttf level > 2.0; safer level < 2.0; }
+system P { t: Tank; module M; until 1s; }
+"""
+
+
+@pytest.mark.parametrize(("start", "unsafe"), [(0.9, False), (1.1, True)])
+def test_safe_is_judged_on_the_truth(start: float, unsafe: bool) -> None:
+    system = system_of(check_file("still.soter", STILL.replace("START", str(start))), "P")
+    assert (refute(system, "M", 0.5).found is not None) == unsafe
+
+
+def test_a_faulting_safe_is_no_refutation() -> None:
+    text = STILL.replace("START", "0.5").replace(
+        "safe level < 1.0", "safe 1.0 / (level - 0.5) < 1.0"
+    )
+    system = system_of(check_file("still.soter", text), "P")
+    assert refute(system, "M", 0.5).found is None
+
+
+def test_the_given_system_stays_as_it_is() -> None:
+    base = BY_NAME["cart"]
+    system = system_with(base, {})
+    before = (system.topics, system.components, system.inputs, system.properties)
+    variant = attacked(system, 0)
+    assert (system.topics, system.components, system.inputs, system.properties) == before
+    assert len(variant.topics) == len(system.topics) + 2
+    assert [p.text for p in variant.properties] == ["safe, on the true state"]
+
+
+BESIDE = """
+topic fan: float in [-1.0, 1.0] = 0.0;
+node A2 period 10ms { publishes fan; step { publish fan = 1.0; } }
+node S2 period 10ms { publishes fan; step { publish fan = 0.0; } }
+rta N { ac A2; sc S2; period 10ms; safe level < 9.0; ttf level > 8.0; safer level < 7.0; }
+"""
+
+
+def test_a_controller_may_read_the_mode_of_a_module_that_is_left_out() -> None:
+    text = STILL.replace("START", "1.1").replace(
+        "publish pump = 1.0;", "publish pump = mode(N) == Mode.AC ? 1.0 : 0.5;"
+    )
+    text = text.replace("system P {", BESIDE + "system P {").replace(
+        "module M;", "module M; module N;"
+    )
+    flat = system_of(check_file("two.soter", text), "P")
+    module = next(m for m in flat.modules if m.name == "M")
+    system = place(flat, module).system
+    with pytest.raises(UnboundExternError):  # its own code cannot be run: it is left to the draws
+        leaving(attacked(system, 0, OWN), AdverseDraws(1), 100_000_000)
+    counterexample = refute(system, "M", 0.5).found
+    assert counterexample is not None
+    assert counterexample.controller == DRAWN
+
+
+def test_what_no_plant_drives_cannot_be_judged() -> None:
+    text = STILL.replace("START", "0.5").replace(
+        "topic level", "input topic other: float;\ntopic level"
+    )
+    text = text.replace("safe level < 1.0", "safe other < 1.0")
+    system = system_of(check_file("still.soter", text), "P")
+    with pytest.raises(NotAttackableError, match="no plant drives `other`"):
+        attacked(system, 0)
+    assert "no plant drives" in refute(system, "M", 0.5).hindrance

@@ -1,0 +1,48 @@
+"""What `soter verify` writes about a refutation can be run again, and belongs to one program."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+from bench.mutant_models import BASES
+
+from soter.cli.main import main
+from soter.diagnostics.diagnostic import SoterError
+from soter.verify.attack.counterexample_files import replay_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TANK = {b.name: b for b in BASES}["tank"]
+
+
+@pytest.fixture
+def refuted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> tuple[Path, Path]:
+    """The program, and the counterexample's file as the command's JSON names it."""
+    monkeypatch.chdir(tmp_path)
+    program = tmp_path / "tank.soter"
+    program.write_text(TANK.text({**TANK.defaults, **dict(TANK.mutants)["ttf is constant false"]}))
+    assert main(["verify", "tank.soter", "--json"]) == 3
+    document = json.loads(capsys.readouterr().out)
+    ttf = document["modules"]["SafeTank"]["properties"]["ttf"]
+    assert ttf["verdict"] == "refuted"
+    assert ttf["counterexample"] == ".soter/tank-SafeTank.counterexample.json"
+    return program, tmp_path / ttf["counterexample"]
+
+
+def test_a_saved_run_is_found_again_and_leaves_safe(refuted: tuple[Path, Path]) -> None:
+    program, file = refuted
+    again = replay_file(file)
+    assert again is not None
+    height = again.steps[-1]["truth"]["t"]["h"]
+    assert not 0.0 < height < 4.0
+    program.write_text(program.read_text() + "// changed\n")
+    with pytest.raises(ValueError, match="another version"):
+        replay_file(file)
+    program.unlink()
+    with pytest.raises(SoterError):
+        replay_file(file)
