@@ -22,6 +22,7 @@ from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import check_file
 from soter.verify.claims.results import ASSUMED, PROVED
 from soter.verify.command import modules_of, problems_of, refuse_forced
+from soter.verify.problem.assumption import texts
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ def verdict(tree: Tree, verify: tuple[str, str | None]) -> Verdict:
                 open_ = ", ".join(c for c, f in module_result.findings.items() if not f.holds)
                 text = f"{module_result.verdict}: {open_} of {name}"
                 return Verdict(False, text, time.perf_counter() - began)
-            told += [*problem.assumptions, *module_result.notes]
+            told += [*texts(module_result.assumptions), *module_result.notes]
             names.append(f"{name} {module_result.verdict}")
     except SoterError as refused:
         return refusal(refused.diagnostics, began)

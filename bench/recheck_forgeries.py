@@ -21,9 +21,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bench.recheck_small import FORCED, SYSTEM
 from bench.recheck_small import PROGRAMS as SMALL
-from unit.verify.test_composition import COUPLED
-from unit.certificate.test_polytope_certificates import program as polytope_program
-from unit.certificate.test_recheck_induction import PLANNER
 
 import soter
 from soter.certificate.format.errors import RejectedError
@@ -33,6 +30,9 @@ from soter.certificate.reading.problem import DiffersError, read_facts
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
+from unit.certificate.test_polytope_certificates import program as polytope_program
+from unit.certificate.test_recheck_induction import PLANNER
+from unit.verify.test_composition import COUPLED
 
 if TYPE_CHECKING:
     from collections.abc import Callable

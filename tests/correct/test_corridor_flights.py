@@ -16,6 +16,7 @@ from soter.certificate.case_check import CaseCheck
 from soter.certificate.inclusions.group_claims import ChainCheck
 from soter.certificate.rechecker import recheck
 from soter.language.front_end import check_file
+from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -57,7 +58,7 @@ def test_the_motion_primitive_is_proved_for_every_corridor(
     assert [m.name.rpartition(" ")[2] for m in report.modules] == list(WALLS)
     assert [m.verdict for m in report.modules] == ["proved"] * 6
     assert all(
-        any("jumps into" in a or "jumps while" in a for a in m.problem.assumptions)
+        any("jumps into" in a or "jumps while" in a for a in texts(m.assumptions))
         for m in report.modules
     ), "that boxes change is an assumption"
 

@@ -156,7 +156,7 @@ def _say(report: VerifyReport, args: argparse.Namespace, console: Console, runs:
             console.say(line)
         console.say()
         console.say("under these assumptions")
-        for text in module.problem.assumptions:
+        for text in (a.text for a in module.assumptions):
             console.say(console.paint("muted", f"  {text}"))
     if not report.modules:
         console.say("there is no module to be verified")
@@ -280,7 +280,7 @@ def _headline(module: ModuleResult, console: Console) -> str:
     if module.headline != module.verdict:  # proved, but of next to nothing
         assert module.vacuity is not None
         verdict = f"{console.paint('yellow', module.verdict.upper())}, but {module.vacuity.text},"
-    count = len(module.problem.assumptions)
+    count = len(module.assumptions)
     under = f" under {count} assumption{'' if count == 1 else 's'}"
     if module.assumed:
         under += f" ({', '.join(module.assumed)} assumed)"
@@ -380,7 +380,8 @@ def _module(module: ModuleResult, runs: Mapping[str, Path]) -> dict[str, object]
         "horizon_s": times.horizon_ns / 1e9 if sets else None,
         "horizon_needed_s": times.h_star / 1e9 if sets else None,
         "recover_s": module.recover_s,
-        "assumptions": list(module.problem.assumptions),
+        "assumptions": [a.text for a in module.assumptions],
+        "assumption_keys": [a.key for a in module.assumptions],
     }
 
 

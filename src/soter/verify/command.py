@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import shlex
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
 from soter.verify.claims.results import VerifyReport
+from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
@@ -60,10 +62,11 @@ def verify(
     refuse_forced(chosen)
     chosen = _views(chosen)
     problems = problems_of(chosen)
-    for (flat, _), problem in zip(chosen, problems, strict=True):
-        said = checked.program.systems.get(flat.name)
-        if said is not None and said.faults:
-            problem.assumptions.append(NO_FAULTS.format(flat.name))
+    for k, (flat, _) in enumerate(chosen):
+        declared = checked.program.systems.get(flat.name)
+        if declared is not None and declared.faults:
+            without = Assumption("no faults", NO_FAULTS.format(flat.name))
+            problems[k] = replace(problems[k], assumptions=(*problems[k].assumptions, without))
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = []
     for i, problem in enumerate(problems):

@@ -15,6 +15,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.proof_verdicts import Proof
 from soter.native.cache import cache_dir, digest, find_cached, store
 from soter.native.own_files import soter_sha256
+from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,7 +46,7 @@ def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> Non
             n: max((r.findings[n].verdict for r in results if n in r.findings), key=WORST.index)
             for n in names
         }
-        assumptions = list(dict.fromkeys(a for r in results for a in r.problem.assumptions))
+        assumptions = texts(a for r in results for a in r.assumptions)
         text = json.dumps({"verdicts": verdicts, "assumptions": assumptions}, sort_keys=True)
         name, content = _name(system, module), _content(system, module)
 

@@ -29,6 +29,7 @@ from soter.report.proof.record import (
 from soter.verify.claims.results import NO_CORE
 from soter.verify.composition import rows_of
 from soter.verify.diagnosis.leaving_figures import leaving_figures
+from soter.verify.problem.assumption import texts
 from soter.verify.problem.problem import NODES
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def page_text(report: VerifyReport) -> str:
 def page(report: VerifyReport) -> ProofPage:
     """The page as data."""
     names = ", ".join(_names(report)) or "no module"
-    assumptions = dict.fromkeys(a for m in report.modules for a in m.problem.assumptions)
+    assumptions = texts(a for m in report.modules for a in m.assumptions)
     under = f", under {len(assumptions)} assumptions" if report.verdict == "proved" else ""
     taken = {n for m in report.modules for n in m.assumed}
     under += f" ({', '.join(sorted(taken))} assumed)" if under and taken else ""
@@ -161,7 +162,7 @@ def _module(m: ModuleResult) -> ModuleProof:
     return ModuleProof(
         name=m.name,
         verdict=m.verdict,
-        headline=f"keeps `{_safe(m)}`; {len(m.problem.assumptions)} assumptions, {_cells(m)}"
+        headline=f"keeps `{_safe(m)}`; {len(m.assumptions)} assumptions, {_cells(m)}"
         f"{m.seconds:.1f} s" + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
         properties=rows,
         times=_times(m),

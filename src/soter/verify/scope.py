@@ -107,7 +107,7 @@ def problem_key(problem: Problem) -> object:
         problem.initial,
         problem.levels,
         problem.recover_ns,
-        tuple(problem.assumptions),
+        problem.assumptions,
         problem.law_unread,
         None if problem.law is None else _law(problem),
     )

@@ -31,20 +31,22 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
-from soter.verify.claims.scheme_assumption import scheme_of
+from soter.verify.claims.scheme_assumption import scheme_diverges, shown_scheme
 from soter.verify.diagnosis.recovery_patience import recover_at_last
 from soter.verify.diagnosis.vacuity import at_the_start, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
+from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.induction.problem import InductionProblem
 from soter.verify.induction.verify import verify_by_induction
+from soter.verify.problem.assumption import SCHEME, Assumption
 from soter.verify.problem.extract import cases
 from soter.verify.problem.other_modes import said
 from soter.verify.proof_methods import in_order, method_of
 from soter.verify.time.problem_times import DELAYS, in_words
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.induction.refute import Search
@@ -72,6 +74,11 @@ CASES, ATTACKED = 0.6, 0.9
 RESTS_ON = ("P1c", "P2a", "P3", "start")
 """Where the law begins the state is in K by these."""
 CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
+NOT_ENTERED = (
+    "a guard that lets less in, over what the view's plants drive; or leave `enters` out: then "
+    "every change is an assumption"
+)
+GIVE_BACK = "let one of them give control back whatever the other one does"
 
 
 def verify_module(
@@ -91,21 +98,29 @@ def verify_module(
         return verify_by_induction(problem, search=search if refute else None, progress=progress)
     began = time.perf_counter()
     library, prelude = library_of(problem)
-    _assume(problem, prelude)
     done = _all_cases(problem, library, _upto(progress, CASES))
-    result = ModuleResult(problem, {}, [c.sets for c in done], notes=refinement_note(done))
+    entered, why = _handed_over(problem, done)
+    result = ModuleResult(
+        problem,
+        {},
+        [c.sets for c in done],
+        notes=(*refinement_note(done), *entered.values()),
+        added=(*_prelude(prelude), *_together(problem, done)),
+        shown=shown_scheme(problem, done) | set(entered),
+    )
     _static(problem, result)
     for claim in CLAIMS:
         result.findings[claim] = _finding(problem, done, claim)
     result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
-    scheme_of(result, done)
-    _together(problem, done)
-    _handed_over(problem, result, done)
+    if SCHEME in result.assumptions and (diverges := scheme_diverges(problem)):
+        _only_if_proved(result.findings["P2a"], diverges, STIFF_HINT)
+    for claim in ("P2a", "P3") if why else ():
+        _only_if_proved(result.findings[claim], why, NOT_ENTERED)
     _waits(problem, result.findings["P2b"])
-    _stays(problem, result.findings["P2b"])
     result.findings["failsafe"] = _failsafe(problem, result, done)
     if result.findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
+        result.added += (_lease_holds(problem),)
     _reached(progress, CASES, f"{problem.name}: the compiled DM")
     result.findings["DM"] = _decision_module(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
@@ -269,40 +284,41 @@ def _decision_module(result: ModuleResult) -> Finding:
     return Finding(check.verdict, time.perf_counter() - began, HOW["DM"], check.text)
 
 
-def _assume(problem: Problem, prelude: tuple[str, ...]) -> None:
-    if prelude and not any("prelude" in a for a in problem.assumptions):
-        problem.assumptions.append("error bounds of the prelude's functions: tested, not proved")
+def _prelude(functions: tuple[str, ...]) -> list[Assumption]:
+    text = "error bounds of the prelude's functions: tested, not proved"
+    return [Assumption("prelude enclosed", text)] * bool(functions)
 
 
-def _together(problem: Problem, done: list[Case]) -> None:
+def _together(problem: Problem, done: list[Case]) -> list[Assumption]:
     """A proof may have one acting time for all commands that move its group: an assumption."""
     if problem.times.jitter_sc == 0:
-        return
+        return []
+    assumptions = []
     for proof in (p for case in done for p in case.proofs):
         if proof.together:
             names = ", ".join(problem.quantities.controls[k].name for k in proof.together)
             text = f"what SC publishes begins to act in all of these at one instant: {names}"
-            if text not in problem.assumptions:
-                problem.assumptions.append(text)
+            assumptions.append(Assumption(f"together {names}", text))
+    return assumptions
 
 
-def _handed_over(problem: Problem, result: ModuleResult, done: list[Case]) -> None:
+def _handed_over(problem: Problem, done: list[Case]) -> tuple[Mapping[str, str], str]:
     """A declared `enters` is an obligation: shown, nothing of it is assumed; else it is undecided.
 
-    That the state lies in R(H) wherever it holds is about all of K and R(H): no claim of one case.
+    Keys of assumptions that are shown -> how; or why they are not. That the state lies in R(H)
+    wherever `enters` holds is about all of K and R(H): no claim of one case.
     """
     entered, why = problem.jumps.entered, problem.jumps.unkept
     if entered and not why:
         open_ = next(filter(None, map(not_entered, done)), "")
         why = f"nothing shows that `enters` implies R(H): {open_}" if open_ else ""
-    for finding in (result.findings[c] for c in ("P2a", "P3") if why):
-        if finding.verdict == PROVED:
-            finding.verdict, finding.text = UNDECIDED, why
-            finding.hint = "a guard that lets less in, over what the view's plants drive; or leave "
-            finding.hint += "`enters` out: then every change is an assumption"
-    for text, shown in entered.items() if not why else ():
-        problem.assumptions.remove(text)
-        result.notes += (shown,)
+    return ({} if why else entered), why
+
+
+def _only_if_proved(finding: Finding, why: str, hint: str) -> None:
+    """A claim that is proved but for this; one that is not has its own reasons, which are told."""
+    if finding.verdict == PROVED:
+        finding.rest_on(UNDECIDED, why, hint)
 
 
 def _waits(problem: Problem, finding: Finding) -> None:
@@ -311,40 +327,33 @@ def _waits(problem: Problem, finding: Finding) -> None:
     if modes is None or not modes.waits or finding.verdict != PROVED:
         return
     if modes.never:
-        finding.verdict, finding.text = UNDECIDED, modes.never
-        finding.hint = "let one of them give control back whatever the other one does"
-        return
-    finding.verdict = ASSUMED
-    finding.text += f" while {said(modes.waits)} in AC: not proved"
+        finding.rest_on(UNDECIDED, modes.never, GIVE_BACK)
+    else:
+        finding.rest_on(ASSUMED, f"{finding.text} while {said(modes.waits)} in AC: not proved")
 
 
-def _stays(problem: Problem, finding: Finding) -> None:
-    """`recover never`: nobody says that control comes back, and nobody has to, K or no K."""
-    if problem.stays:
-        finding.verdict, finding.method, finding.text = ASSUMED, "", STAYS
-        finding.hint, finding.regions = "", []
+def _lease_holds(problem: Problem) -> Assumption:
+    text = (
+        "the actuators hold the law from the end of the lease on: all of them at one instant, "
+        f"within {show_ns(problem.times.acts)}, and they take nothing that comes later"
+    )
+    return Assumption("lease", text)
 
 
 def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:
     """That the law keeps C once the lease has ended: SC and AC stay inside what it keeps."""
-    finding = Finding(PROVED, method=HOW["failsafe"])
     if problem.law is None and not problem.law_unread:
         return Finding(ASSUMED, method=HOW["failsafe"], text=NO_LAW)
     lawful = [c.lawful for c in done if c.lawful is not None]
     why = next((x.why for x in lawful if x.why), problem.law_unread)
     if why or len(lawful) < len(done) or not all(c.proofs for c in done):
-        finding.verdict, finding.text = UNDECIDED, why or NO_CORE
-        finding.hint = NOT_FOR_LAWS if problem.law_unread else hint_of(why)
-        return finding
+        hint = NOT_FOR_LAWS if problem.law_unread else hint_of(why)
+        return Finding(UNDECIDED, method=HOW["failsafe"], text=why or NO_CORE, hint=hint)
     open_ = [n for n in RESTS_ON if not result.findings[n].holds]
     if open_:
-        finding.verdict = UNDECIDED
-        finding.text = f"the law keeps K, and nothing says that it begins there: {', '.join(open_)}"
-        return finding
-    problem.assumptions.append(
-        "the actuators hold the law from the end of the lease on: all of them at one instant, "
-        f"within {show_ns(problem.times.acts)}, and they take nothing that comes later"
-    )
+        text = f"the law keeps K, and nothing says that it begins there: {', '.join(open_)}"
+        return Finding(UNDECIDED, method=HOW["failsafe"], text=text)
+    finding = Finding(PROVED, method=HOW["failsafe"])
     kept, of = (sum(x.cells[k] for x in lawful) for k in (0, 1))
     lease = show_ns(problem.times.lease_ns)
     finding.text = f"the law keeps C from K_fs: {kept:,} of {of:,} cells; K lies in it; "
@@ -374,13 +383,15 @@ def _static(problem: Problem, result: ModuleResult) -> None:
 
 
 def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
+    if claim == "P2b" and problem.stays:  # nobody has to give control back, K or no K
+        return Finding(ASSUMED, text=STAYS)
     first = method_of(in_order(problem.groups)[0])
     finding = Finding(PROVED, method=first.how[claim])
     finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
     names = [p.name for p in problem.parameters]
     for case in done:
         for failure in case.failed(claim):
-            finding.verdict = UNDECIDED
+            finding.rest_on(UNDECIDED)
             finding.text = finding.text or failure.text
             finding.hint = finding.hint or failure.hint
             if failure.cells is not None and failure.proof is not None:
@@ -427,7 +438,7 @@ def _p3(result: ModuleResult, seconds: float) -> Finding:
     text = f"whatever AC publishes for {show_ns(times.horizon_ns)}, the state stays in K"
     finding = Finding(PROVED, seconds + ttf.seconds + safer.seconds, HOW["P3"], text)
     if bad is not None:
-        finding.verdict, finding.text, finding.hint = bad.verdict, bad.text, bad.hint
+        finding.rest_on(bad.verdict, bad.text, bad.hint)
         finding.regions = list(bad.regions)
     return finding
 

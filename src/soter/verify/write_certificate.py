@@ -20,6 +20,7 @@ from soter.language.syntax import tree
 from soter.verify.claims.results import PROVED, UNCLAIMED
 from soter.verify.induction.certificate_entry import induction_entry
 from soter.verify.induction.verify import InductionResult
+from soter.verify.problem.assumption import texts
 from soter.verify.proof_methods import pairs_of, tables
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ def _module(
             _case(problem, case, f"{stem}_{k}", files) for k, case in enumerate(result.cases)
         ],
         "claims": claims,
-        "assumptions": list(problem.assumptions),
+        "assumptions": texts(result.assumptions),
         "recover_ns": recover,
     }
     if problem.view:

@@ -14,6 +14,7 @@ from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
 from soter.verify.command import modules_of, problems_of
 from soter.verify.composition import rows_of
+from soter.verify.problem.assumption import texts
 from soter.verify.proof_report import page
 from soter.verify.scope import coverage_of
 
@@ -89,7 +90,7 @@ def test_the_convoy_is_proved_and_rechecked(tmp_path: Path) -> None:
     report = verified(tmp_path, TEXT)
     assert (report.verdict, report.together) == ("proved", "proved")
     assert whose(report, "b.lead in [2, 12]") == ("`safe` of SafeLead: proved", False)
-    said = [a for a in report["SafeGap"].problem.assumptions if "b.lead" in a]
+    said = [a for a in texts(report["SafeGap"].assumptions) if "b.lead" in a]
     assert len(said) == 1
     assert said[0].startswith("what others publish and what moves these plants stays in its")
     report_page = page(report)

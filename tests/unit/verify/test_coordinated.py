@@ -30,6 +30,7 @@ from soter.language.model.tree_walk import rewritten
 from soter.language.model.types import MODE
 from soter.verify.composition import rows_of
 from soter.verify.problem import other_modes
+from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -107,8 +108,7 @@ def test_looking_at_a_mode_is_proved_and_rechecked(
     assert back.verdict == ("assumed" if waits else "proved")
     assert back.text.endswith(" while KeepY is in AC: not proved") == waits
     assert (
-        any("for P2b alone: KeepY is in AC" in a for a in module_result.problem.assumptions)
-        == waits
+        any("for P2b alone: KeepY is in AC" in a for a in texts(module_result.assumptions)) == waits
     )
     checked = rechecked(tmp_path)
     assert checked.accepted, checked.reason
@@ -212,7 +212,7 @@ def test_waiting_for_one_that_waits_gives_no_control_back(
     module_result = of_x(tmp_path, *changes)
     assert module_result.findings["P2b"].verdict == "undecided"
     assert why in module_result.findings["P2b"].text
-    assert any(why in a for a in module_result.problem.assumptions)
+    assert any(why in a for a in texts(module_result.assumptions))
     assert all(module_result.findings[p].verdict == "proved" for p in SAFETY)
     assert "P2b" not in rechecked(tmp_path).modules[0].confirmed
 

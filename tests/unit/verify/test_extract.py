@@ -10,6 +10,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
+from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.time import schedule as clock
@@ -150,7 +151,7 @@ def test_times_are_read_off(boat: Problem) -> None:
 
 
 def test_assumptions_name_what_is_not_declared_and_what_is(boat: Problem) -> None:
-    text = "\n".join(boat.assumptions)
+    text = "\n".join(texts(boat.assumptions))
     for word in (
         "b.wind.x in [-0.5, 0.25]",
         "pose.p.x within 0.125",
@@ -201,7 +202,7 @@ plant Tank""")  # fmt: skip
     problem = problem_of(text)
     assert [x.name for x in problem.quantities.states] == ["m.x", "m.u"]
     assert [c.name for c in problem.system.components if c.role == "plant"] == ["m"]
-    assert problem.assumptions[0].startswith("b behaves like m (Model)")
+    assert problem.assumptions[0].text.startswith("b behaves like m (Model)")
     assert problem.plant_period_ns == 20_000_000
 
 

@@ -15,6 +15,7 @@ from soter.api import recheck
 from soter.language.front_end import check_file, system_of
 from soter.verify.advise import advise
 from soter.verify.deploy.computed_predicates import complete
+from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 from soter.verify.scope import problem_key
 from soter.verify.verify_module import verify_module
@@ -81,7 +82,7 @@ def test_an_emergency_stop_and_its_law_are_proved() -> None:
     said = {n: f.verdict for n, f in module_result.findings.items()}
     assert said == {**dict.fromkeys(said, "proved"), "P2b": "assumed"}
     assert module_result.core_share > 0.97
-    assert any("from the end of the lease on" in a for a in module_result.problem.assumptions)
+    assert any("from the end of the lease on" in a for a in texts(module_result.assumptions))
 
 
 def test_a_cell_that_stands_still_is_mapped_to_itself() -> None:

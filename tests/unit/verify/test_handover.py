@@ -12,6 +12,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.induction.handover import handovers
+from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -84,7 +85,7 @@ def test_without_enters_every_change_is_an_assumption(tmp_path: Path) -> None:
     path.write_text(handover(*CHANGES["none"]).replace("enters May(box, motion);", ""))
     for module in load(path).verify(refute=False).modules:
         assert module.verdict == "proved"
-        assert any("jumps while" in a for a in module.problem.assumptions)
+        assert any("jumps while" in a for a in texts(module.assumptions))
 
 
 def test_enters_without_views_is_refused(tmp_path: Path) -> None:
@@ -105,7 +106,7 @@ def test_where_no_node_keeps_it_nothing_is_proved(tmp_path: Path) -> None:
     for module in load(path).verify(refute=False).modules:
         assert {c for c, f in module.findings.items() if not f.holds} == {"P2a", "P3"}
         assert "shows nothing" in module.findings["P2a"].text
-        assert any("jumps while" in a for a in module.problem.assumptions)
+        assert any("jumps while" in a for a in texts(module.assumptions))
 
 
 def test_of_what_no_plant_of_the_view_drives_nothing_is_proved(tmp_path: Path) -> None:
@@ -114,10 +115,10 @@ def test_of_what_no_plant_of_the_view_drives_nothing_is_proved(tmp_path: Path) -
     path.write_text(handover())
     for module in load(path).verify(refute=False).modules:
         assert {c for c, f in module.findings.items() if not f.holds} == {"P2a", "P3"}
-        said = [a for a in module.problem.assumptions if "May(box, motion)" in a]
+        said = [a for a in texts(module.assumptions) if "May(box, motion)" in a]
         assert len(said) == 1
         assert "in the same one: proved)" in said[0]
-        assert not any("jumps while" in a for a in module.problem.assumptions)
+        assert not any("jumps while" in a for a in texts(module.assumptions))
 
 
 @pytest.mark.parametrize("seed", range(6))

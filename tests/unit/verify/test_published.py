@@ -10,6 +10,7 @@ import pytest
 
 from soter.language.front_end import check_file
 from soter.verify.command import modules_of, problems_of
+from soter.verify.problem.assumption import texts
 from soter.verify.verify_module import verify_module
 from unit.verify.diagnosis.tank_modules import TANK, changed
 
@@ -83,7 +84,7 @@ def test_what_nobody_reads_is_published_all_the_same(
     least, most = ends_of(module_result)
     assert module_result.verdict == "proved"
     assert level[0] <= least < most <= level[1]
-    assert not any("what plants publish lies" in a for a in module_result.problem.assumptions)
+    assert not any("what plants publish lies" in a for a in texts(module_result.assumptions))
 
 
 @pytest.mark.parametrize(
@@ -113,7 +114,7 @@ def test_a_list_on_a_dial_is_an_assumption() -> None:
     declared = f"{lists}topic dial: float[<=2] in [0.0, 1.5];\ntopic pump"
     module_result = proved_of(changed((DRIVES, dial), ("topic pump", declared), text=COMPUTED))
     assert module_result.verdict == "proved"
-    assert any("what plants publish lies" in a for a in module_result.problem.assumptions)
+    assert any("what plants publish lies" in a for a in texts(module_result.assumptions))
 
 
 def test_an_error_of_what_nobody_reads_counts() -> None:
@@ -150,3 +151,25 @@ def test_random_dials_against_the_middle_of_every_cell(seed: int) -> None:
             break
         h = least + (most - least) * k / 200
         assert low - 1e-12 <= a * h + b <= high + 1e-12
+
+
+def test_what_is_no_finite_number_is_not_published_and_that_is_said() -> None:
+    huge = changed(
+        (DRIVES, f"{DRIVES}  drives dial = exp(h * 1000.0);\n"),
+        ("topic pump", "topic dial: float;\ntopic pump"),
+        text=COMPUTED,
+    )
+    module_result = proved_of(huge)
+    assert any("`dial` takes only finite numbers" in note for note in module_result.notes)
+    assert ends_of(module_result)[1] < 0.8
+
+
+def test_a_list_that_a_plant_writes_down_is_an_assumption() -> None:
+    listed = changed(
+        (DRIVES, f"{DRIVES}  drives dial = [h, h];\n"),
+        ("topic pump", "topic dial: float[<=3] in [-5.0, 5.0];\ntopic pump"),
+        text=COMPUTED,
+    )
+    module_result = proved_of(listed)
+    assert any("lies in the declared sets: dial" in a.text for a in module_result.assumptions)
+    assert not any("finite" in note for note in module_result.notes)

@@ -10,6 +10,7 @@ from soter.api import load
 from soter.certificate.rechecker import recheck
 from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.front_end import check_file, system_of
+from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,7 +49,7 @@ def verdict(tmp_path: Path, text: str, **params: object) -> tuple[str, list[str]
     path = tmp_path / "p.soter"
     path.write_text(text)
     (module,) = load(path).verify(refute=False, params=params).modules
-    assumed = [a for a in module.problem.assumptions if "behaves like" in a]
+    assumed = [a for a in texts(module.assumptions) if "behaves like" in a]
     return str(module.findings["start"].verdict), assumed
 
 

@@ -18,6 +18,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.language.model import typed
+from soter.verify.problem.assumption import texts
 from soter.verify.proof_report import page
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def test_every_view_is_proved_and_so_is_the_module(proved: tuple[Path, VerifyRep
     assert report.verdict == "proved"
     for m in report.modules:  # the cell up to an open end counts as the others
         assert m.shares["gives_back"] < m.shares["lets_ac"] < m.shares["free"] < 0.9
-    assert all("seen.r below 60.0" in m.problem.assumptions[-1] for m in report.modules)
+    assert all("seen.r below 60.0" in texts(m.assumptions)[-1] for m in report.modules)
 
 
 def test_the_re_checker_accepts_it(proved: tuple[Path, VerifyReport]) -> None:
@@ -224,7 +225,7 @@ def test_what_only_safe_reads_is_said_to_be_judged_on_the_plant_of_the_proof(
     (tmp_path / "cart.soter").write_text(text, encoding="utf-8")
     report = load(tmp_path / "cart.soter").verify(cert=tmp_path / "cert")
     words = "what `safe` says of danger is judged on what seen drives"
-    said = ["".join(m.problem.assumptions) for m in report.modules]
+    said = ["".join(texts(m.assumptions)) for m in report.modules]
     assert [words in text for text in said] == [True, False]
     recheck_report = recheck(tmp_path / "cert")
     assert [

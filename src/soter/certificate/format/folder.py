@@ -136,7 +136,7 @@ def read_certificate(folder: Path) -> Certificate:
             raise RejectedError(f"`{name}` stands outside `program/` and `sets/`")
         if hashlib.sha256(contents[name]).hexdigest() != digest:
             raise RejectedError(f"`{name}` was changed")
-    if manifest.get("schema") != SCHEMA:
+    if manifest.get("schema") != SCHEMA or isinstance(manifest["schema"], bool):
         raise RejectedError(f"a manifest of schema {manifest.get('schema')}, not {SCHEMA}")
     return Certificate(folder, manifest, contents, set())
 

@@ -138,6 +138,8 @@ def _on_purpose(run: Run, console: Console) -> list[str]:
         times = "every release" if always else str(len(when))
         first = f"{when[0] / 1e9:.3f} s" if when else ""
         rows[key] = (f.text, times, first, "inside" if f.inside else "outside")
+    if run.system.shuffled:
+        rows["order any", -1] = ("order any", "every instant", "", "outside")
     if not rows:
         return []
     heads = ("went wrong on purpose", "times", "first at", "proofs")

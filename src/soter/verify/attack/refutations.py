@@ -59,16 +59,15 @@ def _blamed(findings: dict[str, Finding], run: Counterexample) -> list[str]:
 
 
 def _enter(finding: Finding, run: Counterexample, seconds: float) -> None:
-    finding.verdict = REFUTED
     finding.seconds += seconds
     finding.method = "a run, replayed in the interpreter"
     end = f"{run.time_ns / 1e9:g} s"
-    finding.text = (
+    finding.rest_on(
+        REFUTED,
         f"a run leaves C at {end}"
         if run.shows == "leaves_safe"
-        else f"a run on which SC has control for ever (it repeats itself from {end})"
+        else f"a run on which SC has control for ever (it repeats itself from {end})",
     )
-    finding.hint = ""
     finding.counterexample = run
 
 

@@ -1,12 +1,14 @@
 """What plants can publish: beyond the declared set of a topic a plant stops.
 
-Purpose: which driven leaves may leave their sets somewhere in the ranges of a proof, in words. The
-states at which one of them does are no part of C (`constraint` of `verify/enclose/unit.py`).
+Purpose: which driven leaves may leave their sets, or the range of doubles, somewhere in the ranges
+of a proof, in words. The states at which one of them does are no part of C (`constraint` of
+`verify/enclose/unit.py`).
 Non-goals: lists, and arrays too long to be numbered: that they stay in their sets is an assumption.
 """
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.language.model.types import leaves
@@ -35,8 +37,10 @@ def narrowed(problem: Problem, forms: CompiledEnclosures) -> list[str]:
     if ends is None:
         return [FAULT]
     messages = []
-    for (name, bound, error), (low, high) in zip(driven, ends, strict=True):
+    for (name, bound, error, numbered), (low, high) in zip(driven, ends, strict=True):
         if bound is None:
+            if numbered and not (isfinite(low) and isfinite(high)):
+                messages.append(f"`{name}` takes only finite numbers")
             continue
         least, most = room_of(bound, error)
         if not least <= low <= high <= most:
@@ -58,8 +62,11 @@ def say_narrowed(result: ModuleResult, done: Sequence[Case], claims: Iterable[st
             finding.hint = f"{finding.hint}; or {wider}" if finding.hint else wider
 
 
-def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float]]:
-    """Name, set and error of every driven leaf, in the order of `drives`."""
+def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]:
+    """Name, set and error of every driven leaf, in the order of `drives`; whether it is one number.
+
+    Of lists, and arrays too long to be numbered, it is not.
+    """
     system = problem.system
     plants = [c for c in system.components if c.plant is not None]
     topics = {c.scope.topics[t] for c in plants if c.plant for t, _ in c.plant.drives}
@@ -71,4 +78,4 @@ def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float]]:
             at = every.index(path) if path in every else None
             bound = None if at is None else topic.bounds[at]
             error = 0.0 if at is None else measured.get((index, at), 0.0)
-            yield ".".join((topic.name, *path)), bound, error
+            yield ".".join((topic.name, *path)), bound, error, at is not None

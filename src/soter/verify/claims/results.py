@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.verify.problem.problem import SCHEME
+from soter.verify.problem.assumption import SCHEME, remaining
 from soter.verify.scope_data import VerificationScope
 
 if TYPE_CHECKING:
@@ -24,9 +24,12 @@ if TYPE_CHECKING:
     from soter.verify.polytope.extract_group import ExtractedGroup
     from soter.verify.polytope.half_spaces import Polytope
     from soter.verify.polytope.proofs import PolytopeSets
+    from soter.verify.problem.assumption import Assumption
     from soter.verify.problem.problem import Group, Problem
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
+WORSE = (PROVED, ASSUMED, UNDECIDED, REFUTED)
+"""Each is worse than those before it."""
 NO_CORE = "there is no K"
 """What every claim that rests on K says where there is none: P2a says why."""
 PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe", "DM")
@@ -123,6 +126,7 @@ class Finding:
     """
 
     verdict: str
+    """The worst of what it rests on: `rest_on` makes it worse, and nothing makes it better."""
     seconds: float = 0.0
     method: str = ""
     text: str = ""
@@ -132,6 +136,22 @@ class Finding:
     counterexample: object | None = None
     causes: list[Cause] = field(default_factory=list)
     leaving: LeavingRun | None = None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name == "verdict" and hasattr(self, "verdict"):
+            raise AttributeError("a verdict is made once: `rest_on` says what else it rests on")
+        super().__setattr__(name, value)
+
+    def rest_on(self, verdict: str, text: str = "", hint: str = "") -> None:
+        """It rests on this, too: the verdict is the worse of both.
+
+        `text` and `hint` say why where that makes it worse, or as bad as it is.
+        """
+        if WORSE.index(verdict) < WORSE.index(self.verdict):
+            return
+        self.__dict__["verdict"] = verdict
+        if text:
+            self.text, self.hint = text, hint
 
     @property
     def holds(self) -> bool:
@@ -269,6 +289,10 @@ class ModuleResult:
     """A line where AC cannot have control at the start."""
     notes: tuple[str, ...] = ()
     """Lines about how it was proved that are no assumptions."""
+    added: tuple[Assumption, ...] = ()
+    """What the proof takes for granted beyond its problem."""
+    shown: frozenset[str] = frozenset()
+    """Keys of those assumptions of its problem that the proof shows."""
 
     def __repr__(self) -> str:
         held = ", ".join(f"{name} {f.verdict}" for name, f in self.findings.items())
@@ -278,6 +302,11 @@ class ModuleResult:
     def name(self) -> str:
         """Full name of the module."""
         return self.problem.name
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """Everything that the verdicts rest on."""
+        return remaining(self.problem.assumptions, added=self.added, shown=self.shown)
 
     @property
     def verdict(self) -> str:
@@ -292,7 +321,7 @@ class ModuleResult:
     def assumed(self) -> list[str]:
         """What a headline names as assumed: properties, and the scheme of the plants."""
         names = [n for n, f in self.findings.items() if f.verdict == ASSUMED]
-        return [*names, *(["scheme"] if SCHEME in self.problem.assumptions else [])]
+        return [*names, *(["scheme"] if SCHEME in self.assumptions else [])]
 
     @property
     def headline(self) -> str:
@@ -356,7 +385,7 @@ class VerifyReport:
             for m in self.modules
             for name, f in m.findings.items()
         ]
-        count = sum(len(m.problem.assumptions) for m in self.modules)
+        count = sum(len(m.assumptions) for m in self.modules)
         head = f"{self.path} {self.system}: {self.verdict} under {count} assumptions"
         told = shown(head, ("module", "property", "verdict", "how"), rows)
         return told if self.page is None else told + framed(self.page(self))

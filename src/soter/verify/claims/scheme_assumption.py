@@ -1,6 +1,6 @@
-"""Whether the scheme that flies is in a proof: one assumption less, or what is known against it.
+"""Whether the scheme that flies is in a proof, or what is known against it.
 
-Purpose: `scheme_of`, once every case is settled.
+Purpose: `shown_scheme` and `scheme_diverges`, once every case is settled.
 Non-goals: the error of a scheme (`enclose/scheme_error.py`).
 """
 
@@ -9,37 +9,33 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.integration_stability import diverging
-from soter.verify.claims.results import PROVED, UNDECIDED
-from soter.verify.enclose.scheme_error import STIFF_HINT
-from soter.verify.problem.problem import SCHEME
+from soter.verify.problem.assumption import SCHEME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.verify.claims.case import Case
-    from soter.verify.claims.results import ModuleResult
+    from soter.verify.problem.problem import Problem
 
 
-def scheme_of(result: ModuleResult, done: Sequence[Case]) -> None:
-    """For linear flows the simulator's scheme is part of the proof: one assumption less.
+def shown_scheme(problem: Problem, done: Sequence[Case]) -> frozenset[str]:
+    """For linear flows the simulator's scheme is part of the proof: one assumption is shown."""
+    assumed = SCHEME in problem.assumptions
+    return frozenset((SCHEME.key,)) if assumed and all(map(_follows_scheme, done)) else frozenset()
 
-    Of others it is assumed; not where it diverges, as that is known to be wrong.
-    """
-    problem = result.problem
-    if all(_follows_scheme(c) for c in done):
-        problem.assumptions = [a for a in problem.assumptions if a != SCHEME]
-    finding = result.findings["P2a"]
-    if SCHEME not in problem.assumptions or finding.verdict != PROVED:
-        return
+
+def scheme_diverges(problem: Problem) -> str:
+    """What is known against the scheme where it is assumed; "": nothing is."""
     states = zip(problem.quantities.states, problem.states, strict=True)
     within = {(s.owner, s.member, s.path): (r.low, r.high) for s, r in states}
     for c in problem.system.components:
         own = {(name, path): r for (owner, name, path), r in within.items() if owner == c.index}
         for d in diverging(problem.system, c, own):
-            finding.verdict = UNDECIDED
-            finding.text = f"the scheme of {c.name} makes {', '.join(d.names)} diverge: a step "
-            finding.text += f"multiplies by {d.growth:.3g}"
-            finding.hint = STIFF_HINT
+            names = ", ".join(d.names)
+            return (
+                f"the scheme of {c.name} makes {names} diverge: a step multiplies by {d.growth:.3g}"
+            )
+    return ""
 
 
 def _follows_scheme(case: Case) -> bool:

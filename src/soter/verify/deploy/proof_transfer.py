@@ -21,6 +21,7 @@ from soter.language.elaborate.derived_systems import at_once, faultless
 from soter.language.elaborate.views import systems_by_view
 from soter.verify.deploy.deployed_sensors import Sensors, covers
 from soter.verify.induction.problem import InductionProblem
+from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def _of_module(
         return inheritance
     for problem in problems:
         inheritance.assumptions += [
-            a for a in problem.assumptions if a not in inheritance.assumptions
+            text for text in texts(problem.assumptions) if text not in inheritance.assumptions
         ]
     (problem,) = problems
     if isinstance(problem, InductionProblem):

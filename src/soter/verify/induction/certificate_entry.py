@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.verify.claims.results import PROVED, UNCLAIMED
 from soter.verify.induction.problem import InductionProblem
+from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:
     from soter.verify.induction.verify import InductionResult
@@ -27,7 +28,7 @@ def induction_entry(result: InductionResult, system: str) -> dict[str, object]:
         "system": system,
         "module": problem.name,
         "claims": claims,
-        "assumptions": list(problem.assumptions),
+        "assumptions": texts(result.assumptions),
         "recover_ns": induction.returns_ns if declared else None,
         "induction": {
             "k": induction.k,

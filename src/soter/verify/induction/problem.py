@@ -21,6 +21,7 @@ from soter.language.model.system import Property
 from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
 from soter.timing.trusted_thread import in_thread
 from soter.verify.induction.calendar import ComponentCalendar
+from soter.verify.problem.assumption import FRESH, Assumption
 from soter.verify.problem.other_modes import NO_MODES
 from soter.verify.problem.problem import NODES, Problem, Times
 from soter.verify.problem.quantities import Quantities
@@ -153,7 +154,8 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
         flying=flat.name,
     )
-    problem.assumptions = [*_assumptions(problem, absent), *rests, *modes.assumptions]
+    thread = [Assumption("thread", text) for text in rests]
+    problem.assumptions = (*_assumptions(problem, absent), *thread, *modes.assumptions)
     return problem
 
 
@@ -437,31 +439,37 @@ def _rests(
     return check_deployed(flat, module, AssumedTimes(by_name[dm], by_name[sc], nodes), diagnostics)
 
 
-def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:
+def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumption]:
     system, module = problem.system, problem.module
     ac = system.components[module.ac].name
-    assumptions = [f"{ac} publishes at its releases, any value of the declared sets or none"]
+    text = f"{ac} publishes at its releases, any value of the declared sets or none"
+    assumptions = [Assumption("ac", text)]
     for c in problem.clocks:
         if c.late or c.response:
             name = system.components[c.component].name
-            assumptions.append(
+            text = (
                 f"{name} starts at most {show_ns(c.late)} after its release, and takes at most "
                 f"{show_ns(c.response)}"
             )
+            assumptions.append(Assumption(f"declared {name}", text))
     if absent:
         names = ", ".join(absent)
-        assumptions.append(f"undeclared times are zero: {names}")
-    assumptions.append("no release is skipped, and what a step reads it reads at one instant")
+        assumptions.append(Assumption("undeclared", f"undeclared times are zero: {names}"))
+    text = "no release is skipped, and what a step reads it reads at one instant"
+    assumptions.append(Assumption("one instant", text))
     modes = set() if problem.modes is None else {t.name for t in problem.modes.topics}
     assumptions += [
-        f"{n}: any value of its set at any time ({w})"
+        Assumption(f"any value {n}", f"{n}: any value of its set at any time ({w})")
         for n, w in problem.any_value.items()
         if n not in modes
     ]
-    assumptions.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+    assumptions.append(FRESH)
     if problem.heard:
         still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))
-        assumptions.append(f"for P2b alone: {still} stays as it is until SC gives control back")
-    assumptions.append("z3 is right where it says that no counterexample exists")
-    assumptions.append("the compiler and the hardware do what the C of the steps says")
+        text = f"for P2b alone: {still} stays as it is until SC gives control back"
+        assumptions.append(Assumption("still", text))
+    text = "z3 is right where it says that no counterexample exists"
+    assumptions.append(Assumption("solver", text))
+    text = "the compiler and the hardware do what the C of the steps says"
+    assumptions.append(Assumption("compiler", text))
     return assumptions

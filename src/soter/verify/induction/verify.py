@@ -27,10 +27,11 @@ from soter.verify.claims.results import (
 )
 from soter.verify.induction.prove import induct
 from soter.verify.induction.refute import refuting_run
+from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.other_modes import said
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from soter.verify.induction.problem import InductionProblem
     from soter.verify.induction.prove import Induction
@@ -75,7 +76,7 @@ def verify_by_induction(
     _static(problem, findings)
     findings["P2a"] = _safe(problem, induction)
     findings["P2b"] = _returns(problem, induction)
-    _taken_for_granted(problem, induction)
+    result.added = (*_taken_for_granted(problem, induction),)
     for name in TOGETHER:
         findings[name] = _part_of_it(name, findings["P2a"])
     if induction.proved and findings["P2b"].verdict == PROVED:
@@ -123,10 +124,10 @@ def _static(problem: InductionProblem, findings: dict[str, Finding]) -> None:
 
 
 def _safe(problem: InductionProblem, induction: Induction) -> Finding:
-    finding = Finding(UNDECIDED, induction.seconds - induction.returns_s, HOW)
+    verdict = PROVED if induction.proved else UNDECIDED
+    finding = Finding(verdict, induction.seconds - induction.returns_s, HOW)
     finding.counts = {"k": induction.k, "steps": induction.steps, "lemmas": len(problem.lemmas)}
     if induction.proved:
-        finding.verdict = PROVED
         many = len(problem.lemmas)
         lemmas = "" if not many else f", with {many} lemma{'s' if many > 1 else ''}"
         plural = "s" if induction.k > 1 else ""
@@ -153,10 +154,12 @@ def _safe(problem: InductionProblem, induction: Induction) -> Finding:
 
 
 def _returns(problem: InductionProblem, induction: Induction) -> Finding:
-    finding = Finding(UNDECIDED, induction.returns_s, HOW)
+    returned = induction.proved and bool(induction.returns)
+    if not returned and problem.module.symbol.verify.stays is not None:
+        return Finding(ASSUMED, induction.returns_s, HOW, STAYS)
+    finding = Finding(PROVED if returned else UNDECIDED, induction.returns_s, HOW)
     finding.text = "there is no proof that `safe` is kept"
-    if induction.proved and induction.returns:
-        finding.verdict = PROVED
+    if returned:
         finding.text = f"SC gives control back within {show_ns(induction.returns_ns)}"
         granted = [*(["`progress` holds"] if problem.progress else [])]
         still = sorted(problem.system.topics[i].name for i in problem.heard)
@@ -167,13 +170,11 @@ def _returns(problem: InductionProblem, induction: Induction) -> Finding:
             [f"no step of {_named(induction.latching, 'or')} faults"] if induction.latching else []
         )
         if granted:
-            finding.verdict = ASSUMED
-            finding.text += f" while {_named(granted, 'and')}: not proved"
+            text = f"{finding.text} while {_named(granted, 'and')}: not proved"
+            finding.rest_on(ASSUMED, text)
         if problem.modes is not None and problem.modes.never:
-            finding.verdict, finding.text = UNDECIDED, problem.modes.never
-            finding.hint = "let one of them give control back whatever the other one does"
-    elif problem.module.symbol.verify.stays is not None:
-        finding.verdict, finding.text = ASSUMED, STAYS
+            hint = "let one of them give control back whatever the other one does"
+            finding.rest_on(UNDECIDED, problem.modes.never, hint)
     elif induction.contradicted:
         finding.text = "what `progress` takes for granted holds in no run"
         finding.hint = "say what always holds: at the start, too, and of topics' defaults"
@@ -185,14 +186,15 @@ def _returns(problem: InductionProblem, induction: Induction) -> Finding:
     return finding
 
 
-def _taken_for_granted(problem: InductionProblem, induction: Induction) -> None:
+def _taken_for_granted(problem: InductionProblem, induction: Induction) -> Iterator[Assumption]:
     """What nothing proves: P2b rests on it, and `safe` does not."""
     for text in problem.progress_texts:
-        problem.assumptions.append(f"progress, for P2b alone, proved by nobody: `{text}`")
+        yield Assumption("progress", f"progress, for P2b alone, proved by nobody: `{text}`")
     if induction.proved and induction.latching:
-        problem.assumptions.append(
+        yield Assumption(
+            "no faults",
             f"for P2b alone: no step of {_named(induction.latching, 'or')} faults, which nothing "
-            "shows of what is opaque; one that faults is latched, and `safe` holds all the same"
+            "shows of what is opaque; one that faults is latched, and `safe` holds all the same",
         )
 
 
@@ -217,10 +219,8 @@ def _refute(
         if run is None:
             finding.hint += " (no run of the program was found that shows it)"
             continue
-        finding.verdict = REFUTED
+        finding.rest_on(REFUTED, f"a run violates {induction.what} at {show_ns(run.time_ns)}")
         finding.method = "a run, replayed in the interpreter"
-        finding.text = f"a run violates {induction.what} at {show_ns(run.time_ns)}"
-        finding.hint = ""
         finding.counterexample = run
     findings["P2a"].seconds += time.perf_counter() - began
 

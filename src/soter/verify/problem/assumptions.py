@@ -14,7 +14,8 @@ from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaves
 from soter.language.prelude.bounds import BOUNDS
 from soter.verify.induction.handover import handovers
-from soter.verify.problem.problem import SCHEME, Jumps
+from soter.verify.problem.assumption import FRESH, SCHEME, Assumption
+from soter.verify.problem.problem import Jumps
 from soter.verify.time.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
 if TYPE_CHECKING:
@@ -35,9 +36,10 @@ BEHIND = {
     "inner": "between commands and plants, with sensors of their own: they and their delays belong "
     "to the plants of the proof",
 }
-NO_DROPOUT = (
+NO_DROPOUT = Assumption(
+    "no dropout",
     "sensors never drop out: where one does the DM hands over to SC, which then reads what is "
-    "too old for its own proof (`dropout` covers a silence)"
+    "too old for its own proof (`dropout` covers a silence)",
 )
 
 
@@ -48,8 +50,8 @@ def assumptions_of(
     chains: CauseEffectChains,
     kind: str,
     jumps: Jumps,
-) -> list[str]:
-    """Every assumption; SCHEME is taken out again where the scheme turns out to be covered."""
+) -> list[Assumption]:
+    """Every assumption; a proof may show SCHEME, and what `jumps` says of `enters`."""
     assumptions = [
         *_environment(place, inputs, jumps),
         *_ways(place, chains),
@@ -58,33 +60,35 @@ def assumptions_of(
     if kind == "flow":
         assumptions += _of_one_instant(place)
         assumptions.append(SCHEME)
-    assumptions.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+    assumptions.append(FRESH)
     if inputs.parameters:
         names = ", ".join(p.name for p in inputs.parameters)
-        assumptions.append(
+        text = (
             f"{names} changes only while the estimate lies in S_0 of the new value, whichever "
             "mode; DM and SC read the new value from that instant on"
         )
+        assumptions.append(Assumption("parameters change", text))
     assumptions += _arithmetic(place)
     return assumptions
 
 
 def jumps_of(place: VerificationSystem) -> Jumps:
     """Of all abstractions of a module."""
-    assumptions: list[str] = []
+    assumptions: list[Assumption] = []
     entered: dict[str, str] = {}
-    unkept: list[str] = []
+    unkept: list[Assumption] = []
     for link in place.module.symbol.verify.abstracts:
         given = {h.topic: h for h in handovers(place.flat, place.home, link)}
         kept = [h for h in given.values() if not h.why]
         rest = [t for t in topic_reads(link.value) if t not in {h.topic for h in kept}]
         if rest:
             read = ", ".join(t.name for t in rest)
-            assumptions.append(
+            text = (
                 f"where {read} change, on which the state of {link.name} rests, that state moves "
                 f"as {link.plant.name} does, or jumps while the estimate lies in S_0 of where it "
                 "jumps to, whichever mode; DM and SC read what shows it from that instant on"
             )
+            assumptions.append(Assumption(f"jumps {link.name}", text))
         for h in kept:
             assert place.home.whole is not None
             enters = place.home.whole.verify.enters
@@ -97,26 +101,32 @@ def jumps_of(place: VerificationSystem) -> Jumps:
                 f"{h.node} changes what it rests on of {h.topic.name} in no other step, and shows "
                 "it to DM and SC in the same one"
             )
-            assumptions.append(f"{fact} ({alone}: proved)")
-            entered[assumptions[-1]] = f"{fact}; {alone}: proved"
+            key = f"enters {link.name} {h.topic.name}"
+            assumptions.append(Assumption(key, f"{fact} ({alone}: proved)"))
+            entered[key] = f"{fact}; {alone}: proved"
         unkept += [
-            f"`enters` shows nothing of {h.topic.name}, on which {link.name} rests: {h.why}"
+            Assumption(
+                f"unkept {link.name} {h.topic.name}",
+                f"`enters` shows nothing of {h.topic.name}, on which {link.name} rests: {h.why}",
+            )
             for h in ([] if kept else given.values())
         ]
-    return Jumps((*assumptions, *unkept), entered, unkept[0] if unkept else "")
+    return Jumps((*assumptions, *unkept), entered, unkept[0].text if unkept else "")
 
 
-def _judged(place: VerificationSystem) -> list[str]:
+def _judged(place: VerificationSystem) -> list[Assumption]:
     """Topics that `safe` reads and neither the DM nor SC: nobody follows who publishes them."""
     followed = {*read_by_dm(place), *read_by_sc(place)}
     assumptions = []
     for symbol in topic_reads(place.module.symbol.safe):
         index = place.module.scope.topics.get(symbol, -1)
         if index in place.driven and index not in followed:
-            assumptions.append(
-                f"what `safe` says of {place.system.topics[index].name} is judged on what "
-                f"{place.driven[index].name} drives: what is published there is not looked at"
+            topic, plant = place.system.topics[index].name, place.driven[index].name
+            text = (
+                f"what `safe` says of {topic} is judged on what {plant} drives: what is published "
+                "there is not looked at"
             )
+            assumptions.append(Assumption(f"judged {topic} {plant}", text))
     return assumptions
 
 
@@ -127,10 +137,13 @@ def _start(place: VerificationSystem, link: typed.AbstractionLink) -> str:
     return f"the start of {link.instance}"
 
 
-def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> list[str]:
+def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> list[Assumption]:
     assumptions = [
-        f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
-        f"within its bounds, from {_start(place, link)} on"
+        Assumption(
+            f"conforms {link.instance} {link.name}",
+            f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
+            f"within its bounds, from {_start(place, link)} on",
+        )
         for link in place.module.symbol.verify.abstracts
     ]
     assumptions += jumps.told
@@ -138,34 +151,41 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         assumptions += _judged(place)
     names = ", ".join(c.name for c in place.plants)
     if not place.abstract:
-        assumptions.append(f"the world behaves like {names} for some disturbance within its bounds")
+        text = f"the world behaves like {names} for some disturbance within its bounds"
+        assumptions.append(Assumption(f"world {names}", text))
     of_others = {i.name(place.system) for i in place.influences}
     drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
     said = [(d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]") for d, r in drawn]
-    for others, what in (
-        (False, "disturbances stay within their bounds"),
-        (True, "what others publish and what moves these plants stays in its declared set"),
+    for others, key, what in (
+        (False, "disturbances", "disturbances stay within their bounds"),
+        (
+            True,
+            "others",
+            "what others publish and what moves these plants stays in its declared set",
+        ),
     ):
         bounds = ", ".join(text for of, text in said if of is others)
-        assumptions += [f"{what}: {bounds}"] if bounds else []
+        assumptions += [Assumption(key, f"{what}: {bounds}")] if bounds else []
     if inputs.errors:
         pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
         bounds = ", ".join(f"{e.name} within {r.high:g}" for e, r in pairs)
         exact = _exact(place, inputs)
         rest = f"; exact: {', '.join(exact)}" if exact else ""
-        assumptions.append(f"measurement errors stay within their bounds: {bounds}{rest}")
+        text = f"measurement errors stay within their bounds: {bounds}{rest}"
+        assumptions.append(Assumption("errors", text))
     measured = {(e.owner, e.path) for e in inputs.errors}
     if place.driven and not measured:
-        assumptions.append("estimates are exact: no measurement error is declared")
+        text = "estimates are exact: no measurement error is declared"
+        assumptions.append(Assumption("exact", text))
     bounded = _published(place)
     if bounded:
         names = ", ".join(bounded)
-        assumptions.append(
-            f"what plants publish lies in the declared sets: {names} (else they stop)"
-        )
+        text = f"what plants publish lies in the declared sets: {names} (else they stop)"
+        assumptions.append(Assumption("sets", text))
     if inputs.others:
         names = ", ".join(o.name for o in inputs.others)
-        assumptions.append(f"{names}: any value of the declared set, at any time")
+        text = f"{names}: any value of the declared set, at any time"
+        assumptions.append(Assumption("any value", text))
     return assumptions
 
 
@@ -193,9 +213,9 @@ def driven_by(c: Component) -> list[typed.TopicSymbol]:
     return [] if c.plant is None else [t for t, _ in c.plant.drives]
 
 
-def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[str]:
+def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumption]:
     """What stands between plant and module is followed in time, not in value."""
-    assumptions: list[str] = []
+    assumptions: list[Assumption] = []
     if not place.abstract:
         return assumptions
     for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc]):
@@ -217,23 +237,28 @@ def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[str]:
                 f"{chain.topic.name} shows, within the errors declared, the state of {shown} that "
                 f"{through} read (how old that is, is followed)"
             )
-        assumptions.append(text)
+        assumptions.append(Assumption(f"shows {chain.topic.name}", text))
     topics: dict[str, list[str]] = {}
     for topic, who in chains.beside:
         topics.setdefault(who, []).append(topic)
     assumptions += [
-        f"{who}, of which the proof knows nothing, is heard by nodes behind {', '.join(read)}: "
-        "whatever it says, and however old that is, these show the plants of the proof"
+        Assumption(
+            f"beside {who}",
+            f"{who}, of which the proof knows nothing, is heard by nodes behind {', '.join(read)}: "
+            "whatever it says, and however old that is, these show the plants of the proof",
+        )
         for who, read in topics.items()
     ]
     for kind, words in BEHIND.items():
         nodes = list(dict.fromkeys(n for w in chains.ways for n in getattr(w, kind)))
         if nodes:
-            assumptions.append(f"{', '.join(_filter(n) for n in nodes)}: {words}")
+            text = f"{', '.join(_filter(n) for n in nodes)}: {words}"
+            assumptions.append(Assumption(kind.replace("_", " "), text))
     on_the_way = [*chains.nodes, *chains.behind, *(n for w in chains.ways for n in w.in_step)]
     if on_the_way:
         names = ", ".join(dict.fromkeys(n.name for n in on_the_way))
-        assumptions.append(f"no step of {names} faults (a node that does is silent from then on)")
+        text = f"no step of {names} faults (a node that does is silent from then on)"
+        assumptions.append(Assumption("nodes run", text))
     return list(dict.fromkeys(assumptions))
 
 
@@ -258,62 +283,67 @@ def _exact(place: VerificationSystem, inputs: Inputs) -> list[str]:
     return leaf_names
 
 
-def _of_one_instant(place: VerificationSystem) -> list[str]:
+def _of_one_instant(place: VerificationSystem) -> list[Assumption]:
     """An estimate is the state at one instant plus an error, also when it comes in parts."""
     assumptions = []
     for who, topics in (("the DM", read_by_dm(place)), ("SC", read_by_sc(place))):
         if len(topics) > 1:
             names = ", ".join(place.system.topics[t].name for t in topics)
-            assumptions.append(
-                f"what {who} reads together shows the plants at one instant: {names}"
-            )
+            text = f"what {who} reads together shows the plants at one instant: {names}"
+            assumptions.append(Assumption(f"one instant {who}", text))
     return assumptions
 
 
 def _timing(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, kind: str
-) -> list[str]:
+) -> list[Assumption]:
     verify = place.module.symbol.verify
     assumptions = []
     if not times.schedule.dropout and times.schedule.read_by_sc:
         assumptions.append(NO_DROPOUT)
     if kind == "map":
         words = "plant, DM and SC run in the same instant, in this order, and commands act in it"
-        return [*assumptions, words]
+        return [*assumptions, Assumption("one instant", words)]
     if times.schedule.dropout:
-        assumptions.append(
+        text = (
             f"a sensor is silent for at most {show_ns(times.schedule.dropout)} longer than its "
             "period, and never at its first release"
         )
+        assumptions.append(Assumption("dropout", text))
     if times.age_sc:
-        assumptions.append(
-            f"what SC reads is at most {show_ns(times.age_sc)} old (for SC no runtime enforces it)"
-        )
+        age = show_ns(times.age_sc)
+        text = f"what SC reads is at most {age} old (for SC no runtime enforces it)"
+        assumptions.append(Assumption("age", text))
     declared = [n for n in DELAYS if n in times.declared]
     if declared:
         shown = ", ".join(f"{n.replace('_', ' ')} {show_ns(getattr(times, n))}" for n in declared)
-        assumptions.append(f"times as declared: {shown}")
+        assumptions.append(Assumption("declared", f"times as declared: {shown}"))
     nodes = sorted({*verify.late_of, *verify.response_of})
     if nodes:
-        assumptions.append(f"times as declared, too: of {', '.join(nodes)}")
+        text = f"times as declared, too: of {', '.join(nodes)}"
+        assumptions.append(Assumption("declared of nodes", text))
     absent = [WORDS[n] for n in DELAYS if n not in times.declared]
     lasting = {n.name: n.takes_ns for n in (*chains.nodes, *chains.behind) if n.takes_ns}
     assumptions += [
-        f"{n} takes {show_ns(high)} a step at most, as it says" for n, (_, high) in lasting.items()
+        Assumption(f"takes {n}", f"{n} takes {show_ns(high)} a step at most, as it says")
+        for n, (_, high) in lasting.items()
     ]
     absent += [
         f"{n} is on time" if n in lasting else f"{n} is on time and takes none"
         for n in undeclared(place, chains)
     ]
     if absent:
-        assumptions.append(f"undeclared times are zero: {', '.join(absent)}")
-    assumptions += times.rests
-    assumptions.append("SC waits for the DM, in one thread, and no release is skipped")
-    assumptions.append("commands of AC and SC act in the order in which they were published")
+        text = f"undeclared times are zero: {', '.join(absent)}"
+        assumptions.append(Assumption("undeclared", text))
+    assumptions += [Assumption("thread", text) for text in times.rests]
+    text = "SC waits for the DM, in one thread, and no release is skipped"
+    assumptions.append(Assumption("wait", text))
+    text = "commands of AC and SC act in the order in which they were published"
+    assumptions.append(Assumption("order", text))
     return assumptions
 
 
-def _arithmetic(place: VerificationSystem) -> list[str]:
+def _arithmetic(place: VerificationSystem) -> list[Assumption]:
     sc = place.sc.node
     assumptions = []
     symbol = place.module.symbol
@@ -324,11 +354,13 @@ def _arithmetic(place: VerificationSystem) -> list[str]:
         roots += [*c.plant.der.values(), *c.plant.next.values(), *(e for _, e in c.plant.drives)]
     inexact = sorted(n for n in _prelude_calls(roots) & set(BOUNDS) if n not in EXACT)
     if inexact:
-        assumptions.append(
+        text = (
             f"error bounds of {', '.join(inexact)}: tested, not proved; the libm that encloses "
             "them is within 8 units in the last place"
         )
-    assumptions.append("the compiler and the hardware compute binary64 as IEEE 754 says")
+        assumptions.append(Assumption("prelude", text))
+    text = "the compiler and the hardware compute binary64 as IEEE 754 says"
+    assumptions.append(Assumption("binary64", text))
     return assumptions
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.constants import Calculator
 from soter.language.model import typed
-from soter.language.model.types import RecordType, leaves
+from soter.language.model.types import ListType, RecordType, leaves
 from soter.verify.problem.problem import Axis, Group, Interval
 
 if TYPE_CHECKING:
@@ -253,6 +253,8 @@ class Axes:
             return self._driven(c, e.target, (name, *path))
         if isinstance(e, typed.Aggregate) and path:
             t = e.type
+            if isinstance(t, ListType):
+                return None  # which of its elements are there is a matter of its length
             if not isinstance(t, RecordType):
                 return self._driven(c, e.elements[int(path[0][1:-1])], path[1:])
             at = t.index(path[0])

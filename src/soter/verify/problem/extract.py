@@ -19,6 +19,7 @@ from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import InductionProblem, extract_induction
+from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
 from soter.verify.problem.failsafe_problem import behind, under_law
@@ -122,12 +123,12 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         synthesize=synthesize,
         topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()} | groups.shown,
         state_of_leaf=groups.topic_leaves,
-        assumptions=[
+        assumptions=(
             *_forced(flat, module),
             *assumptions_of(at, inputs, times, chains, kind, jumps),
             *_open(axis_groups),
             *modes.assumptions,
-        ],
+        ),
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=side_inputs(at),
         view=module.view,
@@ -144,18 +145,18 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     )
 
 
-def _forced(flat: System, module: Module) -> list[str]:
+def _forced(flat: System, module: Module) -> list[Assumption]:
     if module.forced is None:
         return []
     who = module.forced.upper()
-    return [f"the DM switches: in system {flat.name} it does not, {module.name} is forced to {who}"]
+    text = f"the DM switches: in system {flat.name} it does not, {module.name} is forced to {who}"
+    return [Assumption("forced", text)]
 
 
-def _open(groups: tuple[Group, ...]) -> list[str]:
+def _open(groups: tuple[Group, ...]) -> list[Assumption]:
     ends = [f"{a.name} below {a.edges[-1]!r}" for g in groups for a in g.axes if a.open]
-    return [
-        f"no run gets beyond an open end, of which nothing is proved: {', '.join(ends)}"
-    ] * bool(ends)
+    text = f"no run gets beyond an open end, of which nothing is proved: {', '.join(ends)}"
+    return [Assumption("open", text)] * bool(ends)
 
 
 def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> None:

@@ -18,6 +18,7 @@ from soter.language.model import typed
 from soter.language.model.system import Bound, Topic
 from soter.language.model.tree_walk import nodes, rewritten, topic_reads
 from soter.language.model.types import FLOAT, MODE
+from soter.verify.problem.assumption import Assumption
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -47,20 +48,23 @@ class Modes:
     never: str = ""
 
     @property
-    def assumptions(self) -> list[str]:
-        """In words: what is not restricted, and what P2b rests on."""
+    def assumptions(self) -> list[Assumption]:
+        """What is not restricted, and what P2b rests on."""
         assumptions = [
-            f"mode({name}): SC or AC, anew at every read" for name in self.topics.values()
+            Assumption(f"mode {name}", f"mode({name}): SC or AC, anew at every read")
+            for name in self.topics.values()
         ]
-        assumptions += self.margins.values()
+        assumptions += [Assumption(f"margin {t.name}", text) for t, text in self.margins.items()]
         if self.waits:
-            assumptions.append(
+            text = (
                 f"for P2b alone: {said(self.waits)} in AC; otherwise `safer` may not hold and SC "
                 "keeps control"
             )
-        return assumptions + (
-            [f"for P2b nothing can be assumed: {self.never}"] if self.never else []
-        )
+            assumptions.append(Assumption("waits", text))
+        if self.never:
+            text = f"for P2b nothing can be assumed: {self.never}"
+            assumptions.append(Assumption("waits for ever", text))
+        return assumptions
 
 
 NO_MODES = Modes()

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.language.elaborate.plant_influences import Influence
     from soter.language.model.system import Module, System
+    from soter.verify.problem.assumption import Assumption
     from soter.verify.problem.other_modes import Modes
     from soter.verify.problem.quantities import Quantities
     from soter.verify.time.schedule import Schedule
@@ -24,11 +25,6 @@ if TYPE_CHECKING:
 
 NODES = "nodes"
 """`Problem.kind` where the state is what nodes publish and keep: no plant, no sets."""
-SCHEME = (
-    "the plant is the one solution of its differential equation, whose right-hand side is "
-    "Lipschitz in the state; not the simulator's scheme"
-)
-"""The assumption of a proof that is about the differential equation alone."""
 
 
 @dataclass(frozen=True)
@@ -176,12 +172,12 @@ class DiscreteParameter:
 class Jumps:
     """What of an abstraction's state stands in topics, so that it may change at once.
 
-    `told`: the assumptions. `entered`: those of them that say that the state then lies in R(H) ->
+    `told`: the assumptions. `entered`: keys of those that say that the state then lies in R(H) ->
     what is said of each where that is shown. `unkept`: that nobody was shown to keep to `enters`,
     also one of them; "": somebody was, or there is none.
     """
 
-    told: tuple[str, ...] = ()
+    told: tuple[Assumption, ...] = ()
     entered: Mapping[str, str] = field(default_factory=dict)
     unkept: str = ""
 
@@ -222,7 +218,8 @@ class Problem:
     """State -> (topic, leaf) that equals it, where there is one."""
     state_of_leaf: Mapping[tuple[int, int], int] = field(default_factory=dict)
     """(topic, leaf) -> the state that it equals, for every leaf that does."""
-    assumptions: list[str] = field(default_factory=list)
+    assumptions: tuple[Assumption, ...] = ()
+    """Before the proof: it may show some of them, and add others (`ModuleResult.assumptions`)."""
     name: str = ""
     """Full name of the module in its own system, for people; with the name of the view."""
     view: str = ""

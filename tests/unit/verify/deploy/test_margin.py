@@ -16,6 +16,7 @@ import soter
 from long_tests import examples
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.computed_predicates import looks_of
+from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import DiscreteParameter
 from soter.verify.tables.grid_tables import GroupTable
@@ -180,7 +181,7 @@ def test_in_a_proof_a_margin_is_any_value_at_any_read(tmp_path: Path) -> None:
     cart(tmp_path, levels=6, command=RUSH, predicates=f"{BY_HAND[:-1]} && margin(Keep) < 1.0;")
     flat = system_of(check_file(str(tmp_path / "cart.soter")), "S")
     problem = extract(flat, flat.modules[0])
-    assert "margin(Keep): 0 to 0.25 s, anew at every read" in problem.assumptions
+    assert "margin(Keep): 0 to 0.25 s, anew at every read" in texts(problem.assumptions)
     (bound,) = problem.system.topics[-1].bounds
     assert bound is not None
     assert (bound.low, bound.high) == (0.0, 0.25)

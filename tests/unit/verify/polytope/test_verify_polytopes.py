@@ -22,6 +22,7 @@ from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library
 from soter.verify.polytope.ball_matrices import exponential
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
 from soter.verify.polytope.half_spaces import LinearProgram, Polytope
+from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 from soter.verify.verify_module import verify_module
 
@@ -144,7 +145,7 @@ def test_a_polytope_group_is_proved_with_predicates_of_the_user() -> None:
 
 
 def test_the_scheme_of_the_simulator_is_part_of_the_proof() -> None:
-    assert not any("Runge" in a or "scheme" in a for a in result_of().problem.assumptions)
+    assert not any("Runge" in a or "scheme" in a for a in texts(result_of().assumptions))
     model = part_of(result_of()).model
     assert model is not None
     assert model.covers_scheme

@@ -1,0 +1,50 @@
+"""What a proof takes for granted, as values.
+
+Purpose: `Assumption`; `remaining`: what is left of a problem's assumptions once a proof has shown
+some of them and added others. Nothing is ever taken out of a list, and nothing by its wording.
+Non-goals: which assumptions there are (`assumptions.py`, `induction/problem.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """`key`: what it is about, the same for the same thing in every proof; `text`: in words."""
+
+    key: str
+    text: str
+
+
+SCHEME = Assumption(
+    "scheme",
+    "the plant is the one solution of its differential equation, whose right-hand side is "
+    "Lipschitz in the state; not the simulator's scheme",
+)
+"""Of a proof that is about the differential equation alone."""
+FRESH = Assumption("fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+
+
+def remaining(
+    before: Iterable[Assumption], *, added: Iterable[Assumption], shown: Collection[str]
+) -> tuple[Assumption, ...]:
+    """The assumptions of a problem but for those whose keys were `shown`, and the `added` ones.
+
+    KeyError where one was shown that nobody had made: then something else was meant.
+    """
+    before = tuple(before)
+    unknown = set(shown) - {a.key for a in before}
+    if unknown:
+        raise KeyError(", ".join(sorted(unknown)))
+    return tuple(dict.fromkeys((*(a for a in before if a.key not in shown), *added)))
+
+
+def texts(assumptions: Iterable[Assumption]) -> list[str]:
+    """In words, each once."""
+    return list(dict.fromkeys(a.text for a in assumptions))

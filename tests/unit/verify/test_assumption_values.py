@@ -1,0 +1,59 @@
+"""Assumptions and verdicts are values: nothing is edited after the fact."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from soter.language.elaborate.views import systems_by_view
+from soter.language.front_end import check_file, system_of
+from soter.verify.claims.results import ASSUMED, PROVED, REFUTED, UNDECIDED, WORSE, Finding
+from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, remaining
+from soter.verify.problem.extract import extract
+from soter.verify.verify_module import verify_module
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+
+
+@pytest.mark.parametrize("name", ["wall/cart.soter", "gallery/failure_detector.soter"])
+def test_a_problem_that_is_verified_twice_rests_on_the_same(name: str) -> None:
+    checked = check_file(str(EXAMPLES / name))
+    assert checked.program is not None
+    flat = system_of(checked, None)
+    (seen,) = systems_by_view(flat, flat.modules[0])
+    problem = extract(*seen)
+    before = problem.assumptions
+    first, second = (verify_module(problem, refute=False) for _ in range(2))
+    assert first.assumptions == second.assumptions
+    assert len(set(first.assumptions)) == len(first.assumptions)
+    assert problem.assumptions == before
+
+
+@pytest.mark.parametrize("first", WORSE)
+@pytest.mark.parametrize("second", WORSE)
+def test_a_verdict_is_the_worst_of_what_it_rests_on(first: str, second: str) -> None:
+    finding = Finding(first, text="why", hint="mend it")
+    finding.rest_on(second, "another reason")
+    assert finding.verdict == max(first, second, key=WORSE.index)
+    worse = WORSE.index(second) >= WORSE.index(first)
+    assert finding.text == ("another reason" if worse else "why")
+
+
+def test_a_verdict_cannot_be_set_anew() -> None:
+    finding = Finding(UNDECIDED)
+    with pytest.raises(AttributeError, match="made once"):
+        finding.verdict = PROVED
+    assert finding.verdict == UNDECIDED
+    assert WORSE == (PROVED, ASSUMED, UNDECIDED, REFUTED)
+
+
+def test_what_was_never_assumed_cannot_be_shown() -> None:
+    assert remaining([FRESH, SCHEME], added=[], shown={"scheme"}) == (FRESH,)
+    with pytest.raises(KeyError, match="scheme"):
+        remaining([FRESH], added=[], shown={"scheme"})
+
+
+def test_what_a_proof_adds_stands_once() -> None:
+    together = Assumption("together u, v", "both at one instant")
+    assert remaining([FRESH], added=[together, together], shown=()) == (FRESH, together)
