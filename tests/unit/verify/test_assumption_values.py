@@ -16,7 +16,7 @@ from soter.verify.verify_module import verify_module
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 
-@pytest.mark.parametrize("name", ["wall/cart.soter", "gallery/failure_detector.soter"])
+@pytest.mark.parametrize("name", ["wall/cart.soter", "testing/planner.soter"])
 def test_a_problem_that_is_verified_twice_rests_on_the_same(name: str) -> None:
     checked = check_file(str(EXAMPLES / name))
     assert checked.program is not None
