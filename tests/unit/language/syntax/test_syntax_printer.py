@@ -85,7 +85,7 @@ def comments_of(text: str) -> list[str]:
 
 
 def test_ugly_program_is_laid_out_as_the_golden_says(golden: Callable[[str, str], None]) -> None:
-    golden("syntax/formatted.soter", formatted(UGLY))
+    golden("language/syntax/formatted.soter", formatted(UGLY))
 
 
 def test_formatting_again_changes_nothing() -> None:

@@ -256,7 +256,7 @@ def test_slips_are_shown_as_the_golden_says(
         render_all(parsed(CART.replace(old, new, 1))[1]).rpartition("\n\n")[0]
         for old, new, _ in SLIPS
     ]
-    golden("syntax/slips.txt", "\n\n".join(shown) + "\n")
+    golden("language/syntax/slips.txt", "\n\n".join(shown) + "\n")
 
 
 def test_all_errors_of_a_file_are_found_in_one_pass(parsed: Parsed) -> None:
