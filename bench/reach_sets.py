@@ -29,8 +29,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.language.front_end import check_file, system_of
+from soter.verify.enclose.enclosure_code import generate_enclosures
 from soter.verify.enclose.engine_library import ReachLibrary
-from soter.verify.enclose.unit import generate_enclosures
 from soter.verify.grid.policies import core_synthesis
 from soter.verify.grid.sets import GridGroup, of_problem
 from soter.verify.problem.extract import extract

@@ -21,7 +21,7 @@ from soter.verify.problem.assumption import texts
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.certificate.inclusions.tables import Block, Grid
+    from soter.certificate.inclusions.cell_sets import Block, Grid
     from soter.language.model.typed import TypedProgram
     from soter.verify.claims.results import VerifyReport
 

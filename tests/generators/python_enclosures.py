@@ -2,7 +2,7 @@
 
 Purpose: emit any Core function over inputs that are its scalar parameters, compile many of them in
 one call, evaluate them on boxes, and say whether an enclosure holds a value.
-Non-goals: making programs, what modules are (`verify/enclose/unit.py` does that).
+Non-goals: making programs, what modules are (`verify/enclose/enclosure_code.py` does that).
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ from soter.verify.enclose.enclosed_values import (
     Sequence,
     opened,
 )
+from soter.verify.enclose.enclosure_code import PARAMETERS
 from soter.verify.enclose.operations import EnclosureOperations, kind_of
-from soter.verify.enclose.unit import PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

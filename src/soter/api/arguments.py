@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from soter.diagnostics.codes import Code
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 ENGINES = ("native", "interp")
 
 
-def mistake(code: str, message: str, help_: str) -> SoterError:
+def mistake(code: Code, message: str, help_: str) -> SoterError:
     """An error of one diagnostic, with what helps."""
     return SoterError((Diagnostic(code, message, helps=(help_,)),))
 

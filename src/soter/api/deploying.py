@@ -18,8 +18,8 @@ from soter.api.rechecking import recheck
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.load.loader import load
 from soter.simulate.outputs.assumptions import unproved
-from soter.targets.build import build_package
 from soter.targets.package import PackageFile
+from soter.targets.target_table import build_package
 from soter.verify.proof_cache import stored_verdicts
 
 if TYPE_CHECKING:

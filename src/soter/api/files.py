@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from soter.explore.results import TestResult
     from soter.report.sequence.view import SequenceView
     from soter.simulate.outputs.to_log import RunLog
-    from soter.verify.advise import Advice
+    from soter.verify.period_sweep import Advice
 
 
 def read_text(path: str) -> str:

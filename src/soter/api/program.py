@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
-    from soter.simulate.trace_parts import Kept
+    from soter.simulate.trace_selection import Kept
     from soter.targets.package import Package
-    from soter.verify.advise import Advice
     from soter.verify.claims.results import VerifyReport
+    from soter.verify.period_sweep import Advice
 
     Params = Mapping[str, object] | None
 
@@ -383,8 +383,8 @@ class Program:
         `factors`: multiples of the declared period; `levels`: values of m; `report`: an HTML file
         with the figure. `SoterError` R... where a problem is not determined; D006, D007 for it.
         """
-        from soter.verify.advise import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.verify.command import modules_of, problems_of  # noqa: PLC0415 - the same
+        from soter.verify.period_sweep import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
 
         chosen = modules_of(self._checked, module, system, self._values(params))
         advice = advise_all(problems_of(chosen), factors, levels, progress)

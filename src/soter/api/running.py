@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
-    from soter.simulate.trace_parts import Kept
+    from soter.simulate.trace_selection import Kept
 
 
 def simulate(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.cell_sets import Cells, Grid, parts
 from soter.certificate.inclusions.group_claims import (
     FREE_PIECES,
     PIECES,
@@ -36,7 +37,6 @@ from soter.certificate.inclusions.predicates import (
     published,
 )
 from soter.certificate.inclusions.sc_chains import delays
-from soter.certificate.inclusions.tables import Cells, Grid, parts
 from soter.certificate.polytope.dm_half_spaces import returned
 from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.polytope.predicates import certain_beside, show_admitted
@@ -54,7 +54,7 @@ from soter.workers.child_process import end_with
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.certificate.inclusions.tables import Block
+    from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.polytope.certificate_tables import PolytopeTables
     from soter.certificate.reading.problem import Facts
 

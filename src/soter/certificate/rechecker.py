@@ -24,9 +24,9 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
 from soter.certificate.format.source import hexadecimal, program_of
 from soter.certificate.handover import jumps_of
+from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.inclusions.dm_tables import compare_tables
 from soter.certificate.inclusions.group_claims import GroupTables
-from soter.certificate.inclusions.tables import Cells, Grid
 from soter.certificate.induction.check_claims import recheck_induction
 from soter.certificate.polytope.certificate_tables import PolytopeTables, read_polytope
 from soter.certificate.polytope.dm_half_spaces import compare_half_spaces

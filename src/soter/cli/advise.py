@@ -1,7 +1,7 @@
 """`soter advise FILE`: what the period of a decision module and its levels cost.
 
 Purpose: a table for each module, a figure in `.soter/`, and the largest Delta that verifies.
-Non-goals: the sweeps (`verify/advise.py`), the drawing (`report/proof/advice.py`).
+Non-goals: the sweeps (`verify/period_sweep.py`), the drawing (`report/proof/advice.py`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.console import Console
     from soter.report.summary import Entry, Tone
-    from soter.verify.advise import Advice, AdviceRow
+    from soter.verify.period_sweep import Advice, AdviceRow
 
 EXAMPLES = """\
   soter advise cart.soter

@@ -14,7 +14,7 @@ from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CommandParser, add_file, add_settings
 from soter.cli.terminal.progress import ProgressBar
 from soter.native.stack_bound import OPTIMISE
-from soter.targets.build import TARGETS
+from soter.targets.target_table import TARGETS
 
 if TYPE_CHECKING:
     import argparse

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.console import Console
+    from soter.diagnostics.codes import Code
 
 TEMPLATE = Path(__file__).parent / "templates" / "robot"
 FILES = {
@@ -79,7 +80,7 @@ def _checked(folder: Path, given: str) -> str:
     return name
 
 
-def _mistake(code: str, message: str, help_: str) -> SoterError:
+def _mistake(code: Code, message: str, help_: str) -> SoterError:
     return SoterError((Diagnostic(code, message, helps=(help_,)),))
 
 

@@ -17,6 +17,7 @@ from soter.diagnostics.near import likely
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.fix import Fix, Help
     from soter.diagnostics.span import Span
 
@@ -51,7 +52,7 @@ class Diagnostic:
     edits are in `fixes`, too: the title of a fix is its help line.
     """
 
-    code: str
+    code: Code
     message: str
     primary: Label | None = None
     secondary: tuple[Label, ...] = ()
@@ -62,7 +63,7 @@ class Diagnostic:
 
 
 def made(
-    code: str,
+    code: Code,
     message: str,
     primary: Label | None,
     secondary: tuple[Label, ...] = (),
@@ -129,7 +130,7 @@ class Diagnostics:
 
     def error(
         self,
-        code: str,
+        code: Code,
         message: str,
         span: Span | None = None,
         label: str = "",
@@ -145,7 +146,7 @@ class Diagnostics:
 
     def warning(
         self,
-        code: str,
+        code: Code,
         message: str,
         span: Span | None = None,
         label: str = "",
@@ -162,7 +163,7 @@ class Diagnostics:
     def _report(
         self,
         severity: Severity,
-        code: str,
+        code: Code,
         message: str,
         span: Span | None,
         label: str,

@@ -89,7 +89,7 @@ def _program(path: Path, reading: SourceAccess) -> _Program:
     if loaded is None:
         raise RefusedError(f"cannot read `{path}`")
     said = check_file(str(path), reading=reading).diagnostics.items
-    found_at = {}
+    found_at: dict[tuple[str, tuple[Path, int]], str] = {}
     for d in said:
         span = None if d.primary is None else d.primary.span
         at = (path, -1) if span is None else (path_of_span(span), span.start)

@@ -13,7 +13,7 @@ try:
 except ImportError as error:
     raise ImportError("soter.gym needs gymnasium: pip install 'soter[gym]'") from error
 
-from soter.gym.conformance import Conformance, conformance
+from soter.gym.plant_conformance import Conformance, conformance
 from soter.gym.protected import Protected, SafetyWrapper, make_protected
 from soter.gym.safety_warning import SafetyWarning
 from soter.gym.vector import ProtectedVector, make_vec

@@ -2,7 +2,7 @@
 
 Purpose: `PlantModel`: a plant of a program, compiled alone with its disturbances as states, which
 says of a step which disturbances explain it; `SessionPlant`: that, in front of one session.
-Non-goals: who asks and what is told of it (`guard.py`, `conformance.py`).
+Non-goals: who asks and what is told of it (`guard.py`, `plant_conformance.py`).
 """
 
 from __future__ import annotations

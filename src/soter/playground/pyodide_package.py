@@ -12,8 +12,13 @@ import subprocess
 import tarfile
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+if TYPE_CHECKING:
+    from soter.diagnostics.codes import Code
+
 
 VERSION = "314.0.7"
 FILES = (
@@ -74,5 +79,5 @@ def _package(path: Path) -> dict[str, bytes]:
     return content_by_name
 
 
-def _problem(code: str, message: str, *helps: str) -> SoterError:
+def _problem(code: Code, message: str, *helps: str) -> SoterError:
     return SoterError((Diagnostic(code, message, helps=helps),))

@@ -20,9 +20,9 @@ from soter.semantics.externs import (
     extern_plant,
     step_of,
 )
-from soter.semantics.gate import check_of
 from soter.semantics.observer_records import AC
 from soter.semantics.plant_code import PlantCode, compile_plant
+from soter.semantics.publication_gate import check_of
 from soter.semantics.random.faults import by_component
 from soter.semantics.random.random_draws import SeededDraws
 from soter.semantics.stored_values import storer

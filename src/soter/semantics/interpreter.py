@@ -16,7 +16,6 @@ from soter.semantics.configuration import NEVER, Configuration
 from soter.semantics.control import enabled_at_first
 from soter.semantics.executable_system import ExecutableSystem
 from soter.semantics.externs import reset
-from soter.semantics.gate import publish
 from soter.semantics.inputs import refusal
 from soter.semantics.observer_records import (
     AC,
@@ -28,6 +27,7 @@ from soter.semantics.observer_records import (
 )
 from soter.semantics.plants import plant_step
 from soter.semantics.properties import violated
+from soter.semantics.publication_gate import publish
 from soter.semantics.random.faults import in_any_order
 from soter.semantics.random.random_draws import chosen_value
 from soter.semantics.rules import (

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.statements import replaced
 from soter.semantics.configuration import put
-from soter.semantics.gate import check_publications, latch, publish
 from soter.semantics.observer_records import StepOutcome
+from soter.semantics.publication_gate import check_publications, latch, publish
 from soter.semantics.random.faults import disturbed, factor
 from soter.semantics.random.random_draws import assemble, chooser
 

@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.semantics.configuration import NEVER, put
 from soter.semantics.control import enabled
-from soter.semantics.gate import (
+from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
+from soter.semantics.properties import judged
+from soter.semantics.publication_gate import (
     check_publications,
     earn,
     emptied,
@@ -26,8 +28,6 @@ from soter.semantics.gate import (
     publish,
     refuse,
 )
-from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
-from soter.semantics.properties import judged
 from soter.semantics.random.faults import disturbed, is_released, next_release, overrun_ns
 from soter.semantics.random.random_draws import chooser, draw_bits
 

@@ -29,7 +29,7 @@ from soter.native.compiler import STRICT, compile_with, find
 from soter.simulate.externs.extern_server import write_spec
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer
-from soter.simulate.trace_parts import TraceParts, names_of, wanted
+from soter.simulate.trace_selection import TraceParts, names_of, wanted
 from soter.targets.posix import nodes_of, posix_package
 from soter.workers.child_process import end_with
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.interrupt import StopRequest
     from soter.simulate.run_observer import Also
-    from soter.simulate.trace_parts import Kept
+    from soter.simulate.trace_selection import Kept
 
 LOOK_S = 0.05
 WAIT_S = 60

@@ -30,7 +30,7 @@ from soter.simulate.interrupt import StopRequest
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer
 from soter.simulate.state_bytes import state_bytes
-from soter.simulate.trace_parts import TraceParts, names_of, wanted
+from soter.simulate.trace_selection import TraceParts, names_of, wanted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from soter.semantics.observer_records import Record
     from soter.simulate.externs.python_answers import Tally
     from soter.simulate.run_observer import Also
-    from soter.simulate.trace_parts import Kept
+    from soter.simulate.trace_selection import Kept
     from soter.simulate.wall_clock_pacing import Pacer
 
     Progress = Callable[[float], None]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.language.model.system import System
-    from soter.simulate.trace_parts import TraceParts
+    from soter.simulate.trace_selection import TraceParts
 
     Rows = npt.NDArray[np.uint8]
     Also = Callable[[npt.NDArray[Any], Sequence["ModeChange"]], None]

@@ -24,6 +24,7 @@ from soter.language.syntax.tokens import UNIT_NS
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from soter.diagnostics.codes import Code
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Type, Value
 
@@ -41,7 +42,7 @@ class WrongTextError(Exception):
     """A text or number that is no value of what is asked for; the message says what is."""
 
 
-def usage_error(code: str, message: str, *helps: str) -> SoterError:
+def usage_error(code: Code, message: str, *helps: str) -> SoterError:
     """A mistake on the command line or in an argument: it stands in no file."""
     return SoterError((Diagnostic(code, message, helps=tuple(h for h in helps if h)),))
 

@@ -40,7 +40,7 @@ class Package:
     """What a target is: files, and what a person must know about them.
 
     `written` and `kept` are filled by `write`: paths in `folder`. `target` is filled in from the
-    table of targets (`build.py`), so that one made over another is not called by its name.
+    table of targets (`target_table.py`), so that one made over another is not called by its name.
     """
 
     folder: Path

@@ -15,9 +15,9 @@ from bench.recheck_models import Cart
 
 import soter
 from soter.api import recheck
+from soter.certificate.inclusions.cell_sets import Grid
 from soter.certificate.inclusions.dm_tables import levels_of, packed
 from soter.certificate.inclusions.group_claims import GroupTables
-from soter.certificate.inclusions.tables import Grid
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.computed_predicates import complete
 from unit.certificate import small_proofs

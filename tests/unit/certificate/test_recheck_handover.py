@@ -13,7 +13,7 @@ from soter.api.program import load
 from soter.certificate import rechecker
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.handover import jumps_of
-from soter.certificate.inclusions.tables import Cells
+from soter.certificate.inclusions.cell_sets import Cells
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
 from soter.certificate.terms.terms import NotRecheckedError

@@ -11,9 +11,9 @@ from bench.recheck_models import Cart
 
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.cell_sets import Cells, Grid, unshown, volume
 from soter.certificate.inclusions.group_claims import ChainCheck, GroupTables, ranked
 from soter.certificate.inclusions.inward_flow import points_inwards
-from soter.certificate.inclusions.tables import Cells, Grid, unshown, volume
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.terms.compile_terms import form_of_box
 from unit.certificate import small_proofs
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.inclusions.tables import Block
+    from soter.certificate.inclusions.cell_sets import Block
 
 CLAMPED = "clamp(-2.0 * seen, -1.0, 1.0)"
 LAG = """soter 1;

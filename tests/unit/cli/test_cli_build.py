@@ -9,9 +9,9 @@ import pytest
 import processes
 from soter.codegen.c.names import program_prefix
 from soter.native.compiler import WARNINGS, find
-from soter.targets.build import COMING, TARGETS
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
+from soter.targets.target_table import COMING, TARGETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

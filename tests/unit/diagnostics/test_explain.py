@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from generators.file_listing import files_below
+from soter.diagnostics.codes import Code
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.explain import all_codes, explain, suggestions, title
 from soter.diagnostics.source import Source
@@ -38,6 +40,10 @@ def test_every_page_has_the_same_shape(code: str) -> None:
     assert title(code)
     assert page.endswith("\n")
     assert not re.search(r"[ \t]+$", page, re.MULTILINE)
+
+
+def test_the_type_of_codes_is_closed_by_the_pages() -> None:
+    assert sorted(get_args(Code)) == sorted(all_codes())
 
 
 @pytest.mark.parametrize("code", SYNTAX_CODES)

@@ -53,7 +53,7 @@ def one_line(text: str, *labels: tuple[str, str]) -> Diagnostic:
     """A diagnostic in a one-line file: the first label is the primary one."""
     source = Source("line.soter", text)
     made = [Label(span(source, part), words) for part, words in labels]
-    return Diagnostic("X000", "a message", made[0], tuple(made[1:]))
+    return Diagnostic("X001", "a message", made[0], tuple(made[1:]))
 
 
 def test_the_example_of_the_design_looks_like_the_golden(

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.inclusions.sc_chains import EVERY, Window, free_phase, sc_chain, windows
-from soter.certificate.inclusions.tables import (
+from soter.certificate.inclusions.cell_sets import (
     Cells,
     Grid,
     block_index,
@@ -22,6 +21,7 @@ from soter.certificate.inclusions.tables import (
     unshown,
     volume,
 )
+from soter.certificate.inclusions.sc_chains import EVERY, Window, free_phase, sc_chain, windows
 from soter.certificate.terms.arb_balls import (
     HALF,
     above,
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
+    from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.inclusions.sc_chains import Chain, FreeChain
-    from soter.certificate.inclusions.tables import Block
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.compile_terms import Step
 

@@ -11,8 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.certificate.inclusions.cell_sets import (
+    Cells,
+    block_index,
+    finer,
+    halves,
+    uncovered,
+    volume,
+)
 from soter.certificate.inclusions.group_claims import CELLS_AT_ONCE, FREE_PIECES, SPLITS
-from soter.certificate.inclusions.tables import Cells, block_index, finer, halves, uncovered, volume
 from soter.certificate.reading.problem import error_of
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
@@ -33,8 +40,8 @@ if TYPE_CHECKING:
 
     from flint import arb
 
+    from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.inclusions.group_claims import FreeCheck, GroupTables
-    from soter.certificate.inclusions.tables import Block
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.terms import Linear, Proposition
     from soter.language.model import typed

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.cell_sets import Grid
 from soter.certificate.inclusions.group_claims import GroupTables
-from soter.certificate.inclusions.tables import Grid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.certificate.inclusions.cell_sets import Cells
     from soter.certificate.inclusions.group_claims import GroupTables
-    from soter.certificate.inclusions.tables import Cells
     from soter.certificate.polytope.certificate_tables import HalfSpaces, PolytopeTables
     from soter.language.model import typed
 

@@ -27,6 +27,7 @@ from soter.explore.trace.schedule import plan_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from soter.diagnostics.codes import Code
     from soter.explore.results import Options
     from soter.language.model.system import System
 
@@ -79,7 +80,7 @@ def asked(
     if Path(folder).exists() and not Path(folder).is_dir():
         message = f"checkpoints stand in a folder, and `{folder}` is a file"
         help_ = "name a folder: every test has a file of its own in it"
-        code = "D006" if resume is None else "D012"
+        code: Code = "D006" if resume is None else "D012"
         raise SoterError((Diagnostic(code, message, helps=(help_,)),))
     return CheckpointOptions(Path(folder), float(every), resume is not None)
 

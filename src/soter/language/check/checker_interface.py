@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
     from soter.language.check.call_graph import CallGraph
@@ -77,7 +78,7 @@ class Shared(Protocol):
         expected: Type,
         what: str,
         around: Context | None = None,
-        code: str = "T008",
+        code: Code = "T008",
     ) -> Value | None:
         """The value of a constant expression, or None after a report."""
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import hashlib
     from collections.abc import Mapping
 
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.check.checker_interface import Because, Shared
     from soter.language.check.scope import FileScope
@@ -125,7 +126,7 @@ class ConstantChecker:
         expected: Type,
         what: str,
         around: Context | None = None,
-        code: str = "T008",
+        code: Code = "T008",
     ) -> Value | None:
         """The value of a constant expression, or None after a report.
 

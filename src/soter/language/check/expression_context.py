@@ -8,11 +8,12 @@ Non-goals: resolving names of declarations (`scope.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.span import Span
     from soter.language.check.scope import FileScope
     from soter.language.model.typed import InstanceSymbol, NodeSymbol, TopicSymbol, Variable
@@ -40,7 +41,7 @@ class Context:
 
     scope: FileScope
     where: str
-    constant: str = ""
+    constant: Code | Literal[""] = ""
     hidden: Context | None = None
     topics: set[TopicSymbol] | str | None = None
     queues: dict[TopicSymbol, int] = field(default_factory=dict)

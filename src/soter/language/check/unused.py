@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.fix import insert, remove
 
 if TYPE_CHECKING:
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
@@ -25,9 +26,9 @@ class UnusedDeclarations:
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self.diagnostics = diagnostics
-        self._waiting: list[tuple[str, str, Span, str, Help]] = []
+        self._waiting: list[tuple[Code, str, Span, str, Help]] = []
 
-    def add(self, code: str, message: str, span: Span, label: str = "", help_: Help = "") -> None:
+    def add(self, code: Code, message: str, span: Span, label: str = "", help_: Help = "") -> None:
         """One more, for the end."""
         self._waiting.append((code, message, span, label, help_))
 

@@ -17,6 +17,7 @@ from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
@@ -139,7 +140,7 @@ class Composition:
 
     def _report(
         self,
-        code: str,
+        code: Code,
         message: str,
         span: Span,
         label: str,

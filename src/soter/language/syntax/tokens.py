@@ -21,6 +21,7 @@ from soter.language.syntax.foreign_idioms import find
 from soter.language.syntax.foreign_words import in_si, period_of
 
 if TYPE_CHECKING:
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.diagnostics.fix import Help
     from soter.diagnostics.source import Source
@@ -167,7 +168,7 @@ class Tokens:
 
     def report(
         self,
-        code: str,
+        code: Code,
         message: str,
         start: int,
         end: int,
@@ -300,7 +301,8 @@ def _wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
 
 
 def _malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
-    code, message, label = "L004", f"malformed number `{visible(token)}`", ""
+    code: Code = "L004"
+    message, label = f"malformed number `{visible(token)}`", ""
     helps: tuple[Help, ...] = ()
     span = Span(tokens.source, start, end)
     number = re.match(r"([0-9][0-9_]*(?:\.[0-9_]+)?(?:[eE][+-]?[0-9]+)?)(.*)", token, re.DOTALL)
@@ -342,7 +344,7 @@ _TIME_FOLLOWS = frozenset(
 
 def _unknown_unit(
     tokens: Tokens, number: str, unit: str, span: Span
-) -> tuple[str, str, str, tuple[Help, ...]]:
+) -> tuple[Code, str, str, tuple[Help, ...]]:
     """L006: a unit of time spelt otherwise, a suffix, or a unit of something else."""
     message = f"`{visible(unit)}` is not a unit of time"
     label = "units are ns, us, ms, s, min and h"

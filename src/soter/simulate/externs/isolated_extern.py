@@ -35,6 +35,7 @@ from soter.workers.child_process import Child, DeadError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.span import Span
     from soter.language.model.types import Type, Value
 
@@ -45,7 +46,7 @@ PATIENCE_S = 60.0
 """How long one step may take where $SOTER_EXTERN_PATIENCE_S does not say it, s of the clock."""
 RESTARTS = 5
 TEXT_MAX = 2000
-LOADING = ("X002", "X003")
+LOADING: tuple[Code, Code] = ("X002", "X003")
 
 
 class GoneError(PlainError):
@@ -157,7 +158,7 @@ def _problem(given: object, span: Span) -> Diagnostic:
     code = told.get("code")
     lines = [[str(x)[:TEXT_MAX] for x in told.get(k) or ()][:8] for k in ("notes", "helps")]
     return Diagnostic(
-        code if code in LOADING else LOADING[1],
+        LOADING[0] if code == LOADING[0] else LOADING[1],
         visible(str(told.get("message", "it cannot be loaded"))[:TEXT_MAX]),
         Label(span, "declared here") if told.get("placed") else None,
         notes=tuple(map(visible, lines[0])),

@@ -20,7 +20,7 @@ from soter.language.model.python_values import ValueShapeError, inputs_to_python
 from soter.native.own_files import SOTER
 from soter.report.printable_text import visible
 from soter.semantics.externs import Converted, Stop, converted, message_of, step_of, visible_error
-from soter.semantics.gate import check_of, messages
+from soter.semantics.publication_gate import check_of, messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -27,6 +27,7 @@ from soter.simulate.externs.python_answers import MisuseError, PlainError, descr
 if TYPE_CHECKING:
     from types import ModuleType
 
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.span import Span
     from soter.simulate.externs.misuse_messages import Shapes
     from soter.simulate.interrupt import StopRequest
@@ -174,7 +175,7 @@ def _near(part: str, target: object) -> str:
 
 
 def _problem(
-    code: str, message: str, span: Span | None, help_: str = "", *, notes: tuple[str, ...] = ()
+    code: Code, message: str, span: Span | None, help_: str = "", *, notes: tuple[str, ...] = ()
 ) -> SoterError:
     primary = Label(span, "declared here") if span is not None else None
     helps = (help_,) if help_ else ()

@@ -2,7 +2,7 @@
 
 Purpose: which driven leaves may leave their sets, or the range of doubles, somewhere in the ranges
 of a proof, in words. The states at which one of them does are no part of C (`constraint` of
-`verify/enclose/unit.py`).
+`verify/enclose/enclosure_code.py`).
 Non-goals: lists, and arrays too long to be numbered: that they stay in their sets is an assumption.
 """
 

@@ -16,8 +16,8 @@ from soter.core.statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.evaluate.conjuncts import PARTS_MAX
+from soter.verify.enclose.enclosure_code import EnclosureError, generate_enclosures
 from soter.verify.enclose.engine_library import ReachLibrary
-from soter.verify.enclose.unit import EnclosureError, generate_enclosures
 from soter.verify.problem.other_modes import in_ac
 
 if TYPE_CHECKING:

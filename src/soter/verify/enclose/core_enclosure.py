@@ -2,7 +2,7 @@
 
 Purpose: what statements and expressions of Core come to when every number is an enclosure; loops
 and calls are written out, both sides of an undecided branch run on copies and join.
-Non-goals: which functions are emitted (`unit.py`), the arithmetic (`operations.py`).
+Non-goals: which functions are emitted (`enclosure_code.py`), the arithmetic (`operations.py`).
 """
 
 from __future__ import annotations

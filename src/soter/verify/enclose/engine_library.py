@@ -2,7 +2,7 @@
 
 Purpose: compile a generated enclosure unit together with the engine, once for each content, and
 reach both through cffi.
-Non-goals: generating the unit (`verify/enclose/unit.py`), meaning of the calls
+Non-goals: generating the unit (`verify/enclose/enclosure_code.py`), meaning of the calls
 (`verify/grid/sets.py`).
 """
 
@@ -19,7 +19,7 @@ from soter.native.cache import cached, digest
 from soter.native.cffi_interface import declarations, interface, opened
 from soter.native.compiler import STRICT, compile_with, find
 from soter.native.own_files import files_below
-from soter.verify.enclose.unit import CONTROLS_MAX
+from soter.verify.enclose.enclosure_code import CONTROLS_MAX
 
 HERE = Path(__file__).resolve().parents[1] / "engine"
 ENGINE = tuple(file.name for file in files_below(HERE, "*.c"))

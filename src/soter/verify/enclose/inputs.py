@@ -2,7 +2,7 @@
 
 Purpose: which input is which leaf, estimates (a driven topic plus its measurement errors), and the
 range of what is no input of the function being emitted.
-Non-goals: steps (`unit.py`).
+Non-goals: steps (`enclosure_code.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: states, controls, disturbances, errors, others and parameters of a verification system
 (docs/verification.md, section 1), with a diagnostic where the program does not determine one.
-Non-goals: grids (`axes.py`), enclosures (`verify/enclose/unit.py`).
+Non-goals: grids (`axes.py`), enclosures (`verify/enclose/enclosure_code.py`).
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from soter.language.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.span import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
@@ -144,7 +145,7 @@ class Unroller:
             ),
         )
 
-    def _int(self, expr: tree.SyntaxExpr, values: Values, what: str, code: str = "T008") -> int:
+    def _int(self, expr: tree.SyntaxExpr, values: Values, what: str, code: Code = "T008") -> int:
         """The value of a constant expression over loop variables."""
         expr = self._expr(expr, values)
         if isinstance(expr, tree.IntLit):

@@ -19,6 +19,7 @@ from soter.language.syntax.tokens import ERROR, INT, NAME, visible
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.span import Span
 
 
@@ -94,7 +95,7 @@ class NodeParser(VerifyParser):
             jitter=parts.once.get("jitter"),
         )
 
-    def _misplaced(self, code: str, message: str, span: Span, help_: str) -> None:
+    def _misplaced(self, code: Code, message: str, span: Span, help_: str) -> None:
         quiet, self.quiet = self.quiet, -1
         self.report(code, message, span, helps=(help_,))
         self.quiet = quiet

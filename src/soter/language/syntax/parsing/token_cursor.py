@@ -31,6 +31,7 @@ from soter.language.syntax.tree import DottedPath, Name, Ref
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.diagnostics.fix import Help
     from soter.language.syntax.tokens import Tokens
@@ -143,7 +144,7 @@ class Cursor:
 
     def report(
         self,
-        code: str,
+        code: Code,
         message: str,
         span: Span | None = None,
         label: str = "",
@@ -191,7 +192,7 @@ class Cursor:
 
     def failure(
         self,
-        code: str,
+        code: Code,
         message: str,
         span: Span | None = None,
         label: str = "",

@@ -13,8 +13,8 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.language.front_end import check_file, system_of
-from soter.verify.advise import advise
 from soter.verify.deploy.computed_predicates import complete
+from soter.verify.period_sweep import advise
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 from soter.verify.scope import problem_key

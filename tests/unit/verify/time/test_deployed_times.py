@@ -27,7 +27,7 @@ from unit.certificate import small_proofs
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-CORRIDOR = Path(__file__).parents[3] / "examples" / "drone" / "corridor.soter"
+CORRIDOR = Path(__file__).parents[4] / "examples" / "drone" / "corridor.soter"
 DRAWS = examples("SOTER_DEPLOYED_TIMES", quick=60, long=1_000)
 DECLARED = {
     "Estimate": "node Estimate period 10ms {",

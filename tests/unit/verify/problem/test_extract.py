@@ -15,7 +15,7 @@ from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.time import schedule as clock
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 HEAD = """soter 1;
 topic pose: { p: Vec2, h: float } max_age 20ms;
 topic goal: float in [-1.0, 1.0];

@@ -13,7 +13,7 @@ from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, remaining
 from soter.verify.problem.extract import extract
 from soter.verify.verify_module import verify_module
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[4] / "examples"
 
 
 @pytest.mark.parametrize("name", ["wall/cart.soter", "testing/planner.soter"])
