@@ -73,8 +73,9 @@ def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.pages
-def test_the_python_of_the_readme_works() -> None:
-    code = re.search(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+def test_the_python_of_the_first_hour_works() -> None:
+    page = (ROOT / "docs" / "first-hour.md").read_text(encoding="utf-8")
+    code = re.search(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     assert code
     done = processes.run(
         [sys.executable, "-c", code.group(1)],
