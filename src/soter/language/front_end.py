@@ -143,14 +143,16 @@ def _flatten(
     diagnostics: Diagnostics,
     *,
     draft: bool = False,
+    lints: bool = True,
 ) -> System | None:
+    """The flat system; None where it has errors. Without `lints` nothing is said but errors."""
     elaborator = Elaborator(program, symbol, overrides, diagnostics, draft=draft)
     before = len(diagnostics.items)
     flat = elaborator.run()
     if flat is not None:
         check_periods(flat, diagnostics, elaborator.unknown)
         sound = all(d.severity is not Severity.ERROR for d in diagnostics.items[before:])
-        if sound and not program.damaged and not diagnostics.has_errors:
+        if lints and sound and not program.damaged and not diagnostics.has_errors:
             doubt(flat, diagnostics)
         if symbol.deploys is not None and sound:
             flat.proved = _proved(program, symbol, overrides)
@@ -248,7 +250,7 @@ def system_of(
     if symbol is None:
         _no_system(checked, name, diagnostics)
         raise SoterError(diagnostics.items)
-    flat = _flatten(checked.program, symbol, overrides or {}, diagnostics)
+    flat = _flatten(checked.program, symbol, overrides or {}, diagnostics, lints=False)
     if exact:
         _all_meant(checked.program, symbol, overrides or {}, diagnostics)
     if flat is None or diagnostics.has_errors:

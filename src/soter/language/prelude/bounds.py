@@ -1,7 +1,7 @@
 """How far the functions of the prelude may be from the exact value.
 
 Purpose: the one machine-readable table of error bounds: the comments in `math.soter` and
-`vectors.soter` repeat it, `tests/unit/language/prelude/` measures it, and an interval back
+`vectors.soter` repeat it, `tests/unit/prelude/` measures it, and an interval back
 end widens by it.
 Non-goals: computing anything; bounds of expressions made of several functions.
 

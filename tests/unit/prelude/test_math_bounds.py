@@ -1,6 +1,6 @@
 """The scalar functions stay within the bounds of `bounds.py`, against mpmath at 160 bits.
 
-`SOTER_PRELUDE_SAMPLES=100000 pytest tests/unit/language/prelude/test_math_bounds.py -s` is the long
+`SOTER_PRELUDE_SAMPLES=100000 pytest tests/unit/prelude/test_math_bounds.py -s` is the long
 sweep; with `-s` each function shows its worst error and where it was found.
 """
 

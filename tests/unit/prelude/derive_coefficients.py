@@ -1,7 +1,7 @@
 """Derive every constant of `src/soter/language/prelude/math.soter`, from nothing but mpmath.
 
 Purpose: `derived()` gives name -> values; `test_coefficients.py` shows that the Soter source holds
-exactly these. `python tests/unit/language/prelude/derive_coefficients.py` prints them, with the
+exactly these. `python tests/unit/prelude/derive_coefficients.py` prints them, with the
 error of each polynomial as it stands, its coefficients rounded to binary64.
 
 Method: a polynomial is the weighted minimax fit on a Chebyshev grid (the Remez exchange, run on the
