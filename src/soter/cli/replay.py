@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   soter replay .soter/late_sc-Late.trace.json               every step, and whether it reproduces
-  soter replay late.trace.json --html late.html             to look at: lanes, topics, modes
+  soter replay late.trace.json --report late.html           to look at: lanes, topics, modes
   soter replay late.trace.json --mcap late.mcap             for log tools
   soter replay late.trace.json --json | jq '.steps[-1]'
   soter replay .soter/cart-SafeCart.counterexample.json     of `soter verify`
@@ -38,7 +38,9 @@ def parser() -> CommandParser:
     made = CommandParser("replay", "Run a trace again, in the reference interpreter.", EXAMPLES)
     made.add_argument("trace", metavar="TRACE", help="a file of `soter test` or `soter verify`")
     made.add_argument("--text", action="store_true", help="print every step (the default)")
-    made.add_argument("--html", metavar="PATH", help="write the sequence as one HTML page")
+    made.add_argument(
+        "--report", "--html", dest="html", metavar="PATH", help="write the sequence: one HTML page"
+    )
     made.add_argument("--mcap", metavar="PATH", help="write the steps as an MCAP log")
     return made
 

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   soter test late_sc.soter                            every test of the file
-  soter test late_sc.soter --test Late --html         with a page for the trace
+  soter test late_sc.soter --test Late --report       with a page for the trace
   soter test two.soter --storage fingerprint          64 bits a configuration
   soter test two.soter --strategy random --runs 1000  where it is too large
   soter test two.soter --skew 2ms --horizon 1s        in place of the test's own
@@ -114,7 +114,9 @@ def parser() -> CommandParser:
         default=".soter",
         help="folder of traces and pages; by default .soter",
     )
-    made.add_argument("--html", action="store_true", help="write a page for every trace")
+    made.add_argument(
+        "--report", "--html", dest="html", action="store_true", help="write a page for every trace"
+    )
     made.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML, for CI")
     _add_checkpoints(made)
     add_format(made)

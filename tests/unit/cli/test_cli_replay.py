@@ -82,7 +82,7 @@ def test_it_is_found_from_another_folder(
 def test_a_page_of_a_replay_keeps_what_the_verdict_rests_on(
     soter: Soter, trace: Path, here: Path
 ) -> None:
-    assert soter("replay", TRACE, "--html", "far.html").exit == 0
+    assert soter("replay", TRACE, "--report", "far.html").exit == 0
     page = (here / "far.html").read_text("utf-8")
     assert "nothing is said about times after the horizon, 120 ms" in page
     assert '<p class="kicker">corridor.soter · ' in page
@@ -91,7 +91,7 @@ def test_a_page_of_a_replay_keeps_what_the_verdict_rests_on(
     document = json.loads(trace.read_text("utf-8"))
     del document["assumptions"], document["not_shortest"]  # as older versions wrote it
     trace.write_text(json.dumps(document), "utf-8")
-    assert soter("replay", TRACE, "--html", "far.html").exit == 0
+    assert soter("replay", TRACE, "--report", "far.html").exit == 0
     page = (here / "far.html").read_text("utf-8")
     assert "the output of <code>soter test</code> does" in page
 

@@ -201,7 +201,7 @@ def test_a_trace_that_could_not_be_made_minimal_says_so(
     soter: Soter, corridor: str, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stop_before_the_least(monkeypatch, status="memory")
-    done = soter("test", corridor, "--test", "Far", "--html")
+    done = soter("test", corridor, "--test", "Far", "--report")
     assert done.exit == 3
     said = (
         "Perhaps not the shortest execution: the search for it needs more memory than was allowed"
