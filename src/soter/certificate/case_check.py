@@ -385,8 +385,9 @@ class CaseCheck:
                         self._note(answer.result())
                         done += 1
                         self.progress(done / len(self.tasks))
-                finally:
+                except BaseException:  # what still works is not waited for; else `with` waits
                     pool.shutdown(wait=False, cancel_futures=True)
+                    raise
             return
         for k in range(len(self.tasks)):
             self._note(_show(k))
