@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,7 +11,6 @@ from mcap.reader import make_reader
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
     from typing import Any
 
     Soter = Callable[..., Any]
@@ -44,6 +44,16 @@ def test_the_summary_of_a_run_with_a_failing_extern(
     done = soter("run", "robot.soter", "--bind", "Learned=python:policies.py:raises")
     assert done.exit == 0
     golden("cli/run_extern_fails.txt", steady(done.out))
+
+
+def test_a_drawn_order_stands_among_what_went_wrong_as_outside(soter: Soter) -> None:
+    text = Path("cart.soter").read_text(encoding="utf-8")
+    until = "  until 30s;\n"
+    assert until in text
+    faulty = text.replace(until, until + "  faults { order any; late SafeCart.dm by 1ms; }\n", 1)
+    Path("drawn.soter").write_text(faulty, encoding="utf-8")
+    rows = [x.split() for x in soter("run", "drawn.soter").out.splitlines() if "order any" in x]
+    assert ["order", "any", "every", "instant", "outside"] in rows
 
 
 def test_colour_is_for_terminals(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None:
