@@ -1,6 +1,7 @@
 """Whether `soter verify`, `soter recheck` and `soter run` contradict each other, on random modules.
 
     .venv/bin/python bench/contradictions.py [--modules 300] [--stiff 50] [--seed 1] [--seconds 60]
+    .venv/bin/python bench/contradictions.py --examples --seconds 600
 
 Purpose: modules on grids and polytopes, inductions, instances, dials that nobody reads, jitter that
 stands alone, control arms, and groups that no command moves under schemes that may diverge. Each is
@@ -189,13 +190,29 @@ def _induction(number: int, rng: random.Random) -> str:
     return text
 
 
+def examples() -> list[Path]:
+    """Those that have a default system with modules whose DM switches."""
+    paths = []
+    for path in sorted((ROOT / "examples").rglob("*.soter")):
+        try:
+            flat = system_to_prove(check_file(str(path)), None)
+        except SoterError:
+            continue
+        if flat.modules and all(m.forced is None for m in flat.modules):
+            paths.append(path)
+    return paths
+
+
 # ---------------------------------------------------------------- one program
 
 
-def judged(text: str, work: Path) -> Found:
-    """Verified, rechecked and run."""
-    path = work / "program.soter"
-    path.write_text(text)
+def judged(text: str | Path, work: Path) -> Found:
+    """Verified, rechecked and run: a text, or the program in a file."""
+    if isinstance(text, Path):
+        path, text = text, text.read_text(encoding="utf-8")
+    else:
+        path = work / "program.soter"
+        path.write_text(text)
     try:
         report = load(path).verify(cert=work / "cert", refute=False)
     except SoterError as error:
@@ -288,14 +305,20 @@ def main() -> int:
     parser.add_argument("--stiff", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=int, default=60, help="for one module")
+    parser.add_argument("--examples", action="store_true", help="the examples in place of these")
     parser.add_argument("--folder", type=Path, help="where programs that contradict are left")
     options = parser.parse_args()
     signal.signal(signal.SIGALRM, _too_long)
     began, verdicts, kinds = time.perf_counter(), Counter[str](), Counter[str]()
     shown = 0
-    for k in range(options.modules + options.stiff):
-        number, stiff = options.seed * 10_000 + k, k >= options.modules
-        kind, text = program(number, stiff=stiff)
+    text: str | Path
+    todo = examples() if options.examples else range(options.modules + options.stiff)
+    for k in todo:
+        if isinstance(k, Path):
+            kind, text, number = k.relative_to(ROOT / "examples").as_posix(), k, 0
+        else:
+            number, stiff = options.seed * 10_000 + k, k >= options.modules
+            kind, text = program(number, stiff=stiff)
         signal.alarm(options.seconds)
         try:
             with tempfile.TemporaryDirectory() as work:
@@ -310,7 +333,7 @@ def main() -> int:
             kinds[what] += 1
             shown += 1
             print(f"{what}: {kind} {number}: {why[:200]}", flush=True)
-            if options.folder is not None:
+            if options.folder is not None and isinstance(text, str):
                 options.folder.mkdir(parents=True, exist_ok=True)
                 (options.folder / f"{number}.soter").write_text(text)
     for line, count in sorted(verdicts.items()):
@@ -318,7 +341,7 @@ def main() -> int:
     for phrase in COARSE:
         print(f"{kinds['coarse: ' + phrase]:5}  excused, as the re-checker does not know: {phrase}")
     print("  ".join(f"{what}: {kinds[what]}" for what in (*KINDS, "assumed")))
-    count = options.modules + options.stiff
+    count = len(todo)
     took = f"{time.perf_counter() - began:.0f} s"
     print(f"contradictions: {shown} in {count} programs (target 0), {took}")
     return 1 if shown else 0
