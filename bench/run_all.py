@@ -379,7 +379,7 @@ BENCHMARKS = (
         ("bench/same_outputs.py", "--before", "../before"),
         "Every system of every example in two checkouts, this one and 59e39d35, from before files "
         "and rooms were renamed: the C that is generated (the runtime aside), the trace of seed 1, "
-        "and of eleven programs all verdicts and the certificate (what assumptions are called aside).",
+        "and of eleven programs all verdicts and the certificate (names of assumptions aside).",
     ),
     Benchmark(
         "Certificates: checking them again",
