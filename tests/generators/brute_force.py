@@ -2,7 +2,7 @@
 
 Purpose: the judge of the explorer. A search over (configuration, schedule) in which every step is
 a step of the reference interpreter; all orders, times, faults and choices. It is written from the
-page alone and imports nothing of `explore/`, `lower/` or `codegen/`.
+page alone and imports nothing of `explore/`, `core/` or `codegen/`.
 Non-goals: speed, reductions, large systems (`TooLargeError`), externs.
 
 Readings of the page: a configuration before the first step is not judged; a step whose outputs are

@@ -1,7 +1,7 @@
 """`soter recheck DIR`: check a certificate, independently of what made it.
 
 Purpose: accepted or rejected, with the claims that were confirmed and what they rest on.
-Non-goals: the checks (`recheck/`), making certificates (`soter verify --cert`).
+Non-goals: the checks (`certificate/`), making certificates (`soter verify --cert`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """`soter verify FILE`: prove P1c, P2a, P2b, P3, `ttf` and `safer` of every module.
 
 Purpose: verdicts with what they rest on, for people and as JSON; certificate and report.
-Non-goals: the proofs (`reach/`), checking certificates (`soter recheck`).
+Non-goals: the proofs (`verify/`), checking certificates (`soter recheck`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: the numerical scheme of docs/semantics.md written out in Core, so that every back end
 (doubles, intervals) sees the same operations in the same order.
-Non-goals: the random generator (the runtime's), validated integration (`reach/`).
+Non-goals: the random generator (the runtime's), validated integration (`verify/`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Purpose: the step of a plant (docs/semantics.md, Plants): draw the disturbances, integrate,
 measure, publish. A plant is released by the calendar as a node is, so that Environment-Input
 steps of plants happen at known times.
-Non-goals: what a plant means for proofs (`reach/`), compiling it (`plant_code.py`).
+Non-goals: what a plant means for proofs (`verify/`), compiling it (`plant_code.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: the paper's static conditions on (N_ac, N_sc, N_dm, Delta), checked on a flattened
 system, where every period is known, and on the module's declaration.
-Non-goals: P2a, P2b, P3 (`reach/`), P1c (the timing argument needs execution times).
+Non-goals: P2a, P2b, P3 (`verify/`), P1c (the timing argument needs execution times).
 """
 
 from __future__ import annotations

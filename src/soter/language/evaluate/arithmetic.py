@@ -3,7 +3,7 @@
 Purpose: one place for the traps between Python and the machine: unbounded ints, division that
 floors, `math` functions that raise. The constant evaluator and the reference interpreter use
 nothing else for arithmetic that can differ; float `+ - *` and all comparisons are Python's own.
-Non-goals: which operation an expression means (`statements.py`), intervals (`reach/`).
+Non-goals: which operation an expression means (`statements.py`), intervals (`verify/`).
 
 Every checked operation takes the span to blame and raises `StepFault`. Fault codes, `min`, `max`,
 `abs`, `floor` and `sqrt` are those of docs/semantics.md, section Numbers.

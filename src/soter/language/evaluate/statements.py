@@ -5,7 +5,7 @@ typed tree is compiled once into Python closures, because a random program takes
 thousand times; each closure is the meaning of one kind of node and reads like its docstring in
 `typed.py`.
 Non-goals: when a step runs and what becomes of its publications (`semantics/`), speed beyond
-that, C (`lower/` and `codegen/` are the other meaning, on purpose written apart from this one).
+that, C (`core/` and `codegen/` are the other meaning, on purpose written apart from this one).
 
 Evaluation is pure but for the `Environment`: values are immutable, an assignment rebuilds the
 value of its variable. A statement gives None, or the value a `return` left with.

@@ -1,7 +1,7 @@
 """What was proved of a module, as runs tell it.
 
 Purpose: `Proof`: verdicts by property, and what they rest on.
-Non-goals: proving (`reach/`), and where a proof is kept (`verify/proof_cache.py`).
+Non-goals: proving (`verify/`), and where a proof is kept (`verify/proof_cache.py`).
 """
 
 from __future__ import annotations

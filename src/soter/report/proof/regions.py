@@ -2,7 +2,7 @@
 
 Purpose: one path a region, cells of a row merged into runs, so that a grid of 100,000 cells is a
 small, sharp drawing that prints and needs no script.
-Non-goals: deciding which cell belongs where (`reach/`).
+Non-goals: deciding which cell belongs where (`verify/`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: per module which of the paper's properties are proved, and in words everything that a
 run or a check takes for granted.
-Non-goals: proving (`reach/`).
+Non-goals: proving (`verify/`).
 """
 
 from __future__ import annotations

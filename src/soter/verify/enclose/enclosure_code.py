@@ -2,7 +2,7 @@
 
 Purpose: `law`, `derivative` or `next`, `safe`, `constraint`, `core`, `ttf`, `safer`, `drives` of
 one module over the forms of `verify/engine/soter_form.h` (docs/verification.md, section 2).
-Non-goals: sets and fixpoints (`verify/engine/soter_reach.c`, `reach/`).
+Non-goals: sets and fixpoints (`verify/engine/soter_reach.c`).
 
 What a function does not read as an input ranges over its declared set, without a symbol.
 """

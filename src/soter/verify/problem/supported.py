@@ -1,6 +1,6 @@
 """What a proof cannot follow, said before anything is computed.
 
-Purpose: diagnostics for controllers, plants and predicates outside of what `reach/` handles.
+Purpose: diagnostics for controllers, plants and predicates outside of what `verify/` handles.
 Non-goals: numbers.
 """
 

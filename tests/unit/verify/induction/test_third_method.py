@@ -1,7 +1,7 @@
 """A third method of proof needs one line in one table: enumeration of finitely many states.
 
 The toy proves groups of one axis whose state is always one of the axis's breakpoints, by looking at
-each of them. Nothing in `reach/` knows of it but `METHODS`.
+each of them. Nothing in `verify/` knows of it but `METHODS`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Check plants: states, disturbances, dynamics, measurements.
 
 Purpose: `plant` and `extern plant` declarations -> `PlantSymbol`.
-Non-goals: numbers (`elaborator.py`), integration (`semantics/`, `lower/`).
+Non-goals: numbers (`elaborator.py`), integration (`semantics/`, `core/`).
 """
 
 from __future__ import annotations

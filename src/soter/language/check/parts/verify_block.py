@@ -1,7 +1,7 @@
 """Check `verify` blocks: names, types and constants of what `soter verify` needs.
 
 Purpose: grids, polytopes, abstractions, commands and times -> `VerifyBlock`.
-Non-goals: values of the numbers (`elaborator.py`), whether they determine a problem (`reach/`).
+Non-goals: values of the numbers (`elaborator.py`), whether they determine a problem (`verify/`).
 """
 
 from __future__ import annotations
