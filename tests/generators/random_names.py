@@ -2,7 +2,7 @@
 
 Purpose: mostly plain names, now and then one that means something in C or in the generated code,
 so that naming mistakes of the back end show.
-Non-goals: scopes (`scopes.py`).
+Non-goals: scopes (`scope.py`).
 """
 
 from __future__ import annotations

@@ -49,6 +49,26 @@ def test_the_page_of_the_house_has_every_room_and_files_that_are_there() -> None
     assert [n for n in first if not ((soter / n).is_file() or (ROOT / n).is_file())] == []
 
 
+def test_files_that_docstrings_and_pages_name_are_there() -> None:
+    """A bare name of a file somewhere, a path of one that ends in it."""
+    there = {f"/{p.relative_to(ROOT).as_posix()}" for p in _tracked()}
+    names = {p.rpartition("/")[2] for p in there}
+    of_users = re.compile(r"NAME|PREFIX|^(externs|actuate)\.c$|^(math|string)\.h$|^out/")
+    missing = []
+    for path in _tracked():
+        at = path.relative_to(ROOT).as_posix()
+        source = at.startswith("src/") and path.suffix in {".py", ".c", ".h"}
+        page = at.startswith("docs/") and path.suffix == ".md"
+        if not source and (not page or path.name in {"benchmarks.md", "decisions.md"}):
+            continue
+        text = path.read_text(encoding="utf-8")
+        for name in re.findall(r"`((?:[\w.]+/)*\w+\.(?:py|c|h))`", text):
+            known = name in names if "/" not in name else any(p.endswith(f"/{name}") for p in there)
+            if not known and not of_users.search(name):
+                missing.append(f"{at}: {name}")
+    assert missing == []
+
+
 def test_committed_text_names_no_path_of_a_machine() -> None:
     paths = []
     for path in _tracked():

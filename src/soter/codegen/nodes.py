@@ -2,7 +2,7 @@
 
 Purpose: what `soter_step_fn` of the kernel's tables is for a node: of Soter, a linked C function,
 or answered by the driver.
-Non-goals: what an extern node sees (`interface.py`), plants (`plants.py`).
+Non-goals: what an extern node sees (`extern_interface.py`), plants (`plants.py`).
 """
 
 from __future__ import annotations

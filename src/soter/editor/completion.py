@@ -2,7 +2,7 @@
 
 Purpose: the words that can begin something here, the names that are in reach and of the kind that
 is asked for, and what is behind a dot.
-Non-goals: the place itself (`place.py`); ranking beyond what is near first.
+Non-goals: the place itself (`cursor_context.py`); ranking beyond what is near first.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: `CompiledEnvironment`: the library, the C driver of `c/` on it, and where numbers lie;
 `compiled` keeps those of a loaded program, so that the next environment only needs a state.
-Non-goals: states (`session.py`, `vector.py`), what numbers mean to Gymnasium (`mapping.py`).
+Non-goals: states (`session.py`, `vector.py`), what numbers mean to Gymnasium (`array_mapping.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Where the numbers of a program lie in memory, for the C that moves them.
 
 Purpose: leaves of values in declared order as `soter_leaf` of `c/soter_gym.h`.
-Non-goals: what an observation or an action is made of (`compiled.py`), spaces (`mapping.py`).
+Non-goals: what an observation or an action is made of (`compiled_system.py`), spaces
+(`array_mapping.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: `SafetyWarning`, for starts that the decision module does not vouch for, states that nobody
 observes, and wrappers that change the numbers of observations or actions.
-Non-goals: mistakes, which are errors (`outside.py`).
+Non-goals: mistakes, which are errors (`outside_roles.py`).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Purpose: a folder that builds with gcc or clang on Linux and no Soter: the trust
 driver of `runtime/posix/`, one small program for each extern node that is bound to C, and where a
 module has a fail-safe law that of the actuators.
 Non-goals: what the driver does (docs/real-time.md), workers in Python (`workers/`), what meets the
-world (`outside.py`).
+world (`world_interface.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 Purpose: that all holds in the first k hyperperiods of every run, and after k in which it held; and
 that no execution stays in SC for as long as P2b says. No search: k is the certificate's.
-Non-goals: reading the program (`facts.py`, `solver_reading.py`), executions (`machine.py`).
+Non-goals: reading the program (`facts.py`, `solver_reading.py`), executions
+(`transition_system.py`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Purpose: what a step does to an environment, its publications, and under which condition it faults.
 Truths, ints and enums are exact, ages are compared as whole nanoseconds; of everything else nothing
 is known but that the same function of the same values is the same.
-Non-goals: time (`machine.py`). What is not on the list of this file is not rechecked.
+Non-goals: time (`transition_system.py`). What is not on the list of this file is not rechecked.
 """
 
 from __future__ import annotations

@@ -114,7 +114,7 @@ class PolytopeTables:
     instants: dict[str, tuple[int, ...]]
     multipliers: dict[str, list[Triples]] = field(default_factory=dict)
     gives_back: list[tuple[tuple[float, ...], arb]] | None = None
-    """Half-spaces that make the DM give control back, of real numbers (`deployed.py`)."""
+    """Half-spaces that make the DM give control back, of real numbers (`dm_half_spaces.py`)."""
 
     def as_cell(self, box: HalfSpaces) -> GroupTables:
         """A box as a group with a grid of one cell."""

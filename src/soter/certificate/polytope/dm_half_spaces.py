@@ -2,7 +2,7 @@
 
 Purpose: whatever estimate the DM's comparisons let through lies in S_0 (S_(m-2)) of every case; and
 from which real half-spaces on it surely gives control back, which is what P2b may count on.
-Non-goals: the sets themselves (`case.py`), tables of grids (`deployed.py`).
+Non-goals: the sets themselves (`case_check.py`), tables of grids (`dm_tables.py`).
 
 The DM compares the estimate with a box and then, for every half-space, the computed r x with a
 threshold. A sum of n products, in any order, is off by at most n u / (1 - n u) sum |r_i| |x_i| and

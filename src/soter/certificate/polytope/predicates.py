@@ -3,7 +3,7 @@
 Purpose: that a predicate holds on the product of boxes and cells; that `ttf` and `safer` let AC
 have control only in R(H), box by box: a box lies in R(H) where the worst corner of every half-space
 does.
-Non-goals: computed predicates (`case.py`, `deployed.py`).
+Non-goals: computed predicates (`case_check.py`, `dm_half_spaces.py`).
 """
 
 from __future__ import annotations

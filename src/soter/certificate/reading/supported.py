@@ -57,7 +57,7 @@ CODE: dict[type, str] = {
 
 Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age`, `truth`,
 `choose`, `push`. `mode` is that of another module, and stands in SC, `ttf` and `safer` alone
-(`modes.py`).
+(`other_modes.py`).
 """
 DECLARATIONS: dict[type, str] = {
     t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "

@@ -2,7 +2,7 @@
 
 Purpose: the plants beside the module, or those that abstract them; that the module itself is the
 same in both.
-Non-goals: what the plants do (`problem.py`, `model.py`).
+Non-goals: what the plants do (`problem.py`, `case_model.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: rows, ranges and forms of `terms.Linear`, once the atoms in them are written
 (`atom_code.py`).
-Non-goals: what the form of a set is (`compiled.py`); text (`text.py`).
+Non-goals: what the form of a set is (`compile_terms.py`); text (`python_source.py`).
 """
 
 from __future__ import annotations

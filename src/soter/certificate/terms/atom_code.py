@@ -1,7 +1,8 @@
 """Atoms and propositions as code: a line and a range for each atom, a pair of bits for each truth.
 
 Purpose: how each kind of atom is enclosed over a form, and which truths are certain.
-Non-goals: linear forms (`forms.py`); the rounding of functions of one number (`balls.py`).
+Non-goals: linear forms (`affine_forms.py`); the rounding of functions of one number
+(`arb_balls.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: names for values and constants, sums and products of named balls. What needs no input is
 computed once, at once; what is written twice, too; what nothing depends on is left out.
-Non-goals: what is to be computed (`forms.py`, `atom_code.py`).
+Non-goals: what is to be computed (`affine_forms.py`, `atom_code.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the written code calls while it runs.
 
 Purpose: enclosures too long for one line: products, tables, states between two instants.
-Non-goals: those that the interpreter of terms shares (`balls.py`).
+Non-goals: those that the interpreter of terms shares (`arb_balls.py`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Purpose: `Linear` (a linear form with a radius for the rounding of the program), `Proposition` (a
 proposition about linear forms), and `Terms`, which builds them. Linear combinations cancel here,
 once, before any cell is looked at.
-Non-goals: reading programs (`symbolic_reading.py`), evaluating over cells (`compiled.py`).
+Non-goals: reading programs (`symbolic_reading.py`), evaluating over cells (`compile_terms.py`).
 
 A term stands for the number the *machine* computes: every operation of the program adds
 |result| 2^-53 + 2^-1074 to the radius, the result being bounded over the whole domain. Plants are

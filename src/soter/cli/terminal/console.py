@@ -88,7 +88,7 @@ class Console:
     # ------------------------------------------------------------ a child that prints nothing
 
     def leave_to(self, verdict: ResultPipe) -> None:
-        """Keep from now on what would be printed: the parent prints it (`apart.py`)."""
+        """Keep from now on what would be printed: the parent prints it (`child_process.py`)."""
         self._verdict = verdict
         self.out = io.StringIO()
         self._plain_out = False  # the parent sees to it

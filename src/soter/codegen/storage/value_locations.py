@@ -2,7 +2,7 @@
 
 Purpose: the place of every temporary, output and result by the body's plan; large arguments by
 address; values put into places, in pieces where that saves a place.
-Non-goals: the plan (`plan.py`), what expressions and statements are (`codegen/body.py`).
+Non-goals: the plan (`storage_plan.py`), what expressions and statements are (`codegen/body.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: straight-line C with constant shifts; long arrays in loops. What one writes the other
 reads, because both are built by the same call.
-Non-goals: which fields there are (`model.py`).
+Non-goals: which fields there are (`explorer_model.py`).
 
 A field is never cut: its width comes from its type and from what is known of its values, and
 what cannot be bounded gets 64 bits.

@@ -2,7 +2,8 @@
 
 Purpose: which fields a packed world has, in which order, how wide; times relative to now, so that
 worlds with the same future are the same bits.
-Non-goals: how bits are written (`bit_packing.py`), the other tables of a model (`model.py`).
+Non-goals: how bits are written (`bit_packing.py`), the other tables of a model
+(`explorer_model.py`).
 """
 
 from __future__ import annotations

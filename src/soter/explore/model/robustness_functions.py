@@ -3,7 +3,7 @@
 Purpose: `soter_aim` (soter_explore.h) for each property of configurations: what guides a search
 towards a violation (`soter_explore_falsify.c`). They are the explorer's own, beside the predicates:
 what flies knows nothing of them.
-Non-goals: what a margin is (`margins.py`).
+Non-goals: what a margin is (`robustness.py`).
 """
 
 from __future__ import annotations

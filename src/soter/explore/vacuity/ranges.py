@@ -3,7 +3,7 @@
 Purpose: sound bounds of every operation on binary64 and 64-bit ints, with whether it may give a
 NaN and whether it may fault. Rounding to nearest is monotone, so the bounds of a float operation
 are what it makes of the ends.
-Non-goals: expressions (`evaluate.py`), reals (`verify/enclose/`).
+Non-goals: expressions (`range_evaluation.py`), reals (`verify/enclose/`).
 """
 
 from __future__ import annotations

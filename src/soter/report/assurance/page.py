@@ -2,7 +2,7 @@
 
 Purpose: one HTML file without scripts, to be handed to an assessor, in the order in which one asks:
 is it supported, by which argument, resting on what, on which evidence, and what is not covered.
-Non-goals: deciding what is supported (`case.py`), the picture (`picture.py`).
+Non-goals: deciding what is supported (`safety_case.py`), the picture (`gsn_diagram.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A safety case as plain data, in the words of the Goal Structuring Notation.
 
 Purpose: `SafetyCase`: nodes by their id; which goals are supported, from the leaves up.
-Non-goals: checking a leaf (`api/assuring.py`); pages (`page.py`, `strictdoc.py`).
+Non-goals: checking a leaf (`api/assurance/evidence.py`); pages (`page.py`, `strictdoc.py`).
 Source: GSN Community Standard, version 3: goals, strategies, solutions, contexts, assumptions.
 """
 

@@ -2,7 +2,7 @@
 
 Purpose: strips of who was in control, the slider with its buttons, and the SVG, whose boxes the
 page's script fills with values and lights up.
-Non-goals: drawing the diagram (`soter.diagram`), what is shown of a run (`live.py`).
+Non-goals: drawing the diagram (`soter.diagram`), what is shown of a run (`live_diagram.py`).
 """
 
 from __future__ import annotations

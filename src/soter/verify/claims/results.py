@@ -71,7 +71,7 @@ class Vacuity:
 
 @dataclass(frozen=True)
 class Cause:
-    """Why a claim could not be shown, as measured (`empty_invariant.py`, `margins.py`).
+    """Why a claim could not be shown, as measured (`empty_invariant.py`, `failure_margins.py`).
 
     `kind`: for machines (docs/json.md); `text`: what was measured, one sentence; `hint`: what
     would help; `numbers`: the measurement.

@@ -2,7 +2,7 @@
 
 Purpose: for what stays undecided, what was measured about it: by which end of the grid runs leave
 (`exit_faces.py`), whether SC only just fails, whether the cells are too coarse; and the run that
-leaves soonest. Other claims have their margins (`margins.py`).
+leaves soonest. Other claims have their margins (`failure_margins.py`).
 Non-goals: verdicts. Nothing here turns undecided into anything else. It takes a few CPU seconds at
 most, and says where that was not enough.
 """

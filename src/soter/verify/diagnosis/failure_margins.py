@@ -5,7 +5,7 @@ would have to hold. Those of predicates are measured on the declared
 grid: on finer ones, which were tried, they would be less, but a program that is changed by so much
 is proved on the first.
 Non-goals: verdicts; an empty K (`empty_invariant.py`); P2b (`recovery_failures.py`); how far off a
-start is (`starts.py`); polytopes, whose claims say more themselves.
+start is (`unproved_start.py`); polytopes, whose claims say more themselves.
 """
 
 from __future__ import annotations

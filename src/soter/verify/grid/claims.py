@@ -3,7 +3,7 @@
 Purpose: `GridProof`: for one group of a case C, K, R(H), the inclusions, levels, the start and the
 return, on cells; `Grids`: the method.
 Non-goals: sets (`sets.py`), P2b (`recovery.py`), levels of estimates (`levels.py`), how much it all
-says (`set_volumes.py`), files and figures (`entry.py`, `figures.py`).
+says (`set_volumes.py`), files and figures (`certificate_entry.py`, `figures.py`).
 """
 
 from __future__ import annotations

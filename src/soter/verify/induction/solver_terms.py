@@ -4,7 +4,7 @@ Purpose: truths, ints and enums are themselves; an age is whole nanoseconds; wha
 is made of (floats, lists, long arrays) is an element of one uninterpreted sort, and what is
 computed with it an uninterpreted function of it: equal values, equal answers, and nothing else is
 known. So every run of the program is a model; not every model is a run.
-Non-goals: statements (`evaluate.py`), time (`calendar.py`).
+Non-goals: statements (`core_to_terms.py`), time (`calendar.py`).
 """
 
 from __future__ import annotations

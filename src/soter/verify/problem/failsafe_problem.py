@@ -2,7 +2,7 @@
 
 Purpose: `law_problem`: what the core K_fs of a declared law is computed from (docs/proof.md, "When
 the trusted part stops"). The law is a constant for each output, so SC reads nothing there.
-Non-goals: the sets (`verify/claims/failsafe_claim.py`), the lease (`verify/time/lease.py`).
+Non-goals: the sets (`verify/claims/failsafe_claim.py`), the lease (`verify/time/schedule.py`).
 """
 
 from __future__ import annotations

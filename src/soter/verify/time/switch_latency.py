@@ -1,7 +1,7 @@
 """P1c of a module as it is deployed: what a switch takes with the execution times declared.
 
 Purpose: `switch_of`: H* from the latest starts and ends of the thread, beside the H of the proof.
-Non-goals: whether the proof's own times hold (`deployed.py`), any set.
+Non-goals: whether the proof's own times hold (`deployed_times.py`), any set.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: `for i in 0..3 { r[i]: Robot; }` becomes instances called `r[0]`, `r[1]`, `r[2]`, and
 `r[(i + 1) % 3].pose` the name of one of them; whoever comes later sees names.
-Non-goals: what the items mean (`system.py`, `tested.py`); loops of steps (`statements.py`).
+Non-goals: what the items mean (`system.py`, `test_block.py`); loops of steps (`statements.py`).
 """
 
 from __future__ import annotations

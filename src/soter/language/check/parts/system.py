@@ -1,6 +1,6 @@
 """Check systems: instances, wiring, properties, overrides, inputs.
 
-Purpose: `system` declarations -> symbols; `tested.py` builds on it.
+Purpose: `system` declarations -> symbols; `test_block.py` builds on it.
 Non-goals: flattening and numbers (`elaborator.py`).
 """
 

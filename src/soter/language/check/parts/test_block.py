@@ -1,7 +1,7 @@
 """Check tests: the tested system, what stands in for its parts, times, faults, properties.
 
 Purpose: `test` declarations -> `TestSymbol`.
-Non-goals: flattening and numbers (`test_plan.py`), exploring (`explore/`).
+Non-goals: flattening and numbers (`tests_and_faults/tested_system.py`), exploring (`explore/`).
 """
 
 from __future__ import annotations

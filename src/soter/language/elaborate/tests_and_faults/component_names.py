@@ -1,7 +1,7 @@
 """What a component of a flat system may be called by tests and faults.
 
 Purpose: components by a path as it is written, and what to say where there is none.
-Non-goals: what happens to them (`tested.py`, `faults.py`).
+Non-goals: what happens to them (`tested_system.py`, `faults.py`).
 """
 
 from __future__ import annotations
