@@ -47,7 +47,11 @@ def soter(checkout: Path, *words: str, cwd: Path) -> subprocess.CompletedProcess
     return subprocess.run(
         (sys.executable, "-m", "soter.cli.main", *words),
         cwd=cwd,
-        env={**os.environ, "PYTHONPATH": str(checkout / "src"), "SOTER_CACHE": str(cwd / "cache")},
+        env={
+            **os.environ,
+            "PYTHONPATH": str(checkout / "src"),
+            "SOTER_CACHE": str(checkout / "build" / "cache-of-comparison"),
+        },
         capture_output=True,
         text=True,
         check=False,
