@@ -43,31 +43,13 @@ def _done(command: str, folder: Path) -> processes.Done:
     )
 
 
-SHORTER = {"advise": " --factors 1,2 --levels 3"}
-"""What a command is given besides, so that it tries less of the same: a table has one row fewer."""
-
-
-PROVED_ELSEWHERE = ("verify examples/drone/",)
-"""Proofs that take minutes: of them `test_corridor_flights.py` and `test_drone_battery.py` stay."""
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        pytest.param(c, marks=[pytest.mark.long] if any(p in c for p in PROVED_ELSEWHERE) else [])
-        for c in COMMANDS
-    ],
-)
+@pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.pages
 def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
     for folder in ("wall", "drone", "testing"):
         shutil.copytree(ROOT / "examples" / folder, tmp_path / "examples" / folder)
-    before = [c for c in COMMANDS if c.endswith("late_sc.soter")] if "replay" in command else []
-    before += [c for c in COMMANDS if " measure " in c] if "--times" in command else []
-    for each in (*before, command):  # a trace is written before it is replayed, times before use
-        done = _done(each + SHORTER.get(each.split()[1], ""), tmp_path)
-    violates = "Unprotected" in command or command.endswith("late_sc.soter")
-    expected = VIOLATED if violates else 0
+    done = _done(command, tmp_path)
+    expected = VIOLATED if command.endswith("late_sc.soter") else 0
     assert done.returncode == expected, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
 

@@ -23,7 +23,7 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from soter.workers.process_tree import stay_between
+from soter.workers.process_tree import CLOSED_TO, PATIENCE_S, PR_SET_PDEATHSIG, stay_between
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,10 +35,6 @@ LOOK_S = 0.5
 SLEEPY_S = 5.0
 MEMORY = 64 * 2**30
 """Bytes that a child may map."""
-CLOSED_TO = 65_536
-KEEPER_S = 5.0
-"""How long the process between may take to end what it is to end."""
-PR_SET_PDEATHSIG = 1
 
 
 class DeadError(Exception):
@@ -115,7 +111,7 @@ class Child:
         if sys.platform == "linux":
             with suppress(ProcessLookupError):
                 os.kill(self.process, signal.SIGTERM)
-            self._look(KEEPER_S)
+            self._look(PATIENCE_S + LOOK_S)  # it may take the first of them to end the others
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process, signal.SIGKILL)
         with suppress(ProcessLookupError):

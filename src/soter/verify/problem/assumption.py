@@ -36,12 +36,14 @@ def remaining(
 ) -> tuple[Assumption, ...]:
     """The assumptions of a problem but for those whose keys were `shown`, and the `added` ones.
 
-    KeyError where one was shown that nobody had made: then something else was meant.
+    KeyError where one was shown that nobody had made, or whose key several have: then it is not
+    known which of them was meant.
     """
-    before = tuple(before)
-    unknown = set(shown) - {a.key for a in before}
-    if unknown:
-        raise KeyError(", ".join(sorted(unknown)))
+    before = tuple(dict.fromkeys(before))
+    keys = [a.key for a in before]
+    unclear = [key for key in shown if keys.count(key) != 1]
+    if unclear:
+        raise KeyError(", ".join(sorted(unclear)))
     return tuple(dict.fromkeys((*(a for a in before if a.key not in shown), *added)))
 
 

@@ -54,6 +54,13 @@ def test_what_was_never_assumed_cannot_be_shown() -> None:
         remaining([FRESH], added=[], shown={"scheme"})
 
 
+def test_what_shares_its_key_with_another_cannot_be_shown() -> None:
+    other = Assumption("scheme", "something else that is called so")
+    with pytest.raises(KeyError, match="scheme"):
+        remaining([SCHEME, other], added=[], shown={"scheme"})
+    assert remaining([SCHEME, SCHEME], added=[], shown={"scheme"}) == ()
+
+
 def test_what_a_proof_adds_stands_once() -> None:
     together = Assumption("together u, v", "both at one instant")
     assert remaining([FRESH], added=[together, together], shown=()) == (FRESH, together)
