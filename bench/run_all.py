@@ -41,7 +41,7 @@ class Benchmark:
 BENCHMARKS = (
     Benchmark(
         "Slips of newcomers",
-        ("bench/newcomer.py",),
+        ("bench/newcomers/slips.py",),
         "147 wrong programs, each an edit of a right one, as people write them who come from C, "
         "C++, Python, Rust, ROS or control; the place and the remedy were written down before "
         "the answer was seen. Then messages were mended until all were right: before, 52 of "
@@ -52,13 +52,13 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Diagnostics after a keystroke",
-        ("bench/editor.py",),
+        ("bench/newcomers/keystrokes.py",),
         "`soter lsp` over standard input and output, asked by pytest-lsp's client. `processor` "
         "is what the server computes for a key. At load 12 the first line was 163 ms.",
     ),
     Benchmark(
         "The drone's laps",
-        ("bench/drone_laps.py",),
+        ("bench/drone/laps.py",),
         "1,000 seeded laps per arm, wind and estimator errors drawn within their declared bounds. "
         "A violation is a touch of a building, ground, ceiling or edge, or (protected, SC) leaving "
         "the tube φ_safe, on the true state; lap time of AC alone counts clean laps. The seeds "
@@ -66,20 +66,20 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Hostile advanced controllers",
-        ("bench/drone_laps.py", "--adversaries"),
+        ("bench/drone/laps.py", "--adversaries"),
         "The same module with ACs that mean harm: bang-bang on all axes, pushing at a wall, "
         "ramming, faulting outputs; wind at its bounds.",
     ),
     Benchmark(
         "The drone in corridors of boxes",
-        ("bench/drone_corridors.py", "--hours", "4"),
+        ("bench/drone/corridors.py", "--hours", "4"),
         "Four hours an arm over ways of the roadmap, with the example's AC at 3 m/s, SC alone, and "
         "ACs that mean harm with the wind at its bounds. A violation is a touch of a building, "
         "ground, ceiling or edge, or leaving the box that is flown, on the true state.",
     ),
     Benchmark(
         "The surveillance drone, whole",
-        ("bench/drone_stack.py", "--missions", "10000"),
+        ("bench/drone/stack.py", "--missions", "10000"),
         "The whole program with missions that never charge, battery ACs that land when they like, "
         "planners that lie and ACs that ram, wind at its bounds; two shorter arms have "
         "RRT*. A violation is a collision, leaving the box in force, a plan in force that is not "
@@ -88,13 +88,13 @@ BENCHMARKS = (
     ),
     Benchmark(
         "The drone against the plant of its proof",
-        ("bench/drone_conformance.py",),
+        ("bench/drone/conformance.py",),
         "Every 5 ms of 1,000 seeded laps and of flights with hostile ACs: the least bound on |d| "
         "with which the verification plant explains what the 13-state vehicle did, on true states.",
     ),
     Benchmark(
         "The drone on MuJoCo's rigid body",
-        ("bench/off_model.py", "--minutes", "12"),
+        ("bench/drone/off_model.py", "--minutes", "12"),
         "Laps of the proved module, and of an AC that means harm, on physics that nobody here "
         "wrote: the model monitor's verdict on every step, on true states, and the least |d| that "
         "explains 5 ms. `InAir` has MuJoCo's drag, which the plant of the proof has not: there the "
@@ -102,21 +102,21 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Go-to legs that PX4 flew",
-        ("bench/real_logs.py",),
+        ("bench/drone/real_logs.py",),
         "40 of 1,678 legs, positions every 0.1 s, judged by the module of goto.soter in tubes "
         "around the planned line (docs/real-logs.md); velocity is derived, from the past alone. "
         "With `--data DIR` all of them.",
     ),
     Benchmark(
         "What every AC can make the drone miss",
-        ("bench/drone_bound.py",),
+        ("bench/drone/bound.py",),
         "Derived in Arb balls for every sequence of set-points: what the vehicle misses of its "
         "reference to first order, beside the RESIDUAL of the proofs, and what hostile flights "
         "show of every quantity of the derivation. Exit code 1 where one is beyond its bound.",
     ),
     Benchmark(
         "The rhythm that the drone follows worst",
-        ("bench/drone_rhythms.py",),
+        ("bench/drone/rhythms.py",),
         "A search of 10,000,000 sequences for the set-points that are followed worst, on laps and "
         "in corridors: by axis the least bound on |d| that explains each 5 ms, beside the D of the "
         "proof, and the rest that is not derived, beside what is left for it. Exit code 1 where D "
@@ -124,7 +124,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "The drone's plans",
-        ("bench/drone_plans.py",),
+        ("bench/drone/plans.py",),
         "10,000 plans by OMPL's RRT*, 10,000 by the roadmap, 10,000 by RRT* with a bug put in, "
         "starts and goals at random in the authors' city. `wrong` counts corridors that were "
         "accepted and that the exact referee, on fractions, calls wrong. Cover is the compiled C, "
@@ -132,7 +132,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Coverage of the C that ships",
-        ("bench/c_coverage.py",),
+        ("bench/c_code/c_coverage.py",),
         "Lines, branches and conditions on their own (MC/DC) that runs of small programs and the "
         "drone reach, the same runs under ASan and UBSan. `--show` lists what was not reached: of "
         "soter.h what says that a compiler computes wrongly, of generated code what cannot be "
@@ -140,43 +140,43 @@ BENCHMARKS = (
     ),
     Benchmark(
         "The C that ships under Frama-C's EVA",
-        ("bench/static_analysis.py",),
+        ("bench/c_code/static_analysis.py",),
         "Every alarm of a run from any seed that never ends, with its explanation.",
     ),
     Benchmark(
         "A decision and its gate, against run-time-assurance",
-        ("bench/simplex_peer.py", "--peer", "peer/bin/python"),
+        ("bench/running/simplex_peer.py", "--peer", "peer/bin/python"),
         "The same docking on a line in one run, in turns; `peer` is a Python environment with "
         "run-time-assurance 1.18.6 (its filter is compiled by JAX, its call is not).",
     ),
     Benchmark(
         "The decision module's time",
-        ("bench/dm_time.py",),
+        ("bench/real_time/dm_time.py",),
         "One call of the generated C of a DM, predicates included, on the states of a run; "
         "computed predicates read a table by halving.",
     ),
     Benchmark(
         "The stack of the trusted part",
-        ("bench/stack_bounds.py",),
+        ("bench/c_code/stack_bounds.py",),
         "What `soter build` prints: the most stack that a call of the typed interface may need, "
         "from the compilers' own figures over the call graph, `-O2`. Not in it: what libc's "
         "functions need, externs, plants.",
     ),
     Benchmark(
         "Bad files and options",
-        ("bench/bad_input.py", "--count", "1000", "--jobs", "2"),
+        ("bench/hostile/bad_input.py", "--count", "1000", "--jobs", "2"),
         "1,000 mutants of every format that a command reads (bytes, numbers, types; pipes, devices,"
         " 20 GB of holes), and 1,000 command lines of each command with options that do not fit.",
     ),
     Benchmark(
         "The mountain car: four drivers, alone and with RTA",
-        ("bench/mountain_car.py",),
+        ("bench/running/mountain_car.py",),
         "10,000 seeded episodes of each driver on the proved map, until flag, cliff or 999 steps. "
         "AC share is of all steps of all episodes; a takeover is a switch from AC to SC.",
     ),
     Benchmark(
         "The mountain car: Gymnasium against the proved map",
-        ("bench/mountain_car.py", "--conformance"),
+        ("bench/running/mountain_car.py", "--conformance"),
         "Every step of MountainCarContinuous-v0, from all over the plane, has to be a step of the "
         "map for some rounding within the declared bounds.",
     ),
@@ -187,26 +187,31 @@ BENCHMARKS = (
     ),
     Benchmark(
         "The time of soter verify",
-        ("bench/verify_time.py",),
+        ("bench/verify/time_to_verdict.py",),
         "Whole processes, imports included; `cold` with an empty cache folder, so the engine, the "
         "enclosures and the decision module are compiled, too. CPU is of all threads and children.",
     ),
     Benchmark(
         "Honest modules of other kinds",
-        ("bench/generality.py", "--recheck"),
+        ("bench/verify/generality.py", "--recheck"),
         "Ten small robots, cold: verify and recheck as whole processes. `standing` has no P2b and "
         "can have none: where SC stands still nothing leads back to where `safer` holds.",
     ),
     Benchmark(
         "The surveillance drone, proved",
-        ("bench/generality.py", "--recheck", "--program", "examples/drone/surveillance.soter"),
+        (
+            "bench/verify/generality.py",
+            "--recheck",
+            "--program",
+            "examples/drone/surveillance.soter",
+        ),
         "Battery, planner and motion primitive in one program, cold, and the conjunction; then the "
         "certificates of all of them. Whole processes; 120 s and 300 s are asked for, 30 s is the "
         "goal.",
     ),
     Benchmark(
         "The surveillance drone: stacks that must not be proved",
-        ("bench/drone_wrong.py",),
+        ("bench/drone/wrong_stacks.py",),
         "Changes to the sources of the whole drone, each unsafe in a world that is admissible. "
         "`verify` stops at the first module or view that is not proved. `repeated`: the reference "
         "interpreter flies the same seed to the same violation, at the same time, with the same "
@@ -215,7 +220,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Sets on grids",
-        ("bench/reach_sets.py",),
+        ("bench/verify/reach_sets.py",),
         "K, S_j and R(t) where the answer is known, warm, on two threads; the peer is "
         "`hj-reachability` on JAX (`pip install 'soter[bench-peers]'`), which approximates and "
         "proves nothing; without it the comparison is left out.",
@@ -238,7 +243,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "The tool chain on the drone program",
-        ("bench/toolchain.py",),
+        ("bench/running/toolchain.py",),
         "`soter check` is CPU time of the whole process; compile and load is wall time from source "
         "text to a loaded program with imports done, `cold` with an empty cache; speed is virtual "
         "time over wall time of system Protected on one core without a trace (plant 200 Hz, nodes "
@@ -246,14 +251,14 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Campaigns",
-        ("bench/campaign.py",),
+        ("bench/running/campaign_cost.py",),
         "The whole drone with prepared plans (examples/drone/campaign.soter) through the batch "
         "driver: 104 hours on one core, saves, two threads, flights of one instant, compilers, and "
         "a campaign that is killed again and again. What campaigns found: docs/results.md.",
     ),
     Benchmark(
         "Calls of simulate from Python",
-        ("bench/simulate_calls.py",),
+        ("bench/running/simulate_calls.py",),
         "One `Program.simulate` after the other, wall time: what does not depend on the seed is "
         "made once. Before, medians of later calls with the whole trace were 58 ms for the "
         "mountain car, 2.7 ms for the cart, 50 ms for a lap of the drone and 322 ms for the "
@@ -262,7 +267,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Protected steps of learners",
-        ("bench/gym_steps.py",),
+        ("bench/running/gym_steps.py",),
         "The mountain car as an environment, on one core: thousands of worlds in one call beside "
         "the same plant and loop without a module, its map over NumPy arrays, and Gymnasium's own "
         "vector; one environment beside the bare one; construction. Before, one protected step "
@@ -270,13 +275,13 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Tables of data",
-        ("bench/tables.py",),
+        ("bench/verify/data_tables.py",),
         "A node that reads rows of a table, from each kind of file; every line is two fresh "
         "processes, with an empty cache folder and with what the first one compiled.",
     ),
     Benchmark(
         "The house",
-        ("bench/house.py", "--against", "6a82360", "--assertions"),
+        ("bench/house/house_figures.py", "--against", "6a82360", "--assertions"),
         "Counts over src/ as tests assert them (complexity: a rough count over the text); CPU "
         "time of commands on the last commit before the recut and now, in turns, medians of five "
         "(that commit is older than the model of time and today's re-checker, too: `verify` does "
@@ -284,20 +289,20 @@ BENCHMARKS = (
     ),
     Benchmark(
         "The model of time against every schedule",
-        ("bench/verify_times.py",),
+        ("bench/verify/time_model.py",),
         "5,000 random systems of small whole times: each quantity beside the largest value over "
         "all schedules. Exceeded: the model would be wrong. Reached: no smaller figure is sound; "
         "in the limit: short of it by units of the grid, however fine the grid is.",
     ),
     Benchmark(
         "The same schedules against figures that are wrong on purpose",
-        ("bench/verify_times.py", "--blind", "all", "--systems", "200"),
+        ("bench/verify/time_model.py", "--blind", "all", "--systems", "200"),
         "A check that the comparison would see a wrong figure: what is hidden from the model must "
         "show as quantities that are exceeded.",
     ),
     Benchmark(
         "Threads: the analysis against executions",
-        ("bench/schedulability.py",),
+        ("bench/verify/schedulability.py",),
         "10,000 random sets of tasks that keep a thread busy for 60 to 100 % of the time "
         "(docs/timing.md). Accepted: executions are simulated tick by tick, the one in which all "
         "is as late as it may be and random ones; none may miss. Refused: the instance that comes "
@@ -305,44 +310,44 @@ BENCHMARKS = (
     ),
     Benchmark(
         "The same sets, with something hidden from the analysis",
-        ("bench/schedulability.py", "--blind", "--sets", "1000"),
+        ("bench/verify/schedulability.py", "--blind", "--sets", "1000"),
         "A check that the comparison would see a wrong analysis.",
     ),
     Benchmark(
         "P1c of deployed modules against all executions",
-        ("bench/p1c_phases.py",),
+        ("bench/verify/p1c_phases.py",),
         "20,000 random programs: what `soter check` says that the horizon must be, beside the "
         "longest switch over all delays of releases, lengths of steps and ages of what is read.",
     ),
     Benchmark(
         "The same switches, with something the program does not say",
-        ("bench/p1c_phases.py", "--blind", "--cases", "500"),
+        ("bench/verify/p1c_phases.py", "--blind", "--cases", "500"),
         "A check that the comparison would see a figure that is too small.",
     ),
     Benchmark(
         "Changed modules that must not be proved",
-        ("bench/verify_mutants.py",),
+        ("bench/verify/mutants.py",),
         "Every mutant is first confirmed bad by a NumPy simulation of its own (`escapes`: runs "
         "that leave C; `stuck`: runs that SC never gives back); `replayed run` is what the "
         "reference interpreter saw, given nothing but the choices of the counterexample.",
     ),
     Benchmark(
         "Wrong modules that must not be proved without a word",
-        ("bench/verify_wrong.py",),
+        ("bench/wrong_modules/verdicts.py",),
         "Made from five right modules that are proved; `named`: the verdict prints what is wrong "
         "with it among what it assumes or does not cover; `--demos` runs what shows them wrong: "
         "runs, tests, a simulation of their own (265 of 298).",
     ),
     Benchmark(
         "Random problems and adversaries",
-        ("bench/verify_soundness.py",),
+        ("bench/verify/soundness.py",),
         "Every claimed set of 200 random problems is attacked by NumPy simulations with delays, "
         "jitter, errors and disturbances at their bounds; an escape is a state inside a claimed "
         "set that does what the claim excludes.",
     ),
     Benchmark(
         "A closed-loop adversary against proved modules",
-        ("bench/verify_adversary.py", "--steps", "300000000"),
+        ("bench/adversary/against_proofs.py", "--steps", "300000000"),
         "Random modules that are proved, simulated from the definitions of the model of time, with "
         "state feedback and every lateness, response, latency, error, disturbance and drop-out at "
         "its bounds. `closest` is the largest |x| relative to the border of C, `by SC` while SC "
@@ -350,19 +355,19 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Holes put back into the prover",
-        ("bench/verify_adversary.py", "--holes"),
+        ("bench/adversary/against_proofs.py", "--holes"),
         "Each is patched in by hand; on a module that the prover then calls proved, and does not "
         "without it, the same adversary has to find a run that leaves C.",
     ),
     Benchmark(
         "The same adversaries against an engine that is not told everything",
-        ("bench/verify_soundness.py", "--blind", "--problems", "8"),
+        ("bench/verify/soundness.py", "--blind", "--problems", "8"),
         "A check that the adversaries would see an unsound set: what is hidden must show as "
         "escapes.",
     ),
     Benchmark(
         "Verify, recheck and run against each other",
-        ("bench/contradictions.py", "--modules", "300", "--stiff", "50"),
+        ("bench/verify/contradictions.py", "--modules", "300", "--stiff", "50"),
         "Random modules (grids, polytopes, inductions, instances, dials nobody reads) and 50 with "
         "a group that no command moves, under schemes that may diverge. `proved, rejected` is what "
         "verify proves and recheck rejects, `accepted, not proved` the other way round; `proved, "
@@ -370,33 +375,33 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Contradictions on the examples",
-        ("bench/contradictions.py", "--examples", "--seconds", "600"),
+        ("bench/verify/contradictions.py", "--examples", "--seconds", "600"),
         "The same of every example that has a default system with modules whose DM switches: "
         "verified, rechecked, run and attacked, ten minutes each.",
     ),
     Benchmark(
         "Before and after the house was cut anew",
-        ("bench/same_outputs.py", "--before", "../before"),
+        ("bench/house/same_outputs.py", "--before", "../before"),
         "Every system of every example in two checkouts, this one and 59e39d35, from before files "
         "and rooms were renamed: the C that is generated (the runtime aside), the trace of seed 1, "
         "and of eleven programs all verdicts and the certificate (names of assumptions aside).",
     ),
     Benchmark(
         "Certificates: checking them again",
-        ("bench/recheck.py",),
+        ("bench/recheck/time_to_recheck.py",),
         "`soter recheck` on all processors: one pass over every table in Arb balls; then single "
         "bits of random files flipped, seal and hashes left as they were.",
     ),
     Benchmark(
         "Certificates made wrong and sealed again",
-        ("bench/recheck_corruptions.py", "--count", "1000"),
+        ("bench/recheck/corruptions.py", "--count", "1000"),
         "Sets enlarged, witnesses, bounds, times, grids and programs changed, every hash written "
         "anew; what is accepted all the same is attacked by simulation: `accepted, true` is what "
         "no run breaks.",
     ),
     Benchmark(
         "Forged certificates of every kind of proof",
-        ("bench/recheck_forged.py", "--count", "100"),
+        ("bench/recheck/forged.py", "--count", "100"),
         "Twelve kinds of forgeries of grids, polytopes, inductions, deployed and composed systems, "
         "each checked in a process with a minute and 8 GiB. False is what is confirmed of a "
         "program, a system, a module and values and not proved of exactly these; `untouched` is "
@@ -404,14 +409,14 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Certificates that say more than is true",
-        ("bench/recheck_overstated.py", "--share", "0.5"),
+        ("bench/recheck/overstated.py", "--share", "0.5"),
         "Edits of programs, parameters, modules, systems, times, claims, inputs, assumptions and "
         "tables of small modules, every hash written anew. What an edit is is known beforehand, or "
         "the edited program is proved anew; `written` is what `soter verify` writes of those.",
     ),
     Benchmark(
         "soter test: tests that judge nothing, and times off the grid",
-        ("bench/testing_vacuous.py",),
+        ("bench/testing/vacuous.py",),
         "Each test would be clean for want of looking. Those that compare times are searched on "
         "the grid that soter chooses and on one of a quarter of a millisecond. Then tests that say "
         "nothing: `without a word` counts those that are clean and told of nothing, `cries wolf` "
@@ -419,92 +424,92 @@ BENCHMARKS = (
     ),
     Benchmark(
         "soter test: wide steps",
-        ("bench/testing_wide.py",),
+        ("bench/testing/wide.py",),
         "100 tests with very many choices, topics, words, inputs or starts, each searched with "
         "`--time 0.3` and in a process that gets SIGINT or SIGTERM in the middle of it. None can "
         "be covered, so *clean* would be wrong.",
     ),
     Benchmark(
         "soter test against SPIN",
-        ("bench/testing_spin.py",),
+        ("bench/testing/spin.py",),
         "Five models, each with a Promela twin of the same configurations and verdict (two in "
         "which times are chosen); one core, exact storage, alternating runs. *none*: no reduction "
         "on either side; *reduced*: the best that each tool has for the model.",
     ),
     Benchmark(
         "soter test: size",
-        ("bench/testing_size.py",),
+        ("bench/testing/size.py",),
         "One robot of a surveillance program (11 actors) and two (20 actors) that a property "
         "joins: as `soter test` searches, undivided, and with the reductions that there were "
         "before. Bytes are the most of table and frontier, and of all, for each configuration.",
     ),
     Benchmark(
         "soter test: three modules, one at a time",
-        ("bench/testing_contracts.py",),
+        ("bench/testing/contracts.py",),
         "Planner, motion primitive and battery module in the small, 400 ms: each as it is among "
         "the contracts of the others, then all three as they are, for 175 s at most; and a safe "
         "controller that forgets to land.",
     ),
     Benchmark(
         "soter test: seeded bugs in float programs",
-        ("bench/testing_falsify.py", "--quick"),
+        ("bench/testing/falsify.py", "--quick"),
         "Twenty bugs whose sizes were fixed by directed schedules before any search; 10 s of CPU "
         "time a search, three seeds; `unguided` is `falsify` without its guide. `known` is the "
         "shortest execution that anything found.",
     ),
     Benchmark(
         "soter test: what the reductions leave out",
-        ("bench/testing_reduction.py",),
+        ("bench/testing/reduction.py",),
         "Configurations stored for the same verdict, with and without reduction: the "
         "yardstick, then 2 to 10 nodes that share nothing, read each other in pairs, or stand in a "
         "ring.",
     ),
     Benchmark(
         "soter test: equal instances",
-        ("bench/testing_equal.py",),
+        ("bench/testing/equal_instances.py",),
         "Two, three and four robots that share a passage and a guard, told apart and taken as "
         "equal: configurations stored, and time, for the same verdict. *fewer*: by how much, of "
         "what all orders of so many robots could give at most.",
     ),
     Benchmark(
         "soter test: memory",
-        ("bench/testing_memory.py",),
+        ("bench/testing/memory.py",),
         "Bytes of the table for each stored configuration, exact and as fingerprints, depth first "
         "(a breadth-first table has one layer: see size).",
     ),
     Benchmark(
         "soter test against the brute-force enumerator",
-        ("bench/testing_soundness.py", "--programs", "600"),
+        ("bench/testing/soundness.py", "--programs", "600"),
         "Random small programs with every feature of docs/testing.md: verdicts, configurations or "
         "observations, and lengths of least traces, with every strategy and reduction.",
     ),
     Benchmark(
         "soter test and parts that share only time",
-        ("bench/testing_soundness.py", "--apart", "--programs", "400"),
+        ("bench/testing/soundness.py", "--apart", "--programs", "400"),
         "The same comparison on programs made to depend on which moments are observed: late and "
         "skewed nodes beside clocks that let time pass, under deadlines and invariants.",
     ),
     Benchmark(
         "soter test and groups of actors within an instant",
-        ("bench/testing_soundness.py", "--instants", "--programs", "300"),
+        ("bench/testing/soundness.py", "--instants", "--programs", "300"),
         "The same comparison on programs whose actors fall into groups that meet at the end of an "
         "instant: middles that are read, queues, contracts, choices, several starts.",
     ),
     Benchmark(
         "soter test and parts that only properties join",
-        ("bench/testing_soundness.py", "--joined", "--programs", "100"),
+        ("bench/testing/soundness.py", "--joined", "--programs", "100"),
         "The same comparison on parts that share nothing but a property.",
     ),
     Benchmark(
         "soter test and instances that are equal, or nearly",
-        ("bench/testing_soundness.py", "--equal", "--programs", "300"),
+        ("bench/testing/soundness.py", "--equal", "--programs", "300"),
         "Programs of two or three instances that share something: verdicts, lengths of traces, "
         "coverage, and one configuration stored for every orbit of those that the enumerator "
         "reaches, with instances swapped by their names.",
     ),
     Benchmark(
         "soter test: bugs seeded in the examples",
-        ("bench/testing_mutants.py",),
+        ("bench/testing/mutants.py",),
         "Each shipped example is exhausted and clean; each changed one has to be violated, its "
         "trace read back from the file and replayed by the reference interpreter. `minimal`: a "
         "breadth-first search without reduction meets its first violation, of whatever property, "
@@ -513,14 +518,14 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Campaigns as device code",
-        ("bench/device_code.py",),
+        ("bench/device/device_code.py",),
         "The C of a small and of a large system as one file of C++, a world a thread: compiled for "
         "a GPU by NVRTC and assembled by ptxas, without one being there; the same file compiled by "
         "g++ and flown on the CPU, against campaigns.",
     ),
     Benchmark(
         "Delays of the trusted part",
-        ("bench/delays.py",),
+        ("bench/real_time/delays.py",),
         "One node of the trusted part late or dead, every shipped module that is proved on sets, "
         "virtual time, the C of leases as it ships. In time: every output of SC, no lease ends. "
         "Law in time: the fail-safe law acts before H runs out, and nothing is obeyed afterwards. "
@@ -530,7 +535,15 @@ BENCHMARKS = (
     Benchmark(
         "Real time: misses, controllers that fail, the way to SC's output",
         (
-            *("bench/real_time.py", "--minutes", "10", "--trials", "100", "--kills", "10000"),
+            *(
+                "bench/real_time/driver.py",
+                "--minutes",
+                "10",
+                "--trials",
+                "100",
+                "--kills",
+                "10000",
+            ),
             *("--deaths", "200"),
         ),
         "A loop at 1 kHz, its processor kept busy by eight ordinary processes; late is more than "
@@ -541,19 +554,19 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Tests that start processes, on a busy machine",
-        ("bench/process_tests.py", "--runs", "10", "--busy", "4"),
+        ("bench/hostile/process_tests.py", "--runs", "10", "--busy", "4"),
         "Every test of `make test` that starts a process which is no compiler, ten times, beside "
         "four processes that spin. Which those are is heard from Python in a run of all.",
     ),
     Benchmark(
         "Processes that outlive their command",
-        ("bench/orphans.py", "--instants", "20"),
+        ("bench/hostile/orphans.py", "--instants", "20"),
         "Commands that start processes, killed at instants spread over the time they take. Externs "
         "fork into sessions of their own; a compiler leaves its work to a child and never ends.",
     ),
     Benchmark(
         "The playground, and what pages weigh",
-        ("bench/playground.py",),
+        ("bench/newcomers/page_weights.py",),
         "Seconds from opening the file in headless Chromium, by the clock, on a machine that "
         "others use meanwhile: the load a core before each opening, and the same run in CPython, "
         "say how much.",

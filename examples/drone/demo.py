@@ -5,8 +5,8 @@
 Purpose: the paper's Section V in one command. Laps with AC alone, RTA-protected and with SC alone;
 then the surveillance program with all three modules, once as it is meant and once with a planner
 that lies and nobody who charges (`mission.py`).
-Non-goals: the 1,000 laps behind docs/benchmarks.md (bench/drone_laps.py), hours of missions
-(bench/drone_stack.py).
+Non-goals: the 1,000 laps behind docs/benchmarks.md (bench/drone/laps.py), hours of missions
+(bench/drone/stack.py).
 """
 
 from __future__ import annotations

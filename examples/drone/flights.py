@@ -2,7 +2,7 @@
 
 Purpose: from a run's trace to a lap (time, violations, switches, clearance) and to the records of
 the HTML report. Geometry comes out of the program itself, never from copies.
-Non-goals: statistics over many laps (`bench/drone_laps.py`).
+Non-goals: statistics over many laps (`bench/drone/laps.py`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Purpose: from a run of the whole stack to the records of the HTML report: the flight on the map, the
 three modules, the battery, the plans in force and those turned down, the landings. `Watch` sees
 the run while it goes on: a trace of ten minutes would take 2 GB.
-Non-goals: one lap with its tubes (`flights.py`), many flights (`bench/drone_stack.py`).
+Non-goals: one lap with its tubes (`flights.py`), many flights (`bench/drone/stack.py`).
 """
 
 from __future__ import annotations

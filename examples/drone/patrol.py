@@ -5,7 +5,7 @@
 Purpose: beside what `soter run examples/drone/surveillance.soter` prints, the battery, the landings
 and the plans: how many came into force, how many were refused and why. `--file` takes the hostile
 systems of surveillance_adversaries.soter.
-Non-goals: many flights (bench/drone_stack.py).
+Non-goals: many flights (bench/drone/stack.py).
 """
 
 from __future__ import annotations

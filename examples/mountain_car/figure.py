@@ -3,7 +3,7 @@
 Purpose: `python examples/mountain_car/figure.py` proves the module and draws what it found: K (the
 paper's phi_safe), S_0 (where ttf is false), the set in which AC may return, and two runs of the
 bang-bang driver from the same start, coloured by who had control.
-Non-goals: statistics (bench/mountain_car.py).
+Non-goals: statistics (bench/running/mountain_car.py).
 """
 
 from __future__ import annotations

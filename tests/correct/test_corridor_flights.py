@@ -67,7 +67,7 @@ def test_the_motion_primitive_is_proved_for_every_corridor(
 def test_the_re_checker_confirms_samples_of_every_view(
     proved: tuple[Path, VerifyReport], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every claim, on blocks drawn at random; no cell has to be halved (all: bench/recheck.py)."""
+    """Every claim, on blocks drawn at random; no cell has to be halved (all: bench/recheck)."""
     draw = np.random.default_rng(2)
     asked = []
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from bench.drone_wrong_base import Edit, laid_out, verdict
-from bench.drone_wrong_slow import BATTERIES
+from bench.drone.wrong_base import Edit, laid_out, verdict
+from bench.drone.wrong_slow import BATTERIES
 
 import soter
 from examples_changed import changed
@@ -40,7 +40,7 @@ def test_the_battery_is_proved_and_confirmed(tmp_path: Path) -> None:
 
 
 IN_THE_BENCH = ("no reserve", "cheap landing", "SC flies on", "slow start")
-"""Of the wrong batteries that `bench/drone_wrong.py` flies, too."""
+"""Of the wrong batteries that `bench/drone/wrong_stacks.py` flies, too."""
 NOT_BY_THE_MODEL = (
     Edit("battery.soter", "ttf margin < E +", "ttf margin < 0.0 * E +"),
     Edit("battery.soter", "const TURN: float = 1.5;", "const TURN: float = 0.5;"),

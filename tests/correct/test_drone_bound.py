@@ -1,7 +1,7 @@
 """What is derived of the drone's residual holds of its flights, and breaks with its constants.
 
-Purpose: `bench/drone_bound.py` on the program as it is, on hostile flights and on changed vehicles.
-Non-goals: the rest that is not derived (`bench/drone_rhythms.py` searches it).
+Purpose: `bench/drone/bound.py` on the program as it is, on hostile flights and on changed vehicles.
+Non-goals: the rest that is not derived (`bench/drone/rhythms.py` searches it).
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.drone_bound import DRONE, FLIGHTS, PLACES, derived, flown
+from bench.drone.bound import DRONE, FLIGHTS, PLACES, derived, flown
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bench.drone_bound import Bound
+    from bench.drone.bound import Bound
 
 SHARP = ("a_ref", "a_ref'", "a_ref''", "z, of the attitude loop", "f, of the lift")
 """Quantities that a hostile flight brings within a fifth of what is derived of them."""

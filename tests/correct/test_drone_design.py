@@ -1,6 +1,6 @@
 """The figures that the drone's design rests on (docs/drone.md), measured on the program itself.
 
-Non-goals: the laps (`bench/drone_laps.py`), proofs (`soter verify`).
+Non-goals: the laps (`bench/drone/laps.py`), proofs (`soter verify`).
 """
 
 from __future__ import annotations

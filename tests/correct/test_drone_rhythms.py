@@ -1,7 +1,7 @@
 """The search for the worst rhythm flies what the program flies.
 
-Purpose: one rhythm by `bench/drone_rhythms.c` and by the compiled program in still air, the same
-figures as `drone_conformance.py` and `drone_bound.py` have of it; a search finds what is planted.
+Purpose: one rhythm by `drone_rhythms.c` and by the compiled program in still air, the same
+figures as `bench/drone/conformance.py` and `bound.py` have; a search finds what is planted.
 Non-goals: searches of full size.
 """
 
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from bench import drone_rhythms as search
-from bench.drone_bound import DRONE, derived, seen
-from bench.drone_conformance import needed
+from bench.drone import rhythms as search
+from bench.drone.bound import DRONE, derived, seen
+from bench.drone.conformance import needed
 
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
@@ -43,8 +43,8 @@ def still_air(folder: Path) -> Path:
     iris.write_text(text.replace("const WIND: float = 0.3;", "const WIND: float = 0.0;"))
     text = search.VEHICLE.read_text(encoding="utf-8")
     begin, end = text.index("node Pilot period"), text.index("system Laps")
-    (folder / "bench").mkdir()
-    vehicle = folder / "bench" / search.VEHICLE.name
+    (folder / "bench" / "drone").mkdir(parents=True)
+    vehicle = folder / "bench" / "drone" / search.VEHICLE.name
     vehicle.write_text(text[:begin] + PILOT + "\n" + text[end:], encoding="utf-8")
     return vehicle
 

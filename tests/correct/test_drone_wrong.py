@@ -1,6 +1,6 @@
 """Wrong drones are not proved, and flights that the interpreter repeats show why; the right one is.
 
-The whole list, with all verdicts: `python bench/drone_wrong.py`.
+The whole list, with all verdicts: `python bench/drone/wrong_stacks.py`.
 """
 
 from __future__ import annotations
@@ -8,13 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.drone_wrong import ASSUMED, CHANGES, WRONG, examine
-from bench.drone_wrong_base import flown, flown_again, laid_out, refuted, verdict
+from bench.drone.wrong_base import flown, flown_again, laid_out, refuted, verdict
+from bench.drone.wrong_stacks import ASSUMED, CHANGES, WRONG, examine
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bench.drone_wrong_base import Wrong
+    from bench.drone.wrong_base import Wrong
 
 NAMED = {(w.kind, w.name): w for w in (*WRONG, *ASSUMED)}
 RESERVE, LETS_GO = NAMED["battery", "no reserve"], NAMED["motion", "SC lets go"]

@@ -2,7 +2,7 @@
 
 The orbits are counted over the configurations of the brute-force enumerator, with instances
 swapped by their names; see tests/generators/symmetry_agreement.py. More programs:
-bench/testing_soundness.py --equal.
+bench/testing/soundness.py --equal.
 
     SOTER_EQUAL_PROGRAMS=300 pytest tests/correct/test_equal_instances_agree.py -n 2
 """

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from bench import testing_mutants as bench
-from bench.testing_mutant_models import Mutant, Subject
+from bench.testing import mutants as bench
+from bench.testing.mutant_models import Mutant, Subject
 
 import soter
 from generators.explorer_agreement import compared, enumerated

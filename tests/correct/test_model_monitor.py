@@ -1,6 +1,6 @@
 """The model monitor: silent on what the model allows, loud when its bounds are halved.
 
-Non-goals: what the drone does (`bench/drone_conformance.py`).
+Non-goals: what the drone does (`bench/drone/conformance.py`).
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ def proved(program: soter.Program) -> ModuleResult:
 def beside(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Modules of examples/mountain_car and bench, by name."""
     monkeypatch.syspath_prepend(str(CAR))
-    monkeypatch.syspath_prepend(str(ROOT / "bench"))
+    monkeypatch.syspath_prepend(str(ROOT / "bench" / "running"))
     return importlib.import_module
 
 

@@ -1,6 +1,6 @@
 """The drone on MuJoCo's rigid body: the model monitor is silent without air and loud in it.
 
-Non-goals: hours (`bench/off_model.py`), the plant of the proof (`test_drone_design.py`).
+Non-goals: hours (`bench/drone/off_model.py`), the plant of the proof (`test_drone_design.py`).
 """
 
 from __future__ import annotations

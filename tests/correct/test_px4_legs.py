@@ -1,6 +1,6 @@
 """Legs that PX4 flew: the module of goto.soter has SC in control before a tube is left.
 
-Non-goals: the whole set of legs (`bench/real_logs.py`).
+Non-goals: the whole set of legs (`bench/drone/real_logs.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Logs of somebody else: their decisions are those of the program, and nothing is lost in silence.
 
 Non-goals: what a mapping may say (`tests/unit/monitor/test_foreign_logs.py`), the whole set of legs
-(`bench/real_logs.py`).
+(`bench/drone/real_logs.py`).
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Some of the bugs of bench/testing_mutants.py: found, by a least trace, replayed."""
+"""Some of the bugs of bench/testing/mutants.py: found, by a least trace, replayed."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import pytest
-from bench import testing_mutants as bench
-from bench.testing_mutant_models import CONTINUOUS, HARMLESS, MUTANTS, Mutant, Subject
+from bench.testing import mutants as bench
+from bench.testing.mutant_models import CONTINUOUS, HARMLESS, MUTANTS, Mutant, Subject
 
 import soter
 

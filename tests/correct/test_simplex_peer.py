@@ -1,11 +1,11 @@
-"""The loop that bench/simplex_peer.py measures: what it says of SC is a share of its own turns."""
+"""The loop that simplex_peer.py measures: what it says of SC is a share of its own turns."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import pytest
-from bench import simplex_peer
+from bench.running import simplex_peer
 
 import processes
 

@@ -3,7 +3,7 @@
 Purpose: draw systems (periods with and without common divisors, phases, lateness, responses,
 latencies, paths of 0 to 4 nodes to DM and to SC, several outputs, silence, enforced ages); compare
 every quantity of `soter.verify.time.schedule` with the largest value that a schedule reaches.
-Non-goals: enumerating (`every_schedule.py`), how many (`bench/verify_times.py`, the tests).
+Non-goals: enumerating (`every_schedule.py`), how many (`bench/verify/time_model.py`, the tests).
 
 A system is only drawn if its times are such as the language allows: late + response <= period, and
 no step of SC still runs, waiting for a verdict included, when its next one is due.

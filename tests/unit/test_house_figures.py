@@ -146,7 +146,6 @@ ROOMS = {
     "tests/unit/certificate": (26, "as above"),
     "tests/unit/cli": (29, "as above: a file a command"),
     "tests/unit/explore": (38, "as above; the engine's strategies are asked one by one"),
-    "bench": (107, "not judged to be right: families are planned, the files of one share a prefix"),
 }
 """Rooms with more files than anybody can keep in mind: how many they may have, and why.
 
@@ -185,10 +184,10 @@ REASONS = {
     "src/soter/explore/engine/c/soter_explore_transition_cache.c": "one table, inlined functions",
     "src/soter/explore/engine/c/soter_explore_step.c": "what a move does, rule by rule",
     "src/soter/explore/engine/c/soter_explore_store.c": "one table; its functions are inlined",
-    "bench/mutant_models.py": "programs as text, and their mutants",
-    "bench/recheck_forgeries.py": "a list of forgeries",
+    "bench/verify/mutant_models.py": "programs as text, and their mutants",
+    "bench/recheck/forgeries.py": "a list of forgeries",
     "bench/run_all.py": "a row a table of the page",
-    "bench/verify_soundness.py": "not cut yet",
+    "bench/verify/soundness.py": "not cut yet",
     "tests/generators/random_programs.py": "one grammar, at random",
     "tests/generators/random_expressions.py": "the same, of expressions",
     "tests/generators/brute_force.py": "the enumerator, read beside docs/testing.md",
@@ -211,8 +210,8 @@ REASONS = {
 
 LONG = {
     "tests/generators/induction_planners.py planner": "the text of a program with a few holes",
-    "bench/mutant_models.py drone_loops": "the text of a program with a few holes",
-    "bench/bad_input_samples.py formats": "a list of inputs",
+    "bench/verify/mutant_models.py drone_loops": "the text of a program with a few holes",
+    "bench/hostile/bad_input_samples.py formats": "a list of inputs",
     "examples/drone/demo.py main": "what it shows, in order",
     "examples/drone/figures.py figure_12c": "one picture",
 }

@@ -1,4 +1,4 @@
-"""docs/results.md: which sentence is said depends on what was flown (bench/results.py)."""
+"""docs/results.md: which sentence is said depends on what was flown."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from bench import results
+from bench.running import results_page as results
 
 from soter import load
 

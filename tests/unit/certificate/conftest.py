@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.recheck_corruptions import Sealed, read
-from bench.recheck_models import Cart
+from bench.recheck.corruptions import Sealed, read
+from bench.recheck.models import Cart
 
 from unit.certificate import small_proofs
 

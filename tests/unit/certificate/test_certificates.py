@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from bench.recheck_corruptions import corrupt, judge
-from bench.recheck_models import Attack
+from bench.recheck.corruptions import corrupt, judge
+from bench.recheck.models import Attack
 
 import soter
 from long_tests import examples
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from bench.recheck_corruptions import Sealed
+    from bench.recheck.corruptions import Sealed
 
     Change = Callable[[Callable[[dict[str, Any]], None]], Path]
 

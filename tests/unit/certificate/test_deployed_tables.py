@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from bench.recheck_models import Cart
+from bench.recheck.models import Cart
 
 import soter
 from soter.api import recheck

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from bench.recheck_corruptions import Sealed, judge, read
-from bench.recheck_models import Attack, Cart
+from bench.recheck.corruptions import Sealed, judge, read
+from bench.recheck.models import Attack, Cart
 
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.rechecker import recheck

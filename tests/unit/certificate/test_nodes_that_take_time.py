@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from bench.recheck_small import PROGRAMS
+from bench.recheck.small_modules import PROGRAMS
 
 import soter
 from soter.api import recheck

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from bench.recheck_models import Cart
+from bench.recheck.models import Cart
 
 from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.inclusions.group_claims import ChainCheck, GroupTables, ranked

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.recheck_small import PROGRAMS
+from bench.recheck.small_modules import PROGRAMS
 
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import ORDERS, linear_flow

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from bench.recheck_models import Cart
+from bench.recheck.models import Cart
 
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.errors import RejectedError

@@ -6,8 +6,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from bench.recheck_overstated import Base, base_of, sealed
-from bench.recheck_small import Edit
+from bench.recheck.overstated import Base, base_of, sealed
+from bench.recheck.small_modules import Edit
 
 from soter.api import recheck
 

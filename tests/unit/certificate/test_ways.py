@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.recheck_small import PROGRAMS
+from bench.recheck.small_modules import PROGRAMS
 
 import soter
 from soter.api import recheck
@@ -80,7 +80,7 @@ def test_nodes_that_leave_out_values_are_not_rechecked(
 
 
 def test_a_step_that_faults_is_a_reason(tmp_path: Path) -> None:
-    """Found by `bench/recheck_overstated.py`: it came out as an exception."""
+    """Found by `bench/recheck/overstated.py`: it came out as an exception."""
     path = tmp_path / "small.soter"
     path.write_text(PROGRAMS["assumed"])
     soter.load(path).verify(cert=tmp_path / "cert", refute=False)

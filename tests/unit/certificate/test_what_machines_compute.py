@@ -12,8 +12,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from bench.recheck_overstated import Base, sealed
-from bench.recheck_small import PROGRAMS, Edit
+from bench.recheck.overstated import Base, sealed
+from bench.recheck.small_modules import PROGRAMS, Edit
 
 import soter
 from soter.api import recheck

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from bench.recheck_small import PROGRAMS
+from bench.recheck.small_modules import PROGRAMS
 
 import soter
 from long_tests import some

@@ -1,4 +1,4 @@
-"""A small share of bench/bad_input.py: whatever a file holds, a command says so and ends."""
+"""A small share of bad_input.py: whatever a file holds, a command says so and ends."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.bad_input_mutants import placed
-from bench.bad_input_samples import MAP, NAMED, POSITIONS, ROOT, Format, formats
+from bench.hostile.bad_input_mutants import placed
+from bench.hostile.bad_input_samples import MAP, NAMED, POSITIONS, ROOT, Format, formats
 
 import processes
 from long_tests import examples

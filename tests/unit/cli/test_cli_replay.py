@@ -188,7 +188,7 @@ def test_other_files_are_no_traces(soter: Soter, here: Path) -> None:
 @pytest.fixture
 def counterexample(soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.syspath_prepend(str(ROOT))
-    from bench.mutant_models import BASES
+    from bench.verify.mutant_models import BASES
 
     tank = {b.name: b for b in BASES}["tank"]
     wrong = {**tank.defaults, **dict(tank.mutants)["ttf is constant false"]}

@@ -7,10 +7,10 @@ from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.delays import STOP as STOP_MODULE
-from bench.delays import shipped, stop_flights
-from bench.delays_model import AC, LAW, SC, Delay, Flown, Node, Timing, fly
-from bench.lease_engine import Grant, Lease
+from bench.real_time.delays import STOP as STOP_MODULE
+from bench.real_time.delays import shipped, stop_flights
+from bench.real_time.delays_model import AC, LAW, SC, Delay, Flown, Node, Timing, fly
+from bench.real_time.lease_code import Grant, Lease
 
 import soter
 from generators.c_packages import EXAMPLES, command, package

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.recheck_models import Cart
+from bench.recheck.models import Cart
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of

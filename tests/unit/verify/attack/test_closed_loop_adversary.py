@@ -1,4 +1,4 @@
-"""The closed-loop adversary (`bench/verify_adversary.py`): its loop, its holes, and that it fails.
+"""The closed-loop adversary (`bench/adversary`): its loop, its holes, and that it fails.
 
 Purpose: where nothing is late the adversary's loop moves as `soter run` does, bit for bit but for
 rounding; lateness and latencies are what was declared; runs can be had again; a hole put back
@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from bench.adversary_families import FAMILIES, module
-from bench.adversary_holes import HOLES
-from bench.adversary_loop import POLICY, Machine
-from bench.adversary_modules import Face, Module, PathNode, Times, of_json
-from bench.adversary_proofs import armed, prove
-from bench.adversary_search import Run, attack
-from bench.verify_adversary import through
+from bench.adversary.against_proofs import through
+from bench.adversary.closed_loop import POLICY, Machine
+from bench.adversary.module_families import FAMILIES, module
+from bench.adversary.policy_search import Run, attack
+from bench.adversary.proofs import armed, prove
+from bench.adversary.prover_holes import HOLES
+from bench.adversary.random_modules import Face, Module, PathNode, Times, of_json
 
 import soter
 from soter.language.front_end import check_file

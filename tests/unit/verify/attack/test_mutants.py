@@ -1,9 +1,9 @@
-"""Some of the changed modules of bench/verify_mutants.py: none is proved, each is refuted."""
+"""Some of the changed modules of bench/verify/mutants.py: none is proved, each is refuted."""
 
 from __future__ import annotations
 
 import pytest
-from bench.mutant_models import BASES
+from bench.verify.mutant_models import BASES
 
 from soter.language.front_end import check_file, system_of
 from soter.verify.attack.counterexample import Counterexample, replay

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.mutant_models import BASES
+from bench.verify.mutant_models import BASES
 
 import json_documents
 from soter.language.front_end import check_file, system_of
@@ -28,7 +28,7 @@ from soter.verify.problem.verification_system import place
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bench.mutant_models import Base
+    from bench.verify.mutant_models import Base
 
     from soter.language.model.system import System
 

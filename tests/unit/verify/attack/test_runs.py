@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.mutant_models import BASES
+from bench.verify.mutant_models import BASES
 
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError

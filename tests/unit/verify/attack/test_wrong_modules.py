@@ -1,6 +1,6 @@
 """Wrong modules that were once proved: none is now, unless what is wrong with it is printed.
 
-Purpose: a few of `bench/verify_wrong.py`, one or two of each kind that was proved before, with the
+Purpose: a few of `bench/wrong_modules`, one or two of each kind that was proved before, with the
 demonstration that they are wrong; and the right modules that they are made from.
 """
 
@@ -9,11 +9,20 @@ from __future__ import annotations
 import re
 
 import pytest
-from bench.verify_wrong import NAMED, PROVED, REFUSED, SHOWN, UNDECIDED, call, demonstrated, judged
-from bench.wrong_all import WRONG
-from bench.wrong_base import BASES, RING, Base, edited
-from bench.wrong_ranges import SAYS_IDLE
-from bench.wrong_systems import NAMES_OTHER
+from bench.wrong_modules.all_modules import WRONG
+from bench.wrong_modules.base import BASES, RING, Base, edited
+from bench.wrong_modules.ranges import SAYS_IDLE
+from bench.wrong_modules.systems import NAMES_OTHER
+from bench.wrong_modules.verdicts import (
+    NAMED,
+    PROVED,
+    REFUSED,
+    SHOWN,
+    UNDECIDED,
+    call,
+    demonstrated,
+    judged,
+)
 
 BY_NAME = {w.name: w for w in WRONG}
 ONCE_PROVED = (

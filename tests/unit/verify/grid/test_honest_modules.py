@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[4]
 PROGRAMS = files_below(ROOT / "examples" / "generality", "*.soter")
-SLOW = {"drag", "pendulum", "gimbal"}  # more than 3 s of processor time each: bench/generality.py
+SLOW = {
+    "drag",
+    "pendulum",
+    "gimbal",
+}  # more than 3 s of processor time each: bench/verify/generality.py
 NEVER_BACK = {
     "standing"
 }  # where it stands it is not given back, and nothing can be done about that

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from bench.recheck_models import Cart
+from bench.recheck.models import Cart
 
 import soter
 from soter.api import recheck

@@ -6,7 +6,7 @@ import random
 from dataclasses import replace
 
 import pytest
-from bench.verify_times import BLIND
+from bench.verify.time_model import BLIND
 
 from generators.every_schedule import QUANTITIES
 from generators.every_schedule_of_module import EverySchedule

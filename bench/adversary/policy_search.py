@@ -1,0 +1,203 @@
+"""Looking for a run that leaves C: policies of the adversary, and better ones from good ones.
+
+Purpose: `attack(machine, module, steps, seed)`: runs from declared starts and from the border of
+`not ttf`, with random policies and changes of those that came closest; the closest run, and the
+first that leaves C, to be had again from its numbers.
+Non-goals: proofs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from bench.adversary.closed_loop import POLICY
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    from bench.adversary.closed_loop import Machine, Outcome
+    from bench.adversary.random_modules import Module
+
+    Array = npt.NDArray[np.float64]
+    Ints = npt.NDArray[np.int32]
+    Rng = np.random.Generator
+
+ELITE = 10
+LATENESS = (0, 1, 1, 2, 3, 4, 5, 5, 5, 6, 7)
+CHOICES: dict[str, tuple[int, ...]] = {
+    "gkind": (0, 0, 0, 1, 1, 2, 3),
+    "gindex": tuple(range(12)),
+    "wind": (0, 0, 0, 0, 1, 2, 3),
+    "ac": (0, 0, 0, 1, 2, 3, 4),
+    "err_ac": (0, 1, 1, 2, 3, 4, 5, 6),
+    "err_sc": (0, 1, 2, 3, 3, 3, 4, 5, 6),
+    "seen": (0, 0, 1, 2),
+    "drop": (0, 1, 1, 2, 5, 6),
+    "near": tuple(range(4, 17)),
+    "side": (0, 1),
+    **{
+        name: LATENESS for name in POLICY if name.startswith(("late", "response")) or name == "acts"
+    },
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """All that is needed to have a run again."""
+
+    policy: Ints
+    seed: int
+    ticks: int
+    x0: tuple[float, ...]
+    t0: int = 0
+    shown: tuple[float, ...] | None = None
+    """Where AC starts in control: what the sensor publishes at `t0`."""
+
+    def again(self, machine: Machine, *, log: bool = False) -> Outcome:
+        """Run it."""
+        shown = None if self.shown is None else np.array(self.shown)
+        x0 = np.array(self.x0)
+        return machine.run(self.policy, self.seed, self.ticks, x0, t0=self.t0, shown=shown, log=log)
+
+    @classmethod
+    def of_json(cls, told: dict[str, Any]) -> Run:
+        """What `as_json` wrote."""
+        policy = np.array([told["policy"][n] for n in POLICY], dtype=np.int32)
+        shown = None if told["shown"] is None else tuple(told["shown"])
+        return cls(policy, told["seed"], told["ticks"], tuple(told["x0"]), told["t0"], shown)
+
+    def as_json(self) -> dict[str, object]:
+        """Plain numbers."""
+        policy = {n: int(v) for n, v in zip(POLICY, self.policy, strict=True)}
+        start = {"x0": list(self.x0), "t0": self.t0}
+        shown = None if self.shown is None else list(self.shown)
+        return {"policy": policy, "seed": self.seed, "ticks": self.ticks, "shown": shown, **start}
+
+
+@dataclass
+class Attack:
+    """What was tried on one module."""
+
+    runs: int = 0
+    steps: int = 0
+    switches: int = 0
+    closest: float = 0.0
+    """The largest |x| relative to the border of C; above 1 it is outside."""
+    closest_sc: float = 0.0
+    """The same while SC was in control."""
+    violations: int = 0
+    found: Run | None = None
+    declared: bool = True
+    """Whether `found` starts where the program does, SC in control."""
+    outcome: Outcome | None = None
+    best: list[tuple[float, Run]] = field(default_factory=list)
+
+
+def attack(
+    machine: Machine,
+    module: Module,
+    steps: int,
+    seed: int,
+    *,
+    stop: bool = True,
+    border: bool = True,
+) -> Attack:
+    """At least so many steps, unless a violation is found first (`stop`).
+
+    `border`: also from where AC is in control at the border of `not ttf`, which is claimed as well.
+    """
+    rng = np.random.default_rng([77, seed])
+    told = Attack()
+    while told.steps < steps:
+        run = _next(machine, module, told, rng, border=border)
+        seen = run.again(machine)
+        told.runs += 1
+        told.steps += seen.steps
+        told.switches += seen.switches
+        told.closest = max(told.closest, seen.worst)
+        told.closest_sc = max(told.closest_sc, seen.worst_sc)
+        told.best.append((seen.worst_sc, run))
+        told.best = sorted(told.best, key=lambda b: -b[0])[:ELITE]
+        if seen.left:
+            told.violations += 1
+            better = told.found is None or (run.shown is None and not told.declared)
+            if better:
+                told.found, told.outcome, told.declared = run, seen, run.shown is None
+            if stop:
+                break
+    return told
+
+
+def _next(machine: Machine, module: Module, told: Attack, rng: Rng, *, border: bool) -> Run:
+    if told.best and rng.random() < 0.5:
+        _, parent = told.best[int(rng.integers(0, len(told.best)))]
+        policy = _changed(parent.policy, module, rng)
+        if rng.random() < 0.6:  # the same start
+            return Run(
+                policy, int(rng.integers(2**62)), parent.ticks, parent.x0, parent.t0, parent.shown
+            )
+    else:
+        policy = _policy(module, rng)
+    return _started(machine, module, policy, rng, border=border)
+
+
+def _policy(module: Module, rng: Rng) -> Ints:
+    return np.array([_one(name, module, rng) for name in POLICY], dtype=np.int32)
+
+
+def _one(name: str, module: Module, rng: Rng) -> int:
+    if name in CHOICES:
+        options = CHOICES[name]
+        return options[int(rng.integers(0, len(options)))]
+    if name == "pattern":
+        return int(rng.integers(2, 12))
+    # how long, in ticks, until the direction flips or is chosen otherwise; mostly never
+    if rng.random() < 0.6:
+        return 0
+    long = 40 * module.times.dm if name == "gswitch" else 20 * module.times.sc
+    return int(rng.integers(2, max(3, long)))
+
+
+def _changed(policy: Ints, module: Module, rng: Rng) -> Ints:
+    new_policy: Ints = policy.copy()
+    for _ in range(int(rng.integers(1, 4))):
+        k = int(rng.integers(0, len(POLICY)))
+        new_policy[k] = _one(POLICY[k], module, rng)
+    return new_policy
+
+
+def _started(machine: Machine, module: Module, policy: Ints, rng: Rng, *, border: bool) -> Run:
+    seed = int(rng.integers(2**62))
+    seconds = float(rng.choice([1.0, 4.0, 12.0, 30.0]))
+    ticks = int(seconds / (module.tick_us * 1e-6)) if not module.is_map else int(40 * seconds)
+    ticks = max(ticks, 8 * module.times.dm)
+    if border and not module.nodes and rng.random() < 0.5:
+        there = _border(machine, module, rng)
+        if there is not None:
+            shown, x0 = there
+            t0 = int(rng.integers(0, 1000)) * module.times.sensor
+            return Run(policy, seed, ticks, x0, t0, shown)
+    half = np.array(module.starts)
+    side = rng.choice([-1.0, 1.0], size=module.n)
+    share = np.ones(module.n) if rng.random() < 0.5 else rng.random(module.n)
+    return Run(policy, seed, ticks, tuple(float(v) for v in half * side * share))
+
+
+def _border(
+    machine: Machine, module: Module, rng: Rng
+) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """An estimate just inside `not ttf`, and a state in C that it may be the estimate of."""
+    way = rng.normal(size=module.n) * np.array(module.box)
+    way /= np.max(np.abs(way) / np.array(module.box))
+    low, high = 0.0, 1.0
+    if machine.level(low * way) == 0:
+        return None
+    for _ in range(30):
+        mid = 0.5 * (low + high)
+        low, high = (mid, high) if machine.level(mid * way) > 0 else (low, mid)
+    y = low * way
+    x = y + rng.choice([-1.0, 0.0, 1.0], size=module.n) * np.array(module.error)
+    if np.any(np.abs(x) >= np.array(module.box)):
+        return None
+    return tuple(float(v) for v in y), tuple(float(v) for v in x)

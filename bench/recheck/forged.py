@@ -1,0 +1,249 @@
+"""Forged certificates of every kind of proof, sealed as right ones are, each in a process.
+
+    .venv/bin/python bench/recheck/forged.py [--count 100] [--seed 1] [--jobs 2] [--json FILE]
+
+Purpose: certificates of grids, polytopes, inductions, deployed and composed systems are forged in
+twelve ways (`forgeries.py`): their sets, claims, times, inputs, programs, names, sizes, and
+what is swapped between certificates and systems. Each is checked in a child with a minute and a
+limit of memory. An accepted one is *false* where it confirms of a program, a system, a module and
+values of parameters what `soter verify` does not prove of exactly these, also not on a finer grid.
+Certificates that `soter verify` writes have to be accepted; nothing may draw on the terminal.
+Non-goals: single cells of one program (`corruptions.py`), every edit of one
+(`overstated.py`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import multiprocessing
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+ROOT = Path(__file__).resolve().parents[2]
+for where in (ROOT, ROOT / "tests"):
+    if str(where) not in sys.path:
+        sys.path.insert(0, str(where))
+
+from bench.recheck.forgeries import (  # noqa: E402 - needs the path
+    KINDS,
+    PROGRAMS,
+    Forged,
+    base_of,
+    finer,
+    forge,
+    proved_of,
+)
+
+from soter.certificate.rechecker import recheck  # noqa: E402
+from soter.cli.terminal.command_outcome import FINE  # noqa: E402
+
+if TYPE_CHECKING:
+    from bench.recheck.forgeries import Base, Claim
+
+LIMIT_S = 60.0
+MEMORY = 8 << 30
+"""Bytes of address space."""
+DRAWING = ("sizes", "names and types")
+"""Kinds that may draw on the terminal."""
+ANSWERS = (0, 1, 3, 4)
+"""Exits of `soter recheck`: 1 is a folder that is no certificate."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a forgery; `wrong`: why its acceptance, or what was printed, is."""
+
+    family: str
+    kind: str
+    name: str
+    exit: int | None
+    """Of `soter recheck`; None where it did not end."""
+    seconds: float
+    reason: str = ""
+    wrong: str = ""
+
+
+# ---------------------------------------------------------------- one re-check, in a child
+
+
+def _limited() -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+
+def checked(folder: Path, *more: str) -> tuple[int | None, str, str, float]:
+    """Exit, standard output, standard error and seconds of `soter recheck`; None: killed."""
+    command = [sys.executable, "-m", "soter", "recheck", str(folder), *more]
+    began = time.perf_counter()
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=_limited,  # noqa: PLW1509 - no thread is alive here
+    )
+    code: int | None = None
+    try:
+        out, err = process.communicate(timeout=LIMIT_S)
+        code = process.returncode
+    except subprocess.TimeoutExpired:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        out, err = process.communicate()
+    seconds = time.perf_counter() - began
+    return code, out.decode(errors="replace"), err.decode(errors="replace"), seconds
+
+
+# ---------------------------------------------------------------- judging
+
+
+def _unheard(text: str) -> bool:
+    return any(not c.isprintable() and c != "\n" for c in text)
+
+
+_BASES: dict[str, Base] = {}
+
+
+def judge(kind: str, family: str, seed: int) -> Outcome:
+    """Forge, check, and judge what was accepted."""
+    with tempfile.TemporaryDirectory(prefix="forged-") as at:
+        folder = Path(at) / "cert"
+        made = forge(_BASES, family, kind, seed, folder)
+        code, out, err, seconds = checked(folder, "--json")
+        reason, wrong = "", ""
+        if code in (0, 3, 4):
+            report = json.loads(out)
+            reason = str(report["reason"])
+            if report["accepted"]:
+                wrong = _overstated(made, report, code)
+            shown = checked(folder) if kind in DRAWING else (None, "", "")
+            if shown[0] is not None and _unheard(shown[1] + shown[2]):
+                wrong = wrong or "what it prints moves the cursor"
+        elif code is None:
+            wrong = "no answer: a hang, or a crash"
+        elif code not in ANSWERS:
+            wrong = f"exit {code}: {err.strip()[-200:]}"
+        return Outcome(family, kind, made.name, code, round(seconds, 2), reason, wrong)
+
+
+def _overstated(made: Forged, report: dict[str, Any], code: int) -> str:
+    """What was confirmed and is not so; empty where all of it is."""
+    for label, module in report["modules"].items():
+        name = label.removeprefix(module["system"] + ".").split(" as ")[0]
+        sets = f"system {module['system']} {{ set" in made.text
+        if sets and module["otherwise"] and code == FINE:
+            return f"other values than the system sets: {module['otherwise']}"
+        values = tuple(sorted(module["parameters"].items()))
+        claim: Claim = (module["system"], name, values)
+        confirmed = {c for c in module["confirmed"] if c not in ("P1a", "P1b")}
+        if "recover never" in made.text:
+            confirmed.discard("P2b")  # nobody asks for it there: it may hold all the same
+        missed = confirmed - proved_of(made.text, claim)
+        if missed:
+            missed -= proved_of(finer(made.text), claim)
+        if missed:
+            return f"confirmed and not proved of {name} in {module['system']}: {sorted(missed)}"
+    return ""
+
+
+# ---------------------------------------------------------------- all of them
+
+
+def untouched() -> list[Outcome]:
+    """Every certificate as `soter verify` wrote it: whatever is proved has to be accepted."""
+    outcomes = []
+    for base in _BASES.values():
+        for name, variant in {"": base, **base.variants}.items():
+            if not variant.proved:
+                continue
+            with tempfile.TemporaryDirectory(prefix="forged-") as at:
+                folder = Path(at) / "cert"
+                variant.write(folder)
+                report = recheck(folder, workers=1)
+            wrong = "" if report.accepted else "a right one is rejected"
+            label = f"{base.name} {name}".strip()
+            code = 0 if report.accepted else 3
+            outcomes.append(
+                Outcome(base.family, "untouched", label, code, report.seconds, report.reason, wrong)
+            )
+    return outcomes
+
+
+def run(count: int, seed: int, jobs: int, kinds: list[str]) -> list[Outcome]:
+    """`count` forgeries of each kind, dealt out to the families in turn."""
+    _BASES.update({name: base_of(name) for name in PROGRAMS})
+    outcomes = untouched()
+    families = list(dict.fromkeys(b.family for b in _BASES.values()))
+    work = [
+        (kind, families[k % len(families)], seed * 1_000_000 + 1000 * n + k)
+        for n, kind in enumerate(KINDS)
+        if kind in kinds
+        for k in range(count)
+    ]
+    random.Random(seed).shuffle(work)  # noqa: S311 - no secret
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("fork")) as pool:
+        asked = [pool.submit(judge, *item) for item in work]
+        for k, answer in enumerate(asked, 1):
+            outcomes.append(answer.result())
+            if k % 50 == 0:
+                print(f"{k} of {len(work)}", file=sys.stderr, flush=True)
+    return outcomes
+
+
+def table(outcomes: list[Outcome]) -> str:
+    """Kinds by families: accepted of all; then what is wrong."""
+    families = list(dict.fromkeys(o.family for o in outcomes))
+    lines = [f"{'kind':<22}" + "".join(f"{f:>14}" for f in families) + f"{'FALSE':>8}{'HANG':>6}"]
+    for kind in ("untouched", *KINDS):
+        of = [o for o in outcomes if o.kind == kind]
+        if not of:
+            continue
+        row = f"{kind:<22}"
+        for family in families:
+            own = [o for o in of if o.family == family]
+            accepted = sum(o.exit in (0, 4) for o in own)
+            row += f"{f'{accepted} of {len(own)}':>14}"
+        hangs = sum(o.exit is None for o in of)
+        lines.append(row + f"{sum(bool(o.wrong) for o in of) - hangs:>8}{hangs:>6}")
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Print the table; exit 1 where something false was accepted, or did not end."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=100, help="forgeries of each kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--kind", action="append", choices=list(KINDS))
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    began = time.perf_counter()
+    outcomes = run(args.count, args.seed, args.jobs, args.kind or list(KINDS))
+    print("accepted (exit 0 or 4) of all that were made")
+    print(table(outcomes))
+    for o in outcomes:
+        if o.wrong:
+            print(f"  {o.family}, {o.kind}, {o.name}: {o.wrong} {o.reason[:160]}")
+    slowest = max(o.seconds for o in outcomes)
+    reasons = Counter(o.reason.split("`")[0][:60] for o in outcomes if o.exit == 3)
+    print(f"{len(reasons)} reasons; the slowest took {slowest:.1f} s")
+    print(f"{time.perf_counter() - began:.0f} s, target: 0 false, 0 right rejected, 0 hangs")
+    if args.json:
+        args.json.write_text(json.dumps([asdict(o) for o in outcomes], indent=1))
+    return 1 if any(o.wrong for o in outcomes) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

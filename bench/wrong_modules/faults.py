@@ -1,0 +1,387 @@
+"""Wrong safe controllers: step faults, contracts that do not hold, and what they keep.
+
+Purpose: `FAULTY`: SCs that are latched, that promise what they do not keep, and whose locals
+matter.
+Non-goals: when they publish (`controllers.py`).
+"""
+
+from __future__ import annotations
+
+from bench.wrong_modules.base import MAP, RUN, SIGHT, under
+from bench.wrong_modules.controllers import GOES, careful, declared, one, stays
+
+LATCHED = "SC is latched by a step fault and publishes no more"
+
+FAULTS = (
+    one(
+        "faults",
+        "SC publishes outside its set beyond 0.72",
+        LATCHED,
+        careful("publish push = -1.5 * clamp(pos, -1.0, 1.0);"),
+        RUN,
+    ),
+    one(
+        "faults",
+        "SC publishes outside its set in a narrow band",
+        LATCHED,
+        careful("publish push = abs(pos - 0.7) < 0.06 ? -1.01 : clamp(-4.0 * pos, -1.0, 1.0);"),
+    ),
+    one(
+        "faults",
+        "SC asserts that the place is below 0.65",
+        LATCHED,
+        careful("assert pos < 0.65; publish push = clamp(-4.0 * pos, -1.0, 1.0);"),
+    ),
+    one(
+        "faults",
+        "SC divides by a number that is zero beyond 0.7",
+        LATCHED,
+        careful(
+            "let n = pos > 0.7 ? 0 : 1; publish push = clamp(-4.0 * pos, -1.0, 1.0) * float(1 / n);"
+        ),
+    ),
+    one(
+        "faults",
+        "SC divides by zero at one place exactly",
+        "at 0.5 - pos == 0, reachable: AC may go and wait there",
+        (*careful("publish push = clamp(-4.0 * pos + 0.0 / (0.5 - pos), -1.0, 1.0);"),),
+        None,
+    ),
+    one(
+        "faults",
+        "SC overflows an int",
+        LATCHED,
+        careful(
+            "let n = int(pos * 1e9) * 20000000000;"
+            " publish push = n > 0 ? clamp(-4.0 * pos, -1.0, 1.0) : 0.0;"
+        ),
+    ),
+    one(
+        "faults",
+        "SC leaves the range of an int local",
+        LATCHED,
+        careful(
+            "n = int(pos * 10.0); publish push = clamp(-4.0 * pos, -1.0, 1.0);",
+            "var n: int in [-6, 6] = 0;",
+        ),
+    ),
+    one(
+        "faults",
+        "SC converts what is too large",
+        LATCHED,
+        careful(
+            "let n = int(pos * 1.5e19); publish push = n > 0 ? clamp(-4.0 * pos, -1.0, 1.0) : 0.0;"
+        ),
+    ),
+    one(
+        "faults",
+        "SC takes the root of a negative number: NaN",
+        LATCHED,
+        careful("publish push = clamp(-4.0 * pos, -1.0, 1.0) * (0.5 + 0.0 * sqrt(0.72 - pos));"),
+    ),
+    one(
+        "faults",
+        "SC reads a table beyond its end",
+        LATCHED,
+        (
+            declared("const LAW: float[8] = [0.0, -0.5, -0.9, -1.0, -1.0, -1.0, -1.0, -1.0];"),
+            *careful(
+                "let s = pos < 0.0 ? -1.0 : 1.0; publish push = s * LAW[int(abs(pos) * 12.0)];"
+            ),
+        ),
+    ),
+    one(
+        "faults",
+        "SC fills a list that is full",
+        LATCHED,
+        careful(
+            "var xs: float[<=7] = []; for i in 0..10 {"
+            " if abs(pos) > 0.1 * float(i) { push xs, pos; } }"
+            " publish push = clamp(-4.0 * pos, -1.0, 1.0);"
+        ),
+    ),
+    one(
+        "faults",
+        "a fail-safe value that pushes right",
+        "SC faults, and its fail-safe acts",
+        careful(
+            "assert pos < 0.65; publish push = clamp(-4.0 * pos, -1.0, 1.0);",
+            "failsafe push = 1.0;",
+        ),
+    ),
+    one(
+        "faults",
+        "SC faults after ten thousand steps by its counter",
+        LATCHED,
+        careful(
+            "n = n + 1; publish push = clamp(-4.0 * pos, -1.0, 1.0);", "var n: int in [0, 100] = 0;"
+        ),
+    ),
+    one(
+        "faults",
+        "SC faults on its second step in a place",
+        LATCHED,
+        careful(
+            "if abs(pos) > 0.6 { n = n + 1; } else { n = 0; }"
+            " publish push = clamp(-4.0 * pos, -1.0, 1.0);",
+            "var n: int in [0, 1] = 0;",
+        ),
+    ),
+    one(
+        "faults",
+        "SC faults only where an error of measurement puts it",
+        "the read may be 0.9 beyond the border of C: no place in C is there",
+        (
+            ("  der x = push;\n}", "  der x = push;\n  measured pos within 0.03;\n}"),
+            *careful("assert pos < 0.77; publish push = clamp(-4.0 * pos, -1.0, 1.0);"),
+        ),
+        None,
+    ),
+    one(
+        "faults",
+        "a fault behind `&&`",
+        LATCHED,
+        careful(
+            "let n = pos > 0.65 ? 0 : 1;"
+            " publish push = pos > 0.65 && 1 / n == 1 ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);"
+        ),
+    ),
+    one(
+        "faults",
+        "a fault in a function that SC calls where it matters",
+        LATCHED,
+        (
+            declared(
+                "fun law(p: float): float { assert p < 0.65; return clamp(-4.0 * p, -1.0, 1.0); }"
+            ),
+            *careful("publish push = abs(pos) > 0.3 ? law(pos) : 0.0;"),
+        ),
+    ),
+    one(
+        "faults",
+        "a fault in a loop's last round",
+        LATCHED,
+        careful(
+            "var s = 0.0; for i in 0..8 { assert pos < 1.0 - 0.05 * float(i); s = s - pos; }"
+            " publish push = clamp(s, -1.0, 1.0);"
+        ),
+    ),
+    one(
+        "faults",
+        "a map: SC publishes outside its set in a band",
+        LATCHED,
+        careful("publish push = abs(pos - 0.7) < 0.06 ? -1.01 : clamp(-4.0 * pos, -1.0, 1.0);"),
+        RUN,
+        MAP,
+    ),
+    one(
+        "faults",
+        "an estimated place: SC divides by zero beyond 0.7",
+        LATCHED,
+        careful(
+            "let n = pos > 0.7 ? 0 : 1; publish push = clamp(-4.0 * pos, -1.0, 1.0) * float(1 / n);"
+        ),
+        RUN,
+        SIGHT,
+    ),
+)
+
+BROKEN_PROMISE = "a contract that does not hold is a violation: the run counts as violated"
+
+CONTRACTS = (
+    one(
+        "contracts",
+        "SC guarantees less force than it uses",
+        BROKEN_PROMISE,
+        stays("guarantees abs(push) < 0.9;"),
+        named=(r"guarantee", r"contract"),
+    ),
+    one(
+        "contracts",
+        "SC assumes that it is never far out",
+        BROKEN_PROMISE,
+        stays("assumes abs(pos) < 0.6;"),
+        named=(r"\bassumes\b", r"contract"),
+    ),
+    one(
+        "contracts",
+        "SC's guarantee faults",
+        BROKEN_PROMISE,
+        stays("guarantees 1.0 / max(0.0, 0.6 - pos) > 0.0;"),
+        named=(r"guarantee", r"contract"),
+    ),
+    one(
+        "contracts",
+        "SC's assumption divides by zero",
+        BROKEN_PROMISE,
+        stays("assumes 1 / (pos > 0.7 ? 0 : 1) == 1;"),
+        named=(r"\bassumes\b", r"contract"),
+    ),
+    one(
+        "contracts",
+        "SC guarantees to push only while time is short",
+        BROKEN_PROMISE,
+        stays("guarantees time < 5.0;"),
+        named=(r"guarantee", r"contract"),
+    ),
+    one(
+        "contracts",
+        "SC guarantees that the mode is AC",
+        BROKEN_PROMISE,
+        stays("guarantees mode(Keep) == Mode.AC;"),
+        named=(r"guarantee", r"contract"),
+    ),
+    one(
+        "contracts",
+        "SC guarantees what false means",
+        BROKEN_PROMISE,
+        stays("guarantees false;"),
+        named=(r"guarantee", r"contract"),
+    ),
+    one(
+        "contracts",
+        "SC of a map guarantees less force than it uses",
+        BROKEN_PROMISE,
+        stays("guarantees abs(push) < 0.9;"),
+        RUN,
+        MAP,
+        named=(r"guarantee", r"contract"),
+    ),
+    one(
+        "contracts",
+        "SC assumes something of an input that is free",
+        BROKEN_PROMISE,
+        (
+            declared("input topic knob: float in [-1.0, 1.0];"),
+            ("module Keep; until", "module Keep; input knob every 10ms; until"),
+            *stays("assumes knob < 0.5;", reads="pos, knob"),
+        ),
+        named=(r"\bassumes\b", r"contract"),
+    ),
+)
+
+KEPT = "what SC keeps may have any value when it takes over, and one of them is wrong"
+
+LOCALS = (
+    one(
+        "locals",
+        "SC pushes the other way every fourth step",
+        KEPT,
+        (
+            *careful(
+                "n = n < 3 ? n + 1 : 0; publish push = (n == 0 ? 4.0 : -1.0)"
+                " * clamp(4.0 * pos, -0.25, 0.25);",
+                "var n: int in [0, 3] = 0;",
+            ),
+        ),
+        None,
+    ),
+    one(
+        "locals",
+        "SC waits ten steps before it acts",
+        "half a second more for AC's last command",
+        (
+            *careful(
+                "n = in_c(pos) ? 0 : min(n + 1, 10);"
+                " publish push = n < 10 ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);",
+                "var n: int in [0, 10] = 0;",
+            ),
+            declared("fun in_c(p: float): bool { return abs(p) < 0.6; }"),
+        ),
+    ),
+    one(
+        "locals",
+        "SC remembers a side from before it took over",
+        KEPT,
+        careful(
+            "if abs(pos) < 0.02 { right = pos > 0.0; } publish push = right ? -1.0 : 1.0;",
+            "var right: bool = true;",
+        ),
+    ),
+    one(
+        "locals",
+        "a counter wraps and the law with it",
+        "at 90 of 100 it pushes right for half a s",
+        careful(
+            "n = n < 99 ? n + 1 : 0; publish push = n >= 80 ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);",
+            "var n: int in [0, 99] = 0;",
+        ),
+    ),
+    one(
+        "locals",
+        "a state machine that ends in a phase without a law",
+        "Done pushes right",
+        (
+            declared("type Phase = enum { Back, Hold, Done };"),
+            *careful(
+                "if ph == Phase.Back && abs(pos) < 0.1 { ph = Phase.Hold; }"
+                " elseif ph == Phase.Hold && abs(pos) > 0.4 { ph = Phase.Done; }"
+                " publish push = ph == Phase.Done ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);",
+                "var ph: Phase = Phase.Back;",
+            ),
+        ),
+    ),
+    one(
+        "locals",
+        "a gain that is halved at every step",
+        "after some steps SC pushes no more",
+        careful(
+            "n = min(n + 1, 40); publish push = n > 20 ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);",
+            "var n: int in [0, 40] = 0;",
+        ),
+    ),
+    one(
+        "locals",
+        "SC answers what it read 1.5 s ago",
+        "in that time AC went from one side to the other",
+        careful(
+            "publish push = clamp(-4.0 * xs[n], -1.0, 1.0); xs[n] = pos; n = n < 29 ? n + 1 : 0;",
+            "var xs: float[30];",
+            "var n: int in [0, 29] = 0;",
+        ),
+        under((GOES, "publish push = time < 0.6 ? -1.0 : 1.0;")),
+    ),
+    one(
+        "locals",
+        "SC answers the side on which it was 1.5 s ago",
+        "in that time AC went from one side to the other",
+        careful(
+            "publish push = right[n] ? -1.0 : 1.0; right[n] = pos > 0.0; n = n < 29 ? n + 1 : 0;",
+            "var right: bool[30];",
+            "var n: int in [0, 29] = 0;",
+        ),
+        under((GOES, "publish push = time < 0.6 ? -1.0 : 1.0;")),
+    ),
+    one(
+        "locals",
+        "SC integrates its error without bound",
+        "the integral of AC's time winds up",
+        careful(
+            "sum = clamp(sum + pos * dt, -9.0, 9.0);"
+            " publish push = clamp(-pos + 2.0 * sum, -1.0, 1.0);",
+            "var sum: float = 0.0;",
+        ),
+    ),
+    one(
+        "locals",
+        "a flag that a far place sets for ever",
+        "beyond 0.65 once, and it pushes right",
+        careful(
+            "if pos > 0.65 { bad = true; }"
+            " publish push = bad ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);",
+            "var bad: bool = false;",
+        ),
+    ),
+    one(
+        "locals",
+        "a map: SC pushes the other way every fourth step",
+        KEPT,
+        careful(
+            "n = n < 3 ? n + 1 : 0; publish push = n > 0 ? 1.0 : -1.0;", "var n: int in [0, 3] = 0;"
+        ),
+        RUN,
+        MAP,
+    ),
+)
+
+FAULTY = (*FAULTS, *CONTRACTS, *LOCALS)

@@ -1,0 +1,353 @@
+"""Wrong modules because of time: lateness, waiting, phases, horizons.
+
+Purpose: `TIMING`, each with a simulation of its own (`loop.py`): lateness does not show in a
+run in virtual time.
+Non-goals: ages along paths (`paths.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from bench.wrong_modules.base import LINE, MAP, RING, Edit, Shown, Wrong
+from bench.wrong_modules.loop import Loop, line, mode, variants
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@dataclass(frozen=True)
+class Times:
+    """Of a module on LINE, in ms; `far` and `near` are the thresholds of `ttf` and `safer`."""
+
+    far: float
+    near: float = 0.3
+    dm: int = 50
+    sc: int = 50
+    phase: int = 0
+    late_dm: int = 0
+    late_sc: int = 0
+    response_dm: int = 0
+    response_sc: int = 0
+    acts: int = 0
+    sensor: int = 10
+    max_age: int = 20
+    horizon: int | None = None
+    wall: float = 1.0
+    start: float | None = None
+    """Where it starts; None: anywhere where `safer` may hold."""
+    first: float = 0.0
+    gain: float = 2.0
+
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """LINE with these."""
+        horizon = "" if self.horizon is None else f"\n    horizon {self.horizon}ms;"
+        begin = 0.0 if self.start is None else self.start
+        edits = (
+            ("float max_age 20ms", f"float max_age {self.max_age}ms"),
+            (
+                "= 0.0;\n\nplant Line period 10ms",
+                f"= {self.first};\n\nplant Line period {self.sensor}ms",
+            ),
+            ("state x: float = 0.0;", f"state x: float = {begin};"),
+            ("node Careful period 50ms", f"node Careful period {self.sc}ms phase {self.phase}ms"),
+            ("clamp(-4.0 * pos", f"clamp(-{self.gain} * pos"),
+            (
+                "  period 50ms;\n  safe abs(pos) < 1.0;",
+                f"  period {self.dm}ms;\n  safe abs(pos) < {self.wall};",
+            ),
+            ("ttf abs(pos) > 0.7", f"ttf abs(pos) > {self.far}"),
+            ("safer abs(pos) < 0.5", f"safer abs(pos) < {self.near}"),
+            ("[-1.0, 1.0] / 80", f"[{-self.wall}, {self.wall}] / {int(100 * self.wall)}"),
+            ("late dm 0ms, sc 0ms", f"late dm {self.late_dm}ms, sc {self.late_sc}ms"),
+            (
+                "response dm 0ms, sc 0ms",
+                f"response dm {self.response_dm}ms, sc {self.response_sc}ms",
+            ),
+            ("acts within 0ms;", f"acts within {self.acts}ms;{horizon}"),
+            ("always abs(p.truth.x) < 1.0", f"always abs(p.truth.x) < {self.wall}"),
+        )
+        return tuple((a, b) for a, b in edits if a != b)
+
+    def leaves(self) -> float | None:
+        """When the loop leaves C, from the first start that does."""
+        for begin in self._starts():
+            loop = Loop(
+                line,
+                lambda x: abs(x[0]) < self.wall,
+                lambda x: min(1.0, max(-1.0, -self.gain * x[0])),
+                lambda x: abs(x[0]) > self.far,
+                lambda x: abs(x[0]) < self.near,
+                lambda _x, _t: 1.0,
+                (begin,),
+                self.first,
+                self.dm,
+                self.sc,
+                self.phase,
+                self.sensor,
+                max_age=self.max_age,
+                until=5_000,
+            )
+            exit_time = _first(
+                loop, self.late_dm, self.response_dm, self.late_sc, self.response_sc, self.acts
+            )
+            if exit_time is not None:
+                return exit_time
+        return None
+
+    def _starts(self) -> Iterator[float]:
+        if self.start is not None:
+            yield self.start
+            return
+        for i in range(80):
+            yield self.near - 0.01 - 0.007 * i
+
+
+def _first(loop: Loop, *times: int) -> float | None:
+    for variant in variants(loop, *times):
+        exit_time = variant.run()
+        if exit_time is not None:
+            return exit_time
+    return None
+
+
+def timed(name: str, why: str, times: Times, *more: Edit, codes: tuple[str, ...] = ()) -> Wrong:
+    """An entry about LINE."""
+    return Wrong(
+        "timing", name, LINE, (*times.edits, *more), why, Shown(loop=times.leaves), codes=codes
+    )
+
+
+BOLD = "`ttf` looks ahead a little less than it takes from the read to SC's first command"
+
+AHEAD = (
+    timed("SC starts 20 ms late", BOLD, Times(0.96, late_sc=20)),
+    timed("SC takes 25 ms", BOLD, Times(0.955, response_sc=25)),
+    timed("the DM starts 40 ms late", BOLD, Times(0.94, late_dm=40)),
+    timed("the DM takes 40 ms", BOLD, Times(0.94, response_dm=40)),
+    timed("the DM starts late and takes long", BOLD, Times(0.94, late_dm=20, response_dm=20)),
+    timed("commands act 25 ms later", BOLD, Times(0.955, acts=25)),
+    timed("SC has a phase of 30 ms", BOLD, Times(0.95, phase=30)),
+    timed("SC has a phase of one ms less than its period", BOLD, Times(0.93, phase=49)),
+    timed(
+        "periods of 100 and 70 ms: SC's next release is up to 60 ms away",
+        BOLD,
+        Times(0.87, dm=100, sc=70),
+    ),
+    timed("periods of 100 and 30 ms", BOLD, Times(0.91, dm=100, sc=30)),
+    timed("periods of 90 and 60 ms, a phase of 20", BOLD, Times(0.89, dm=90, sc=60, phase=20)),
+    timed("periods of 100 and 100 ms, a phase of 60", BOLD, Times(0.87, dm=100, sc=100, phase=60)),
+    timed("periods of 70 and 50 ms, a phase of 10", BOLD, Times(0.92, dm=70, sc=50, phase=10)),
+    timed("periods of 60 and 40 ms, a late DM", BOLD, Times(0.925, dm=60, sc=40, late_dm=45)),
+    timed(
+        "the DM starts 40 ms late, both every 100 ms", BOLD, Times(0.89, dm=100, sc=100, late_dm=40)
+    ),
+    timed(
+        "the DM takes 45 ms, both every 100 ms", BOLD, Times(0.885, dm=100, sc=100, response_dm=45)
+    ),
+    timed(
+        "the DM is late and SC takes its time, both every 200 ms",
+        BOLD,
+        Times(0.73, dm=200, sc=200, late_dm=70, response_sc=25),
+    ),
+    timed("a DM every 300 ms", BOLD, Times(0.73, dm=300)),
+    timed(
+        "a little of everything",
+        BOLD,
+        Times(
+            0.89,
+            dm=100,
+            sc=50,
+            phase=20,
+            late_dm=10,
+            response_dm=15,
+            late_sc=5,
+            response_sc=5,
+            acts=10,
+        ),
+    ),
+    timed("a sensor every 40 ms", BOLD, Times(0.95, sensor=40, max_age=40)),
+    timed(
+        "`safer` gives control back too near to the wall",
+        "one period later AC is through it",
+        Times(0.99, near=0.97),
+    ),
+)
+
+SHORT = "the horizon is shorter than H*: AC acts for longer than the sets look ahead"
+
+HORIZONS = (
+    timed("a horizon of 40 ms", SHORT, Times(0.958, horizon=40)),
+    timed("a horizon of nothing", SHORT, Times(0.99, horizon=0), codes=("C001",)),
+    timed("a horizon of a millisecond", SHORT, Times(0.99, horizon=1)),
+    timed("a horizon without SC's response", SHORT, Times(0.955, horizon=70, response_sc=25)),
+    timed("a horizon without the DM's lateness", SHORT, Times(0.94, horizon=70, late_dm=40)),
+    timed("a horizon without the phase", SHORT, Times(0.95, horizon=70, phase=30)),
+    timed("a horizon of 1 ms less", SHORT, Times(0.98, horizon=69)),
+)
+
+BUSY = "a DM that takes longer than its period is never done in time: decisions pile up"
+
+OVERLOAD = (
+    timed("the DM takes 400 ms, every 50 ms", BUSY, Times(0.5, response_dm=400)),
+    timed("the DM takes 100 ms, every 50 ms", BUSY, Times(0.82, response_dm=100)),
+    timed("the DM takes 150 ms, every 50 ms", BUSY, Times(0.74, response_dm=150)),
+    timed("the DM starts 30 ms late and takes 120", BUSY, Times(0.79, late_dm=30, response_dm=120)),
+    Wrong(
+        "timing",
+        "SC is slower than the DM",
+        LINE,
+        (
+            ("node Careful period 50ms", "node Careful period 500ms"),
+            ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.9"),
+        ),
+        "P1a: SC comes half a second after the decision",
+        None,
+    ),
+    Wrong(
+        "timing",
+        "SC takes longer than its period",
+        LINE,
+        (("response dm 0ms, sc 0ms", "response dm 0ms, sc 200ms"),),
+        "SC is never done before its next release",
+        None,
+    ),
+    Wrong(
+        "timing",
+        "a map: the DM is later than a step of the plant",
+        MAP,
+        (("verify { grid", "verify { late dm 60ms, sc 0ms; grid"),),
+        "its verdict belongs to the step before: AC has a step more",
+        None,
+    ),
+    Wrong(
+        "timing",
+        "a map: commands act after the next step",
+        MAP,
+        (("verify { grid", "verify { acts within 70ms; grid"),),
+        "SC's command acts a step later than the sets say",
+        None,
+    ),
+)
+
+WAIT = (
+    "SC waits for the DM, so its first command acts later than its own times say; until then the "
+    "output's default acts"
+)
+
+
+def begun(name: str, **given: object) -> Wrong:
+    """Near the border at the start, with a default that pushes out."""
+    times = replace(Times(0.9, 0.7, wall=2.0, first=1.0), **given)  # type: ignore[arg-type]
+    return timed(name, WAIT, times)
+
+
+STARTS = (
+    begun("start: the DM is 300 ms late", dm=400, late_dm=300, start=1.75),
+    begun("start: the DM takes 300 ms", dm=400, response_dm=300, start=1.75),
+    begun(
+        "start: the DM is 150 ms late and takes 150 ms",
+        dm=400,
+        late_dm=150,
+        response_dm=150,
+        start=1.75,
+    ),
+    begun("start: the DM is late, SC has a phase", dm=400, late_dm=300, phase=40, start=1.75),
+    begun(
+        "start: the DM is late, SC responds late, too",
+        dm=400,
+        late_dm=250,
+        response_sc=20,
+        start=1.75,
+    ),
+    begun("start: the DM is late, commands act late", dm=400, late_dm=250, acts=20, start=1.75),
+    begun(
+        "start: both every 400 ms, the DM 350 ms late",
+        dm=400,
+        sc=400,
+        late_dm=350,
+        start=1.7,
+        far=0.5,
+        near=0.3,
+    ),
+    begun(
+        "start: both every 800 ms, the DM 300 ms late",
+        dm=800,
+        sc=800,
+        late_dm=300,
+        far=0.7,
+        near=0.4,
+        start=1.75,
+        gain=1.0,
+    ),
+    begun(
+        "start: both every 800 ms, the DM takes 300 ms",
+        dm=800,
+        sc=800,
+        response_dm=300,
+        far=0.7,
+        near=0.4,
+        start=1.75,
+        gain=1.0,
+    ),
+    begun(
+        "start: both every 800 ms, the DM late, SC slow",
+        dm=800,
+        sc=800,
+        late_dm=200,
+        response_sc=100,
+        far=0.7,
+        near=0.4,
+        start=1.75,
+        gain=1.0,
+    ),
+    begun("start: SC itself is late", sc=100, dm=100, late_sc=45, acts=5, start=1.96),
+)
+
+
+def ring(name: str, *more: Edit, late: int = 0, response: int = 0, dm: int = 100) -> Wrong:
+    """A mode of 30 rad/s, undamped, that SC only just damps."""
+
+    def leaves() -> float | None:
+        def push(y: tuple[float, ...], _t: int) -> float:
+            return 1.0 if y[1] >= 0.0 else -1.0
+
+        loop = Loop(
+            mode(30.0),
+            lambda y: abs(y[0]) < 0.67 and abs(y[1]) < 0.67,
+            lambda y: min(1.0, max(-1.0, -1.375 * y[0] - 3.756 * y[1])),
+            lambda y: y[0] * y[0] + y[1] * y[1] > 0.0015,
+            lambda y: y[0] * y[0] + y[1] * y[1] < 0.0008,
+            push,
+            (0.0, 0.0),
+            dm=dm,
+            sensor=1,
+            max_age=1,
+            until=60_000,
+        )
+        return _first(loop, late, response, 0, 0, 0)
+
+    edits: list[Edit] = list(more)
+    if late:
+        edits.append(("late dm 0ms", f"late dm {late}ms"))
+    if response:
+        edits.append(("response dm 0ms", f"response dm {response}ms"))
+    if dm != 100:
+        edits.append(("period 100ms", f"period {dm}ms"))
+    why = "every SC step that waits for the DM acts late: the phase is wrong and the mode grows"
+    return Wrong("timing", name, RING, tuple(edits), why, Shown(loop=leaves))
+
+
+RINGS = (
+    ring("a mode of 30 rad/s, the DM 40 ms late", late=40),
+    ring("a mode of 30 rad/s, the DM takes 40 ms", response=40),
+    ring("a mode of 30 rad/s, the DM late and slow", late=20, response=20),
+    ring("a mode of 30 rad/s, the DM 30 ms late", late=30),
+    ring("a mode of 30 rad/s, the DM 25 ms late", late=25),
+    ring("a mode of 30 rad/s, the DM 15 ms late and as slow", late=15, response=15),
+    ring("a mode of 30 rad/s, the DM takes 24 ms", response=24),
+)
+
+TIMING = (*AHEAD, *HORIZONS, *OVERLOAD, *STARTS, *RINGS)
