@@ -18,6 +18,7 @@ import time
 from pathlib import Path
 
 import mission
+from city_view import CityView
 from flights import ARMS, PROGRAM, Lap, flight, read_lap, scene
 
 import soter
@@ -173,7 +174,7 @@ def main() -> None:
         f"{PROGRAM.name}: systems {', '.join(ARMS)}",
         headline,
         comparison,
-        scene(program),
+        CityView(scene(program)),
         tuple(flights),
         (),
         ASSUMPTIONS,

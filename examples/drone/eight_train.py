@@ -53,7 +53,8 @@ def lessons(program: soter.Program, seed: int) -> tuple[NDArray[np.float64], NDA
 
 def answer(w: Weights, seen: NDArray[np.float64]) -> NDArray[np.float64]:
     """What the network asks for, (n, 3), before it is bounded; `seen` is (n, 10)."""
-    return np.tanh(seen @ w["hidden"].T) @ w["output"].T + w["bias"]
+    asked: NDArray[np.float64] = np.tanh(seen @ w["hidden"].T) @ w["output"].T + w["bias"]
+    return asked
 
 
 def gradient(w: Weights, seen: NDArray[np.float64], asked: NDArray[np.float64]) -> Weights:

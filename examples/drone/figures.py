@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import mission
 import numpy as np
+from city_shapes import tube_outline
 from flights import ARMS, PROGRAM, City, array, flight, read_lap, scene
 from sketch import (
     BLUE,
@@ -38,7 +39,6 @@ from sketch import (
 
 import soter
 from soter.report.html import write_document
-from soter.report.run.geometry import tube_outline
 from soter.report.run.trajectory import takeovers
 
 if TYPE_CHECKING:

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from city_scene import Scene, Tube
 
-from soter.report.run.record import Decision, Flight, Scene, Tube, Vec3, Violation
+from soter.report.run.record import Decision, Flight, Vec3, Violation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -83,7 +84,8 @@ class City:
         boxes = np.sqrt((gap**2).sum(axis=2)).min(axis=1)
         top = np.array([self.size[0], self.size[1], self.ceiling])
         walls = np.minimum(p, top - p).min(axis=1)
-        return np.minimum(boxes, walls) - self.radius
+        nearest: NDArray[np.float64] = np.minimum(boxes, walls) - self.radius
+        return nearest
 
 
 def hover_width(program: soter.Program, city: City, leg: int, tau: float, levels: float) -> float:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from city_scene import Scene
+from city_view import CityView
 from flights import CREDIT, City, array
 from patrol import REASONS
 
@@ -25,7 +27,6 @@ from soter.report.run.record import (
     Flight,
     ModeBand,
     ReportPage,
-    Scene,
     Series,
     Threshold,
     Violation,
@@ -315,7 +316,7 @@ def fly(
 ) -> Mission:
     """One flight of a system of the stack, in a dock and charged so far when it starts."""
     program = soter.load(str(file))
-    watch = Watch(program)
+    watch: Any = Watch(program)  # sees what a log does
     run = program.simulate(
         system,
         until=until_s,
@@ -420,13 +421,13 @@ def page(missions: Sequence[Mission], command: str) -> ReportPage:
         f"{', '.join(files)}: systems {', '.join(m.run.system.name for m in missions)}",
         headline,
         comparison,
-        scene(missions),
+        CityView(scene(missions)),
         tuple(m.flight() for m in missions),
         tuple(m.chart() for m in missions),
         tuple(dict.fromkeys([*failures, *notes])),
         {
             **{f"seed of {m.run.system.name}": str(m.run.seed) for m in missions},
-            "program": missions[0].program.sha256,
+            "program": str(missions[0].program.sha256),
             "soter": soter.__version__,
             "command": command,
         },

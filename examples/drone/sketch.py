@@ -219,4 +219,4 @@ def decided(
     """The paper's red and green dots; `time_s` (n,), `position` (n, 3)."""
     for chosen, style in ((givebacks(decisions), GAVE), (takeovers(decisions), TOOK)):
         for d in chosen:
-            panel.dot(where(time_s, position, d.time_s), style)
+            panel.dot(where(time_s, position, d.time_s).tolist(), style)

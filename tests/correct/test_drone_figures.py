@@ -39,7 +39,7 @@ def vector(v: Any) -> dict[str, float]:
 def test_the_program_computes_the_network_that_was_trained() -> None:
     import json
 
-    import eight_train as train  # type: ignore[import-not-found]
+    import eight_train as train
 
     table = json.loads(train.WEIGHTS.read_text(encoding="utf-8"))
     w = {k: np.array(table[k]) for k in ("hidden", "output", "bias")}
@@ -105,7 +105,7 @@ def test_training_imitates_and_equal_seeds_give_equal_weights(
 def test_the_network_follows_slow_loops_fails_on_fast_ones_and_hits_nothing_when_protected() -> (
     None
 ):
-    import figures  # type: ignore[import-not-found]
+    import figures
 
     program = load(EIGHT)
     slow, fast = figures.eight(program, "LearnedAlone", (1, 6))
@@ -169,7 +169,7 @@ def test_a_figure_that_the_paper_does_not_have_is_refused(
 
 @pytest.mark.usefixtures("drone")
 def test_a_panel_is_true_to_scale_with_round_ticks() -> None:
-    import sketch  # type: ignore[import-not-found]
+    import sketch
 
     panel = sketch.Panel((10.0, 30.0), (5.0, 25.0))
     (x0, y0), (x1, y1) = panel.place(12.0, 7.0), panel.place(13.0, 8.0)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def mission() -> Iterator[Any]:
     sys.path.insert(0, str(DRONE))
     try:
-        import mission as module  # type: ignore[import-not-found]
+        import mission as module
 
         yield module
     finally:

@@ -27,8 +27,7 @@ from soter.report.run.program_diagram import program_section
 if TYPE_CHECKING:
     import os
 
-    from soter.report.run.figure import Json
-    from soter.report.run.record import Picture, ReportPage
+    from soter.report.run.record import Json, Picture, ReportPage
 
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -12,7 +12,9 @@ import browser
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.report.run.record import Flight, ReportPage, Scene
+    from city_scene import Scene
+
+    from soter.report.run.record import Flight, ReportPage
 
 sample = importlib.import_module("report_sample")
 
@@ -40,8 +42,9 @@ def cart_page() -> ReportPage:
 
 @pytest.fixture(scope="session")
 def scene(city_page: ReportPage) -> Scene:
-    assert city_page.scene is not None
-    return city_page.scene
+    view: Any = city_page.scene
+    scene: Scene = view.scene
+    return scene
 
 
 @pytest.fixture(scope="session")

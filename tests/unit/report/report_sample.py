@@ -13,6 +13,11 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "examples" / "drone"))
+
+from city_scene import Scene, Tube
+from city_view import CityView
+
 from soter.report.html import write_html
 from soter.report.run.record import (
     Cell,
@@ -23,10 +28,8 @@ from soter.report.run.record import (
     Flight,
     ModeBand,
     ReportPage,
-    Scene,
     Series,
     Threshold,
-    Tube,
     Vec3,
     Violation,
 )
@@ -283,7 +286,7 @@ def city_page() -> ReportPage:
                 "compare the ratios, not the seconds."
             ),
         ),
-        scene=scene(),
+        scene=CityView(scene()),
         flights=arms,
         assumptions=(
             "Wind stays within ±0.3 m/s² on each axis; the run draws it from there.",

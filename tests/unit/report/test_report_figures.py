@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from city_map import city_map, dash_of
+from city_scene import TUBE_GROUP, Scene
+from city_solid import city_solid
 
-from soter.report.run.city_map import city_map, dash_of
-from soter.report.run.city_solid import city_solid
-from soter.report.run.figure import TUBE_GROUP, arm_group, decision_hover
+from soter.report.run.figure import arm_group, decision_hover
 from soter.report.run.packed_json import numbers
 from soter.report.run.page import body
-from soter.report.run.record import Decision, ModeBand, Scene, Threshold, Violation
+from soter.report.run.record import Decision, ModeBand, Threshold, Violation
 from soter.report.run.timeline import chart_timeline, flight_timeline
 
 if TYPE_CHECKING:
-    from soter.report.run.figure import Figure
-    from soter.report.run.record import Flight, ReportPage
+    from soter.report.run.record import Figure, Flight, ReportPage
 
 CSS = (resources.files("soter.report") / "assets" / "report.css").read_text(encoding="utf-8")
 
@@ -80,11 +80,12 @@ def test_dark_changes_every_colour_and_adds_none() -> None:
     assert set(re.findall(pattern, dark)) == set(re.findall(pattern, light)) - fonts
 
 
-def test_the_map_marks_each_takeover_giveback_and_violation(city_page: ReportPage) -> None:
-    assert city_page.scene is not None
+def test_the_map_marks_each_takeover_giveback_and_violation(
+    scene: Scene, city_page: ReportPage
+) -> None:
     for figure in (
-        city_map(city_page.scene, city_page.flights),
-        city_solid(city_page.scene, city_page.flights),
+        city_map(scene, city_page.flights),
+        city_solid(scene, city_page.flights),
     ):
         decisions = [d for flight in city_page.flights for d in flight.decisions]
         violations = [v for flight in city_page.flights for v in flight.violations]
@@ -95,9 +96,8 @@ def test_the_map_marks_each_takeover_giveback_and_violation(city_page: ReportPag
         assert len(marks(figure, "Violation")) == len(violations)
 
 
-def test_each_arm_and_the_tubes_can_be_switched(city_page: ReportPage) -> None:
-    assert city_page.scene is not None
-    figure = city_map(city_page.scene, city_page.flights)
+def test_each_arm_and_the_tubes_can_be_switched(scene: Scene, city_page: ReportPage) -> None:
+    figure = city_map(scene, city_page.flights)
     groups = {trace.get("group") for trace in figure.data}
     assert groups == {None, TUBE_GROUP, *(arm_group(f.name) for f in city_page.flights)}
 

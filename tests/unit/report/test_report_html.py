@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from city_view import CityView
 
 import processes
 from soter.report.errors import ReportError, ReportUnavailableError
@@ -20,6 +21,8 @@ from soter.report.run.record import Decision, ReportPage, Violation
 from soter.report.run.result_wording import headline, prose, value_text
 
 if TYPE_CHECKING:
+    from city_scene import Scene
+
     from soter.report.run.record import Flight
 
 ROOT = Path(__file__).parents[3]
@@ -120,7 +123,7 @@ def test_switches_name_groups_that_exist(city_page: ReportPage) -> None:
     assert switched == drawn - {None}
 
 
-def test_text_from_outside_is_never_markup(protected: Flight, city_page: ReportPage) -> None:
+def test_text_from_outside_is_never_markup(protected: Flight, scene: Scene) -> None:
     evil = "</script><script>alert(1)</script><b>&\u2028"
     flight = dataclasses.replace(
         protected,
@@ -130,13 +133,12 @@ def test_text_from_outside_is_never_markup(protected: Flight, city_page: ReportP
         violations=(Violation(1.0, evil),),
         summary={"lap_s": evil, evil: evil},
     )
-    assert city_page.scene is not None
     page = ReportPage(
         title=evil,
         subtitle=evil,
         headline=evil,
-        scene=dataclasses.replace(
-            city_page.scene, note=evil, credit=evil, goals=((evil, (1, 1, 1)),)
+        scene=CityView(
+            dataclasses.replace(scene, note=evil, credit=evil, goals=((evil, (1, 1, 1)),))
         ),
         flights=(flight,),
         assumptions=(evil,),

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from city_scene import Scene
 
-from soter.report.run.record import Cell, Comparison, ReportPage, Scene
+from soter.report.run.record import Cell, Comparison, ReportPage
 
 if TYPE_CHECKING:
     from soter.report.run.record import Flight

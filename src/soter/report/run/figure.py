@@ -9,7 +9,6 @@ Non-goals: importing the drawing library. Figures are tested, and built, without
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -18,44 +17,13 @@ import numpy as np
 from soter.report.run.result_wording import prose
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from soter.report.run.record import Decision, Violation
-
-Json = dict[str, object]
+    from soter.report.run.record import Decision, Figure, Json, Violation
 
 AC_COLOUR, SC_COLOUR = "@ac", "@sc"
-SHARED_MIN = 50
-"""Longer lists of x are written once."""
-TUBE_GROUP = "tubes"
-PLAN_GROUP, REFUSED_GROUP = "plans", "refused"
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One drawing: `key` names its place on the page, `label` says what a blind reader misses."""
-
-    key: str
-    label: str
-    data: tuple[Json, ...]
-    layout: Json
-
-    def to_json(self) -> Json:
-        """Return what the page's script hands to the drawing library.
-
-        Where traces have the same x, the later ones say whose.
-        """
-        first: dict[tuple[object, ...], int] = {}
-        data: list[Json] = []
-        for i, trace in enumerate(self.data):
-            x = trace.get("x")
-            same = (
-                first.setdefault(tuple(x), i) if isinstance(x, list) and len(x) > SHARED_MIN else i
-            )
-            data.append(trace if same == i else {**trace, "x": {"of": same}})
-        return {"key": self.key, "data": data, "layout": self.layout}
 
 
 def signals_drawn(figures: Sequence[Figure]) -> dict[str, tuple[int, int]]:
@@ -81,9 +49,20 @@ def arm_group(name: str) -> str:
     return "arm:" + "_".join(name.split())
 
 
-def plans_group(name: str, *, refused: bool) -> str:
-    """Return the groups of an arm's plans: they go with their arm, and with all plans."""
-    return f"{arm_group(name)} {REFUSED_GROUP if refused else PLAN_GROUP}"
+def figure_place(figure: Figure, kind: str) -> str:
+    """Return the place in the page, as HTML, that a figure is drawn into."""
+    height = figure.layout.get("height")
+    style = f' style="height:{height}px"' if height else ""
+    return (
+        f'<div class="plot {kind}" id="figure-{escape(figure.key)}" role="img" '
+        f'aria-label="{escape(figure.label)}"{style}></div>'
+    )
+
+
+def legend(entries: Iterable[tuple[str, str]]) -> str:
+    """Return a legend in the page's text: each entry a sign and what it means, as HTML."""
+    items = "".join(f"<li>{sign}<span>{text}</span></li>" for sign, text in entries)
+    return f'<ul class="key">{items}</ul>'
 
 
 def line(colour: str, width: float = 2.0, dash: str = "solid") -> Json:

@@ -1,7 +1,7 @@
 """The report's HTML, section by section, in the order people read: result, evidence, grounds.
 
 Purpose: records in, HTML text out; every text from outside is escaped here.
-Non-goals: drawing (`city_map`, `city_solid`, `timeline`), style and behaviour (`assets/`).
+Non-goals: drawing (`timeline`, a `SceneView`), style and behaviour (`assets/`).
 """
 
 from __future__ import annotations
@@ -11,17 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.report.run.city_map import city_map, dash_of
-from soter.report.run.city_solid import city_solid
 from soter.report.run.figure import (
-    PLAN_GROUP,
-    REFUSED_GROUP,
-    TUBE_GROUP,
-    arm_group,
     change_text,
+    figure_place,
+    legend,
     predicates_text,
     signals_drawn,
 )
+from soter.report.run.mode_bar import mode_bar
 from soter.report.run.program_diagram import program_section
 from soter.report.run.record import Flight
 from soter.report.run.result_wording import (
@@ -33,21 +30,19 @@ from soter.report.run.result_wording import (
     value_text,
     violation_count,
 )
-from soter.report.run.thumbnail import flight_thumbnail, mode_bar
 from soter.report.run.timeline import chart_timeline, flight_timeline
 from soter.report.run.trajectory import place
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
-    from soter.report.run.figure import Figure
     from soter.report.run.record import (
         Cell,
         Chart,
         Comparison,
         Decision,
+        Figure,
         ReportPage,
-        Scene,
         Violation,
     )
 
@@ -59,7 +54,7 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         _header(page),
         _arms(page),
         _comparison(page.comparison),
-        _city(page, drawn),
+        _scene(page, drawn),
         _timelines(page, drawn),
         _charts(page, drawn),
         program_section(page.picture, signals_drawn(drawn)),
@@ -89,7 +84,7 @@ def _arms(page: ReportPage) -> str:
     cards = [
         _card(
             flight,
-            flight_thumbnail(page.scene, flight, page.flights),
+            page.scene.thumbnail(flight, page.flights),
             mode_bar(flight.time_s, flight.in_control, end_s),
         )
         for flight in page.flights
@@ -145,13 +140,7 @@ def _key_of_bars(arms: Sequence[Flight | Chart]) -> str:
         ]
     if any(arm.violations for arm in arms):
         entries.append(('<i class="mark cross"></i>', "violation of a system property"))
-    return _key(entries)
-
-
-def _key(entries: Iterable[tuple[str, str]]) -> str:
-    """Return a legend in the text: each entry a sign and what it means."""
-    items = "".join(f"<li>{sign}<span>{text}</span></li>" for sign, text in entries)
-    return f'<ul class="key">{items}</ul>'
+    return legend(entries)
 
 
 def _comparison(comparison: Comparison | None) -> str:
@@ -176,89 +165,13 @@ def _cell(cell: Cell) -> str:
     return f"<td><strong>{escape(cell.ours)}</strong>{paper}</td>"
 
 
-def _city(page: ReportPage, drawn: list[Figure]) -> str:
-    """Show the city from above and in three dimensions."""
-    scene = page.scene
-    if scene is None:
+def _scene(page: ReportPage, drawn: list[Figure]) -> str:
+    """Show the flights where they took place."""
+    if page.scene is None:
         return ""
-    above, solid = city_map(scene, page.flights), city_solid(scene, page.flights)
-    drawn += [above, solid]
-    note = f'<p class="note">{prose(scene.note)}</p>' if scene.note else ""
-    credit = f'<p class="note">{escape(scene.credit)}</p>' if scene.credit else ""
-    return (
-        f"<section><h2>The city from above</h2>{_switches(page)}"
-        f"{_place(above, 'map')}{_key_of_scene(scene)}{note}</section>"
-        f"<section><h2>In three dimensions</h2>{_switches(page)}"
-        f"{_place(solid, 'solid')}{credit}</section>"
-    )
-
-
-def _switches(page: ReportPage) -> str:
-    """Let the reader choose arms and regions; both city figures obey.
-
-    At first only arms flown by both controllers are on: the others are in the small maps above.
-    Of arms with plans it is the first: two of them with all their plans fill the city.
-    """
-    mixed = [f for f in page.flights if f.in_control.any() != f.in_control.all()]
-    on = mixed or list(page.flights)
-    if any(flight.ways for flight in page.flights):
-        on = on[:1]
-    dashes = dash_of(page.flights)
-    buttons = [
-        f'<button type="button" data-group="{escape(arm_group(flight.name))}" '
-        f'aria-pressed="{str(flight in on).lower()}">'
-        f'<i class="sample {dashes[flight.name]}"></i>{escape(flight.title)}</button>'
-        for flight in page.flights
-    ]
-    if page.scene is not None and page.scene.tubes:
-        buttons.append(
-            f'<button type="button" data-group="{TUBE_GROUP}" aria-pressed="true">'
-            '<i class="sample region"></i>tubes</button>'
-        )
-    ways = [way for flight in page.flights for way in flight.ways]
-    for group, text in ((PLAN_GROUP, "plans in force"), (REFUSED_GROUP, "plans refused")):
-        if any(way.refused is (group == REFUSED_GROUP) for way in ways):
-            buttons.append(
-                f'<button type="button" data-group="{group}" aria-pressed="true">'
-                f'<i class="sample {group}"></i>{text}</button>'
-            )
-    return f'<div class="switches" role="group" aria-label="what is shown">{"".join(buttons)}</div>'
-
-
-def _key_of_scene(scene: Scene) -> str:
-    """Explain the regions and the shades of the buildings."""
-    entries: list[tuple[str, str]] = []
-    if scene.tubes:
-        entries += [
-            ('<i class="area safer"></i>', prose("φ_safer: the DM gives back to AC")),
-            ('<i class="area look"></i>', "between: whoever is in control keeps it"),
-            (
-                '<i class="area safe"></i>',
-                prose(
-                    "look-ahead ttf_2Δ: AC could leave φ_safe, the outer edge, within 2Δ; "
-                    "the DM switches to SC"
-                ),
-            ),
-        ]
-    if len(scene.boxes):
-        tops = scene.boxes[:, 1, 2]
-        low, high = float(tops.min()), float(tops.max())
-        entries.append(
-            ('<i class="ramp"></i>', f"buildings, {low:g} to {high:g} m high")
-            if high > low
-            else ('<i class="area box"></i>', f"buildings, {high:g} m high")
-        )
-    return _key(entries)
-
-
-def _place(figure: Figure, kind: str) -> str:
-    """Return the place a figure is drawn into."""
-    height = figure.layout.get("height")
-    style = f' style="height:{height}px"' if height else ""
-    return (
-        f'<div class="plot {kind}" id="figure-{escape(figure.key)}" role="img" '
-        f'aria-label="{escape(figure.label)}"{style}></div>'
-    )
+    sections, figures = page.scene.sections(page.flights)
+    drawn += figures
+    return sections
 
 
 def _timelines(page: ReportPage, drawn: list[Figure]) -> str:
@@ -274,7 +187,7 @@ def _timelines(page: ReportPage, drawn: list[Figure]) -> str:
         key = f"time-{index}"
         figure = flight_timeline(flight, key, end_s=end_s, clearance_range_m=span)
         drawn.append(figure)
-        parts.append(f"<h3>{escape(flight.title)}</h3>{_place(figure, 'time')}")
+        parts.append(f"<h3>{escape(flight.title)}</h3>{figure_place(figure, 'time')}")
     return f"<section><h2>Clearance, speed and who is in control</h2>{''.join(parts)}</section>"
 
 
@@ -287,7 +200,7 @@ def _charts(page: ReportPage, drawn: list[Figure]) -> str:
     for index, chart in enumerate(page.charts):
         figure = chart_timeline(chart, f"chart-{index}", end_s=end_s)
         drawn.append(figure)
-        parts.append(f"<h3>{escape(chart.title)}</h3>{_place(figure, 'time')}")
+        parts.append(f"<h3>{escape(chart.title)}</h3>{figure_place(figure, 'time')}")
     return f"<section><h2>Signals and who is in control</h2>{''.join(parts)}</section>"
 
 

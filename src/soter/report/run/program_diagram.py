@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.report.run.live_diagram import live_json
+from soter.report.run.mode_bar import mode_bar
 from soter.report.run.packed_json import script_json
-from soter.report.run.thumbnail import mode_bar
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

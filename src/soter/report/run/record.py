@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from soter.report.run.live_diagram import Live
@@ -22,49 +24,9 @@ if TYPE_CHECKING:
 Vec3 = tuple[float, float, float]
 Summary = Mapping[str, "float | int | str"]
 Controller = Literal["SC", "AC"]
-
-
-@dataclass(frozen=True, eq=False)
-class Tube:
-    """The regions of one segment w_i→w_f, in the tube frame of the motion-primitive module.
-
-    `start`, `end`: the segment in m. The half widths, in m, hold across the segment in both
-    directions and extend it by as much at either end; each is one number, or an array of any
-    length >= 1 of values at equally spaced stations from `start` to `end`:
-    `half_width_m` of φ_safe, `look_ahead_half_width_m` of the set where ttf_2Δ does not hold
-    (outside it the DM switches AC→SC), `safer_half_width_m` of φ_safer (inside it the DM may
-    give back).
-    """
-
-    start: Vec3
-    end: Vec3
-    half_width_m: float | NDArray[np.float64]
-    look_ahead_half_width_m: float | NDArray[np.float64]
-    safer_half_width_m: float | NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """Where the flights took place.
-
-    `lo`, `hi`: corners of the workspace in m, z up. `boxes`: (n, 2, 3) low and high corners of
-    the buildings in m. `ceiling_m`: greatest height flown. `goals`: name and position of each.
-    `tubes`: the segments flown. `note`: what a reader must know about the regions as drawn, such
-    as the speed they hold for. `credit`: whose map it is.
-    """
-
-    lo: Vec3
-    hi: Vec3
-    boxes: NDArray[np.float64]
-    ceiling_m: float
-    goals: tuple[tuple[str, Vec3], ...] = ()
-    tubes: tuple[Tube, ...] = ()
-    note: str = ""
-    credit: str = ""
-
-    def __post_init__(self) -> None:
-        if self.boxes.ndim != 3 or self.boxes.shape[1:] != (2, 3):
-            raise ValueError(f"boxes: shape (n, 2, 3) expected, found {self.boxes.shape}")
+Json = dict[str, object]
+SHARED_MIN = 50
+"""Longer lists of x are written once."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +102,41 @@ class Flight:
         _check_shape("position", self.position, (count, 3))
         for name in ("in_control", "clearance_m", "speed"):
             _check_shape(name, getattr(self, name), (count,))
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One drawing: `key` names its place on the page, `label` says what a blind reader misses."""
+
+    key: str
+    label: str
+    data: tuple[Json, ...]
+    layout: Json
+
+    def to_json(self) -> Json:
+        """Return what the page's script hands to the drawing library.
+
+        Where traces have the same x, the later ones say whose.
+        """
+        first: dict[tuple[object, ...], int] = {}
+        data: list[Json] = []
+        for i, trace in enumerate(self.data):
+            x = trace.get("x")
+            same = (
+                first.setdefault(tuple(x), i) if isinstance(x, list) and len(x) > SHARED_MIN else i
+            )
+            data.append(trace if same == i else {**trace, "x": {"of": same}})
+        return {"key": self.key, "data": data, "layout": self.layout}
+
+
+class SceneView(Protocol):
+    """What draws the place that flights move through; `examples/drone/city_view.py` is one."""
+
+    def thumbnail(self, flight: Flight, flights: Sequence[Flight]) -> str:
+        """Return an SVG of one flight, in a window that holds all `flights`."""
+
+    def sections(self, flights: Sequence[Flight]) -> tuple[str, list[Figure]]:
+        """Return sections of HTML, and the figures that they have places for."""
 
 
 @dataclass(frozen=True)
@@ -246,7 +243,7 @@ class ReportPage:
     subtitle: str = ""
     headline: str = ""
     comparison: Comparison | None = None
-    scene: Scene | None = None
+    scene: SceneView | None = None
     flights: tuple[Flight, ...] = ()
     charts: tuple[Chart, ...] = ()
     assumptions: tuple[str, ...] = ()

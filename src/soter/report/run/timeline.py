@@ -15,8 +15,6 @@ import numpy as np
 from soter.report.run.figure import (
     AC_COLOUR,
     SC_COLOUR,
-    Figure,
-    Json,
     axis,
     crowded,
     decision_hover,
@@ -29,6 +27,7 @@ from soter.report.run.figure import (
     violation_hover,
 )
 from soter.report.run.packed_json import numbers
+from soter.report.run.record import Figure, Json
 from soter.report.run.trajectory import (
     POINTS_MAX,
     by_controller,

@@ -14,9 +14,10 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from city_scene import Scene, Tube
     from numpy.typing import NDArray
 
-    from soter.report.run.record import Flight, Scene, Tube
+    from soter.report.run.record import Flight
 
 HEIGHT_LEVELS = 5
 """Shades of the buildings, from the lowest to the highest."""

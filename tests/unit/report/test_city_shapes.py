@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-
-from soter.report.run.geometry import (
+from city_scene import Tube
+from city_shapes import (
     box_rings,
     height_levels,
     loft_edges,
@@ -17,10 +17,11 @@ from soter.report.run.geometry import (
     tube_rings,
     window,
 )
-from soter.report.run.record import Tube
 
 if TYPE_CHECKING:
-    from soter.report.run.record import ReportPage, Scene
+    from city_scene import Scene
+
+    from soter.report.run.record import ReportPage
 
 BOX = np.asarray([[0.0, 0, 0], [2, 3, 4]])
 

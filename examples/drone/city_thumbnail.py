@@ -1,4 +1,4 @@
-"""Small drawings in the text of the page: a map of one flight, a bar of who is in control.
+"""A small map of one flight, in the text of the page.
 
 Purpose: the arms side by side at a glance, without the drawing library, sharp on paper.
 Non-goals: pointing and zooming; that is the map's work.
@@ -10,20 +10,20 @@ from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
+from city_shapes import box_outline, height_levels, tube_outline, window
 
-from soter.report.run.geometry import box_outline, height_levels, tube_outline, window
 from soter.report.run.trajectory import flight_indices, givebacks, place, runs, takeovers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from city_scene import Scene
+    from city_shapes import Window
     from numpy.typing import NDArray
 
-    from soter.report.run.geometry import Window
-    from soter.report.run.record import Flight, Scene, Vec3
+    from soter.report.run.record import Flight, Vec3
 
 POINTS_MAX = 600
-BAR_WIDTH = 1000
 
 
 def flight_thumbnail(scene: Scene, flight: Flight, flights: Sequence[Flight]) -> str:
@@ -46,24 +46,6 @@ def flight_thumbnail(scene: Scene, flight: Flight, flights: Sequence[Flight]) ->
         parts.append(
             f'<text x="{px:.2f}" y="{py - 0.35 * size:.2f}" font-size="{size:.2f}">'
             f"{escape(name)}</text>"
-        )
-    return "".join([*parts, "</svg>"])
-
-
-def mode_bar(time_s: NDArray[np.float64], in_control: NDArray[np.bool_], end_s: float) -> str:
-    """Return an SVG bar of who is in control; its full width is `end_s` seconds.
-
-    Times and modes are (N,).
-    """
-    scale = BAR_WIDTH / end_s if end_s > 0 else 0.0
-    view = f'viewBox="0 0 {BAR_WIDTH} 10" preserveAspectRatio="none"'
-    parts = [f'<svg class="bar" {view} role="img" aria-label="who is in control over time">']
-    for first, last, is_ac in runs(in_control):
-        left = (time_s[first] - time_s[0]) * scale
-        width = (time_s[last] - time_s[first]) * scale
-        controller = "ac" if is_ac else "sc"
-        parts.append(
-            f'<rect class="{controller}" x="{left:.1f}" y="0" width="{width:.1f}" height="10"/>'
         )
     return "".join([*parts, "</svg>"])
 

@@ -10,21 +10,9 @@ from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from soter.report.run.city_map import FLIGHT_HOVER
-from soter.report.run.figure import (
-    AC_COLOUR,
-    SC_COLOUR,
-    TUBE_GROUP,
-    Figure,
-    Json,
-    arm_group,
-    decision_hover,
-    layout,
-    plans_group,
-    violation_hover,
-)
-from soter.report.run.geometry import (
+from city_map import FLIGHT_HOVER
+from city_scene import TUBE_GROUP, plans_group
+from city_shapes import (
     HEIGHT_LEVELS,
     box_rings,
     height_levels,
@@ -34,15 +22,26 @@ from soter.report.run.geometry import (
     tube_rings,
     window,
 )
+
+from soter.report.run.figure import (
+    AC_COLOUR,
+    SC_COLOUR,
+    arm_group,
+    decision_hover,
+    layout,
+    violation_hover,
+)
 from soter.report.run.packed_json import numbers
+from soter.report.run.record import Figure, Json
 from soter.report.run.trajectory import by_controller, flight_indices, givebacks, place, takeovers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from city_scene import Scene
     from numpy.typing import NDArray
 
-    from soter.report.run.record import Flight, Scene, Vec3
+    from soter.report.run.record import Flight, Vec3
 
 POINTS_MAX = 1500
 CLIP_M = 0.3

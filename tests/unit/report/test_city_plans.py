@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from city_map import city_map
+from city_scene import PLAN_GROUP, REFUSED_GROUP, plans_group
+from city_solid import city_solid
 
 from soter.report.html import html_document
-from soter.report.run.city_map import city_map
-from soter.report.run.city_solid import city_solid
-from soter.report.run.figure import PLAN_GROUP, REFUSED_GROUP, arm_group, plans_group
+from soter.report.run.figure import arm_group
 from soter.report.run.record import ReportPage, Way
 
 if TYPE_CHECKING:
-    from soter.report.run.figure import Json
-    from soter.report.run.record import Flight
+    from city_scene import Scene
+
+    from soter.report.run.record import Flight, Json
 
 PLAN = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 3.0], [7.0, 5.0, 2.0]])
 
@@ -40,10 +42,9 @@ def switches(page: ReportPage) -> set[str]:
 
 @pytest.mark.parametrize("draw", [city_map, city_solid])
 def test_plans_are_drawn_point_by_point_and_refused_ones_in_red(
-    planned: ReportPage, draw: object
+    scene: Scene, planned: ReportPage, draw: object
 ) -> None:
-    assert planned.scene is not None
-    data = draw(planned.scene, planned.flights).data  # type: ignore[operator]
+    data = draw(scene, planned.flights).data  # type: ignore[operator]
     (plan,) = of_group(data, planned.flights[0], refused=False)
     (refused,) = of_group(data, planned.flights[0], refused=True)
     assert plan["x"] == [1.0, 4.0, 7.0]
@@ -51,11 +52,10 @@ def test_plans_are_drawn_point_by_point_and_refused_ones_in_red(
     assert refused["line"]["color"] == "@takeover" != plan["line"]["color"]  # type: ignore[index]
 
 
-def test_on_the_map_every_point_tells_of_its_own_plan(city_page: ReportPage) -> None:
-    assert city_page.scene is not None
+def test_on_the_map_every_point_tells_of_its_own_plan(scene: Scene, city_page: ReportPage) -> None:
     ways = (Way(PLAN, "plan <1>"), Way(PLAN[:2], "plan 2"))
     flight = dataclasses.replace(city_page.flights[0], ways=ways)
-    (plans,) = of_group(city_map(city_page.scene, [flight]).data, flight, refused=False)
+    (plans,) = of_group(city_map(scene, [flight]).data, flight, refused=False)
     assert plans["x"] == [1.0, 4.0, 7.0, None, 1.0, 4.0]
     assert plans["text"] == ["plan &lt;1&gt;"] * 4 + ["plan 2"] * 2
 

@@ -11,33 +11,33 @@ from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
+from city_scene import TUBE_GROUP, plans_group
+from city_shapes import box_outline, height_levels, join, tube_outline, window
 
 from soter.report.run.figure import (
     AC_COLOUR,
     SC_COLOUR,
-    TUBE_GROUP,
-    Figure,
-    Json,
     arm_group,
     axis,
     decision_hover,
     giveback_dot,
     layout,
     line,
-    plans_group,
     takeover_dot,
     violation_cross,
     violation_hover,
 )
-from soter.report.run.geometry import box_outline, height_levels, join, tube_outline, window
 from soter.report.run.packed_json import numbers
+from soter.report.run.record import Figure, Json
 from soter.report.run.trajectory import by_controller, flight_indices, givebacks, place, takeovers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.report.run.geometry import Window
-    from soter.report.run.record import Decision, Flight, Scene, Vec3
+    from city_scene import Scene
+    from city_shapes import Window
+
+    from soter.report.run.record import Decision, Flight, Vec3
 
 DASHES = ("solid", "dash", "dot", "dashdot")
 LABELLED_SIDE_MIN_M = 2.5
