@@ -8,15 +8,21 @@ Non-goals: printing, exit codes (`cli/`).
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from soter.api.arguments import ENGINES
 from soter.api.check_report import CheckReport, ModuleReport, StepReport, SystemReport
 from soter.api.files import format_text, read_text, require_writers
 from soter.api.program import Program, load
-from soter.api.rechecking import recheck
-from soter.api.replaying import ReplayReport, replay
 from soter.api.timing import SwitchReport, ThreadRow, TimingReport
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.uncaught import install
+
+if TYPE_CHECKING:
+    from soter.api.rechecking import recheck
+    from soter.api.replaying import ReplayReport, replay
+    from soter.simulate.result import Run
 
 __all__ = [
     "ENGINES",
@@ -24,6 +30,7 @@ __all__ = [
     "ModuleReport",
     "Program",
     "ReplayReport",
+    "Run",
     "SoterError",
     "StepReport",
     "SwitchReport",
@@ -39,12 +46,18 @@ __all__ = [
 ]
 
 
+LATER = {
+    **dict.fromkeys(("ReplayReport", "replay"), "soter.api.replaying"),
+    "recheck": "soter.api.rechecking",
+    "Run": "soter.simulate.result",
+}
+"""What `check` does not need: the module that it is imported from when it is asked for."""
+
 install()
 
 
 def __getattr__(name: str) -> object:
-    if name == "Run":
-        from soter.simulate.result import Run  # noqa: PLC0415 - needs NumPy
-
-        return Run
-    raise AttributeError(f"module `soter.api` has no attribute `{name}`")
+    if name not in LATER:
+        raise AttributeError(f"module `soter.api` has no attribute `{name}`")
+    value: object = getattr(import_module(LATER[name]), name)
+    return value

@@ -1,7 +1,6 @@
 """A program, and everything that can be done with it: each command of `soter` is one method.
 
-Purpose: `load`, `Program`. Rooms below are imported when they are needed: `check` loads neither
-NumPy nor cffi.
+Purpose: `load`, `Program`. Rooms below are imported when needed: `check` loads no NumPy, no cffi.
 Non-goals: the work itself (the rooms below), printing and exit codes (`cli/`).
 """
 
@@ -14,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from soter.api.arguments import chosen_modules, complete, end_of, mistake, require_engine, values_of
 from soter.api.check_report import CheckReport, check_report
 from soter.api.compiled_systems import PreparedSystems
-from soter.api.diagrams import Diagram, diagram_of
 from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.front_end import CheckResult, check_file, system_of
@@ -26,6 +24,7 @@ if TYPE_CHECKING:
     from soter.api.arguments import Progress, Tell
     from soter.api.assurance.safety_case import Assurance
     from soter.api.campaigning import Campaign
+    from soter.api.diagrams import Diagram
     from soter.explore.results import ExploreReport, SearchProgress
     from soter.language.model.system import System
     from soter.language.model.typed import TypedProgram
@@ -86,9 +85,8 @@ class Program:
     def externs(self) -> tuple[str, ...]:
         """Names of the nodes, plants and functions that it leaves to Python or C."""
         program = self._checked.program
-        if program is None:
-            return ()
-        tables: tuple[Mapping[str, Any], ...] = (program.nodes, program.plants, program.funs)
+        tables: list[Mapping[str, Any]]
+        tables = [] if program is None else [program.nodes, program.plants, program.funs]
         return tuple([name for table in tables for name, s in table.items() if s.extern])
 
     @property
@@ -480,6 +478,8 @@ class Program:
 
     def diagram(self, system: str | None = None, params: Params = None) -> Diagram:
         """The picture of a system: nodes, topics, modules and plants; `svg`, `write(path)`."""
+        from soter.api.diagrams import diagram_of  # noqa: PLC0415 - only then
+
         return diagram_of(self.declared(system, params))
 
     @property

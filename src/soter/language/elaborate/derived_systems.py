@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.elaborator import Elaborator
-from soter.language.elaborate.plant_influences import moved_by_any
 from soter.language.elaborate.tests_and_faults.sc_waits_for_dm import waiting
 from soter.language.model import typed
 from soter.language.model.system import InputDrive, Scope
@@ -23,7 +22,6 @@ from soter.language.model.tree_walk import mode_reads
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
-    from soter.language.elaborate.plant_influences import Influence
     from soter.language.model.system import (
         Component,
         Fault,
@@ -265,20 +263,6 @@ def driven_outside(system: System, topics: Collection[int]) -> System:
 def drawn_where(system: System, wanted: Callable[[int], bool]) -> System:
     """With the draws of these topics only."""
     return replace(system, inputs=tuple(i for i in system.inputs if wanted(i.topic)))
-
-
-def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
-    """With plants moved by any values of the declared sets where they read what others publish.
-
-    Gives what moves them; a topic that is more than floats in a declared set stays as it is.
-    """
-    components = list(system.components)
-    all_influences: list[Influence] = []
-    for c in system.components:
-        if c.plant is not None and not c.plant.extern:
-            components[c.index], influences = moved_by_any(system, c, tuple(module.outputs))
-            all_influences += influences
-    return replace(system, components=tuple(components)), tuple(all_influences)
 
 
 def at_once(system: System) -> System:

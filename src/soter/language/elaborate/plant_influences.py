@@ -1,7 +1,7 @@
 """What others do to a plant of a proof: any values of the declared sets of their topics.
 
-Purpose: `moved_by_any`: a plant whose equations read topics that the module does not publish, as a
-plant with a disturbance for every leaf of these topics (docs/proof.md, Composition).
+Purpose: `moved_by_others`: a plant whose equations read topics that the module does not publish, as
+a plant with a disturbance for every leaf of these topics (docs/proof.md, Composition).
 Non-goals: who keeps these topics in their sets (`verify/scope.py`).
 """
 
@@ -26,7 +26,7 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from soter.language.model.system import Component, System
+    from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Type
 
 
@@ -61,7 +61,21 @@ def can_be_any(system: System, topic: int) -> bool:
     return floats and not _has_list(there.type)
 
 
-def moved_by_any(
+def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
+    """With plants moved by any values of the declared sets where they read what others publish.
+
+    Gives what moves them; a topic that is more than floats in a declared set stays as it is.
+    """
+    components = list(system.components)
+    all_influences: list[Influence] = []
+    for c in system.components:
+        if c.plant is not None and not c.plant.extern:
+            components[c.index], influences = _moved_by_any(system, c, tuple(module.outputs))
+            all_influences += influences
+    return replace(system, components=tuple(components)), tuple(all_influences)
+
+
+def _moved_by_any(
     system: System, c: Component, outputs: tuple[int, ...]
 ) -> tuple[Component, tuple[Influence, ...]]:
     """A plant, moved by any values where it reads what others publish; and what moves it."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate import derived_systems
+from soter.language.elaborate.plant_influences import moved_by_others
 from soter.language.model import typed
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import DURATION
@@ -90,7 +91,7 @@ def place(flat: System, module: Module) -> VerificationSystem:
     """The verification system of a module of `flat`; `SoterError` where there is none."""
     abstract = bool(module.symbol.verify.abstracts)
     apart = _abstract(flat, module) if abstract else _reduced(flat, module)
-    system, influences = derived_systems.moved_by_others(apart, apart.modules[0])
+    system, influences = moved_by_others(apart, apart.modules[0])
     plants = tuple(c for c in system.components if c.role == "plant")
     prefix = "" if abstract else module.name.rpartition(".")[0]
     prefix = prefix + "." if prefix else ""

@@ -1,0 +1,106 @@
+"""`soter check` imports nothing that no check needs: its start is what an editor waits for.
+
+Purpose: programs that between them reach every part of a check are checked in one process that
+listens to calls; a module that was imported, and of which no function ran, is named, or stands
+below with the input on which it does.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+LISTENER = """
+import sys
+ran = set()
+def listen(frame, event, argument):
+    if event == "call":
+        ran.add((frame.f_code.co_filename, frame.f_code.co_name))
+sys.setprofile(listen)
+import contextlib, io, json
+from soter.cli.main import main
+with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+    assert main(["check", sys.argv[1]]) == 0
+    modules = {n: m.__file__ for n, m in sys.modules.items() if n.split(".")[0] == "soter"}
+    assert main(["check", sys.argv[2]]) == 0
+    for program in sys.argv[3:]:
+        main(["check", program])
+sys.setprofile(None)
+print(json.dumps([modules, sorted(ran)]))
+"""
+CART = "examples/wall/cart.soter"
+PROGRAMS = (
+    "examples/wall/stop.soter",
+    "examples/generality/altitude.soter",
+    "examples/testing/slow_planner.soter",
+    "examples/drone/city.soter",
+    "examples/drone/adversaries.soter",
+    "examples/drone/corridor.soter",
+    *(
+        f"tests/static_error/{name}.soter"
+        for name in (
+            "C001_late_by_nothing",
+            "D004_nan",
+            "E009_faults_unknown",
+            "E015_several_messages",
+            "M005_without_a_system",
+            "M013_invariant_of_a_node",
+            "S015_unit_behind_the_set",
+            "T003_wrong_arguments_are_checked_too",
+            "W010_set_of_what_nobody_reads",
+        )
+    ),
+)
+TIMED = """soter 1;
+topic out : float in [0.0, 1.0] = 0.0;
+node Half period 10ms {
+  publishes out;
+  wcet 1ms;
+  step { publish out = 0.5; }
+}
+system Timed { node Half; }
+"""
+ON_OTHER_INPUT = {
+    "soter.api.files": "every method of a Program that writes",
+    "soter.cli.ci.findings": "`--format`",
+    "soter.cli.terminal.ascii": "a terminal without UTF-8",
+    "soter.cli.terminal.child_result": "`except ChildResult`: commands in a process of their own",
+    "soter.cli.terminal.standard_input": "`soter check -`",
+    "soter.diagnostics.current_phase": "a check that takes seconds",
+    "soter.diagnostics.os_error_text": "a file that cannot be read",
+    "soter.language.evaluate.fair_choice": "a fair choice in a constant",
+}
+
+
+def functions(path: str) -> set[str]:
+    """The names of the functions of a file; none where it has but data."""
+    tree = ast.parse(Path(path).read_text(encoding="utf-8"))
+    return {n.name for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)}
+
+
+def test_check_imports_no_module_that_no_check_uses(tmp_path: Path) -> None:
+    timed = tmp_path / "timed.soter"
+    timed.write_text(TIMED, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-c", LISTENER, CART, str(timed), *PROGRAMS],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    modules, ran = json.loads(done.stdout)
+    names: dict[str, set[str]] = {}
+    for path, name in ran:
+        names.setdefault(path, set()).add(name)
+    unused = {
+        module
+        for module, path in modules.items()
+        if not path.endswith("__init__.py")
+        and functions(path)
+        and not functions(path) & names.get(path, set())
+    }
+    assert unused == set(ON_OTHER_INPUT)
