@@ -16,7 +16,7 @@ What Core guarantees:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
@@ -28,11 +28,14 @@ if TYPE_CHECKING:
 # ---------------------------------------------------------------- state cells
 
 
+CellKind = Literal["topic", "local", "state"]
+
+
 @dataclass(frozen=True)
 class Cell:
     """A piece of the state: `kind` is "topic", "local" (node local), "state" (plant state)."""
 
-    kind: str
+    kind: CellKind
     owner: int
     """Index of the topic or component."""
     name: str

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.evaluate.statements import Evaluator
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, Module, System
 
 
+InputKind = Literal["state", "control", "disturbance", "error", "other"]
+
+
 class DiffersError(Exception):
     """The certificate says something else than the program."""
 
@@ -31,7 +34,7 @@ class DiffersError(Exception):
 class Input:
     """One scalar input: `owner` is a component for states and disturbances, else a topic."""
 
-    kind: str
+    kind: InputKind
     name: str
     owner: int
     variable: str
@@ -62,7 +65,7 @@ class Facts:
     module: Module
     sc: Component
     plants: tuple[Component, ...]
-    kind: str
+    kind: Literal["flow", "map"]
     flying: System
     """The system that runs, and the module in it; `system` is another one for an abstraction."""
     flying_module: Module

@@ -9,7 +9,7 @@ problem has no certificate: `NotRecheckedError` or `DiffersError`).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from soter.certificate.reading.facts import (
     DiffersError,
@@ -34,6 +34,7 @@ from soter.language.model.types import BoolType, EnumType, FloatType, IntType, l
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from soter.certificate.reading.facts import InputKind
     from soter.language.model.system import Component, System
     from soter.language.model.types import Type
 
@@ -84,7 +85,7 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
     return facts
 
 
-def _kind(c: Component) -> str:
+def _kind(c: Component) -> Literal["flow", "map"]:
     plant = c.plant
     assert plant is not None
     if plant.extern:
@@ -214,7 +215,7 @@ def _read_topics(facts: Facts) -> None:
             facts.others += _leaves_of(facts, index, "other")
 
 
-def _leaves_of(facts: Facts, index: int, kind: str) -> list[Input]:
+def _leaves_of(facts: Facts, index: int, kind: InputKind) -> list[Input]:
     topic = facts.system.topics[index]
     if topic.queue_of is not None:
         raise NotRecheckedError(f"`{topic.name}` is a queue")

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from soter.certificate.terms.arb_balls import (
     HALF,
@@ -89,9 +89,9 @@ class Atom:
 
 @dataclass(eq=False)
 class Proposition:
-    """A proposition. kind: "constant", "below" (argument < 0), "not", "and", "or", "choice"."""
+    """A proposition; "below": argument < 0."""
 
-    kind: str
+    kind: Literal["constant", "below", "not", "and", "or"]
     parts: tuple[Proposition, ...] = ()
     argument: Linear | None = None
     value: bool = False

@@ -15,7 +15,7 @@ from soter.verify.enclose.scheme_error import NS, ORDER
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.verify.problem.problem import Interval, Problem
+    from soter.verify.problem.problem import Interval, Problem, ProblemKind
 
     Range = tuple[float, float]
 
@@ -32,8 +32,7 @@ class GridInputs:
     disturbances: tuple[Range, ...] = ()
     errors: tuple[Range, ...] = ()
     others: tuple[Range, ...] = ()
-    kind: str = "flow"
-    """"flow" or "map"."""
+    kind: ProblemKind = "flow"
     period_ns: int = 0
     """delta of SC: how long a command is held."""
     delay_ns: int = 0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from soter.language.model import typed
     from soter.language.model.system import Component
     from soter.verify.problem.inputs import Inputs
-    from soter.verify.problem.problem import Times
+    from soter.verify.problem.problem import ProblemKind, Times
     from soter.verify.problem.verification_system import VerificationSystem
     from soter.verify.time.cause_effect_chains import CauseEffectChain, CauseEffectChains
 
@@ -48,7 +48,7 @@ def assumptions_of(
     inputs: Inputs,
     times: Times,
     chains: CauseEffectChains,
-    kind: str,
+    kind: ProblemKind,
     jumps: Jumps,
 ) -> list[Assumption]:
     """Every assumption; a proof may show SCHEME, and what `jumps` says of `enters`."""
@@ -295,7 +295,7 @@ def _of_one_instant(place: VerificationSystem) -> list[Assumption]:
 
 
 def _timing(
-    place: VerificationSystem, times: Times, chains: CauseEffectChains, kind: str
+    place: VerificationSystem, times: Times, chains: CauseEffectChains, kind: ProblemKind
 ) -> list[Assumption]:
     verify = place.module.symbol.verify
     assumptions = []

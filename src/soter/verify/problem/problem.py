@@ -8,7 +8,7 @@ Non-goals: computing anything.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from soter.verify.time.schedule import Schedule
 
 
-NODES = "nodes"
+ProblemKind = Literal["flow", "map", "nodes"]
+NODES: Final = "nodes"
 """`Problem.kind` where the state is what nodes publish and keep: no plant, no sets."""
 
 
@@ -194,8 +195,7 @@ class Problem:
     core: CoreSystem
     module: Module
     quantities: Quantities
-    kind: str
-    """"flow", "map", or NODES."""
+    kind: ProblemKind
     plant_period_ns: int
     states: tuple[Interval, ...]
     """The grid's extent for each state."""

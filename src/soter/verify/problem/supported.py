@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.language.model.system import Component
     from soter.language.model.types import Type
+    from soter.verify.problem.problem import ProblemKind
     from soter.verify.problem.verification_system import VerificationSystem
 
 UNKNOWN_FACTS = {
@@ -35,8 +36,8 @@ LOCAL_VALUES_MAX = 2**31
 
 def check_supported(
     place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool
-) -> str:
-    """Report what cannot be followed; gives "flow" or "map"."""
+) -> ProblemKind:
+    """Report what cannot be followed; gives how the plants move."""
     _controller(place, diagnostics, synthesize=synthesize)
     kinds: dict[str, Component] = {}
     for c in place.plants:

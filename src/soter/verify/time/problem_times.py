@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.model import typed
     from soter.language.model.system import Component
+    from soter.verify.problem.problem import ProblemKind
     from soter.verify.problem.verification_system import VerificationSystem
     from soter.verify.time.cause_effect_chains import CauseEffectChain
 
@@ -40,7 +41,7 @@ WORDS = {
 
 
 def times_of(
-    place: VerificationSystem, kind: str, diagnostics: Diagnostics
+    place: VerificationSystem, kind: ProblemKind, diagnostics: Diagnostics
 ) -> tuple[Times, CauseEffectChains]:
     """Every time in ns, and the ways they come from; a diagnostic where an age has no bound."""
     module, verify = place.module, place.module.symbol.verify

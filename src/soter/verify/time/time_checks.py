@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
     from soter.language.model.system import Component
-    from soter.verify.problem.problem import Times
+    from soter.verify.problem.problem import ProblemKind, Times
     from soter.verify.problem.verification_system import VerificationSystem
     from soter.verify.time.cause_effect_chains import CauseEffectChain, CauseEffectChains
 
 
 def check_times(
     place: VerificationSystem,
-    kind: str,
+    kind: ProblemKind,
     times: Times,
     chains: CauseEffectChains,
     diagnostics: Diagnostics,
