@@ -121,7 +121,7 @@ class Execution(ABC, Generic[V]):
         return result
 
     def _if(self, s: core.If) -> None:
-        condition = self._asked(self.expr(s.condition))
+        condition = self._branch_condition(self.expr(s.condition))
         known = self._known(condition)
         if known is not None:
             self.run(s.then if known else s.otherwise)
@@ -132,8 +132,8 @@ class Execution(ABC, Generic[V]):
             lambda: self._run_where(s.condition, s.otherwise, truth=False),
         )
 
-    def _asked(self, condition: V) -> V:
-        """The condition of a branch, in the form in which it is kept."""
+    def _branch_condition(self, condition: V) -> V:
+        """A condition, as both sides of a branch and what joins them have it."""
         return condition
 
     def _run_where(self, _: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:  # noqa: ARG002
@@ -156,9 +156,9 @@ class Execution(ABC, Generic[V]):
             a, b = yes.variables[name], no.variables[name]
             self.frame.variables[name] = a if a is b else join(a, b, before.types[name])
         for k in {**yes.outputs, **no.outputs}:
-            self.frame.outputs[k] = self._told(yes.outputs.get(k), no.outputs.get(k), join)
+            self.frame.outputs[k] = self._output(yes.outputs.get(k), no.outputs.get(k), join)
 
-    def _told(
+    def _output(
         self, then: Output[V] | None, otherwise: Output[V] | None, join: Join[V]
     ) -> Output[V]:
         """What one side has published, or both."""
@@ -188,7 +188,10 @@ class Execution(ABC, Generic[V]):
             return self._operation(e, self.expr(e.target))
         if isinstance(e, core.Element):
             return self._operation(e, self.expr(e.target), self.expr(e.index))
-        return self._operation(e, *[self.expr(x) for x in getattr(e, "elements", ())])
+        if isinstance(e, (core.Const, core.Get, core.Fact)):
+            return self._operation(e)
+        assert isinstance(e, core.Make), e
+        return self._operation(e, *[self.expr(x) for x in e.elements])
 
     # ------------------------------------------------------------ the domain
 

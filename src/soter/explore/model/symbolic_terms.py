@@ -285,7 +285,7 @@ def of_step(
             o.type,
             o.bounds,
             o.burst,
-            reading.frame.outputs.get(k),
+            reading.frame.outputs.get(k, ())[:2],
             tuple(reading.messages.get(k, ())),
         )
         for k, o in enumerate(step.outputs)

@@ -1,7 +1,7 @@
 """The statements of an enclosure: collected, freed of what nobody reads, turned into C.
 
 Purpose: operations in single-assignment form, with nested blocks for undecided branches.
-Non-goals: which operations (`body.py`), what they do (`verify/engine/soter_form.h`).
+Non-goals: which operations (`core_enclosure.py`), what they do (`verify/engine/soter_form.h`).
 """
 
 from __future__ import annotations

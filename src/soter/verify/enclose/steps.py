@@ -1,7 +1,7 @@
 """The steps of a verification system, put together as the functions of an enclosure.
 
 Purpose: SC on what it sees, plants on what acts on them, predicates on true or estimated topics.
-Non-goals: printing (`enclosure_code.py`), statements (`body.py`).
+Non-goals: printing (`enclosure_code.py`), statements (`core_enclosure.py`).
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ class Evaluation(Execution["Term"]):
         else:
             self.fault = self.terms.either(self.fault, fault)
 
-    def _asked(self, condition: Term) -> Term:
+    def _branch_condition(self, condition: Term) -> Term:
         return self.terms.named(condition, "if")
 
     def _known(self, condition: Term) -> bool | None:
