@@ -4,4 +4,5 @@
 state lies in memory: header, a record per component, module and property, a stamp per topic, then
 topics, locals and plant states, ordered by alignment and padded explicitly. A state is its bytes, a
 trace the state after every instant; `trace_sha256` hashes it. `footprint.py`: what a step reads.
+`execute.py` walks Core once for all that reads it over other values: enclosures, terms.
 """

@@ -1,10 +1,10 @@
 """What steps and predicates compute, as terms: equal terms are the same function of what is read.
 
-Purpose: Core read symbolically, both sides of every branch, loops unrolled, functions inlined, so
-that two pieces of Core can be compared up to a renaming of what they read and write. Terms are
-interned: a number stands for one, and equal numbers for equal terms. What commutes exactly (`&&`,
-`||`, `==`, `!=`, `+`, `*`, `abs` of a difference, `min` and `max` of ints) has its operands in one
-order; nothing else is known of arithmetic, so terms that differ may still be equal.
+Purpose: Core executed over terms (`core/execute.py`), both sides of every branch, so that two
+pieces of it can be compared up to a renaming of what they read and write. Terms are interned: a
+number stands for one, and equal numbers for equal terms. What commutes exactly (`&&`, `||`, `==`,
+`!=`, `+`, `*`, `abs` of a difference, `min` and `max` of ints) has its operands in one order;
+nothing else is known of arithmetic, so terms that differ may still be equal.
 
 Faults are a set of (where it is reached, what faults): a step faults iff one of them does. Its
 order is of no matter: the first one that does reads values that no fault has spoilt, and which one
@@ -17,25 +17,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
+from soter.core.execute import Execution
 from soter.language.model.types import BoolType, IntType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping, Sequence
 
-    from soter.language.model.types import Value
+    from soter.core.execute import Join
+    from soter.language.model.types import Type, Value
 
     Term = int
     Rename = Callable[[core.Cell | core.Fact], Hashable]
     """What a cell or a fact is called in terms."""
 
-STATEMENTS_MAX = 20_000
-"""Of one step or predicate, functions inlined and loops unrolled."""
 COMMUTES = frozenset({"==", "!=", "+", "*"})
 FLIPPED = {">": "<", ">=": "<="}
-
-
-class TermTooLongError(Exception):
-    """A step or predicate of more statements than are followed."""
 
 
 class InternedTerms:
@@ -128,164 +124,111 @@ def exact(value: Value) -> Hashable:
     return value.hex() if isinstance(value, float) else ("int", value)
 
 
-class TermReading:
+class TermReading(Execution["Term"]):
     """One step or predicate, read as terms; `rename` says what its cells are called."""
 
-    def __init__(self, terms: InternedTerms, rename: Rename, budget: int = STATEMENTS_MAX) -> None:
+    def __init__(self, terms: InternedTerms, rename: Rename) -> None:
+        super().__init__(terms.functions)
         self.terms = terms
         self.rename = rename
-        self.env: dict[str, Term] = {}
+        self.where = terms.true
         self.faults: set[tuple[Term, Term]] = set()
-        self.said: dict[int, tuple[Term, Term]] = {}
-        """By output: whether it is published, and the last value."""
         self.messages: dict[int, list[tuple[Term, Term]]] = {}
         """By output: all that is published, in order; of outputs that may publish several."""
         self.chosen = 0
-        self.left = budget
 
     # ------------------------------------------------------------ statements
 
-    def run(self, statements: Sequence[core.Stmt], where: Term) -> None:
-        """Execute them where a condition holds. `TermTooLongError`."""
-        for s in statements:
-            self.left -= 1
-            if self.left < 0:
-                raise TermTooLongError
-            self._statement(s, where)
+    def _guard(self, condition: Term) -> None:
+        self.faults.add((self.where, self.terms.make("unless", condition)))
 
-    def _statement(self, s: core.Stmt, where: Term) -> None:
-        if isinstance(s, core.Let):
-            self.env[s.name] = self.expr(s.value)
-        elif isinstance(s, core.Checked):
-            self.env[s.name] = self._checked(s)
-            self.faults.add((where, self.env[s.name]))
-        elif isinstance(s, core.Guard):
-            self.faults.add((where, self.terms.make("unless", self.expr(s.condition))))
-        elif isinstance(s, core.If):
-            self._if(s, where)
-        elif isinstance(s, core.Loop):
-            for k in range(s.low, s.high):
-                self.env[s.variable] = self.terms.constant(k)
-                self.run(s.body, where)
-        elif isinstance(s, core.Call):
-            self.env[s.name] = self._call(s, where)
-        else:
-            self._change(s, where)
-
-    def _change(self, s: core.Stmt, where: Term) -> None:
+    def _changed(
+        self, s: core.Set | core.Push, old: Term, path: list[int | Term], value: Term
+    ) -> Term:
         make = self.terms.make
-        if isinstance(s, core.Choose):
-            self._choose(s)
-        elif isinstance(s, core.Set):
-            value = self.expr(s.value)
-            at = self._path(s.path)
-            self.env[s.name] = make("with", self.env[s.name], at, value) if s.path else value
-        elif isinstance(s, core.Push):
-            at = self._path(s.path)
-            pushed = make("pushed", s.type, self.env[s.name], at, self.expr(s.value))
-            self.faults.add((where, pushed))
-            self.env[s.name] = pushed
-        else:
-            assert isinstance(s, core.Publish), s
-            value = self.expr(s.value)
-            if s.limit is not None:
-                self.messages.setdefault(s.output, []).append((where, value))
-            self.said[s.output] = (self.terms.true, value)
+        given = zip(s.path, path, strict=True)
+        at = make("path", *[self.terms.constant(p) if isinstance(e, int) else p for e, p in given])
+        if isinstance(s, core.Set):
+            return make("with", old, at, value) if s.path else value
+        pushed = make("pushed", s.type, old, at, value)
+        self.faults.add((self.where, pushed))
+        return pushed
 
-    def _path(self, path: Sequence[int | core.Expr]) -> Term:
-        return self.terms.make(
-            "path",
-            *[self.terms.constant(p) if isinstance(p, int) else self.expr(p) for p in path],
-        )
+    def _publish(self, s: core.Publish, value: Term) -> None:
+        if s.limit is not None:
+            self.messages.setdefault(s.output, []).append((self.where, value))
+        super()._publish(s, value)
 
-    def _choose(self, s: core.Choose) -> None:
+    def _choose(self, s: core.Choose) -> Term:
         """The choices of a step are told apart by their number."""
-        make, old = self.terms.make, None if s.ages is None else self.env[s.ages]
-        self.env[s.name] = make("choice", self.chosen, s.type, s.count, s.low, old)
+        make, old = self.terms.make, None if s.ages is None else self.frame.variables[s.ages]
+        choice = make("choice", self.chosen, s.type, s.count, s.low, old)
         if s.ages is not None:
-            self.env[s.ages] = make("aged", self.env[s.name])
+            self.frame.variables[s.ages] = make("aged", choice)
         self.chosen += 1
+        return choice
 
-    def _if(self, s: core.If, where: Term) -> None:
-        terms = self.terms
-        condition = self.expr(s.condition)
-        before, said = dict(self.env), dict(self.said)
-        self.run(s.then, terms.joined("&&", (where, condition)))
-        then, told = self.env, self.said
-        self.env, self.said = dict(before), dict(said)
-        self.run(s.otherwise, terms.joined("&&", (where, terms.no(condition))))
-        for name in before:
-            self.env[name] = terms.either(condition, then[name], self.env[name])
-        for k in {**told, **self.said}:
-            nothing = (terms.false, terms.make("nothing"))
-            (p, a), (q, b) = told.get(k, nothing), self.said.get(k, nothing)
-            self.said[k] = terms.either(condition, p, q), terms.either(condition, a, b)
+    def _known(self, _: Term) -> None:
+        """Both sides of every branch are followed."""
 
-    def _checked(self, s: core.Checked) -> Term:
+    def _reached(self, where: Term, condition: Term, truth: bool) -> Term:
+        return self.terms.joined("&&", (where, condition if truth else self.terms.no(condition)))
+
+    def _join(self, condition: Term, *_: None) -> Join[Term]:
+        def join(a: Term | None, b: Term | None, _: Type) -> Term:
+            a, b = (self.terms.make("nothing") if x is None else x for x in (a, b))
+            return self.terms.either(condition, a, b)
+
+        return join
+
+    def _checked(self, s: core.Checked, operands: list[Term], limit: Term | None) -> Term:
         terms = self.terms
-        given = [self.expr(o) for o in s.operands]
-        limit = None if s.limit is None else self.expr(s.limit)
         if s.op == "abs":
-            return terms.size("whole abs", given[0])
-        given = sorted(given) if s.op in ("add", "mul") else given
-        plain = isinstance(s.type, IntType) and s.type.is_full and limit is None
-        return terms.make(s.op, *given, *(() if plain else (s.type, limit)))
+            value = terms.size("whole abs", operands[0])
+        else:
+            given = sorted(operands) if s.op in ("add", "mul") else operands
+            plain = isinstance(s.type, IntType) and s.type.is_full and limit is None
+            value = terms.make(s.op, *given, *(() if plain else (s.type, limit)))
+        self.faults.add((self.where, value))
+        return value
 
-    def _call(self, s: core.Call, where: Term) -> Term:
-        terms, f = self.terms, self.terms.functions[s.function]
-        given = [self.expr(a) for a in s.arguments]
-        if f.result is None:  # somebody else's code
-            value = terms.make("call", f.name, *given)
-            self.faults.add((where, value))
-            return value
-        inner = TermReading(terms, self.rename, self.left)
-        inner.env = {p.name: a for p, a in zip(f.parameters, given, strict=True)}
-        inner.run(f.body, where)
-        self.left = inner.left
-        self.faults |= inner.faults
-        return inner.expr(f.result)
+    def call(self, f: core.Function, arguments: tuple[Term, ...]) -> Term:
+        """The result of a function; of somebody else's code a term of its own."""
+        if f.result is not None:
+            return super().call(f, arguments)
+        value = self.terms.make("call", f.name, *arguments)
+        self.faults.add((self.where, value))
+        return value
 
     # ------------------------------------------------------------ expressions
 
-    def expr(self, e: core.Expr) -> Term:
-        """The term of an expression."""
-        terms = self.terms
+    def _operation(self, e: core.Expr, *operands: Term) -> Term:
+        terms, make = self.terms, self.terms.make
         if isinstance(e, core.Const):
             return terms.constant(e.value)
-        if isinstance(e, core.Var):
-            return self.env[e.name]
         if isinstance(e, core.Get):
-            return terms.make("read", self.rename(e.cell))
+            return make("read", self.rename(e.cell))
         if isinstance(e, core.Fact):
-            return terms.make("fact", self.rename(e))
+            return make("fact", self.rename(e))
         if isinstance(e, core.Binary):
-            return terms.binary(e.op, self.expr(e.left), self.expr(e.right))
+            return terms.binary(e.op, *operands)
         if isinstance(e, core.Unary):
-            return self._unary(e.op, self.expr(e.operand))
+            return self._unary(e.op, *operands)
         if isinstance(e, core.Select):
-            condition, then = self.expr(e.condition), self.expr(e.then)
-            return terms.either(condition, then, self.expr(e.otherwise))
-        return self._made(e)
+            return terms.either(*operands)
+        if isinstance(e, core.Extreme):
+            commutes = isinstance(e.type, (IntType, BoolType))
+            return make(e.op, *(sorted(operands) if commutes else operands))
+        if isinstance(e, core.Field):
+            return make("field", *operands, e.index)
+        if isinstance(e, core.Make):
+            return make("make", e.type, *operands)
+        return make("element" if isinstance(e, core.Element) else "length", *operands)
 
     def _unary(self, op: str, operand: Term) -> Term:
         if op == "not":
             return self.terms.no(operand)
         return self.terms.size(op, operand) if op == "abs" else self.terms.make(op, operand)
-
-    def _made(self, e: core.Expr) -> Term:
-        make = self.terms.make
-        if isinstance(e, core.Extreme):
-            both = [self.expr(e.left), self.expr(e.right)]
-            both = sorted(both) if isinstance(e.type, (IntType, BoolType)) else both
-            return make(e.op, *both)
-        if isinstance(e, core.Field):
-            return make("field", self.expr(e.target), e.index)
-        if isinstance(e, core.Element):
-            return make("element", self.expr(e.target), self.expr(e.index))
-        if isinstance(e, core.Length):
-            return make("length", self.expr(e.target))
-        assert isinstance(e, core.Make), e
-        return make("make", e.type, *[self.expr(x) for x in e.elements])
 
     # ------------------------------------------------------------ results
 
@@ -314,7 +257,7 @@ def of_predicate(terms: InternedTerms, p: core.Predicate | None, rename: Rename)
     if p is None:
         return ("none",)
     reading = TermReading(terms, rename)
-    reading.run(p.body, terms.true)
+    reading.run(p.body)
     return "predicate", reading.expr(p.value), reading.faulty()
 
 
@@ -328,11 +271,12 @@ def of_step(
     reading = TermReading(terms, rename)
     kept = step.locals if isinstance(step, core.NodeStep) else step.states
     for x in kept:
-        reading.env[x.name] = terms.make("read", rename(x.cell))
+        reading.bind(x.name, x.type, terms.make("read", rename(x.cell)))
     more: tuple[Hashable, ...] = ()
     if isinstance(step, core.NodeStep):
-        _at_times(reading, step.takeover, "takes over")
-        reading.run(step.body, terms.true)
+        takes = terms.make("takes over")
+        reading.branch(takes, lambda: reading.run(step.takeover), lambda: None)
+        reading.run(step.body)
     else:
         more = _plant(reading, step, topic)
     outputs = [
@@ -341,22 +285,13 @@ def of_step(
             o.type,
             o.bounds,
             o.burst,
-            reading.said.get(k),
+            reading.frame.outputs.get(k, ())[:2],
             tuple(reading.messages.get(k, ())),
         )
         for k, o in enumerate(step.outputs)
     ]
-    after = frozenset([(rename(x.cell), x.type, reading.env[x.name]) for x in kept])
+    after = frozenset([(rename(x.cell), x.type, reading.frame.variables[x.name]) for x in kept])
     return "step", after, frozenset(outputs), reading.faulty(), *more
-
-
-def _at_times(reading: TermReading, some: Sequence[core.Stmt], when: str) -> None:
-    """Statements that are executed in some steps only, which the engine tells."""
-    terms, before = reading.terms, dict(reading.env)
-    condition = terms.make(when)
-    reading.run(some, condition)
-    for name, old in before.items():
-        reading.env[name] = terms.either(condition, reading.env[name], old)
 
 
 def _plant(
@@ -366,10 +301,11 @@ def _plant(
     terms = reading.terms
     for k, (name, t, draws) in enumerate(step.disturbances):
         drawn = tuple([(d.low, d.high, d.hold_ns) for d in draws])
-        reading.env[name] = terms.make("drawn", k, t, drawn)
-    reading.run(step.choose, terms.true)
-    _at_times(reading, step.integrate, "integrates")
-    reading.run(step.publish, terms.true)
+        reading.bind(name, t, terms.make("drawn", k, t, drawn))
+    reading.run(step.choose)
+    integrates = terms.make("integrates")
+    reading.branch(integrates, lambda: reading.run(step.integrate), lambda: None)
+    reading.run(step.publish)
     of = [topic.get(o.topic, o.topic) for o in step.outputs]
     noise = [(of[o], leaf, d.low, d.high, d.hold_ns) for o, leaf, d in step.noise]
     return frozenset(noise), step.extern

@@ -16,10 +16,10 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from soter.core import core
+from soter.core.execute import TooManyStatementsError
 from soter.core.footprint import walk
 from soter.explore.model.symbolic_terms import (
     InternedTerms,
-    TermTooLongError,
     exact,
     of_predicate,
     of_step,
@@ -132,7 +132,7 @@ class RenamingCheck:
                 and self._judged(r)
                 and all(self.widths[x] == self.widths.get(r.label(x)) for x in self.widths)
             )  # fmt: skip
-        except TermTooLongError:
+        except TooManyStatementsError:
             return False
 
     def _stands_for(self, m: Module, r: Renaming) -> Module:

@@ -1,13 +1,12 @@
 """The statements of an enclosure: collected, freed of what nobody reads, turned into C.
 
 Purpose: operations in single-assignment form, with nested blocks for undecided branches.
-Non-goals: which operations (`body.py`), what they do (`verify/engine/soter_form.h`).
+Non-goals: which operations (`core_enclosure.py`), what they do (`verify/engine/soter_form.h`).
 """
 
 from __future__ import annotations
 
 import math
-from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
@@ -79,28 +78,15 @@ class Emitter:
     """Constant forms and tables of the whole unit, by type and content."""
     reads: dict[int, c.Name] = field(default_factory=dict)
     """Inputs that are read as forms, and the variables they are taken into."""
+    block: list[Step] = field(default_factory=list)
+    """Where operations go at present."""
     operations: int = 0
     _next: int = 0
-    _blocks: list[list[Step]] = field(default_factory=lambda: [[]])
 
     def fresh(self, kind: str) -> str:
         """A new variable."""
         self._next += 1
         return f"{kind[0]}{self._next}"
-
-    @property
-    def block(self) -> list[Step]:
-        """Where operations go at present."""
-        return self._blocks[-1]
-
-    @contextmanager
-    def nested(self) -> Iterator[list[Step]]:
-        """Operations go to a new block."""
-        self._blocks.append([])
-        try:
-            yield self._blocks[-1]
-        finally:
-            self._blocks.pop()
 
     def emit(self, kind: str, function: str, *arguments: c.CExpr, kept: bool = False) -> c.Name:
         """One more operation; gives the variable with its result.

@@ -1,16 +1,19 @@
-"""Core over forms: one method a kind of node.
+"""Core over forms: the domain of enclosures.
 
-Purpose: what statements and expressions of Core come to when every number is an enclosure; loops
-and calls are written out, both sides of an undecided branch run on copies and join.
-Non-goals: which functions are emitted (`enclosure_code.py`), the arithmetic (`operations.py`).
+Purpose: what the operations of Core come to when every number is an enclosure; both sides of an
+undecided branch are blocks of the emitted C.
+Non-goals: the walk (`core/execute.py`), which functions are emitted (`enclosure_code.py`), the
+arithmetic (`operations.py`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.core import core
+from soter.core.execute import Execution
 from soter.language.model.data_table import Table
 from soter.language.model.types import IntType, ListType, leaf_count
 from soter.verify.enclose.c_emitter import EmittedBranch, EnclosureError, MergedVariable
@@ -31,24 +34,12 @@ from soter.verify.enclose.prelude import enclosed_call
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from soter.core.execute import Join
     from soter.language.model.types import Type
     from soter.verify.enclose.c_emitter import Emitter, Step
 
 
-@dataclass
-class EnclosureFrame:
-    """Temporaries of one function or step, and what it has published."""
-
-    variables: dict[str, Item] = field(default_factory=dict)
-    outputs: dict[int, tuple[Item, Item]] = field(default_factory=dict)
-    """Output number -> (whether, value)."""
-
-    def copy(self) -> EnclosureFrame:
-        """For one side of a branch."""
-        return EnclosureFrame(dict(self.variables), dict(self.outputs))
-
-
-class EnclosureBody:
+class EnclosureBody(Execution[Item]):
     """Encloses bodies of Core."""
 
     def __init__(
@@ -58,22 +49,52 @@ class EnclosureBody:
         cell: Callable[[core.Cell, Type], Item],
         prelude: set[str],
     ) -> None:
+        super().__init__(functions, math.inf)
         self.ops = EnclosureOperations(emitter)
         self.emitter = emitter
-        self.functions = functions
         self.cell = cell
         self.prelude = prelude
         """Prelude functions whose tested bounds were used; filled here."""
-        self.frame = EnclosureFrame()
 
     # ------------------------------------------------------------ expressions
 
     def expr(self, e: core.Expr) -> Item:
         """The value of an expression."""
-        value = getattr(self, "_" + type(e).__name__.lower())(e)
-        if isinstance(value, Constant) and is_scalar(value.type):
-            return opened(value)
-        return value  # type: ignore[no-any-return]
+        value = super().expr(e)
+        return opened(value) if isinstance(value, Constant) and is_scalar(value.type) else value
+
+    def _known(self, condition: Item) -> bool | None:
+        return condition.value if isinstance(condition, KnownTruth) else None
+
+    def _operation(self, e: core.Expr, *operands: Item) -> Item:
+        ops = self.ops
+        if isinstance(e, core.Const):
+            return self._const(e)
+        if isinstance(e, core.Get):
+            return self.cell(e.cell, e.type)
+        if isinstance(e, core.Fact):
+            return self._fact(e)
+        if isinstance(e, core.Unary):
+            return self._unary(e.op, *operands)
+        if isinstance(e, core.Binary):
+            return self._binary(e.op, *operands)
+        if isinstance(e, core.Extreme):
+            return ops.extreme(e.op, *operands)
+        if isinstance(e, core.Select):
+            return ops.select(*operands)
+        if isinstance(e, core.Field):
+            return self._parts(*operands).items[e.index]
+        if isinstance(e, core.Element):
+            return ops.element(operands[0], operands[1], e.type)
+        if isinstance(e, core.Length):
+            whole = self._parts(*operands)
+            assert isinstance(whole, Sequence)
+            return whole.length
+        if isinstance(e.type, ListType):
+            rest = opened(Constant(e.type, ()))
+            assert isinstance(rest, Sequence)
+            return Sequence(KnownInt(len(operands)), (*operands, *rest.items[len(operands) :]))
+        return AggregateParts(operands)
 
     def _const(self, e: core.Const) -> Item:
         if isinstance(e.value, Table):
@@ -83,90 +104,38 @@ class EnclosureBody:
             raise EnclosureError(msg)
         return Constant(e.type, e.value)
 
-    def _var(self, e: core.Var) -> Item:
-        return self.frame.variables[e.name]
-
-    def _get(self, e: core.Get) -> Item:
-        return self.cell(e.cell, e.type)
-
     def _fact(self, e: core.Fact) -> Item:
         if e.fact in {"time", "age"}:
             return self.ops.float_range(0.0, float("inf"))
         return self.ops.whole_range(0, 1) if e.fact == "mode" else UNKNOWN
 
-    def _unary(self, e: core.Unary) -> Item:
-        operand = self.expr(e.operand)
-        if e.op == "not":
+    def _unary(self, op: str, operand: Item) -> Item:
+        if op == "not":
             return self.ops.negated(operand)
-        if e.op == "to_float":
-            return self.ops.to_float(operand)
-        return self.ops.unary(e.op, operand)
+        return self.ops.to_float(operand) if op == "to_float" else self.ops.unary(op, operand)
 
-    def _binary(self, e: core.Binary) -> Item:
-        left, right = self.expr(e.left), self.expr(e.right)
-        if e.op == "&&":
+    def _binary(self, op: str, left: Item, right: Item) -> Item:
+        if op == "&&":
             return self.ops.both(left, right)
-        if e.op == "||":
+        if op == "||":
             return self.ops.either(left, right)
-        if e.op in {"+", "-", "*", "/"}:
-            return self.ops.binary(e.op, left, right)
-        return self.ops.compare(e.op, left, right)
-
-    def _extreme(self, e: core.Extreme) -> Item:
-        return self.ops.extreme(e.op, self.expr(e.left), self.expr(e.right))
-
-    def _select(self, e: core.Select) -> Item:
-        condition = self.expr(e.condition)
-        if isinstance(condition, KnownTruth) and condition.value is not None:
-            return self.expr(e.then if condition.value else e.otherwise)
-        return self.ops.select(condition, self.expr(e.then), self.expr(e.otherwise))
-
-    def _field(self, e: core.Field) -> Item:
-        return self._parts(self.expr(e.target)).items[e.index]
+        if op in {"+", "-", "*", "/"}:
+            return self.ops.binary(op, left, right)
+        return self.ops.compare(op, left, right)
 
     def _parts(self, v: Item) -> AggregateParts | Sequence:
         whole = opened(v) if isinstance(v, Constant) else v
         assert isinstance(whole, (AggregateParts, Sequence))
         return whole
 
-    def _element(self, e: core.Element) -> Item:
-        target, at = self.expr(e.target), self.expr(e.index)
-        return self.ops.element(target, at, e.type)
-
-    def _length(self, e: core.Length) -> Item:
-        whole = self._parts(self.expr(e.target))
-        assert isinstance(whole, Sequence)
-        return whole.length
-
-    def _make(self, e: core.Make) -> Item:
-        items = tuple(self.expr(x) for x in e.elements)
-        if isinstance(e.type, ListType):
-            rest = opened(Constant(e.type, ()))
-            assert isinstance(rest, Sequence)
-            return Sequence(KnownInt(len(items)), (*items, *rest.items[len(items) :]))
-        return AggregateParts(items)
-
     # ------------------------------------------------------------ statements
 
-    def run(self, statements: tuple[core.Stmt, ...]) -> None:
-        """A sequence of statements."""
-        for s in statements:
-            getattr(self, "_do_" + type(s).__name__.lower())(s)
-
-    def _do_let(self, s: core.Let) -> None:
-        self.frame.variables[s.name] = self.expr(s.value)
-
-    def _do_checked(self, s: core.Checked) -> None:
-        operands = tuple(self.expr(o) for o in s.operands)
-        self.frame.variables[s.name] = self._checked(s, operands)
-
-    def _checked(self, s: core.Checked, operands: tuple[Item, ...]) -> Item:
+    def _checked(self, s: core.Checked, operands: list[Item], limit: Item | None) -> Item:
         if s.op == "narrow":
             assert isinstance(s.type, IntType)
             return self.ops.narrowed(operands[0], s.type.low, s.type.high)
         if s.op == "index":
-            assert s.limit is not None
-            limit = self.expr(s.limit)
+            assert limit is not None
             if isinstance(s.limit, core.Length):
                 listed = s.limit.target.type
                 assert isinstance(listed, ListType)
@@ -175,42 +144,47 @@ class EnclosureBody:
             return self.ops.index(operands[0], limit, limit.value)
         if s.op == "to_int":
             return self.ops.to_int(operands[0])
-        return self.ops.int_operation(s.op, operands)
+        return self.ops.int_operation(s.op, tuple(operands))
 
-    def _do_choose(self, s: core.Choose) -> None:
+    def _choose(self, s: core.Choose) -> Item:
         where = f"line {s.span.line} of `{s.span.source.name}`"
         msg = f"what `choose` gives (in {where}) cannot be enclosed"
         raise EnclosureError(msg)
 
-    def _do_guard(self, s: core.Guard) -> None:
-        self.ops.guard(self.expr(s.condition))
+    def _guard(self, condition: Item) -> None:
+        self.ops.guard(condition)
 
-    def _do_call(self, s: core.Call) -> None:
-        arguments = tuple(self.expr(a) for a in s.arguments)
-        self.frame.variables[s.name] = self.call(self.functions[s.function], arguments)
-
-    def call(self, function: core.Function, arguments: tuple[Item, ...]) -> Item:
+    def call(self, f: core.Function, arguments: tuple[Item, ...]) -> Item:
         """A call, written out; EnclosureError where the function is extern."""
-        known = enclosed_call(self.ops, function, arguments)
+        known = enclosed_call(self.ops, f, arguments)
         if known is not None:
-            self.prelude.add(function.source_name)
+            self.prelude.add(f.source_name)
             return known
-        if function.result is None:
-            msg = f"`{function.source_name}` is extern: what it computes cannot be enclosed"
+        if f.result is None:
+            msg = f"`{f.source_name}` is extern: what it computes cannot be enclosed"
             raise EnclosureError(msg)
-        outer = self.frame
-        names = (p.name for p in function.parameters)
-        self.frame = EnclosureFrame(dict(zip(names, arguments, strict=True)))
-        self.run(function.body)
-        result = self.expr(function.result)
-        self.frame = outer
-        return result
+        return super().call(f, arguments)
 
-    def _do_set(self, s: core.Set) -> None:
-        path = tuple(p if isinstance(p, int) else self.expr(p) for p in s.path)
-        value = self.expr(s.value)
-        old = self.frame.variables[s.name]
-        self.frame.variables[s.name] = self._replaced(old, path, lambda _: value)
+    def _changed(
+        self, s: core.Set | core.Push, old: Item, path: list[int | Item], value: Item
+    ) -> Item:
+        if isinstance(s, core.Set):
+            return self._replaced(old, tuple(path), lambda _: value)
+        return self._replaced(old, tuple(path), lambda whole: self._pushed(whole, value))
+
+    def _pushed(self, old: Item, value: Item) -> Item:
+        whole = self._parts(old)
+        assert isinstance(whole, Sequence)
+        room = self.ops.compare("<", whole.length, KnownInt(len(whole.items)))
+        self.ops.guard(room)
+        items = tuple(
+            self.ops.select(self.ops.compare("==", whole.length, KnownInt(k)), value, x)
+            for k, x in enumerate(whole.items)
+        )
+        longer = self.ops.int_operation("add", (whole.length, KnownInt(1)))
+        length = self.ops.extreme("min", longer, KnownInt(len(items)))
+        assert isinstance(length, (EmittedInts, KnownInt))
+        return Sequence(length, items)
 
     def _replaced(
         self, old: Item, path: tuple[int | Item, ...], new: Callable[[Item], Item]
@@ -232,38 +206,6 @@ class EnclosureBody:
                 items[k] = self.ops.select(here, changed, item)
         return replace(whole, items=tuple(items))
 
-    def _do_push(self, s: core.Push) -> None:
-        path = tuple(p if isinstance(p, int) else self.expr(p) for p in s.path)
-        value = self.expr(s.value)
-
-        def pushed(old: Item) -> Item:
-            whole = self._parts(old)
-            assert isinstance(whole, Sequence)
-            room = self.ops.compare("<", whole.length, KnownInt(len(whole.items)))
-            self.ops.guard(room)
-            items = tuple(
-                self.ops.select(self.ops.compare("==", whole.length, KnownInt(k)), value, x)
-                for k, x in enumerate(whole.items)
-            )
-            longer = self.ops.int_operation("add", (whole.length, KnownInt(1)))
-            length = self.ops.extreme("min", longer, KnownInt(len(items)))
-            assert isinstance(length, (EmittedInts, KnownInt))
-            return Sequence(length, items)
-
-        old = self.frame.variables[s.name]
-        self.frame.variables[s.name] = self._replaced(old, path, pushed)
-
-    def _do_if(self, s: core.If) -> None:
-        condition = self.expr(s.condition)
-        if isinstance(condition, KnownTruth) and condition.value is not None:
-            self.run(s.then if condition.value else s.otherwise)
-            return
-        self.branch(
-            condition,
-            lambda: self._run_where(s.condition, s.then, truth=True),
-            lambda: self._run_where(s.condition, s.otherwise, truth=False),
-        )
-
     def _run_where(self, condition: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:
         """One side of a branch: there the condition is known, and so is the variable it reads.
 
@@ -276,44 +218,28 @@ class EnclosureBody:
             self.frame.variables[condition.name] = KnownTruth(truth)
         self.run(body)
 
-    def branch(
-        self, condition: Item, then: Callable[[], None], otherwise: Callable[[], None]
-    ) -> None:
-        """Both sides on copies of the frame, joined behind."""
-        before = self.frame
-        sides: list[tuple[EnclosureFrame, list[Step]]] = []
-        for action in (then, otherwise):
-            self.frame = before.copy()
-            with self.emitter.nested() as block:
-                action()
-            sides.append((self.frame, block))
-        (yes, first), (no, second) = sides
+    @property
+    def where(self) -> list[Step]:
+        """The block of C to which operations go."""
+        return self.emitter.block
+
+    @where.setter
+    def where(self, block: list[Step]) -> None:
+        self.emitter.block = block
+
+    def _reached(self, *_: object) -> list[Step]:
+        return []
+
+    def _join(self, condition: Item, *sides: list[Step]) -> Join[Item]:
         merged: list[MergedVariable] = []
+        self.where.append(EmittedBranch(self.ops.truth(condition), merged, *sides))
 
-        def join(a: Item, b: Item) -> Item:
-            return self.ops.merged(a, b, merged, first, second)
+        def join(a: Item | None, b: Item | None, _: Type) -> Item:
+            if a is not None and b is not None:
+                return self.ops.merged(a, b, merged, *sides)
+            if a is not None:  # of one block only; it must outlive the block
+                return self.ops.outlived(a, merged, sides[0])
+            assert b is not None
+            return self.ops.outlived(b, merged, sides[1])
 
-        self.frame = EnclosureFrame(
-            {n: join(yes.variables[n], no.variables[n]) for n in before.variables}
-        )
-        for k in {**yes.outputs, **no.outputs}:
-            in_yes, in_no = yes.outputs.get(k), no.outputs.get(k)
-            if in_yes is not None and in_no is not None:
-                value = join(in_yes[1], in_no[1])
-            elif in_yes is not None:  # of one block only; it must outlive the block
-                value = self.ops.outlived(in_yes[1], merged, first)
-            else:
-                assert in_no is not None
-                value = self.ops.outlived(in_no[1], merged, second)
-            never: Item = KnownTruth(False)
-            has = [x[0] if x is not None else never for x in (in_yes, in_no)]
-            self.frame.outputs[k] = (join(*has), value)
-        self.emitter.block.append(EmittedBranch(self.ops.truth(condition), merged, first, second))
-
-    def _do_loop(self, s: core.Loop) -> None:
-        for k in range(s.low, s.high):
-            self.frame.variables[s.variable] = KnownInt(k)
-            self.run(s.body)
-
-    def _do_publish(self, s: core.Publish) -> None:
-        self.frame.outputs[s.output] = (KnownTruth(True), self.expr(s.value))
+        return join

@@ -2,7 +2,7 @@
 
 Purpose: records, arrays and lists fall apart into scalars; a scalar is known now (a constant) or
 lies in a variable of the emitted C.
-Non-goals: emitting (`c_emitter.py`), meaning (`body.py`).
+Non-goals: emitting (`c_emitter.py`), meaning (`core_enclosure.py`).
 """
 
 from __future__ import annotations

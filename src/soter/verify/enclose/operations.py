@@ -1,7 +1,7 @@
 """Operations on the values of an enclosure: settled now where known, emitted where not.
 
 Purpose: one method a kind of scalar operation, and the selection and join of whole values.
-Non-goals: Core (`body.py`), rounding at run time (`verify/engine/soter_form.h`).
+Non-goals: Core (`core_enclosure.py`), rounding at run time (`verify/engine/soter_form.h`).
 """
 
 from __future__ import annotations

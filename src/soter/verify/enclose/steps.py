@@ -1,7 +1,7 @@
 """The steps of a verification system, put together as the functions of an enclosure.
 
 Purpose: SC on what it sees, plants on what acts on them, predicates on true or estimated topics.
-Non-goals: printing (`enclosure_code.py`), statements (`body.py`).
+Non-goals: printing (`enclosure_code.py`), statements (`core_enclosure.py`).
 """
 
 from __future__ import annotations
@@ -130,13 +130,13 @@ class Enclosed:
         """A body whose temporaries are a plant's states and disturbances."""
         body = self.body()
         for x in step.states:
-            body.frame.variables[x.name] = self.cell(x.cell, x.type)
+            body.bind(x.name, x.type, self.cell(x.cell, x.type))
         named = {d.variable.name: d for d in component.disturbances}
         drawn = zip(step.disturbances, component.disturbances, strict=True)
-        for (name, _, _), d in drawn:
+        for (name, t, _), d in drawn:
             assert named[d.variable.name] is d
             value = self.inputs.disturbance(component.index, d, read=self.moving)
-            body.frame.variables[name] = value
+            body.bind(name, t, value)
         return body
 
     def drive(self) -> None:
@@ -169,7 +169,7 @@ class Enclosed:
         self._see(component.scope.topics.values())
         body = self.body()
         for x in step.locals:
-            body.frame.variables[x.name] = self.ops.top(x.type)
+            body.bind(x.name, x.type, self.ops.top(x.type))
         if step.takeover:
             body.branch(UNKNOWN, lambda: body.run(step.takeover), lambda: None)
         body.run(step.body)
@@ -180,7 +180,7 @@ class Enclosed:
         """What a topic holds behind the gate: checked, or still its last value."""
         topic = self.system.topics[output.topic]
         held = self.inputs.topic(topic, {})
-        has, value = body.frame.outputs.get(number, (KnownTruth(False), held))
+        has, value, _ = body.frame.outputs.get(number, (KnownTruth(False), held, topic.type))
         checked: dict[tuple[str, ...], Item] = {}
         bounds = dict(zip((p for p, _ in leaves(topic.type)), output.bounds, strict=True))
 

@@ -1,8 +1,9 @@
-"""Core read over terms: what a step publishes, and whether it faults, as a function of its reads.
+"""Core over a solver's terms: what a step publishes, whether it faults, as a function of its reads.
 
-Purpose: statements and expressions of Core with both sides of every branch, joined by conditions.
-What terms cannot say exactly is an uninterpreted function of what it is computed from.
-Non-goals: when a step runs and what it then reads (`transition_relation.py`).
+Purpose: the domain of these terms, joined by conditions. What terms cannot say exactly is an
+uninterpreted function of what it is computed from.
+Non-goals: the walk (`core/execute.py`), when a step runs and what it reads
+(`transition_relation.py`).
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from soter.core import core
+from soter.core.execute import Execution
 from soter.language.model.types import (
     BOOL,
     FLOAT,
@@ -28,18 +30,13 @@ from soter.verify.induction.solver_terms import Age, is_known, is_tuple, is_whol
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from soter.core.execute import Join
     from soter.language.model.types import Type
     from soter.verify.induction.solver_terms import SolverTerms, Term
 
-STATEMENTS_MAX = 20_000
-"""Of one step or predicate, loops unrolled."""
 INLINE_MAX = 60
 """Statements of a function that is read where it is called; a longer one is uninterpreted."""
 SWAPPED = {">": "<", ">=": "<=", "<": ">", "<=": ">=", "==": "==", "!=": "!="}
-
-
-class StepTooLongError(Exception):
-    """A step that takes more statements than are followed."""
 
 
 class Reads(Protocol):
@@ -52,138 +49,74 @@ class Reads(Protocol):
         """`time`, `in_control`, a mode, an age."""
 
 
-class Evaluation:
+class Evaluation(Execution["Term"]):
     """One step, or one predicate."""
 
     def __init__(
-        self,
-        terms: SolverTerms,
-        functions: Mapping[str, core.Function],
-        reads: Reads,
-        budget: int = 0,
+        self, terms: SolverTerms, functions: Mapping[str, core.Function], reads: Reads
     ) -> None:
+        super().__init__(functions)
         self.terms = terms
-        self.functions = functions
         self.reads = reads
-        self.env: dict[str, Term] = {}
-        self.types: dict[str, Type] = {}
+        self.where = True
         self.fault: Term = False
         self.doubt: Term = False
         """A fault that hangs on something uninterpreted: there may be none."""
-        self.published: dict[int, tuple[Term, Term, Type]] = {}
-        """By output: whether there is a publication, its value."""
-        self.left = budget or STATEMENTS_MAX
         self.uninterpreted: dict[str, None] = {}
         """Functions of the program of which nothing but their arguments was looked at."""
 
-    def bind(self, name: str, t: Type, value: Term) -> None:
-        """A temporary."""
-        self.env[name], self.types[name] = value, t
-
     # ------------------------------------------------------------ statements
 
-    def run(self, statements: Sequence[core.Stmt], where: Term = True) -> None:
-        """Execute them; `where`: under which condition they are reached. `StepTooLongError`."""
-        for s in statements:
-            self.left -= 1
-            if self.left < 0:
-                raise StepTooLongError
-            self._statement(s, where)
+    def _guard(self, condition: Term) -> None:
+        self._faults(self.terms.no(condition))
 
-    def _statement(self, s: core.Stmt, where: Term) -> None:
-        terms = self.terms
-        if isinstance(s, core.Let):
-            self.bind(s.name, s.value.type, self.expr(s.value))
-        elif isinstance(s, core.Checked):
-            self._checked(s, where)
-        elif isinstance(s, core.Choose):
-            self._choose(s)
-        elif isinstance(s, core.Guard):
-            self._faults(where, terms.no(self.expr(s.condition)))
-        elif isinstance(s, core.Call):
-            self._call(s, where)
-        elif isinstance(s, core.Set):
-            steps = [p if isinstance(p, int) else self.expr(p) for p in s.path]
-            new = self._with(self.env[s.name], s.type, steps, self.expr(s.value), s.value.type)
-            self.bind(s.name, s.type, new)
-        elif isinstance(s, core.Push):
-            self._push(s, where)
-        elif isinstance(s, core.If):
-            self._if(s, where)
-        elif isinstance(s, core.Loop):
-            for k in range(s.low, s.high):
-                self.bind(s.variable, INT, k)
-                self.run(s.body, where)
-        else:
-            assert isinstance(s, core.Publish)
-            assert s.limit is None, "bursts are not followed"
-            self.published[s.output] = (True, self.expr(s.value), s.value.type)
-
-    def _faults(self, where: Term, condition: Term) -> None:
-        fault = self.terms.both(where, condition)
+    def _faults(self, condition: Term) -> None:
+        fault = self.terms.both(self.where, condition)
         if self.terms.is_opaque(condition):
             self.doubt = self.terms.either(self.doubt, fault)
         else:
             self.fault = self.terms.either(self.fault, fault)
 
-    def _if(self, s: core.If, where: Term) -> None:
-        terms = self.terms
-        condition = self.expr(s.condition)
-        if isinstance(condition, bool):
-            self.run(s.then if condition else s.otherwise, where)
-            return
-        condition = terms.named(condition, "if")
-        before, said = dict(self.env), dict(self.published)
-        self.run(s.then, terms.both(where, condition))
-        then, told = self.env, self.published
-        self.env, self.published = dict(before), dict(said)
-        self.run(s.otherwise, terms.both(where, terms.no(condition)))
-        for name in before:
-            if then[name] is not self.env[name]:
-                t = self.types[name]
-                self.env[name] = terms.chosen(condition, then[name], self.env[name], t)
-        for k in {**told, **self.published}:
-            self.published[k] = self._either(condition, told.get(k), self.published.get(k))
+    def _branch_condition(self, condition: Term) -> Term:
+        return self.terms.named(condition, "if")
 
-    def _either(
-        self,
-        condition: Term,
-        a: tuple[Term, Term, Type] | None,
-        b: tuple[Term, Term, Type] | None,
-    ) -> tuple[Term, Term, Type]:
-        one = a or b
-        assert one is not None
-        t = one[2]
-        (said_a, value_a, _), (said_b, value_b, _) = (x or (False, one[1], t) for x in (a, b))
-        terms = self.terms
-        return (
-            terms.chosen(condition, said_a, said_b, BOOL),
-            terms.chosen(condition, value_a, value_b, t),
-            t,
-        )
+    def _known(self, condition: Term) -> bool | None:
+        return condition if isinstance(condition, bool) else None
 
-    def _choose(self, s: core.Choose) -> None:
+    def _reached(self, where: Term, condition: Term, truth: bool) -> Term:
+        return self.terms.both(where, condition if truth else self.terms.no(condition))
+
+    def _join(self, condition: Term, *_: None) -> Join[Term]:
+        def join(a: Term, b: Term, t: Type) -> Term:
+            a, b = (b if a is None else a), (a if b is None else b)
+            return self.terms.chosen(condition, a, b, t)
+
+        return join
+
+    def _choose(self, s: core.Choose) -> Term:
         terms = self.terms
         if isinstance(s.type, BoolType):
             value = terms.truth(s.name)
         else:
             value = terms.whole(s.name)
             terms.state(terms.both(s.low <= value, value < s.low + s.count))
-        self.bind(s.name, s.type, value)
         if s.ages is not None:
-            t = self.types[s.ages]
+            t = self.frame.types[s.ages]
             self.bind(s.ages, t, terms.fresh(t, s.ages))
+        return value
+
+    def _publish(self, s: core.Publish, value: Term) -> None:
+        assert s.limit is None, "bursts are not followed"
+        super()._publish(s, value)
 
     # ------------------------------------------------------------ operations that may fault
 
-    def _checked(self, s: core.Checked, where: Term) -> None:
-        values = [self.expr(o) for o in s.operands]
-        limit = None if s.limit is None else self.expr(s.limit)
-        value, fault = self._operation(s, values, limit)
-        self._faults(where, fault)
-        self.bind(s.name, s.type, value)
+    def _checked(self, s: core.Checked, operands: list[Term], limit: Term) -> Term:
+        value, fault = self._fallible(s, operands, limit)
+        self._faults(fault)
+        return value
 
-    def _operation(self, s: core.Checked, v: list[Term], limit: Term) -> tuple[Term, Term]:
+    def _fallible(self, s: core.Checked, v: list[Term], limit: Term) -> tuple[Term, Term]:
         """The value where there is no fault, and whether there is one."""
         terms, z3 = self.terms, self.terms.z3
         if s.op == "index":
@@ -226,37 +159,37 @@ class Evaluation:
         q = z3.If(a < 0, -size, size) if b > 0 else z3.If(a < 0, size, -size)
         return (q if op == "div" else a - q * b), (q > INT_MAX if op == "div" else False)
 
-    def _call(self, s: core.Call, where: Term) -> None:
-        f = self.functions[s.function]
-        arguments = [self.expr(a) for a in s.arguments]
+    def call(self, f: core.Function, arguments: tuple[Term, ...]) -> Term:
+        """The result of a function; of one that is long or extern an uninterpreted one."""
+        terms = self.terms
         if f.result is not None and _size(f.body) <= INLINE_MAX:
-            inner = Evaluation(self.terms, self.functions, self.reads, self.left)
-            for p, a in zip(f.parameters, arguments, strict=True):
-                inner.bind(p.name, p.type, a)
-            inner.run(f.body)
-            value, fault = inner.expr(f.result), inner.fault
-            self.doubt = self.terms.either(self.doubt, self.terms.both(where, inner.doubt))
-            self.left = inner.left
-            self.uninterpreted |= inner.uninterpreted
+            where, fault, doubt = self.where, self.fault, self.doubt
+            self.where, self.fault, self.doubt = True, False, False
+            value = super().call(f, arguments)
+            self.where, self.fault, inner = where, fault, self.fault
+            self.doubt = terms.either(doubt, terms.both(where, self.doubt))
         else:
             pairs = zip(arguments, f.parameters, strict=True)
-            given = [x for a, p in pairs for x in self.terms.flat(a, p.type)]
+            given = [x for a, p in pairs for x in terms.flat(a, p.type)]
             name = f"fun {f.name}"
-            value = self.terms.apply(name, given, f.result_type)
-            fault = self.terms.apply(f"{name} faults", given, BOOL) if f.can_fault else False
+            value = terms.apply(name, given, f.result_type)
+            inner = terms.apply(f"{name} faults", given, BOOL) if f.can_fault else False
             self.uninterpreted[f.source_name] = None
-        self._faults(where, fault)
-        self.bind(s.name, s.type, value)
+        self._faults(inner)
+        return value
 
-    def _push(self, s: core.Push, where: Term) -> None:
+    def _changed(self, s: core.Set | core.Push, old: Term, path: list[Term], value: Term) -> Term:
+        t = s.value.type
+        if isinstance(s, core.Push):
+            value, t = self._pushed(s, *self._at(old, s.type, path), value)
+        return self._with(old, s.type, path, value, t)
+
+    def _pushed(self, s: core.Push, old: Term, t: Type, value: Term) -> tuple[Term, Type]:
         terms = self.terms
-        steps = [p if isinstance(p, int) else self.expr(p) for p in s.path]
-        old, t = self._at(self.env[s.name], s.type, steps)
         assert isinstance(t, ListType)
-        self._faults(where, terms.length(terms.lifted(t, old)) >= t.capacity)
-        given = [terms.lifted(t, old), *terms.flat(self.expr(s.value), s.value.type)]
-        new = terms.apply("push", given, t)
-        self.bind(s.name, s.type, self._with(self.env[s.name], s.type, steps, new, t))
+        self._faults(terms.length(terms.lifted(t, old)) >= t.capacity)
+        given = [terms.lifted(t, old), *terms.flat(value, s.value.type)]
+        return terms.apply("push", given, t), t
 
     # ------------------------------------------------------------ parts of values
 
@@ -301,59 +234,52 @@ class Evaluation:
 
     # ------------------------------------------------------------ expressions
 
-    def expr(self, e: core.Expr) -> Term:
-        """The value of an expression."""
+    def _operation(self, e: core.Expr, *operands: Term) -> Term:
         terms = self.terms
         if isinstance(e, core.Const):
             return terms.constant(e.type, e.value)
-        if isinstance(e, core.Var):
-            return self.env[e.name]
         if isinstance(e, core.Get):
             return self.reads.cell(e.cell, e.type)
         if isinstance(e, core.Fact):
             return self.reads.fact(e)
         if isinstance(e, core.Select):
-            then, otherwise = self.expr(e.then), self.expr(e.otherwise)
-            return terms.chosen(self.expr(e.condition), then, otherwise, e.type)
+            return terms.chosen(operands[0], operands[1], operands[2], e.type)
         if isinstance(e, core.Field):
-            return self.expr(e.target)[e.index]
+            return operands[0][e.index]
         if isinstance(e, core.Element):
-            return self._part(self.expr(e.target), e.target.type, self.expr(e.index))[0]
+            target, index = operands
+            return self._part(target, e.target.type, index)[0]
         if isinstance(e, core.Length):
-            return terms.length(terms.lifted(e.target.type, self.expr(e.target)))
-        if isinstance(e, core.Make):
-            values = [self.expr(x) for x in e.elements]
-            if is_tuple(e.type):
-                return tuple(values)
-            types = [part.type for part in e.elements]
-            return terms.listed(e.type, list(zip(values, types, strict=True)))
+            return terms.length(terms.lifted(e.target.type, *operands))
         if isinstance(e, core.Unary):
-            return self._unary(e)
+            return self._unary(e, *operands)
         if isinstance(e, core.Extreme):
-            return self._extreme(e)
-        assert isinstance(e, core.Binary), e
-        return self._binary(e)
+            return self._extreme(e, *operands)
+        if isinstance(e, core.Binary):
+            return self._binary(e, *operands)
+        assert isinstance(e, core.Make), e
+        if is_tuple(e.type):
+            return operands
+        types = [part.type for part in e.elements]
+        return terms.listed(e.type, list(zip(operands, types, strict=True)))
 
-    def _unary(self, e: core.Unary) -> Term:
-        value = self.expr(e.operand)
+    def _unary(self, e: core.Unary, operand: Term) -> Term:
         if e.op == "not":
-            return self.terms.no(value)
-        if isinstance(value, (int, float)) and e.op in ("to_float", "neg", "abs"):
-            known = float(value)
+            return self.terms.no(operand)
+        if isinstance(operand, (int, float)) and e.op in ("to_float", "neg", "abs"):
+            known = float(operand)
             return known if e.op == "to_float" else -known if e.op == "neg" else abs(known)
-        return self.terms.apply(e.op, self.terms.flat(value, e.operand.type), e.type)
+        return self.terms.apply(e.op, self.terms.flat(operand, e.operand.type), e.type)
 
-    def _extreme(self, e: core.Extreme) -> Term:
-        a, b = self.expr(e.left), self.expr(e.right)
+    def _extreme(self, e: core.Extreme, a: Term, b: Term) -> Term:
         if is_whole(e.type) or (isinstance(a, float) and isinstance(b, float)):
             second = b < a if e.op == "min" else b > a
             return self.terms.chosen(second, b, a, e.type)
         given = [*self.terms.flat(a, e.left.type), *self.terms.flat(b, e.right.type)]
         return self.terms.apply(e.op, given, e.type)
 
-    def _binary(self, e: core.Binary) -> Term:
+    def _binary(self, e: core.Binary, a: Term, b: Term) -> Term:
         terms = self.terms
-        a, b = self.expr(e.left), self.expr(e.right)
         t = e.left.type
         if e.op == "&&":
             return terms.both(a, b)

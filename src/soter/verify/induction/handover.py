@@ -13,13 +13,14 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from soter.core.execute import TooManyStatementsError
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
 from soter.language.model.system import Property
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.types import FLOAT, MODE, RecordType
-from soter.verify.induction.core_to_terms import Evaluation, StepTooLongError
+from soter.verify.induction.core_to_terms import Evaluation
 from soter.verify.induction.solver_terms import Age, SolverTerms
 
 if TYPE_CHECKING:
@@ -203,7 +204,7 @@ def _shown(
                     f"{what} of {c.name} may change it where `enters` does not hold, or without "
                     "showing it to DM and SC"
                 )
-    except StepTooLongError:
+    except TooManyStatementsError:
         return f"a step of {c.name} takes more statements than are followed"
     return ""
 
@@ -244,11 +245,11 @@ def _step(
     for copy in code.locals:
         evaluation.bind(copy.name, copy.type, state[copy.cell.name])
     evaluation.run(code.body)
-    after = {copy.cell.name: evaluation.env[copy.name] for copy in code.locals}
+    after = {copy.cell.name: evaluation.frame.variables[copy.name] for copy in code.locals}
     published = {
-        o.topic: evaluation.published[k][:2]
+        o.topic: evaluation.frame.outputs[k][:2]
         for k, o in enumerate(code.outputs)
-        if k in evaluation.published
+        if k in evaluation.frame.outputs
     }
     (asked,) = program.properties
     shown = StepReads(terms, flat, dict(reads.values))

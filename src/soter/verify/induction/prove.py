@@ -12,8 +12,8 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from soter.core.execute import TooManyStatementsError
 from soter.verify.induction.calendar import hyperperiod, settled
-from soter.verify.induction.core_to_terms import StepTooLongError
 from soter.verify.induction.solver_terms import SolverTerms
 from soter.verify.induction.transition_relation import Stretch
 
@@ -82,7 +82,7 @@ def induct(problem: InductionProblem, progress: Callable[[float], None] | None =
             _latching(problem, induction, progress)
         if induction.proved:
             _returns(problem, induction)
-    except StepTooLongError:
+    except TooManyStatementsError:
         induction.why = "a step takes more statements than are followed"
     induction.seconds = time.perf_counter() - began
     return induction

@@ -281,17 +281,13 @@ class Cluster:
             evaluation.bind(copy.name, copy.type, self.locals[component.index, copy.cell.name])
         if code.takeover:
             takes = terms.both(enabled, terms.no(self.had[component.index]))
-            old = dict(evaluation.env)
-            evaluation.run(code.takeover, takes)
-            for copy in code.locals:
-                value = terms.chosen(takes, evaluation.env[copy.name], old[copy.name], copy.type)
-                evaluation.bind(copy.name, copy.type, value)
+            evaluation.branch(takes, lambda: evaluation.run(code.takeover), lambda: None)
         evaluation.run(code.body)
         of.uninterpreted |= evaluation.uninterpreted
         fault, doubt = evaluation.fault, evaluation.doubt
         said, values = {}, {}
         for k, output in enumerate(code.outputs):
-            flag, value, t = evaluation.published.get(k, (False, None, output.type))
+            flag, value, t = evaluation.frame.outputs.get(k, (False, None, output.type))
             said[output.topic] = flag
             if flag is False:
                 continue
@@ -311,7 +307,8 @@ class Cluster:
             self._equal(done.published[index][1], value, t, terms.both(passed, runs))
         for copy in code.locals:
             key = component.index, copy.cell.name
-            value = terms.chosen(runs, evaluation.env[copy.name], self.locals[key], copy.type)
+            after = evaluation.frame.variables[copy.name]
+            value = terms.chosen(runs, after, self.locals[key], copy.type)
             self.locals[key] = terms.defined(value, copy.type, copy.name)
         if code.takeover:
             had = terms.chosen(runs, enabled, self.had[component.index], BOOL)
