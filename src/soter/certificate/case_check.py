@@ -38,9 +38,9 @@ from soter.certificate.inclusions.predicates import (
 )
 from soter.certificate.inclusions.sc_chains import delays
 from soter.certificate.polytope.dm_half_spaces import returned
+from soter.certificate.polytope.plant_publications import all_published
 from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.polytope.predicates import certain_beside, show_admitted
-from soter.certificate.polytope.published_ranges import all_published
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
 from soter.certificate.reading.facts import bounded_topics

@@ -39,7 +39,7 @@ from soter.certificate.reading.views import left_out
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.unpublished_reads import survives_the_start
+from soter.certificate.time.sc_before_publication import survives_the_start
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault

@@ -19,7 +19,7 @@ from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
 from soter.verify.claims.levels import deploy, levels
-from soter.verify.claims.published_ranges import say_narrowed
+from soter.verify.claims.plant_publications import say_narrowed
 from soter.verify.claims.recovery import in_time, recover
 from soter.verify.claims.results import (
     ASSUMED,

@@ -130,7 +130,7 @@ def unasked(monkeypatch: pytest.MonkeyPatch) -> None:
     def asked(*_: object) -> None:
         raise AssertionError("the claims of a certificate that is wrong were checked")
 
-    monkeypatch.setattr("soter.api.assurance.certificate.recheck", asked)
+    monkeypatch.setattr("soter.api.assurance.certificate_check.recheck", asked)
 
 
 @pytest.mark.usefixtures("unasked")
@@ -225,7 +225,7 @@ def test_a_certificate_that_changes_while_it_is_checked_supports_nothing(
         forged(cart, lambda m: m.update(soter="0"))
         return Report(accepted=True)
 
-    monkeypatch.setattr("soter.api.assurance.certificate.recheck", changed)
+    monkeypatch.setattr("soter.api.assurance.certificate_check.recheck", changed)
     code, goals = assured(soter, "--cert", "proof")
     assert (code, set(goals.values())) == (3, {"undeveloped"})
     assert "it was changed while it was checked" in whys(cart)
@@ -236,7 +236,7 @@ def test_an_accepted_report_about_nothing_supports_nothing(
 ) -> None:
     sha256 = load(cart / "c.soter").flat("Protected").program.sha256
     empty = Report(accepted=True, program_sha256=sha256)
-    monkeypatch.setattr("soter.api.assurance.certificate.recheck", lambda *_: empty)
+    monkeypatch.setattr("soter.api.assurance.certificate_check.recheck", lambda *_: empty)
     code, goals = assured(soter, "--cert", "proof")
     assert (code, set(goals.values())) == (4, {"undeveloped"})
 
@@ -260,7 +260,7 @@ def test_a_compiled_decision_module_that_differs_refutes(
     report.not_covered = [
         RecheckAssumption("compiled", "the code that a decision module is compiled to")
     ]
-    monkeypatch.setattr("soter.api.assurance.certificate.recheck", lambda *_: report)
+    monkeypatch.setattr("soter.api.assurance.certificate_check.recheck", lambda *_: report)
     assert assured(soter, "--cert", "proof")[0] == 0
     assert "compiled to" not in json.dumps(case_of(cart))
     monkeypatch.setattr("soter.verify.deploy.dm_check.decided", lambda *_, **__: 0)

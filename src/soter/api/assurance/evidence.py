@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.assurance.certificate import file_hash
+from soter.api.assurance.certificate_check import file_hash
 from soter.api.assurance.replayed_flights import FlightFolder, read_flights, replay_flights
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError

@@ -3,7 +3,7 @@
 Purpose: `argue`: the top goal and the properties below it; beside it, as goals of their own, that
 control comes back (P2b), that a fail-safe law holds once the trusted part has stopped, and that the
 compiled decision module is the one that was proved. Every status is a result of this call.
-Non-goals: the certificate (`certificate.py`); tests and campaigns (`safety_case.py`).
+Non-goals: the certificate (`certificate_check.py`); tests and campaigns (`safety_case.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.report.assurance.safety_case import CaseNode
 
 if TYPE_CHECKING:
-    from soter.api.assurance.certificate import CertifiedProof
+    from soter.api.assurance.certificate_check import CertifiedProof
     from soter.certificate.report import RecheckedModule
     from soter.language.model.system import Module, System
     from soter.report.assurance.safety_case import SafetyCase

@@ -11,7 +11,7 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from soter.api.assurance.certificate import file_hash
+from soter.api.assurance.certificate_check import file_hash
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.bounded_read import read_json_text
 

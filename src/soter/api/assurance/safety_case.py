@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.assurance.certificate import proof_of
+from soter.api.assurance.certificate_check import proof_of
 from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
 from soter.diagnostics.diagnostic import Diagnostic, SoterError

@@ -738,10 +738,6 @@ class Elaborator(Topics):
         self._names_of_property(part, roots, scope)
         return scope
 
-    def module_called(self, name: str) -> Module | None:
-        """The module instance with this full name."""
-        return self._modules_by_name.get(name)
-
     def _names_of_property(
         self,
         part: SubSystem,

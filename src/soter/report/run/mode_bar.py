@@ -1,4 +1,8 @@
-"""A bar of who is in control, in the text of the page, sharp on paper."""
+"""A bar of who is in control over time.
+
+Purpose: the arms side by side at a glance, in the text of the page, sharp on paper.
+Non-goals: pointing at decisions (`timeline.py`).
+"""
 
 from __future__ import annotations
 
