@@ -10,6 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.cli.ci.findings_of_monitor import of_judgements, of_log
+from soter.cli.ci.formats import add_format
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
 from soter.cli.terminal.log_judgement import as_json, lines, undecided
@@ -31,6 +33,7 @@ EXAMPLES = """\
   soter monitor drone.soter flight.mcap            on the true states of a log
   soter monitor drone.soter --seed 7               on those of a fresh run
   soter monitor drone.soter flight.mcap --estimates     on what the DM saw
+  soter monitor drone.soter flight.mcap --format junit > flight.xml    for CI; or sarif, github
   soter monitor drone.soter --emit watch.soter     the monitor as a trusted node
   soter monitor drone.soter px4.csv --map px4.toml      a log of somebody else: when would each
                                                         module have switched, how near it came
@@ -64,6 +67,7 @@ def parser() -> CommandParser:
     made.add_argument("--emit", metavar="PATH", help="write the monitor as a Soter node")
     made.add_argument("--alarm", metavar="TOPIC", help="with --emit: a bool topic of the program")
     add_settings(made)
+    add_format(made)
     return made
 
 
@@ -116,7 +120,8 @@ def _judged(
     alarms = sum(j.alarms for j in judged)
     modules = {j.module: _fields(j) for j in judged}
     fields = {"file": args.file, "emitted": None, "modules": modules, "log": None}
-    return CommandOutcome(VIOLATED if alarms else FINE, tuple(warnings), fields)
+    code = VIOLATED if alarms else FINE
+    return CommandOutcome(code, tuple(warnings), fields, of_judgements(judged))
 
 
 def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -148,7 +153,7 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
         console.say(text)
     outside = any(m.outside for m in judged.modules)
     fields = {"file": args.file, "emitted": None, "modules": {}, "log": as_json(judged)}
-    return CommandOutcome(VIOLATED if outside else FINE, items, fields)
+    return CommandOutcome(VIOLATED if outside else FINE, items, fields, of_log(judged))
 
 
 def _explained(

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.diagnostics.span import Span
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Value
@@ -60,6 +61,8 @@ class Judgement:
     state: str = ""
     """The state that needed it."""
     alarm_states: dict[str, int] = field(default_factory=dict)
+    span: Span | None = field(default=None, compare=False, repr=False)
+    """Where the module is declared."""
 
 
 class _Models:
@@ -241,7 +244,8 @@ def judge(
     """
     reader = RecordReader(flat, module, problem)
     models = _Models(problem)
-    judgement = Judgement(module.name, "estimates" if estimates else "truth")
+    source = "estimates" if estimates else "truth"
+    judgement = Judgement(module.name, source, span=module.symbol.span)
     if estimates:
         _on_estimates(reader, models, record, judgement, truths)
     else:

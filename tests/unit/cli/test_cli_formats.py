@@ -1,4 +1,4 @@
-"""`--format sarif|junit|github`: what continuous integration reads of check, verify and test."""
+"""`--format sarif|junit|github`: what CI reads of check, verify, test and monitor."""
 
 from __future__ import annotations
 
@@ -173,3 +173,75 @@ def test_what_ends_a_command_is_told_in_its_format(soter: Soter) -> None:
 )
 def test_a_wrong_format_is_a_wrong_command_line(soter: Soter, arguments: tuple[str, ...]) -> None:
     assert soter(*arguments).exit == 2
+
+
+@pytest.fixture
+def monitored(soter: Soter, here: Path) -> Callable[[str], Any]:
+    """`monitored(format)`: half of the wind is declared of what blew in the log, so no run fits."""
+    pytest.importorskip("mcap", reason="the extra `log` is not installed")
+    soter("run", "cart.soter", "--until", "1s", "--log", "flight.mcap")
+    text = (here / "cart.soter").read_text()
+    assert text.count("[-0.2, 0.2]") == 1
+    (here / "half.soter").write_text(text.replace("[-0.2, 0.2]", "[-0.1, 0.1]"))
+    return lambda wanted: soter("monitor", "half.soter", "flight.mcap", "--format", wanted)
+
+
+def line_of(path: Path, text: str) -> int:
+    return path.read_text().split(text)[0].count("\n") + 1
+
+
+def test_monitor_as_sarif(monitored: Callable[[str], Any], soter: Soter, here: Path) -> None:
+    done = monitored("sarif")
+    run, (result,) = sarif_of(done.out)
+    assert (done.exit, run["automationDetails"]["id"]) == (3, "soter/monitor/")
+    at = ("monitor", "half.soter", line_of(here / "half.soter", "rta SafeCart"))
+    assert (places([result]), result["level"]) == ([at], "error")
+    assert "SafeCart: the model is false: alarms in " in result["message"]["text"]
+    fits = soter("monitor", "cart.soter", "flight.mcap", "--format", "sarif")
+    assert (fits.exit, sarif_of(fits.out)[1]) == (0, [])
+
+
+def test_monitor_as_junit(monitored: Callable[[str], Any], soter: Soter) -> None:
+    (case,) = cases(monitored("junit").out)
+    assert (case.attrib["classname"], case.attrib["name"]) == ("half.soter", "SafeCart")
+    failure = case.find("failure")
+    assert failure is not None
+    assert "c.v: " in (failure.text or ""), "the states that no disturbance reaches"
+    (case,) = cases(soter("monitor", "cart.soter", "flight.mcap", "--format", "junit").out)
+    assert case.find("failure") is None
+    assert "explains each of 200 steps" in (case.findtext("system-out") or "")
+
+
+def test_monitor_as_commands_of_github(monitored: Callable[[str], Any], here: Path) -> None:
+    done = monitored("github")
+    line = line_of(here / "half.soter", "rta SafeCart")
+    assert f"::error title=soter%3A monitor,file=half.soter,line={line}," in done.out
+    assert "The model is false" in done.out.replace("\n", " "), "people still read it"
+
+
+LOG_MAP = {
+    "time": {"from": "t"},
+    "topics": {"motion": {"fields": {"x": "x", "v": "v"}, "between": "linear"}},
+}
+
+
+@pytest.mark.parametrize(("reach", "code"), [(3.0, 0), (30.0, 3)])
+def test_monitor_of_a_log_of_somebody_else_in_all_formats(
+    soter: Soter, here: Path, reach: float, code: int
+) -> None:
+    (here / "map.json").write_text(json.dumps(LOG_MAP))
+    rows = [f"{k / 10},{k * reach / 30},{reach / 3}" for k in range(30)]
+    (here / "log.csv").write_text("\n".join(("t,x,v", *rows)))
+    run = ("monitor", "cart.soter", "log.csv", "--map", "map.json", "--format")
+    done = soter(*run, "sarif")
+    results = sarif_of(done.out)[1]
+    assert (done.exit, len(results)) == (code, code // 3)
+    (case,) = cases(soter(*run, "junit").out)
+    told = case.find("failure" if code else "system-out")
+    assert told is not None
+    words = " reads lay outside `safe`"
+    assert words in (told.text or "")
+    assert "assumed: only reads are judged" in (told.text or ""), "no verdict without it"
+    said = soter(*run, "github").out
+    at = f"file=cart.soter,line={line_of(here / 'cart.soter', 'rta SafeCart')},"
+    assert (at in said, f"{words}, the first at " in said) == (code == 3, code == 3)

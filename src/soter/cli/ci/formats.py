@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from soter.cli.terminal.parser import CommandParser
 
 FORMATS = ("sarif", "junit", "github")
-COMMANDS = ("check", "verify", "test")
+COMMANDS = ("check", "verify", "test", "monitor")
 
 
 def add_format(parser: CommandParser) -> None:

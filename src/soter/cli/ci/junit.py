@@ -1,4 +1,4 @@
-"""JUnit's XML of `check` and `verify`; `soter test` has its own (`explore/junit.py`).
+"""JUnit's XML of `check`, `verify` and `monitor`; `soter test` has its own (`explore/junit.py`).
 
 Purpose: one `testsuite` a file, one `testcase` a finding: what is wrong is a failure, what is open
 an error, warnings stand in `system-out`; a file in which nothing was found is a case that passes.
@@ -57,7 +57,7 @@ def _counts(findings: Sequence[CiFinding], files: dict[str, list[CiFinding]]) ->
 def _case(suite: ET.Element, file: str, f: CiFinding) -> None:
     one = case(suite, file, f.name, f.seconds)
     if f.kind == "pass":
-        said(one, "system-out", f.text)
+        said(one, "system-out", "\n".join((f.text, *f.details)))
         return
     kind = "failure" if f.kind == "fail" else "error"
     said(one, kind, _text(f), type=f.rule, message=f.text)

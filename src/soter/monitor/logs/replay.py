@@ -81,7 +81,9 @@ def replay(
     watches = {}
     for m in system.modules:
         lost, blind = plan.missing.get(m.index, ()), plan.blind.get(m.index, ())
-        module_log = ModuleOfLog(m.name, m.period_ns, tuple(map(str, lost)), tuple(map(str, blind)))
+        module_log = ModuleOfLog(
+            m.name, m.period_ns, tuple(map(str, lost)), tuple(map(str, blind)), span=m.symbol.span
+        )
         judged.modules.append(module_log)
         if module_log.decided:
             watches[m.index] = _Watch(m, module_log)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
     from soter.monitor.logs.samples import DerivedValue
 
 ASSUMED = (
@@ -58,7 +59,7 @@ class ModuleOfLog:
     the DM; in `stale` of them a read was too old, in `fresh` none; `ttf`, `safer`, `outside` (of
     safe) and `faults` count fresh ones. `margin` is of not ttf, `clearance` of `safe`; None where
     there was no fresh read, or where `blind` says what `safe` reads and the log has not. `bounds`:
-    of each comparison of `ttf` its least.
+    of each comparison of `ttf` its least. `span`: where the module is declared.
     """
 
     module: str
@@ -77,6 +78,7 @@ class ModuleOfLog:
     margin: NearestMargin | None = None
     clearance: NearestMargin | None = None
     bounds: dict[str, NearestMargin] = field(default_factory=dict)
+    span: Span | None = field(default=None, compare=False, repr=False)
 
     @property
     def decided(self) -> bool:
