@@ -24,7 +24,7 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 from soter.explore.engine.search import Search
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
 
@@ -92,7 +92,7 @@ def rows() -> list[Row]:
 def searched(row: Row, seconds: float) -> Found:
     """One search, compiled before; it ends after so many seconds."""
     system = system_of_test(check_file(str(FILE), row.text), row.test)
-    with Search(system, Options(time=seconds)) as search:
+    with Search(system, SearchOptions(time=seconds)) as search:
         return search.run()
 
 

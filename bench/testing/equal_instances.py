@@ -21,7 +21,7 @@ from pathlib import Path
 from statistics import median
 
 from soter.explore.engine.search import Search
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
 
@@ -116,7 +116,7 @@ def search(count: int, ticks: int, how: str, runs: int) -> Row:
     system = system_of_test(check_file("fleet.soter", program(count, ticks)), "Passage")
     seconds = []
     for _ in range(runs):
-        with Search(system, Options(reduction=WAYS[how], memory=MEMORY)) as own:
+        with Search(system, SearchOptions(reduction=WAYS[how], memory=MEMORY)) as own:
             outcome, equal = own.run(), own.equal
         seconds.append(outcome.seconds)
     return Row(

@@ -41,7 +41,7 @@ import soter  # noqa: E402 - after the path
 from soter.explore.engine.search import Search  # noqa: E402 - the same
 from soter.explore.judge.replay import replay, violation_id_of  # noqa: E402 - the same
 from soter.explore.methods import SAMPLING  # noqa: E402 - the same
-from soter.explore.results import Options  # noqa: E402 - the same
+from soter.explore.search_options import SearchOptions  # noqa: E402 - the same
 from soter.explore.trace.schedule import plan_of  # noqa: E402 - the same
 from soter.explore.trace.trace import VIOLATION_KINDS, Trace  # noqa: E402 - the same
 from soter.language.front_end import system_of_test  # noqa: E402 - the same
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.explore.engine.search import Found
-    from soter.explore.results import SearchProgress
+    from soter.explore.search_options import SearchProgress
     from soter.language.model.system import System
 
 UNGUIDED = "unguided"
@@ -95,7 +95,7 @@ class _Clock:
 def examine(system: System, name: str, row: Row, shrink_s: float) -> Row:
     """One search, entered in `row`."""
     guided = row.strategy != UNGUIDED
-    options = Options(
+    options = SearchOptions(
         strategy=row.strategy if guided else "falsify",
         runs=2**62,
         memory=MEMORY,

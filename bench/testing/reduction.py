@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
 from soter.explore.engine.search import Search
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
 
@@ -70,7 +70,7 @@ def searches(engine: Engine, most: int) -> dict[str, Searched]:
 
 def apart(system: System) -> tuple[int, str]:
     """Configurations that `soter test` stores, which explores parts apart, and how many parts."""
-    with Search(system, Options(memory=3 * 2**30)) as search:
+    with Search(system, SearchOptions(memory=3 * 2**30)) as search:
         outcome = search.run()
         return outcome.states, f"{outcome.states:,} in {search.parts}"
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from soter.explore import methods
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
 
@@ -242,7 +242,7 @@ def search(test: str, ticks: int, how: str, strategy: str, runs: int, most: floa
     outcome: Found | Searched
     for _ in range(runs):
         if how == APART:
-            with Search(system, Options(memory=MEMORY, time=most)) as own:
+            with Search(system, SearchOptions(memory=MEMORY, time=most)) as own:
                 outcome = own.run()
         else:
             engine = Engine(system)

@@ -23,12 +23,16 @@ import sys
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.contract_use import replaced_in
-from soter.explore.results import Options, TestResult
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 from soter.report.summary import table
+
+if TYPE_CHECKING:
+    from soter.explore.results import TestResult
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
@@ -67,7 +71,7 @@ def result_of(text: str) -> TestResult:
     """What the test of a program is told."""
     checked = check_file("small.soter", text)
     about = TraceHeader("small.soter", {}, replaced_in(checked.tests["T"]))
-    return explore_test(system_of_test(checked, "T"), Options(minimise=0), about)
+    return explore_test(system_of_test(checked, "T"), SearchOptions(minimise=0), about)
 
 
 def word(result: TestResult) -> str:

@@ -14,7 +14,8 @@ import pytest
 from generators.induction_planners import planner
 from long_tests import examples
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.results import EXHAUSTED, VIOLATED, Options
+from soter.explore.results import EXHAUSTED, VIOLATED
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of
 from soter.verify.induction.problem import extract_induction
 from soter.verify.induction.prove import induct
@@ -28,7 +29,7 @@ pytest.importorskip("z3")
 PLANNERS = examples("SOTER_PLANNERS", quick=16, long=60)
 """Without lateness; with it there are twice as many, of which few are clean."""
 HORIZON_NS = {False: 120_000_000, True: 60_000_000}
-OPTIONS = Options(time=30, minimise=0, memory=2**29)
+OPTIONS = SearchOptions(time=30, minimise=0, memory=2**29)
 
 
 def compared(seed: int, folder: Path, *, late: bool) -> tuple[str, str]:

@@ -12,7 +12,7 @@ import pytest
 
 from generators.interrupted_searches import anywhere, chance, in_pieces, once
 from generators.long_search_programs import wanderers
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 OVERRUN = "overrun N by 10ms; skip A at most 1;"
 MODELS = {
-    "plain": (wanderers(160), Options(reduction="none")),
-    "asleep": (wanderers(160), Options(reduction="sleep", threads=2)),
-    "by instants": (wanderers(220), Options(reduction="instants")),
-    "by instants, 2 threads": (wanderers(220), Options(reduction="instants", threads=2)),
-    "overrun": (wanderers(110, extra=OVERRUN), Options(reduction="none", threads=2)),
-    "overrun, ample": (wanderers(110, extra=OVERRUN), Options(reduction="ample")),
+    "plain": (wanderers(160), SearchOptions(reduction="none")),
+    "asleep": (wanderers(160), SearchOptions(reduction="sleep", threads=2)),
+    "by instants": (wanderers(220), SearchOptions(reduction="instants")),
+    "by instants, 2 threads": (wanderers(220), SearchOptions(reduction="instants", threads=2)),
+    "overrun": (wanderers(110, extra=OVERRUN), SearchOptions(reduction="none", threads=2)),
+    "overrun, ample": (wanderers(110, extra=OVERRUN), SearchOptions(reduction="ample")),
     "overrun, fingerprints": (
         wanderers(110, extra=OVERRUN),
-        Options(reduction="none", storage="fingerprint", threads=2),
+        SearchOptions(reduction="none", storage="fingerprint", threads=2),
     ),
-    "late": (wanderers(110, extra="skew 10ms;"), Options(reduction="ample", threads=2)),
-    "violated": (wanderers(160, most=15), Options(reduction="none")),
+    "late": (wanderers(110, extra="skew 10ms;"), SearchOptions(reduction="ample", threads=2)),
+    "violated": (wanderers(160, most=15), SearchOptions(reduction="none")),
 }
 MIB = 2**20
 

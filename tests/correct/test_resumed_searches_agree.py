@@ -27,7 +27,7 @@ from generators.small_test_programs import small_program
 from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.checkpoint.checkpoint_options import CheckpointOptions
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
@@ -42,15 +42,15 @@ MAKERS = (small_program, program_apart, program_in_instants)
 MOST = 20_000
 """Configurations of a program that is compared."""
 WAYS = (
-    Options(reduction="none"),
-    Options(reduction="sleep"),
-    Options(reduction="none", storage="fingerprint"),
-    Options(reduction="sleep", storage="fingerprint", threads=2),
-    Options(reduction="none", threads=2),
-    Options(reduction="instants"),
-    Options(reduction="groups"),
-    Options(reduction="all"),
-    Options(reduction="all", threads=2),
+    SearchOptions(reduction="none"),
+    SearchOptions(reduction="sleep"),
+    SearchOptions(reduction="none", storage="fingerprint"),
+    SearchOptions(reduction="sleep", storage="fingerprint", threads=2),
+    SearchOptions(reduction="none", threads=2),
+    SearchOptions(reduction="instants"),
+    SearchOptions(reduction="groups"),
+    SearchOptions(reduction="all"),
+    SearchOptions(reduction="all", threads=2),
 )
 
 
@@ -104,7 +104,7 @@ test T {{ system Hall; horizon 400ms; }}
 @pytest.mark.parametrize("every", [10, 30])
 @pytest.mark.parametrize("way", [w for w in WAYS if w.reduction in ("groups", "all")])
 def test_in_pieces_a_search_sees_nearly_as_soon_that_it_holds_for_ever(
-    way: Options, every: int, tmp_path: Path
+    way: SearchOptions, every: int, tmp_path: Path
 ) -> None:
     text = PASSAGE.format(every=every)
     system = system_of_test(check_file("passage.soter", text), "T")

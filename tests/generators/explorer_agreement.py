@@ -20,7 +20,7 @@ from soter.explore.engine.composed import ComposedSearch
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
 from soter.explore.methods import EXHAUSTIVE
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ def _named(broken: tuple[int, int]) -> Broken:
 
 def _as_a_user(s: Small, told: Compared) -> None:
     """What `soter test` runs by default: all reductions, parts of the system apart."""
-    with Search(s.system, Options()) as search:
+    with Search(s.system, SearchOptions()) as search:
         outcome = search.run()
     wanted = "violated" if s.found.least else "exhausted"
     name = f"{search.parts} parts"

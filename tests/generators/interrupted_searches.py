@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.explore.engine.search import Found
-    from soter.explore.results import Options
+    from soter.explore.search_options import SearchOptions
     from soter.language.model.system import System
 
 ANYWHERE = ("-DSOTER_AHEAD=1U", "-DSOTER_BATCH=1U", "-DSOTER_TELL=1U", "-O0")
@@ -78,7 +78,7 @@ def anywhere() -> Iterator[None]:
         explorer_library.FLAGS = before
 
 
-def once(system: System, options: Options, wanted: CheckpointOptions | None = None) -> Said:
+def once(system: System, options: SearchOptions, wanted: CheckpointOptions | None = None) -> Said:
     """One search, which writes itself down if that is wanted."""
     (place,) = checkpoints(wanted, [system], options, {})
     with Search(system, options, checkpoint=place) as search:
@@ -91,7 +91,7 @@ def chance(seed: int) -> Random:
     return Random(seed)  # noqa: S311 - the same pieces every time are wanted
 
 
-def in_one_piece(system: System, options: Options, folder: Path) -> Said:
+def in_one_piece(system: System, options: SearchOptions, folder: Path) -> Said:
     """The same with one checkpoint, at its end: parts that only properties join are one part.
 
     Its verdict is that of the search without checkpoints.
@@ -104,7 +104,7 @@ def in_one_piece(system: System, options: Options, folder: Path) -> Said:
 
 def in_pieces(
     system: System,
-    options: Options,
+    options: SearchOptions,
     folder: Path,
     random: Random,
     ends: Sequence[Mapping[str, Any]],

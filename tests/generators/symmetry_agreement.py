@@ -18,7 +18,7 @@ from generators.explorer_agreement import WHAT, Small
 from generators.explorer_configurations import Decoder
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 
 if TYPE_CHECKING:
     from generators.brute_force import Canonical, World
@@ -203,7 +203,7 @@ def _coverage(s: Small, seen: dict[str, bytes], told: Told, extra: tuple[str, ..
 
 def _as_a_user(s: Small, told: Told) -> None:
     """What `soter test` runs by default."""
-    with Search(s.system, Options()) as search:
+    with Search(s.system, SearchOptions()) as search:
         outcome = search.run()
     if outcome.status != _wanted(s):
         told.complaints.append(f"as a user: {outcome.status}, not {_wanted(s)}")

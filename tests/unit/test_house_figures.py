@@ -173,7 +173,6 @@ REASONS = {
     "src/soter/language/model/typed.py": "the checked tree, records only",
     "src/soter/language/syntax/tree.py": "the tree, records only",
     "src/soter/language/syntax/parsing/token_cursor.py": "a cursor and its recovery",
-    "src/soter/cli/test.py": "not cut yet: arguments, progress, words and JSON of one command",
     "src/soter/runtime/soter.h": "one header is what a user of the kernel includes",
     "src/soter/verify/engine/soter_form.h": "arithmetic, inlined; cut by kinds already",
     "src/soter/verify/engine/soter_reach_linear.c": "not cut yet",

@@ -2,7 +2,8 @@
 
 Purpose: engines, times, parameters of traces and chosen modules, each refused in words where it
 is wrong; `ttf` and `safer` of modules that have neither.
-Non-goals: bindings and `params` of runs (`simulate/`), options of searches (`explore/settings.py`).
+Non-goals: bindings and `params` of runs (`simulate/`), options of searches
+(`explore/search_options.py`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The tests of a program, explored one after the other.
 
 Purpose: which tests, their flat systems, their traces and pages, and one report.
-Non-goals: exploring one test (`explore/command.py`), options (`explore/settings.py`), checkpoints
-(`explore/checkpoint/`).
+Non-goals: exploring one test (`explore/command.py`), options (`explore/search_options.py`),
+checkpoints (`explore/checkpoint/`).
 """
 
 from __future__ import annotations
@@ -14,51 +14,36 @@ from typing import TYPE_CHECKING, Any
 from soter.api.arguments import complete, params_as_json, time_ns, values_of
 from soter.api.files import write_test_page
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.diagnostics.option import made
 from soter.explore.checkpoint.checkpoint_options import asked, checkpoints
 from soter.explore.command import TraceHeader, chosen, explore_test, save, with_times
 from soter.explore.contract_use import replaced_in
 from soter.explore.results import ExploreReport
-from soter.explore.settings import options_of
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import system_of_test
 from soter.simulate.interrupt import listening, stop_request
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.explore.results import SearchProgress, TestResult
+    from soter.explore.results import TestResult
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
     from soter.language.model.types import Value
 
 
-def explore(
-    checked: CheckResult,
-    path: str,
-    *,
-    test: str | Sequence[str] | None,
-    skew: float | str | None,
-    horizon: float | str | None,
-    params: Mapping[str, object] | None,
-    output: str | Path | None,
-    html: bool,
-    progress: Callable[[SearchProgress], None] | None,
-    checkpoint: str | Path | None,
-    checkpoint_every: float | None,
-    resume: str | Path | None,
-    partial: bool,
-    **how: Any,  # noqa: ANN401 - as `options_of` says
-) -> ExploreReport:
+def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> ExploreReport:
     """Explore every test of a sound program, or one, as `Program.explore` says.
 
     Whoever interrupts it gets what was covered until then; KeyboardInterrupt unless `partial`.
     """
-    options = options_of(**how)
-    wanted = asked(checkpoint, checkpoint_every, resume, options)
+    options = made(SearchOptions, given)
+    wanted = asked(options)
     program = checked.program
     assert program is not None
-    tests = chosen(checked.tests, path, test)
-    values = values_of(program, params)
-    systems = _tests(checked, [t.name for t in tests], values, skew, horizon)
+    tests = chosen(checked.tests, path, options.test)
+    values = values_of(program, options.params)
+    systems = _tests(checked, [t.name for t in tests], values, options)
     told = params_as_json(program, values)
     kept = checkpoints(wanted, systems, options, told)
     results: list[TestResult] = []
@@ -66,16 +51,17 @@ def explore(
     with listening(listener), _until_interrupted(results, tests):
         for symbol, system, place in zip(tests, systems, kept, strict=True):
             about = TraceHeader(path, told, replaced_in(symbol))
-            result = explore_test(system, options, about, progress, listener, place)
+            result = explore_test(system, options, about, options.progress, listener, place)
             results.append(result)
-            if output is not None and save(result, Path(output)) is not None and html:
+            output = options.output
+            if output is not None and save(result, Path(output)) is not None and options.html:
                 for one in (result, *(o for o in result.others if o.trace is not None)):
                     write_test_page(one)
             if result.interrupted or listener.wanted:
                 break
     not_started = tuple([t.name for t in tests[len(results) :]])
     report = ExploreReport(path, program.sha256, tuple(results), not_started)
-    if report.interrupted and not partial:
+    if report.interrupted and not options.partial:
         raise KeyboardInterrupt
     return report
 
@@ -94,12 +80,11 @@ def _tests(
     checked: CheckResult,
     names: Sequence[str],
     values: Mapping[str, Value],
-    skew: float | str | None,
-    horizon: float | str | None,
+    options: SearchOptions,
 ) -> list[System]:
     """The flattened systems of tests, complete; every diagnostic of all of them at once."""
     diagnostics = Diagnostics()
-    skew_ns, horizon_ns = time_ns("skew", skew), time_ns("horizon", horizon)
+    skew_ns, horizon_ns = time_ns("skew", options.skew), time_ns("horizon", options.horizon)
     systems = []
     for name in names:
         try:

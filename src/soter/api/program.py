@@ -15,17 +15,21 @@ from soter.api.check_report import CheckReport, check_report
 from soter.api.compiled_systems import PreparedSystems
 from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.option import takes
+from soter.explore.search_options import SearchKeywords, SearchOptions
 from soter.language.front_end import CheckResult, check_file, system_of
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from typing_extensions import Unpack
+
     from soter.api.arguments import Progress, Tell
     from soter.api.assurance.safety_case import Assurance
     from soter.api.campaigning import Campaign
     from soter.api.diagrams import Diagram
-    from soter.explore.results import ExploreReport, SearchProgress
+    from soter.explore.results import ExploreReport
     from soter.language.model.system import System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
@@ -390,74 +394,21 @@ class Program:
             write_advice(advice, Path(report))
         return tuple(advice)
 
+    @takes(SearchOptions)
     def explore(
-        self,
-        test: str | Sequence[str] | None = None,
-        *,
-        strategy: str = "bfs",
-        storage: str = "exact",
-        reduction: str = "all",
-        threads: int = 1,
-        memory: int | str = "2G",
-        max_states: int = 0,
-        runs: int = 10_000,
-        seed: int = 1,
-        skew: float | str | None = None,
-        horizon: float | str | None = None,
-        params: Mapping[str, object] | None = None,
-        output: str | Path | None = ".soter",
-        html: bool = False,
-        minimise: float = 30.0,
-        all_properties: bool = False,
-        time: float | None = None,
-        checkpoint: str | Path | None = None,
-        checkpoint_every: float | None = None,
-        resume: str | Path | None = None,
-        progress: Callable[[SearchProgress], None] | None = None,
-        partial: bool = False,
+        self, test: str | Sequence[str] | None = None, **options: Unpack[SearchKeywords]
     ) -> ExploreReport:
         """Explore every execution of every test, or of some (docs/testing.md).
 
-        `strategy`: bfs, dfs, deepening; random, pct, coverage, falsify. `storage`: exact or
-        fingerprint; `reduction`: none, sleep, ample, instants, groups, symmetry, parts, all.
-        `memory`: as `"512M"`. `max_states`: 0 for no bound of its own; `runs` and `seed` are of
-        the random strategies. `skew` and `horizon`: seconds or text, in place of the test's own.
         A violation has a trace that the interpreter has replayed: the least one, where that is
-        found within `minimise` seconds (0: none). It is written to the folder `output` (None: not),
-        with `html` also as a page. `all_properties`: find which others can be violated. `time`:
-        seconds for each search. `checkpoint`: a folder to write searches to, all `checkpoint_every`
-        seconds and as they end; `resume`: to go on from. Ctrl-C raises `KeyboardInterrupt`, or
-        gives what was covered (`partial`).
+        found within `minimise` seconds. It is written to the folder `output` (None: not), with
+        `html` also as a page. Times are seconds; `skew` and `horizon` also text. Ctrl-C raises
+        `KeyboardInterrupt`, or gives what was covered (`partial`). `SoterError` U001 for options.
         """
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
-        return explore(
-            self._checked,
-            self.path,
-            strategy=strategy,
-            storage=storage,
-            reduction=reduction,
-            threads=threads,
-            memory=memory,
-            max_states=max_states,
-            runs=runs,
-            seed=seed,
-            minimise=minimise,
-            all_properties=all_properties,
-            time=time,
-            test=test,
-            skew=skew,
-            horizon=horizon,
-            params=params,
-            output=output,
-            html=html,
-            checkpoint=checkpoint,
-            checkpoint_every=checkpoint_every,
-            resume=resume,
-            progress=progress,
-            partial=partial,
-        )
+        return explore(self._checked, self.path, {"test": test, **options})
 
     def _require_sound(self) -> TypedProgram:
         if not self._checked.ok:

@@ -24,22 +24,21 @@ from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import (
     CommandParser,
     add_file,
+    add_option,
     add_settings,
-    at_least_one,
-    seconds,
-    seed,
-    whole,
+    given,
 )
 from soter.cli.terminal.progress import LineOfProgress
 from soter.cli.terminal.units import rounded, size
 from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.option import options_of, told
 from soter.explore.junit import document
-from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
+from soter.explore.methods import SAMPLING
+from soter.explore.search_options import SearchOptions
 from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterable
 
     from soter.cli.terminal.console import Console
     from soter.diagnostics.diagnostic import Diagnostic
@@ -65,106 +64,20 @@ PAINTS = {"exhausted": "green", "violated": "red", "bound": "yellow"}
 UNREACHED_SHOWN, LINES_MAX = 6, 400
 
 
-def _named(names: Iterable[str], default: str, end: str) -> str:
-    shown = [f"{n} (the default)" if n == default else n for n in names]
-    return f"{', '.join(shown[:-1])}{end}{shown[-1]}"
-
-
 def parser() -> CommandParser:
     """The command line."""
     made = CommandParser("test", "Explore every execution of the tests of a file.", EXAMPLES)
     add_file(made)
-    made.add_argument(
-        "--test", action="append", metavar="T", help="only this test, or these; by default all"
-    )
-    made.add_argument(
-        "--strategy",
-        default=STRATEGIES[0],
-        metavar="S",
-        help=f"{_named(EXHAUSTIVE, STRATEGIES[0], ', ')}; {', '.join(SAMPLING)}: samples, "
-        f"{FALSIFY} towards a violation",
-    )
-    made.add_argument(
-        "--storage", default="exact", metavar="S", help=_named(STORAGES, "exact", " or ")
-    )
-    made.add_argument(
-        "--reduction", default="all", metavar="R", help=_named(REDUCTIONS, "all", " or ")
-    )
-    _add_bounds(made)
-    made.add_argument("--seed", type=seed, default=1, metavar="N", help="likewise; by default 1")
-    made.add_argument(
-        "--minimise",
-        type=seconds,
-        default=30.0,
-        metavar="TIME",
-        help="to minimise or shrink the trace of a violation; by default 30 s, 0: do not",
-    )
-    made.add_argument(
-        "--all",
-        action="store_true",
-        help="go on after a violation: which other properties can be violated, each with a trace",
-    )
-    made.add_argument("--skew", metavar="TIME", help="in place of the test's own, such as 2ms")
-    made.add_argument("--horizon", metavar="TIME", help="likewise, such as 500ms")
-    add_settings(made)
-    made.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        default=".soter",
-        help="folder of traces and pages; by default .soter",
-    )
-    made.add_argument(
-        "--report", "--html", dest="html", action="store_true", help="write a page for every trace"
-    )
-    made.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML, for CI")
-    _add_checkpoints(made)
+    for name, option in options_of(SearchOptions).items():
+        add_option(made, name, option)
+        if name == "params":
+            add_settings(made)
+        if name == "html":
+            made.add_argument(
+                "--junit", metavar="FILE", help="write the verdicts as JUnit XML, for CI"
+            )
     add_format(made)
     return made
-
-
-def _add_bounds(made: CommandParser) -> None:
-    """How much it may take."""
-    made.add_argument(
-        "--threads", type=whole, default=1, metavar="N", help="of bfs, up to 16; by default 1"
-    )
-    made.add_argument(
-        "--memory", default="2G", metavar="SIZE", help="for all that it keeps; by default 2G"
-    )
-    made.add_argument(
-        "--time",
-        type=seconds,
-        metavar="TIME",
-        help="for the search of a test, such as 90 (seconds) or 10min; by default no end",
-    )
-    made.add_argument(
-        "--max-states",
-        type=at_least_one,
-        default=0,
-        metavar="N",
-        help="stop after so many configurations",
-    )
-    made.add_argument(
-        "--runs",
-        type=whole,
-        default=10_000,
-        metavar="N",
-        help="of the sampling strategies; by default 10,000",
-    )
-
-
-def _add_checkpoints(made: CommandParser) -> None:
-    """Where searches are written, and gone on from."""
-    made.add_argument(
-        "--checkpoint", metavar="DIR", help="folder to write searches to, to go on later (bfs)"
-    )
-    made.add_argument(
-        "--checkpoint-every",
-        type=seconds,
-        metavar="TIME",
-        help="between two checkpoints; by default 60 s",
-    )
-    made.add_argument("--resume", metavar="DIR", help="go on from there, and write there")
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -176,26 +89,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         warnings = program.diagnostics if program.ok else ()
         with LineOfProgress(console) as line:
             report = program.explore(
-                args.test,
-                strategy=args.strategy,
-                storage=args.storage,
-                reduction=args.reduction,
-                threads=args.threads,
-                memory=args.memory,
-                max_states=args.max_states,
-                runs=args.runs,
-                seed=args.seed,
-                skew=args.skew,
-                horizon=args.horizon,
-                params=dict(args.params),
-                output=args.output,
-                html=args.html,
-                minimise=args.minimise,
-                all_properties=args.all,
-                time=args.time,
-                checkpoint=args.checkpoint,
-                checkpoint_every=args.checkpoint_every,
-                resume=args.resume,
+                **given(args, SearchOptions),
                 progress=None if line is None else lambda looked: line(progress_text(looked)),
                 partial=True,
             )
@@ -214,7 +108,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def progress_text(looked: object) -> str:
     """How far a search is: `Late  1,204,000 states, 1.4 M/s, depth 55, 9.6 MB`."""
-    from soter.explore.results import SearchProgress  # noqa: PLC0415 - only then
+    from soter.explore.search_options import SearchProgress  # noqa: PLC0415 - only then
 
     assert isinstance(looked, SearchProgress)
     count = looked.states or looked.transitions
@@ -475,9 +369,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "states_per_s": t.states_per_s,
         "depth": t.depth,
         **_trace_fields(t),
-        "strategy": o.strategy,
-        "storage": o.storage,
-        "reduction": o.reduction,
+        **told(o),
         "parts": t.parts,
         "equal_instances": [list(some) for some in t.equal_instances],
         "contracts": {of: list(names) for of, names in t.contracts.items()},
@@ -487,9 +379,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "checkpoint": None if t.checkpoint is None else _kept(t.checkpoint),
         "short_of": t.short_of,
         "threads": t.threads,
-        "threads_asked": o.threads,
         "threads_fewer": o.why_fewer or None,
-        "seed": o.seed,
         "memory": {
             "table_bytes": t.table_bytes,
             "frontier_bytes": t.frontier_bytes,

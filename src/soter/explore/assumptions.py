@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from soter.explore.engine.search import Found
     from soter.explore.model.exploration_plan import TimeChoices
-    from soter.explore.results import Options
+    from soter.explore.search_options import SearchOptions
     from soter.language.model.system import System, TestPlan
 
 FINGERPRINT_BITS = 64
@@ -30,7 +30,7 @@ PLACES = 3
 
 def of_test(
     system: System,
-    options: Options,
+    options: SearchOptions,
     search_result: Found,
     replaced: Sequence[tuple[str, str]],
     times: TimeChoices | None,
@@ -54,7 +54,7 @@ def undriven(system: System) -> list[str]:
 
 def _all(
     system: System,
-    options: Options,
+    options: SearchOptions,
     search_result: Found,
     replaced: Sequence[tuple[str, str]],
     times: TimeChoices | None,

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from soter.explore.checkpoint.saver import Checkpoint
     from soter.explore.engine.search import Found, Search
     from soter.explore.judge.replay import Replayed
-    from soter.explore.results import Options, SearchProgress
+    from soter.explore.search_options import SearchOptions, SearchProgress
     from soter.explore.trace.trace import Step
     from soter.language.model.system import System
     from soter.language.model.typed import TestSymbol
@@ -145,7 +145,7 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
 
 def explore_test(
     system: System,
-    options: Options,
+    options: SearchOptions,
     told: TraceHeader,
     progress: Progress | None = None,
     listener: Interruptions | None = None,

@@ -7,19 +7,11 @@ Non-goals: finding anything, printing.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.explore.engine.coverage import Coverage
-from soter.explore.methods import (
-    CHOICES_MAX,
-    STEPS_MAX,
-    STORAGES,
-    STRATEGIES,
-    THREADS_BFS,
-    WORDS_MAX,
-)
+from soter.explore.methods import CHOICES_MAX, STEPS_MAX, WORDS_MAX
 from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
@@ -27,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.explore.judge.replay import Replayed
+    from soter.explore.search_options import SearchOptions
     from soter.explore.trace.trace import ViolationId
     from soter.explore.vacuity.vacuous_tests import VacuousPart
     from soter.language.model.system import System
@@ -90,73 +83,6 @@ UNSHOWN = {
 """Why no execution can be shown that violates what is violated, and how to get one."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """How to search. `reduction`: a name of REDUCTIONS; `memory`: bytes of all that it keeps.
-
-    `max_states` 0: no bound of its own. `runs` and `seed` are of the random strategies; `seed`
-    also draws what stays left to chance. `bug_depth` is the d of PCT.
-    """
-
-    strategy: str = STRATEGIES[0]
-    storage: str = STORAGES[0]
-    reduction: str = "all"
-    threads: int = 1
-    memory: int = 2 * 2**30
-    max_states: int = 0
-    runs: int = 10_000
-    seed: int = 1
-    bug_depth: int = 3
-    minimise: float = 30.0
-    """Seconds that the search for the shortest execution to a violation may take; 0: none."""
-    time: float = math.inf
-    """Seconds that the search of a test may take."""
-
-    all_properties: bool = False
-    """Go on after a violation, to find which other properties can be violated."""
-    unguided: bool = False
-    """`falsify` without what guides it: to measure what that is worth; no person asks for it."""
-
-    @property
-    def threads_run(self) -> int:
-        """How many threads search, of those asked for."""
-        return min(self.threads, THREADS_BFS if self.strategy == "bfs" else 1)
-
-    @property
-    def why_fewer(self) -> str:
-        """Why fewer threads search than were asked for; "" where as many do."""
-        if self.threads_run == self.threads:
-            return ""
-        if self.strategy == "bfs":
-            return f"breadth first searches on at most {THREADS_BFS}"
-        return f"only bfs searches on more than one, {self.strategy} does not"
-
-
-@dataclass(frozen=True)
-class SearchProgress:
-    """How far a search is: for a line of progress.
-
-    It has found a violation: `tracing`, it looks for an execution that shows it; `minimising`, for
-    the shortest one. `bytes`: of all that it keeps. `answers`: of the one step that it tries, where
-    they are very many. `nearest`: least robustness of a property so far; None: nobody looks.
-    """
-
-    test: str
-    states: int
-    transitions: int
-    depth: int
-    bytes: int
-    seconds: float
-    minimising: bool = False
-    tracing: bool = False
-    answers: int = 0
-    covered_ns: int = 0
-    """What is observed before was judged, in all executions (breadth first)."""
-    saved: int = 0
-    """Configurations of its last checkpoint; 0: there is none."""
-    nearest: float | None = None
-
-
 @dataclass(frozen=True)
 class CheckpointState:
     """The checkpoint of a search: its file, and how many configurations it has (0: there is none).
@@ -199,7 +125,7 @@ class TestResult:
 
     name: str
     system: System
-    options: Options
+    options: SearchOptions
     verdict: str
     bound: str | None
     states: int
@@ -213,7 +139,7 @@ class TestResult:
     quantum_ns: int | None = None
     """The grid on which steps that may be late chose their times; None where none had a choice."""
     total_bytes: int = 0
-    """Of tables, frontiers and remembered steps: what `Options.memory` bounds."""
+    """Of tables, frontiers and remembered steps: what `SearchOptions.memory` bounds."""
     covered_ns: int | None = 0
     """What is observed before that time was judged in all executions; None: of a sampling strategy.
 
@@ -252,7 +178,7 @@ class TestResult:
     trace: Path | None = None
     page: Path | None = None
     others: tuple[TestResult, ...] = ()
-    """Of other properties that can be violated, each with a trace (`Options.all_properties`)."""
+    """Of other properties that can be violated, each with a trace (`all_properties`)."""
     robustness: tuple[Robustness, ...] = ()
     """Of `falsify`: how near it came to violating each property."""
     others_bound: str | None = None
@@ -358,12 +284,14 @@ class TestResult:
         return f"<soter.TestResult {self.name} {self.verdict}{what}, {self.states:,} states>"
 
 
-def bound_text(bound: str, options: Options, who: str = "a step", words: int = WORDS_MAX) -> str:
+def bound_text(
+    bound: str, options: SearchOptions, who: str = "a step", words: int = WORDS_MAX
+) -> str:
     """Which bound was reached, for people. `who` asks for too many choices; `words`: too many."""
     return BOUNDS[bound].format(strategy=options.strategy, who=who, words=words)
 
 
-def why_not_shortest(bound: str, options: Options) -> str:
+def why_not_shortest(bound: str, options: SearchOptions) -> str:
     """Why a trace may not be the shortest one, for people."""
     why = NOT_SHORTEST[bound].format(minimise=options.minimise)
     first = f"; {options.strategy} met this one first" if options.strategy != "bfs" else ""

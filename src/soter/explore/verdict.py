@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
-    from soter.explore.results import Options
+    from soter.explore.search_options import SearchOptions
     from soter.explore.vacuity.vacuous_tests import VacuousPart
     from soter.language.model.system import System
 
@@ -83,7 +83,7 @@ def short_of_test(system: System, search: Search, coverage: Coverage) -> str | N
 
 
 def verdict_of(
-    search_result: Found, options: Options, short_of: str | None
+    search_result: Found, options: SearchOptions, short_of: str | None
 ) -> tuple[str, str | None]:
     """The verdict, and which bound was reached; `short_of`: the bound of a search that ended."""
     if search_result.status == "violated":
@@ -95,7 +95,7 @@ def verdict_of(
     return BOUND, TIME if search_result.stopped == TIME else ENDS[search_result.status]
 
 
-def covered_before(search_result: Found, system: System, options: Options) -> int | None:
+def covered_before(search_result: Found, system: System, options: SearchOptions) -> int | None:
     """Before which time everything was judged; None where executions are drawn by chance."""
     if options.strategy in SAMPLING:
         return None

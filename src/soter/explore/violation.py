@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, UnreproducedError, explore_test
-from soter.explore.results import VIOLATED, Options
+from soter.explore.results import VIOLATED
+from soter.explore.search_options import SearchOptions
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -37,7 +38,7 @@ def violation_of(system: System) -> ViolatingRun | None:
 
     None where none was found, or the system cannot be explored.
     """
-    options = Options(time=SEARCH_S, minimise=SHORTEN_S, memory=MEMORY)
+    options = SearchOptions(time=SEARCH_S, minimise=SHORTEN_S, memory=MEMORY)
     try:
         result = explore_test(system, options, TraceHeader(system.program.path, {}))
     except (SoterError, UnreproducedError):

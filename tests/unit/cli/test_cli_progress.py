@@ -13,7 +13,7 @@ from soter.cli.terminal.console import Console, colorful
 from soter.cli.terminal.progress import CLEAR, LineOfProgress, ProgressBar
 from soter.cli.test import progress_text
 from soter.diagnostics.current_phase import listening_to_phases, phase
-from soter.explore.results import SearchProgress
+from soter.explore.search_options import SearchProgress
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -23,7 +23,7 @@ from soter.explore.checkpoint.checkpoint_file import HEAD, MAGIC, read
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.explore.results import SearchProgress
+    from soter.explore.search_options import SearchProgress
 
 LONG = wanderers(1000, extra="overrun N by 10ms; skip A at most 1;")
 """Of millions of configurations."""

@@ -20,11 +20,12 @@ from generators.empty_tests import (
 )
 from long_tests import examples
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.results import Options, TestResult
+from soter.explore.search_options import SearchOptions
 from soter.language.elaborate.time_grid import quantum_of, times_read
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
+    from soter.explore.results import TestResult
     from soter.language.model.system import System
 
 PROGRAMS = examples("SOTER_GRIDDED_PROGRAMS", quick=8, long=96)
@@ -39,7 +40,7 @@ def system(text: str) -> System:
 
 
 def found(text: str, **options: float) -> TestResult:
-    chosen = replace(Options(minimise=0), **options)  # type: ignore[arg-type]
+    chosen = replace(SearchOptions(minimise=0), **options)  # type: ignore[arg-type]
     return explore_test(system(text), chosen, TraceHeader("small.soter", {}))
 
 

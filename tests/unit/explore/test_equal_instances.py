@@ -12,7 +12,7 @@ from generators.symmetry_agreement import compared_as_equals
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
 from soter.explore.model.symmetry import RenamingCheck
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
@@ -199,13 +199,13 @@ def test_each_check_is_needed(what: str, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_reports_say_which_instances_are_equal() -> None:
-    with Search(system(), Options()) as search:
+    with Search(system(), SearchOptions()) as search:
         outcome = search.run()
         assert (outcome.status, search.equal) == ("violated", BOTH)
         assert search.run(known=((0, 0),)).status == "exhausted"
         assert search.equal == ()  # another violation may be of one and not of the other
     for off in ("parts", "groups", "none"):
-        with Search(system(), Options(reduction=off)) as search:
+        with Search(system(), SearchOptions(reduction=off)) as search:
             search.run()
             assert search.equal == ()
 
@@ -286,7 +286,7 @@ def test_equal_instances_inside_of_equal_instances() -> None:
 
 
 def test_what_one_instance_reached_counts_for_all_of_them() -> None:
-    with Search(system(TEST="always r[0].at + r[1].at < 5;"), Options()) as search:
+    with Search(system(TEST="always r[0].at + r[1].at < 5;"), SearchOptions()) as search:
         assert search.run().status == "exhausted"
         told = search.coverage()
     assert not [x for _, part in told.parts() for x in part.unreached if "r[" in x]

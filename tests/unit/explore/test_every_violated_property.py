@@ -13,7 +13,7 @@ from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test, save
 from soter.explore.judge.replay import replay
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.explore.trace.trace import read_trace
 from unit.explore.random_walks import system_of_text
 
@@ -44,7 +44,7 @@ test Some {
 
 
 def explored(text: str, test: str, **options: object) -> TestResult:
-    made = replace(Options(), all_properties=True, **options)  # type: ignore[arg-type]
+    made = replace(SearchOptions(), all_properties=True, **options)  # type: ignore[arg-type]
     return explore_test(system_of_text(text, test), made, TraceHeader("small.soter", {}))
 
 
@@ -108,7 +108,7 @@ test T { system S; horizon 40ms; never x == 3; never x >= 2; }
     system = system_of_text(text, "T")
     later = 0
     for seed in range(1, 12):
-        options = replace(Options(), strategy="random", seed=seed)
+        options = replace(SearchOptions(), strategy="random", seed=seed)
         test_result = explore_test(system, options, TraceHeader("small.soter", {}))
         assert test_result.minimal
         assert test_result.broken is not None
@@ -120,7 +120,7 @@ test T { system S; horizon 40ms; never x == 3; never x >= 2; }
 
 def test_without_it_the_first_violation_ends_the_search() -> None:
     test_result = explored(THREE, "Some")
-    first = explore_test(test_result.system, Options(), TraceHeader("small.soter", {}))
+    first = explore_test(test_result.system, SearchOptions(), TraceHeader("small.soter", {}))
     assert first.others == ()
     assert first.broken == test_result.broken
 
@@ -148,7 +148,9 @@ def test_random_programs_violate_what_the_enumerator_says() -> None:
             continue
         told = TraceHeader("small.soter", {})
         for reduction in ("none", "all"):
-            options = replace(Options(), all_properties=True, reduction=reduction, minimise=0.0)
+            options = replace(
+                SearchOptions(), all_properties=True, reduction=reduction, minimise=0.0
+            )
             test_result = explore_test(system, options, told)
             said = {
                 (one.broken.what, one.broken.index)

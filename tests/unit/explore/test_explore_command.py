@@ -10,16 +10,17 @@ import pytest
 
 import soter
 from generators.brute_force import BruteForce
+from soter.diagnostics.option import bytes_of, made
 from soter.explore.command import TraceHeader, UnreproducedError, explore_test, with_times
 from soter.explore.judge.replay import replay
-from soter.explore.results import Options, SearchProgress
-from soter.explore.settings import bytes_of, options_of
+from soter.explore.search_options import SearchOptions
 from soter.explore.trace.trace import read_trace
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
     from soter.explore.results import TestResult
+    from soter.explore.search_options import SearchProgress
 
 TOLD = TraceHeader("small.soter", {})
 WIDE = "soter 1;\n" + "".join(
@@ -36,7 +37,7 @@ WIDE += (
 def explored(text: str, test: str, **options: object) -> TestResult:
     return explore_test(
         system_of_text(text, test),
-        replace(Options(), **options),  # type: ignore[arg-type]
+        replace(SearchOptions(), **options),  # type: ignore[arg-type]
         TOLD,
     )
 
@@ -206,15 +207,18 @@ def test_sizes_are_read_as_people_write_them() -> None:
     assert bytes_of(12) == bytes_of("12") == 12
     assert bytes_of("x") is bytes_of("-1") is bytes_of("1" * 400) is bytes_of(True) is None
     with pytest.raises(soter.SoterError) as error:
-        options_of(
-            strategy="x",
-            storage="y",
-            reduction="z",
-            threads=0,
-            memory="1k",
-            max_states=-1,
-            runs=0,
-            seed=2**64,
+        made(
+            SearchOptions,
+            {
+                "strategy": "x",
+                "storage": "y",
+                "reduction": "z",
+                "threads": 0,
+                "memory": "1k",
+                "max_states": -1,
+                "runs": 0,
+                "seed": 2**64,
+            },
         )
     assert len(error.value.diagnostics) == 8
 

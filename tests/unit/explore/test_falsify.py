@@ -9,7 +9,7 @@ import pytest
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
@@ -166,7 +166,9 @@ def test_inputs_errors_disturbances_lateness_and_loss_go_together() -> None:
 
 
 def nearest(text: str, test: str, runs: int = 300) -> dict[str, Robustness]:
-    with Search(system_of_text(text, test), Options(strategy="falsify", runs=runs)) as searched:
+    with Search(
+        system_of_text(text, test), SearchOptions(strategy="falsify", runs=runs)
+    ) as searched:
         outcome = searched.run()
         told = {r.text: r for r in searched.robustness()}
     assert (outcome.status == "violated") == any(
@@ -195,7 +197,9 @@ def test_a_bool_is_violated_all_the_same() -> None:
 
 
 def test_only_falsify_tells_how_near_it_came() -> None:
-    with Search(system_of_text(FLAT, "Told"), Options(strategy="random", runs=10)) as searched:
+    with Search(
+        system_of_text(FLAT, "Told"), SearchOptions(strategy="random", runs=10)
+    ) as searched:
         searched.run()
         assert searched.robustness() == ()
 
@@ -247,7 +251,7 @@ test Both { system S; horizon 2s; eventually h > 1.9 within 1500ms; eventually h
 def test_a_deadline_that_was_missed_is_below_zero_and_one_that_was_kept_above(
     test: str, seed: int
 ) -> None:
-    options = Options(strategy="falsify", runs=300, seed=seed)
+    options = SearchOptions(strategy="falsify", runs=300, seed=seed)
     with Search(system_of_text(LATE, test), options) as searched:
         outcome = searched.run()
         told = searched.robustness()

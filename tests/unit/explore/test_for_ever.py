@@ -11,7 +11,7 @@ from generators.small_test_programs import TICK
 from long_tests import examples
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 PROGRAMS = examples("SOTER_FOR_EVER_PROGRAMS", quick=20, long=180)
@@ -157,14 +157,18 @@ def test_a_horizon_three_times_as_far_shows_nothing_new(chunk: int) -> None:
 
 
 def test_a_verdict_says_that_it_holds_for_ever() -> None:
-    result = explore_test(engine_of(UP_AND_DOWN).system, Options(), TraceHeader("counts.soter", {}))
+    result = explore_test(
+        engine_of(UP_AND_DOWN).system, SearchOptions(), TraceHeader("counts.soter", {})
+    )
     assert (result.verdict, result.covered_ns) == ("exhausted", 2000 * MS)
     assert result.closed_ns is not None
     assert "it holds for ever" in result.for_ever
     assert any(line.startswith("said of all times") for line in result.assumptions)
     assert not any("nothing is said about times after" in line for line in result.assumptions)
     short = explore_test(
-        engine_of(UP_AND_DOWN, horizon="60ms").system, Options(), TraceHeader("counts.soter", {})
+        engine_of(UP_AND_DOWN, horizon="60ms").system,
+        SearchOptions(),
+        TraceHeader("counts.soter", {}),
     )
     assert (short.closed_ns, short.for_ever) == (None, "")
     assert any("nothing is said about times after" in line for line in short.assumptions)

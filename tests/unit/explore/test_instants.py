@@ -11,7 +11,7 @@ from generators.brute_force import BruteForce
 from generators.explorer_configurations import Decoder
 from soter.api.program import load
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 EXAMPLES = Path(__file__).parents[3] / "examples/testing"
@@ -191,4 +191,4 @@ def test_a_search_that_goes_the_same_ways_again_and_again_says_what_else_there_i
     assert "--reduction ample" in dear.dear
     assert not replace(dear, transitions=500).dear
     assert not replace(dear, seconds=0.5).dear
-    assert not replace(dear, options=Options(reduction="ample")).dear
+    assert not replace(dear, options=SearchOptions(reduction="ample")).dear

@@ -9,7 +9,7 @@ import pytest
 from soter.explore.engine.composed import ComposedSearch
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Search
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 HEAD = """soter 1;
@@ -99,7 +99,7 @@ def test_a_violation_of_one_part_alone_comes_first() -> None:
 
 def test_a_person_is_told_how_many_parts_there_are() -> None:
     text = walkers(BOTH + "always a < 9 || b < 3 || p < 9;")
-    with Search(system_of_test(check_file("walkers.soter", text), "T"), Options()) as search:
+    with Search(system_of_test(check_file("walkers.soter", text), "T"), SearchOptions()) as search:
         outcome = search.run()
         assert outcome.status == "exhausted"
         assert not outcome.closable, "no longer horizon would show that it holds for ever"
@@ -152,6 +152,6 @@ test T { system S; horizon 60s; always x + y <= 6; }
 def test_where_what_is_noted_is_too_much_the_parts_are_joined_as_others_are() -> None:
     system = system_of_test(check_file("long.soter", LONG), "T")
     for memory, parts in ((2**24, 1), (2**26, 2)):
-        with Search(system, Options(memory=memory)) as search:
+        with Search(system, SearchOptions(memory=memory)) as search:
             assert search.run().status == "exhausted"
             assert search.parts == parts

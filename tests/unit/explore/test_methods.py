@@ -1,12 +1,20 @@
-"""One table of strategies, storages and reductions: the C and the documents say the same."""
+"""One table of methods, one record of options: the C, all callers and the pages say the same."""
 
 from __future__ import annotations
 
 import re
+from inspect import signature
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 from soter.api.program import Program
+from soter.cli.test import parser
+from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.option import made, options_of
 from soter.explore.methods import REDUCTIONS, STORAGES, STRATEGIES, constant
+from soter.explore.search_options import SearchKeywords, SearchOptions
 
 ROOT = Path(__file__).resolve().parents[3]
 ENGINE = ROOT / "src" / "soter" / "explore" / "engine" / "c"
@@ -37,11 +45,64 @@ def test_the_schema_of_results_names_them_all() -> None:
         assert f'"{what}": {{ "enum": [{listed}] }}' in page
 
 
-def test_the_page_about_python_names_them_all() -> None:
+def test_the_page_about_python_says_what_the_options_say() -> None:
+    """Names in their order, defaults and words of `explore(...)` in the page are the record's."""
     page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
-    for what, names in (("strategy", STRATEGIES), ("storage", STORAGES), ("reduction", REDUCTIONS)):
-        line = next(x for x in page.splitlines() if x.strip().startswith(f'{what}="'))
-        assert all(name in line for name in names), what
+    shown = re.search(r"\)\.explore\(\n(.*?)^\)", page, re.MULTILINE | re.DOTALL)
+    assert shown is not None
+    lines = [f"    {n}={o.given!r},  # {o.meaning}\n" for n, o in options_of(SearchOptions).items()]
+    lines[0] = lines[0].replace("None", '"Late"', 1)
+    meant = "".join(lines).replace("'", '"').replace("10000,", "10_000,")
+    assert shown[1].replace("'", '"') == meant
+
+
+def test_keywords_and_command_line_are_those_of_the_record() -> None:
+    options = options_of(SearchOptions)
+    assert ["test", *SearchKeywords.__annotations__] == list(options)
+    assert list(signature(Program.explore).parameters) == ["self", *options]
+    flags = {s: a.dest for a in parser()._actions for s in a.option_strings}
+    own = {s: n for n, o in options.items() for s in o.flags.split() if s.startswith("-")}
+    assert own.items() <= flags.items()
+    assert set(flags) - set(own) == {
+        *("--json", "-h", "--help", "--set", "--bind", "--junit", "--format")
+    }
+
+
+def test_the_options_that_the_guide_compares_are_there() -> None:
+    page = (ROOT / "docs" / "find-the-bug.md").read_text(encoding="utf-8")
+    by_flag = {o.flags.split()[0]: o.kind for o in options_of(SearchOptions).values() if o.flags}
+    rows = re.findall(r"^\| `(--[\w-]+) (\w+)` \|", page, re.MULTILINE)
+    assert len(rows) == 4
+    for flag, value in rows:
+        kind = by_flag[flag]
+        assert kind.text == "whole" or kind.fits(value)
+
+
+@pytest.mark.parametrize(
+    ("given", "allowed"),
+    [
+        ({"threads": 65}, "a whole number from 1 to 64"),
+        ({"runs": True}, "a whole number from 1 to 9223372036854775808"),
+        ({"minimise": -1}, "seconds, from 0 (do not) to 1,000,000,000"),
+        ({"time": 0}, "seconds, more than 0 and at most 1,000,000,000"),
+        ({"checkpoint_every": 2e6}, "seconds, more than 0 and at most 1,000,000"),
+        ({"storage": "none"}, "exact or fingerprint"),
+        ({"memory": "1k"}, "write it as 512M or 2G; 1M at least"),
+    ],
+)
+def test_a_value_outside_is_refused_with_its_range(given: dict[str, Any], allowed: str) -> None:
+    with pytest.raises(SoterError) as error:
+        made(SearchOptions, given)
+    (problem,) = error.value.diagnostics
+    ((name, value),) = given.items()
+    assert (problem.code, problem.message) == ("U001", f"`{name}` cannot be `{value}`")
+    assert problem.helps == (allowed,)
+
+
+def test_what_nobody_may_ask_for_is_no_keyword() -> None:
+    for name in ("stratgy", "unguided", "bug_depth"):
+        with pytest.raises(TypeError, match=name):
+            made(SearchOptions, {name: 1})
 
 
 def test_the_guide_and_the_docstring_name_every_strategy() -> None:

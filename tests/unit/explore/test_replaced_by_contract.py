@@ -12,7 +12,7 @@ from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore import command, contract_use
 from soter.explore.engine.search import Search
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def explored(text: str, name: str) -> TestResult:
     checked = check_file("p.soter", text)
     system = system_of_test(checked, name)
     told = command.TraceHeader("p.soter", {}, contract_use.replaced_in(checked.tests[name]))
-    return command.explore_test(system, Options(minimise=0.0), told)
+    return command.explore_test(system, SearchOptions(minimise=0.0), told)
 
 
 def verdict(text: str, name: str) -> str:
@@ -123,7 +123,7 @@ def test_a_clause_that_cannot_be_asked_permits_more_and_is_named() -> None:
     system = system_of_test(check_file("p.soter", text), "Replaced")
     [told] = contract_use.told(system)
     assert "(small: u < 3; not asked for, so that more is permitted: led: mode(M) ==" in told
-    with Search(system, Options()) as search:
+    with Search(system, SearchOptions()) as search:
         assert search.run().status == "exhausted"
 
 

@@ -10,11 +10,13 @@ import pytest
 
 from soter.cli.main import main
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.results import Options, TestResult
+from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from soter.explore.results import TestResult
 
 PROGRAM = """soter 1;
 param LIMIT: int = 5 in [0, 1000];
@@ -38,7 +40,7 @@ def source(wish: str = TWO, bound: int = 7) -> str:
 
 def found(text: str) -> TestResult:
     system = system_of_test(check_file("small.soter", text), "T")
-    return explore_test(system, Options(minimise=0), TraceHeader("small.soter", {}))
+    return explore_test(system, SearchOptions(minimise=0), TraceHeader("small.soter", {}))
 
 
 def test_values_that_are_picked_of_a_wider_set_are_a_bound() -> None:

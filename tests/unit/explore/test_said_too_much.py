@@ -6,7 +6,7 @@ import pytest
 
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.methods import EXHAUSTIVE
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from unit.explore.random_walks import system_of_text
 
 TOLD = TraceHeader("small.soter", {})
@@ -77,39 +77,43 @@ DEEP = (
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 @pytest.mark.parametrize("name", STARTS)
 def test_a_start_that_others_let_be_seen(name: str, strategy: str) -> None:
-    test_result = explore_test(system_of_text(STARTS[name], "T"), Options(strategy=strategy), TOLD)
+    test_result = explore_test(
+        system_of_text(STARTS[name], "T"), SearchOptions(strategy=strategy), TOLD
+    )
     assert test_result.verdict == "violated"
 
 
 def test_a_step_beside_another_part_off_the_grid() -> None:
-    assert explore_test(system_of_text(OFF_THE_GRID, "T"), Options(), TOLD).verdict == "violated"
+    assert (
+        explore_test(system_of_text(OFF_THE_GRID, "T"), SearchOptions(), TOLD).verdict == "violated"
+    )
 
 
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 @pytest.mark.parametrize("most", [1, 2, 3, 4])
 def test_a_bound_that_ends_the_search_before_the_last_part(strategy: str, most: int) -> None:
-    options = Options(strategy=strategy, max_states=most)
+    options = SearchOptions(strategy=strategy, max_states=most)
     assert explore_test(system_of_text(TWO_PARTS, "T"), options, TOLD).verdict != "exhausted"
 
 
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 def test_more_choices_than_there_is_room_for(strategy: str, threads: int) -> None:
-    options = Options(strategy=strategy, threads=threads)
+    options = SearchOptions(strategy=strategy, threads=threads)
     test_result = explore_test(system_of_text(MANY_CHOICES, "T"), options, TOLD)
     assert (test_result.verdict, test_result.bound) == ("bound", "choices")
 
 
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 def test_an_input_with_more_values_than_fit(strategy: str) -> None:
-    options = Options(strategy=strategy, memory=2**22)
+    options = SearchOptions(strategy=strategy, memory=2**22)
     test_result = explore_test(system_of_text(WIDE_INPUT, "T"), options, TOLD)
     assert test_result.verdict == "bound"
 
 
 @pytest.mark.parametrize("memory", [4 * 2**20, 5 * 2**20, 6 * 2**20])
 def test_a_violation_whose_links_do_not_fit_has_a_trace(memory: int) -> None:
-    test_result = explore_test(system_of_text(DEEP, "T"), Options(memory=memory), TOLD)
+    test_result = explore_test(system_of_text(DEEP, "T"), SearchOptions(memory=memory), TOLD)
     assert test_result.verdict in {"violated", "bound"}
     if test_result.verdict == "violated":
         assert (test_result.replayed is None) == bool(test_result.not_shown)

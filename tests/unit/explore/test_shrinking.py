@@ -16,7 +16,7 @@ from soter.explore.engine.guided_execution import Guided, array_of, steps_of
 from soter.explore.engine.search import Search
 from soter.explore.engine.shrink import Shrinker, cost_of
 from soter.explore.judge.replay import replay
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
 
@@ -60,7 +60,7 @@ def searched(
     system: System, strategy: str = "random", seed: int = 1, runs: int = 300
 ) -> tuple[Search, Found]:
     """A search, to be closed by the caller, and what it found."""
-    options = replace(Options(), strategy=strategy, seed=seed, runs=runs)
+    options = replace(SearchOptions(), strategy=strategy, seed=seed, runs=runs)
     search = Search(system, options)
     return search, search.run()
 
@@ -86,7 +86,7 @@ def test_a_long_trace_over_floats_is_shrunk_where_minimising_ends_in_vain(
 ) -> None:
     monkeypatch.setattr(time, "perf_counter", time.process_time)  # others may have the machine
     system = system_of_text(CART, "Drifts")
-    options = replace(Options(), strategy="random", seed=3, minimise=4.0)
+    options = replace(SearchOptions(), strategy="random", seed=3, minimise=4.0)
     as_found = explore_test(system, replace(options, minimise=0.0), TOLD)
     assert len(replayed(as_found).steps) > 2_000
     began = time.perf_counter()
@@ -177,7 +177,7 @@ def test_ctrl_c_ends_shrinking_with_the_best_until_then(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(Guided, "run", cut)
     system = system_of_text(CART, "Drifts")
-    options = replace(Options(), strategy="random", seed=3)
+    options = replace(SearchOptions(), strategy="random", seed=3)
     test_result = explore_test(system, options, TOLD)
     assert test_result.interrupted
     assert test_result.verdict == "violated"

@@ -16,7 +16,7 @@ from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.explorer_library import Engine
 from soter.explore.engine.guided_execution import Guided, array_of
 from soter.explore.engine.search import Search
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
 
@@ -48,7 +48,7 @@ test Three { system S; horizon 200ms; never n == 3; }
 
 def violated(system: System, strategy: str, seed: int = 1) -> Replayed | None:
     """A violating trace as it was found, marked; None where there is none."""
-    options = replace(Options(), strategy=strategy, minimise=0.0, runs=200, seed=seed)
+    options = replace(SearchOptions(), strategy=strategy, minimise=0.0, runs=200, seed=seed)
     return explore_test(system, options, TOLD).replayed
 
 
@@ -59,7 +59,7 @@ class Chooser:
         self.found = found
         self.steps = found.trace.steps
         what = ("property", "contract", "fault", "timed").index(found.trace.broken.what)
-        with Search(found.system, Options()) as search:
+        with Search(found.system, SearchOptions()) as search:
             self.raw = array_of([search._raw(s) for s in self.steps])
         wanted = (what, found.trace.broken.index)
         self.guided = Guided(Engine(found.system), found.trace.seed, wanted)

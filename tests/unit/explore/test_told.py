@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.explore.trace_view import view_of
 from soter.report.sequence.page import page
 from soter.report.sequence.step_wording import does, explanation
@@ -45,7 +45,9 @@ test T { system S; overrun n by 15ms; horizon 15ms; eventually a within 10ms; }
 
 
 def found(source: str, test: str) -> Replayed:
-    result = explore_test(system_of_text(source, test), Options(), TraceHeader("small.soter", {}))
+    result = explore_test(
+        system_of_text(source, test), SearchOptions(), TraceHeader("small.soter", {})
+    )
     assert result.replayed is not None
     return result.replayed
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from random import Random
+from typing import TYPE_CHECKING
 
 import pytest
 
 from generators.brute_force import enumerate_all
 from long_tests import examples
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.results import Options, TestResult
+from soter.explore.search_options import SearchOptions
 from soter.language.elaborate.tests_and_faults.clock_comparisons import FINEST
 from soter.language.elaborate.time_grid import quantum_of, times_read
 from soter.language.front_end import check_file, system_of_test
+
+if TYPE_CHECKING:
+    from soter.explore.results import TestResult
 
 PROGRAMS = examples("SOTER_CLOCK_PROGRAMS", quick=16, long=300)
 MS = 1_000_000
@@ -40,7 +44,7 @@ def text(
 def found(source: str) -> TestResult:
     checked = check_file("small.soter", source)
     return explore_test(
-        system_of_test(checked, "T"), Options(minimise=0), TraceHeader("small.soter", {})
+        system_of_test(checked, "T"), SearchOptions(minimise=0), TraceHeader("small.soter", {})
     )
 
 

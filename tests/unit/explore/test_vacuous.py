@@ -12,13 +12,14 @@ from long_tests import some
 from soter.cli.main import main
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.contract_use import replaced_in
-from soter.explore.results import Options, TestResult
+from soter.explore.search_options import SearchOptions
 from soter.explore.vacuity import constant_truth, vacuous_tests
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from soter.explore.results import TestResult
     from soter.explore.vacuity.vacuous_tests import VacuousPart
 
 STATIC = (*TAUTOLOGIES, *RELATED)
@@ -37,7 +38,7 @@ def told(text: str) -> tuple[VacuousPart, ...]:
 def found(text: str) -> TestResult:
     checked = check_file("small.soter", text)
     about = TraceHeader("small.soter", {}, replaced_in(checked.tests["T"]))
-    return explore_test(system_of_test(checked, "T"), Options(minimise=0), about)
+    return explore_test(system_of_test(checked, "T"), SearchOptions(minimise=0), about)
 
 
 def test_a_property_that_no_value_violates_is_told_without_a_search() -> None:
@@ -112,7 +113,7 @@ def test_a_search_that_did_not_end_does_not_say_never() -> None:
     text = VACUOUS["always !(x > 8) || light == Light.Red"]
     checked = check_file("small.soter", text)
     system = system_of_test(checked, "T")
-    for options in (Options(max_states=5), Options(strategy="random", runs=3)):
+    for options in (SearchOptions(max_states=5), SearchOptions(strategy="random", runs=3)):
         assert explore_test(system, options, TraceHeader("small.soter", {})).vacuous == ()
 
 

@@ -17,7 +17,7 @@ from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Found
 from soter.explore.methods import CHOICES_MAX, THREADS_BFS, WORDS_MAX
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def test_a_violation_in_a_step_that_never_ends_is_found(
 
 
 def explored(text: str, test: str, **options: object) -> TestResult:
-    made = replace(Options(), **options)  # type: ignore[arg-type]
+    made = replace(SearchOptions(), **options)  # type: ignore[arg-type]
     return explore_test(system_of_text(text, test), made, TOLD)
 
 
@@ -234,9 +234,9 @@ def test_scalars_that_coverage_has_no_room_for_are_told(monkeypatch: pytest.Monk
     system = system_of_text(COUNTERS, "T")
     sentence = "what was reached counts the first 3 scalars of topics, of 4"
     outcome: Found = Found(status="exhausted", broken=None, steps=())
-    assert sentence not in assumptions.of_test(system, Options(), outcome, (), None)
+    assert sentence not in assumptions.of_test(system, SearchOptions(), outcome, (), None)
     monkeypatch.setattr(assumptions, "LEAVES_MAX", 3)
-    assert sentence in assumptions.of_test(system, Options(), outcome, (), None)
+    assert sentence in assumptions.of_test(system, SearchOptions(), outcome, (), None)
 
 
 # ---------------------------------------------------------------- threads and memory

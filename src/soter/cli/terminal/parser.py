@@ -9,9 +9,13 @@ from __future__ import annotations
 import argparse
 import re
 from contextlib import suppress
-from typing import NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from soter.cli.terminal.command_outcome import UsageError
+from soter.diagnostics.option import options_of
+
+if TYPE_CHECKING:
+    from soter.diagnostics.option import Option
 
 
 class HelpWantedError(Exception):
@@ -72,6 +76,27 @@ def add_settings(parser: CommandParser) -> None:
     )
 
 
+def add_option(parser: CommandParser, name: str, known: Option) -> None:
+    """An argument made of a field of a record; none where it has no flag."""
+    *flags, last = known.flags.split() or [""]
+    metavar = None if last.startswith("-") else last
+    how: dict[str, Any] = {"dest": name, "default": known.given, "help": known.help(TIMES)}
+    if metavar is None:
+        flags.append(last)
+        how["action"] = "store_true"
+    else:
+        how |= {"metavar": metavar, "type": READERS.get(known.kind.text, str)}
+        how["action"] = "append" if known.kind.text == "several" else "store"
+    if known.flags:
+        parser.add_argument(*flags, **how)
+
+
+def given(args: argparse.Namespace, record: type) -> dict[str, Any]:
+    """The options of a record that a command line has, as keywords."""
+    values = {name: getattr(args, name) for name in options_of(record) if name in args}
+    return values | ({"params": dict(args.params)} if "params" in values else {})
+
+
 def _pair(text: str) -> tuple[str, str]:
     name, sign, value = text.partition("=")
     if not sign or not name.strip() or not value.strip():
@@ -114,3 +139,9 @@ def seed(text: str) -> int:
     if not (text.isascii() and text.isdigit()) or len(text) > 20 or int(text) >= 2**64:
         raise argparse.ArgumentTypeError(f"`{text}`: a seed is 0 to 2^64 - 1")
     return int(text)
+
+
+TIMES = ", such as 90 (seconds) or 10min"
+"""How times are written."""
+READERS = {"whole": whole, "seed": seed, "bound": at_least_one, "seconds": seconds}
+"""What reads the text of a kind of value."""

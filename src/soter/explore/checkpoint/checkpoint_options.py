@@ -22,17 +22,15 @@ from soter.explore.checkpoint.checkpoint_file import (
 )
 from soter.explore.checkpoint.saver import Checkpoint
 from soter.explore.methods import SAMPLING
+from soter.explore.search_options import CHECKPOINT_SECONDS
 from soter.explore.trace.schedule import plan_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.diagnostics.codes import Code
-    from soter.explore.results import Options
+    from soter.explore.search_options import SearchOptions
     from soter.language.model.system import System
-
-EVERY_S = 60.0
-EVERY_MAX_S = 10**6
 
 
 @dataclass(frozen=True)
@@ -44,29 +42,19 @@ class CheckpointOptions:
     resume: bool
 
 
-def asked(
-    checkpoint: str | Path | None,
-    every: float | None,
-    resume: str | Path | None,
-    options: Options,
-) -> CheckpointOptions | None:
+def asked(options: SearchOptions) -> CheckpointOptions | None:
     """What is wanted, None: nothing; `SoterError` U001 where that cannot be."""
     problems: list[tuple[str, str]] = []
+    checkpoint, resume, every = options.checkpoint, options.resume, options.checkpoint_every
     if checkpoint is None and resume is None:
         if every is None:
             return None
         problems.append(("`checkpoint_every` alone writes nothing", "say where: `checkpoint`"))
-    every = EVERY_S if every is None else every
     if "" in (checkpoint, resume):
         problems.append(("a checkpoint needs a folder, and `` is none", "`.` is this folder"))
     if checkpoint is not None and resume is not None:
         message = "`checkpoint` begins anew and `resume` goes on: they cannot both be"
         problems.append((message, "`resume` alone writes there, too"))
-    if isinstance(every, bool) or not (
-        isinstance(every, (int, float)) and 0 < every <= EVERY_MAX_S
-    ):
-        message = f"`checkpoint_every` cannot be `{str(every)[:40]}`"
-        problems.append((message, f"seconds, more than 0 and at most {EVERY_MAX_S:,}"))
     if options.strategy in SAMPLING:
         message = f"a search with the strategy `{options.strategy}` has no checkpoints"
         problems.append((message, "its seed repeats it: --seed"))
@@ -82,13 +70,14 @@ def asked(
         help_ = "name a folder: every test has a file of its own in it"
         code: Code = "D006" if resume is None else "D012"
         raise SoterError((Diagnostic(code, message, helps=(help_,)),))
-    return CheckpointOptions(Path(folder), float(every), resume is not None)
+    every = CHECKPOINT_SECONDS if every is None else every
+    return CheckpointOptions(Path(folder), every, resume is not None)
 
 
 def checkpoints(
     wanted: CheckpointOptions | None,
     systems: Sequence[System],
-    options: Options,
+    options: SearchOptions,
     params: Mapping[str, object],
 ) -> list[Checkpoint | None]:
     """One for each of the flattened tests, in order; `SoterError` D006, D012, D013, D014."""
@@ -117,7 +106,9 @@ def _nothing_there(folder: Path, path: Path) -> SoterError:
     return no_checkpoint(path, f"no such file; {there}")
 
 
-def about(system: System, options: Options, params: Mapping[str, object]) -> dict[str, object]:
+def about(
+    system: System, options: SearchOptions, params: Mapping[str, object]
+) -> dict[str, object]:
     """What has to be the same when it goes on: the keys of `files.ABOUT`."""
     plan = plan_of(system)
     return {

@@ -25,7 +25,7 @@ from soter.explore.methods import REDUCTIONS, STATUSES, STEPS_MAX, constant
 from soter.explore.model.actors import plan_of
 from soter.explore.model.explorer_model import generate_model
 from soter.explore.model.independent_parts import IndependentPart, loose_parts_of, parts_of
-from soter.explore.results import Options
+from soter.explore.search_options import SearchOptions
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
 from soter.native.own_files import files_below
@@ -93,7 +93,7 @@ class RawStep:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EngineSettings(Options):
+class EngineSettings(SearchOptions):
     """How the engine searches: what a person may say, and what only tests and `Search` do.
 
     `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep

@@ -38,7 +38,8 @@ from soter.explore.engine.progress import EngineProgress
 from soter.explore.engine.shrink import Shrinker
 from soter.explore.engine.trace_slice import Slicer
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, PARTS
-from soter.explore.results import Robustness, SearchProgress
+from soter.explore.results import Robustness
+from soter.explore.search_options import SearchProgress
 from soter.explore.trace.choice_names import ENDING
 from soter.explore.trace.schedule import INPUT, plan_of
 from soter.explore.trace.trace import STEP_KINDS, Choice, Step
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.explorer_library import Searched
     from soter.explore.judge.replay import Replayed
     from soter.explore.model.independent_parts import IndependentPart
-    from soter.explore.results import Options
+    from soter.explore.search_options import SearchOptions
     from soter.language.model.system import System
 
 
@@ -73,7 +74,7 @@ class Search:
     def __init__(
         self,
         system: System,
-        options: Options,
+        options: SearchOptions,
         progress: Callable[[SearchProgress], None] | None = None,
         wanted: Callable[[], bool] | None = None,
         checkpoint: Checkpoint | None = None,
@@ -86,7 +87,7 @@ class Search:
         self.options = options
         self._settings = EngineSettings(**vars(options), closes=True)
         self._progress = progress
-        self._time_s = options.time
+        self._time_s = math.inf if options.time is None else options.time
         self._checkpoint = checkpoint
         self._engine = Engine(system)
         self._engine.wanted = wanted or self._engine.wanted

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from soter.explore.model.independent_parts import IndependentPart
     from soter.explore.model.symmetric_blocks import Family
     from soter.explore.model.symmetry import Renaming
-    from soter.explore.results import Options
+    from soter.explore.search_options import SearchOptions
     from soter.language.model.system import System
 
 
@@ -48,7 +48,7 @@ class SymmetricInstances:
             return ()
         return families_of(self._system, self._lowered, self._model.plan, self._model.fields)
 
-    def of(self, s: Options, part: IndependentPart | None) -> tuple[Family, ...]:
+    def of(self, s: SearchOptions, part: IndependentPart | None) -> tuple[Family, ...]:
         """Those that a search of a part of the system (None: all of it) can make use of."""
         if not REDUCTIONS[s.reduction] & SYMMETRY or s.strategy not in EXHAUSTIVE:
             return ()

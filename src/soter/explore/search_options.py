@@ -1,0 +1,181 @@
+"""The options of a search: command line, keywords, checks, JSON and pages read this record.
+
+Purpose: each option once, with its range, its default, its words and its flag; what `progress` is
+told.
+Non-goals: how options are read (`diagnostics/option.py`), the texts of `skew`, `horizon` and
+`params`, which others read as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypedDict
+
+from soter.diagnostics.option import SEVERAL, SWITCH, choice, option, seconds, size, whole
+from soter.explore.methods import (
+    EXHAUSTIVE,
+    FALSIFY,
+    REDUCTIONS,
+    SAMPLING,
+    STORAGES,
+    STRATEGIES,
+    THREADS_BFS,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from pathlib import Path
+
+CHECKPOINT_SECONDS = 60.0
+
+
+@dataclass(frozen=True)
+class SearchProgress:
+    """How far a search is: for a line of progress.
+
+    It has found a violation: `tracing`, it looks for an execution that shows it; `minimising`, for
+    the shortest one. `bytes`: of all that it keeps. `answers`: of the one step that it tries, where
+    they are very many. `nearest`: least robustness of a property so far; None: nobody looks.
+    """
+
+    test: str
+    states: int
+    transitions: int
+    depth: int
+    bytes: int
+    seconds: float
+    minimising: bool = False
+    tracing: bool = False
+    answers: int = 0
+    covered_ns: int = 0
+    """What is observed before was judged, in all executions (breadth first)."""
+    saved: int = 0
+    """Configurations of its last checkpoint; 0: there is none."""
+    nearest: float | None = None
+
+
+def _named(names: Iterable[str], default: str, end: str) -> str:
+    shown = [f"{n} (the default)" if n == default else n for n in names]
+    return f"{', '.join(shown[:-1])}{end}{shown[-1]}"
+
+
+HOW = (
+    f"{_named(EXHAUSTIVE, STRATEGIES[0], ', ')}; {', '.join(SAMPLING)}: samples, {FALSIFY} towards "
+    "a violation"
+)
+ALSO = "go on after a violation: which other properties can be violated, each with a trace"
+SHORTEN = "to minimise or shrink the trace of a violation; by default {default:g} s, 0: do not"
+LENGTH = seconds("more than 0 and at most", 10**9, optional=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """How to search. `seed` also draws what is left to chance.
+
+    `bug_depth`, the d of PCT, and `unguided`, `falsify` without what guides it: no person asks.
+    """
+
+    test: str | Sequence[str] | None = option(
+        "--test T", None, "only this test, or these; by default all", SEVERAL
+    )
+    strategy: str = option("--strategy S", STRATEGIES[0], HOW, choice(*STRATEGIES), "strategy")
+    storage: str = option(
+        "--storage S", "exact", _named(STORAGES, "exact", " or "), choice(*STORAGES), "storage"
+    )
+    reduction: str = option(
+        "--reduction R", "all", _named(REDUCTIONS, "all", " or "), choice(*REDUCTIONS), "reduction"
+    )
+    threads: int = option(
+        "--threads N",
+        1,
+        f"of bfs, up to {THREADS_BFS}; by default 1",
+        whole(1, 64),
+        "threads_asked",
+    )
+    memory: int = option(
+        "--memory SIZE", "2G", "for all that it keeps; by default {default}", size(2**20)
+    )
+    time: float | None = option(
+        "--time TIME", None, "for the search of a test{text}; by default no end", LENGTH
+    )
+    max_states: int = option(
+        "--max-states N",
+        0,
+        "stop after so many configurations",
+        whole(0, 2**63, "bound", "{}; 0: no bound"),
+    )
+    runs: int = option(
+        "--runs N", 10_000, "of the sampling strategies; by default {default:,}", whole(1, 2**63)
+    )
+    seed: int = option(
+        "--seed N", 1, "likewise; by default {default}", whole(0, 2**64 - 1, "seed"), "seed"
+    )
+    minimise: float = option("--minimise TIME", 30.0, SHORTEN, seconds("from 0 (do not) to", 10**9))
+    all_properties: bool = option("--all", False, ALSO, SWITCH)
+    skew: float | str | None = option(
+        "--skew TIME", None, "in place of the test's own, such as 2ms"
+    )
+    horizon: float | str | None = option("--horizon TIME", None, "likewise, such as 500ms")
+    params: Mapping[str, object] | None = option("", None, "values of parameters by full name")
+    output: str | Path | None = option(
+        "-o --output DIR", ".soter", "folder of traces and pages; by default {default}"
+    )
+    html: bool = option("--report --html", False, "write a page for every trace", SWITCH)
+    checkpoint: str | Path | None = option(
+        "--checkpoint DIR", None, "folder to write searches to, to go on later (bfs)"
+    )
+    checkpoint_every: float | None = option(
+        "--checkpoint-every TIME",
+        None,
+        f"between two checkpoints; by default {CHECKPOINT_SECONDS:g} s",
+        seconds("more than 0 and at most", 10**6, optional=True),
+    )
+    resume: str | Path | None = option("--resume DIR", None, "go on from there, and write there")
+    progress: Callable[[SearchProgress], None] | None = option(
+        "", None, "called with how far it is: test, states, transitions, depth, bytes, seconds"
+    )
+    partial: bool = option(
+        "", False, "on Ctrl-C give back what was covered, instead of raising", SWITCH
+    )
+    bug_depth: int = 3
+    unguided: bool = False
+
+    @property
+    def threads_run(self) -> int:
+        """How many threads search, of those asked for."""
+        return min(self.threads, THREADS_BFS if self.strategy == "bfs" else 1)
+
+    @property
+    def why_fewer(self) -> str:
+        """Why fewer threads search than were asked for; "" where as many do."""
+        if self.threads_run == self.threads:
+            return ""
+        if self.strategy == "bfs":
+            return f"breadth first searches on at most {THREADS_BFS}"
+        return f"only bfs searches on more than one, {self.strategy} does not"
+
+
+class SearchKeywords(TypedDict, total=False):
+    """The options as keywords, for who checks types: the fields above, `test` aside."""
+
+    strategy: str
+    storage: str
+    reduction: str
+    threads: int
+    memory: int | str
+    time: float | None
+    max_states: int
+    runs: int
+    seed: int
+    minimise: float
+    all_properties: bool
+    skew: float | str | None
+    horizon: float | str | None
+    params: Mapping[str, object] | None
+    output: str | Path | None
+    html: bool
+    checkpoint: str | Path | None
+    checkpoint_every: float | None
+    resume: str | Path | None
+    progress: Callable[[SearchProgress], None] | None
+    partial: bool
