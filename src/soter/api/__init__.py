@@ -11,13 +11,13 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from soter.api.arguments import ENGINES
 from soter.api.check_report import CheckReport, ModuleReport, StepReport, SystemReport
 from soter.api.files import format_text, read_text, require_writers
 from soter.api.program import Program, load
 from soter.api.timing import SwitchReport, ThreadRow, TimingReport
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.uncaught import install
+from soter.simulate.run_options import ENGINES
 
 if TYPE_CHECKING:
     from soter.api.rechecking import recheck

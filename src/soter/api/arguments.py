@@ -1,6 +1,6 @@
 """What callers give, as the rooms below want it, and what a program leaves to be computed.
 
-Purpose: engines, times, parameters of traces and chosen modules, each refused in words where it
+Purpose: times, parameters of traces and chosen modules, each refused in words where it
 is wrong; `ttf` and `safer` of modules that have neither.
 Non-goals: bindings and `params` of runs (`simulate/`), options of searches
 (`explore/search_options.py`).
@@ -25,18 +25,10 @@ if TYPE_CHECKING:
     Progress = Callable[[float], None]
     Tell = Callable[[str], None]
 
-ENGINES = ("native", "interp")
-
 
 def mistake(code: Code, message: str, help_: str) -> SoterError:
     """An error of one diagnostic, with what helps."""
     return SoterError((Diagnostic(code, message, helps=(help_,)),))
-
-
-def require_engine(engine: str) -> None:
-    """`SoterError` U001 for an engine that does not exist."""
-    if engine not in ENGINES:
-        raise mistake("U001", f"there is no engine `{engine}`", "there are native and interp")
 
 
 def time_ns(what: str, given: float | str | None) -> int | None:

@@ -6,18 +6,20 @@ Non-goals: the work itself (the rooms below), printing and exit codes (`cli/`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import chosen_modules, complete, end_of, mistake, require_engine, values_of
+from soter.api.arguments import chosen_modules, complete, end_of, mistake, values_of
 from soter.api.check_report import CheckReport, check_report
 from soter.api.compiled_systems import PreparedSystems
 from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.option import takes
+from soter.diagnostics.option import made, takes
 from soter.explore.search_options import SearchKeywords, SearchOptions
 from soter.language.front_end import CheckResult, check_file, system_of
+from soter.simulate.run_options import RunKeywords, RunOptions
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -36,9 +38,7 @@ if TYPE_CHECKING:
     from soter.monitor.logs.result import LogJudgement
     from soter.monitor.model_membership import Judgement
     from soter.simulate.externs.bindings import Bindings
-    from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
-    from soter.simulate.trace_selection import Kept
     from soter.targets.package import Package
     from soter.verify.claims.results import VerifyReport
     from soter.verify.period_sweep import Advice
@@ -149,6 +149,7 @@ class Program:
 
     # ------------------------------------------------------------ running
 
+    @takes(RunOptions)
     def simulate(
         self,
         system: str | None = None,
@@ -156,54 +157,28 @@ class Program:
         seed: int = 1,
         engine: str = "native",
         params: Mapping[str, object] | None = None,
-        *,
-        trace: Kept = True,
-        sha256: bool = True,
-        log: str | Path | RunLog | None = None,
-        report: str | Path | None = None,
-        progress: Progress | None = None,
-        real_time: bool = False,
-        partial: bool = False,
-        apart: bool = False,
-        arm: str | None = None,
-        campaign: str | Path | None = None,
+        **options: Unpack[RunKeywords],
     ) -> Run:
         """Run a system in virtual time, or with `real_time` against the clock (docs/real-time.md).
 
-        `until`: seconds or a text such as `"30s"`, by default the system's own. `params`: values
-        of parameters by full name; lengths of time in s or as text. `seed`: a whole number, 0 to
-        2^64 - 1. `trace` keeps the state after every instant, or only the named topics, truths and
-        modules of it; `sha256` hashes it. `log`, `report`: files to write (a report keeps it all),
-        the log while the run goes on. `progress` is called with the share that is done. Ctrl-C,
-        with a log SIGTERM and SIGHUP, too, ends the run at an instant and raises KeyboardInterrupt
-        (others end the process), or, where `partial`, gives back what was reached. `apart`: nodes
-        in Python as processes (docs/externs.md). `arm`: by its rules, of a `campaign`'s folder.
+        Times are seconds, or texts such as `"30s"`. `log` is written while the run goes on, a
+        `report` keeps the whole trace. Ctrl-C, with a log SIGTERM and SIGHUP, too, ends the run at
+        an instant and raises KeyboardInterrupt (others end the process), or gives back what was
+        reached (`partial`). `SoterError` U001 for options.
         """
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
 
-        require_engine(engine)
+        how = made(RunOptions, {"seed": seed, "engine": engine, **options})
         values = self._values(params)
-        prepared = self._prepared.of(self._checked, system, values, self._bound, progress)
-        if arm is not None:
-            prepared = self._prepared.of_arm(prepared, arm, campaign)
-        writer = run_log(log)
-        require_writers(log if isinstance(log, (str, Path)) else None, report)
-        report = None if report is None else Path(report).absolute()  # externs may move
-        run = simulate(
-            self._prepared,
-            prepared,
-            dict(self._bound),
-            engine,
-            until_ns=end_of(prepared.system, until),
-            seed=seed,
-            keep=trace if report is None else True,
-            sha256=sha256,
-            progress=progress,
-            real_time=real_time,
-            writer=writer,
-            partial=partial,
-            apart=apart,
-        )
+        prepared = self._prepared.of(self._checked, system, values, self._bound, how.progress)
+        if how.arm is not None:
+            prepared = self._prepared.of_arm(prepared, how.arm, how.campaign)
+        log, writer = how.log, run_log(how.log)
+        require_writers(log if isinstance(log, (str, Path)) else None, how.report)
+        report = None if how.report is None else Path(how.report).absolute()  # externs may move
+        how = replace(how, trace=how.trace if report is None else True)
+        until_ns, bound = end_of(prepared.system, until), dict(self._bound)
+        run = simulate(self._prepared, prepared, bound, how, until_ns=until_ns, writer=writer)
         if writer is not None and writer is not log and writer.problem is not None:
             raise writer.problem
         if report is not None:

@@ -27,7 +27,6 @@ from soter.simulate.interrupt import (
 from soter.simulate.real_time import run_real_time, why_not
 from soter.simulate.run import run_interpreted
 from soter.simulate.run_parameters import changed
-from soter.simulate.run_settings import seed_value
 from soter.simulate.wall_clock_pacing import Pacer
 from soter.verify.proof_cache import stored_verdicts
 from soter.version import VERSION
@@ -35,43 +34,35 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.api.arguments import Progress
     from soter.api.compiled_systems import PreparedSystem, PreparedSystems
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
-    from soter.simulate.trace_selection import Kept
+    from soter.simulate.run_options import RunOptions
 
 
 def simulate(
     preparations: PreparedSystems,
     prepared: PreparedSystem,
     given: Mapping[str, object],
-    engine: str,
+    options: RunOptions,
     *,
     until_ns: int,
-    seed: int,
-    keep: Kept,
-    sha256: bool,
-    progress: Progress | None,
-    real_time: bool,
     writer: RunLog | None,
-    partial: bool,
-    apart: bool = False,
 ) -> Run:
     """Run, as `Program.simulate` says; `given`: what externs are bound to.
 
     `KeyboardInterrupt` where it is stopped, unless `partial`.
     """
-    seed, stop = seed_value(seed), stop_request()
+    seed, engine, stop = options.seed, options.engine, stop_request()
     bindings = bind_again(prepared.bindings, given)
-    paced = why_not(bindings, engine) if real_time else ""
-    if real_time and not paced:
+    paced = why_not(bindings, engine) if options.real_time else ""
+    if options.real_time and not paced:
         require_runnable(bindings, engine)
-        go: Callable[..., Run] = partial_(_in_real_time, bindings, not apart)
+        go: Callable[..., Run] = partial_(_in_real_time, bindings, not options.apart)
         bound: dict[str, object] = {}
     else:
-        bound = callables(bindings, engine, stop, apart=apart and hasattr(os, "fork"))
+        bound = callables(bindings, engine, stop, apart=options.apart and hasattr(os, "fork"))
         go = _engine(engine, preparations, prepared)
     if writer is not None:
         layout = state_layout(bindings.system)
@@ -83,9 +74,9 @@ def simulate(
                 until_ns,
                 seed,
                 bound,
-                keep_trace=keep,
-                hash_trace=sha256,
-                progress=progress,
+                keep_trace=options.trace,
+                hash_trace=options.sha256,
+                progress=options.progress,
                 stop=stop,
                 pacer=Pacer() if paced else None,
                 also=None if writer is None else writer.see,
@@ -105,7 +96,7 @@ def simulate(
     run.proofs = stored_verdicts(prepared.system) if prepared.arm is None else {}
     if writer is not None:
         writer.end(run, stopped_by(stop) if run.interrupted else "")
-    if run.interrupted and not partial:
+    if run.interrupted and not options.partial:
         raise_again(stop)
     return run
 

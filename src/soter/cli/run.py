@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter import __version__
-from soter.api import ENGINES, Program, load, require_writers
+from soter.api import Program, load, require_writers
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_outcome import (
     DIAGNOSTICS,
@@ -26,9 +26,10 @@ from soter.cli.terminal.command_outcome import (
     UsageError,
     exit_of,
 )
-from soter.cli.terminal.parser import CommandParser, add_file, add_settings, seed, whole
+from soter.cli.terminal.parser import CommandParser, add_file, add_options, given
 from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.simulate.run_options import RunOptions
 
 if TYPE_CHECKING:
     import argparse
@@ -59,53 +60,7 @@ def parser() -> CommandParser:
     """The command line."""
     made = CommandParser("run", "Run a system in virtual time.", EXAMPLES)
     add_file(made)
-    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
-    made.add_argument("--until", metavar="TIME", help="such as 30s; by default the system's own")
-    made.add_argument("--seed", metavar="N", type=seed, default=1, help="by default 1")
-    made.add_argument(
-        "--flight", metavar="K", type=seed, help="flight K of a campaign that begins with --seed"
-    )
-    made.add_argument(
-        "--arm", metavar="A", help="by the rules of that arm of the campaign: ac, paper, ..."
-    )
-    made.add_argument(
-        "--campaign", metavar="DIR", help="its folder; by default where `soter campaign` puts it"
-    )
-    made.add_argument(
-        "--engine", choices=ENGINES, default="native", help="native C, or the reference interpreter"
-    )
-    add_settings(made)
-    made.add_argument("--log", nargs="?", const=OWN_PLACE, metavar="PATH", help="write an MCAP log")
-    made.add_argument(
-        "--report", nargs="?", const=OWN_PLACE, metavar="PATH", help="write an HTML report"
-    )
-    made.add_argument(
-        "--self-contained",
-        action="store_true",
-        help="the report in one file; by default its drawing script lies beside it",
-    )
-    made.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        default=".soter",
-        help="folder of logs and reports without a path; by default .soter",
-    )
-    made.add_argument(
-        "--why", action="store_true", help="list every change of mode, and on which values"
-    )
-    made.add_argument(
-        "--real-time",
-        action="store_true",
-        help="run against the clock, externs in processes of their own (docs/real-time.md)",
-    )
-    made.add_argument(
-        "--misses",
-        metavar="N",
-        type=whole,
-        default=0,
-        help="in real time: exit 4 beyond so many late steps of the trusted part; by default 0",
-    )
+    add_options(made, RunOptions)
     return made
 
 
@@ -141,21 +96,9 @@ def _simulate(
     program: Program, args: argparse.Namespace, console: Console, log: RunLog | None
 ) -> Run:
     with ProgressBar(console) as progress:
-        result = program.simulate(
-            args.system,
-            args.until,
-            args.seed,
-            args.engine,
-            dict(args.params),
-            trace=args.report is not None,
-            log=log,
-            progress=progress,
-            real_time=args.real_time,
-            partial=True,
-            apart=console.own_process,
-            arm=args.arm,
-            campaign=args.campaign,
-        )
+        how = {**given(args, RunOptions), "log": log, "report": None, "progress": progress}
+        apart, trace = console.own_process, args.report is not None
+        result = program.simulate(**how, trace=trace, partial=True, apart=apart)
     if result.timing is not None:
         result.timing["misses_allowed"] = args.misses
     return result

@@ -24,14 +24,13 @@ from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import (
     CommandParser,
     add_file,
-    add_option,
-    add_settings,
+    add_options,
     given,
 )
 from soter.cli.terminal.progress import LineOfProgress
 from soter.cli.terminal.units import rounded, size
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.option import options_of, told
+from soter.diagnostics.option import told
 from soter.explore.junit import document
 from soter.explore.methods import SAMPLING
 from soter.explore.search_options import SearchOptions
@@ -68,14 +67,7 @@ def parser() -> CommandParser:
     """The command line."""
     made = CommandParser("test", "Explore every execution of the tests of a file.", EXAMPLES)
     add_file(made)
-    for name, option in options_of(SearchOptions).items():
-        add_option(made, name, option)
-        if name == "params":
-            add_settings(made)
-        if name == "html":
-            made.add_argument(
-                "--junit", metavar="FILE", help="write the verdicts as JUnit XML, for CI"
-            )
+    add_options(made, SearchOptions)
     add_format(made)
     return made
 

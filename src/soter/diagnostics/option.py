@@ -10,6 +10,7 @@ from __future__ import annotations
 import inspect
 import re
 from dataclasses import dataclass, field, fields
+from operator import index
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     Record = TypeVar("Record")
     Method = TypeVar("Method", bound=Callable[..., Any])
 
+POWERS = {2**63: "2^63", 2**64 - 1: "2^64 - 1"}
 SHOWN = 40
 """Characters of a wrong value that a message quotes."""
 UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
@@ -47,16 +49,19 @@ SEVERAL, SWITCH = Kind("several"), Kind("switch")
 
 def choice(*names: str) -> Kind:
     """One of some names."""
-    return Kind("", f"{', '.join(names[:-1])} or {names[-1]}", lambda given: given in names)
+    said = f"{', '.join(names[:-1])} or {names[-1]}"
+    return Kind("", said, lambda given: given in names)
 
 
 def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Kind:
     """A whole number."""
 
-    def fits(given: object) -> bool:
-        return isinstance(given, int) and not isinstance(given, bool) and low <= given <= high
+    def fits(given: Any) -> bool:  # noqa: ANN401 - whatever a caller gives
+        return hasattr(given, "__index__") and not isinstance(given, bool) and low <= given <= high
 
-    return Kind(text, f"a whole number from {low} to {high}", fits, in_python=in_python)
+    return Kind(
+        text, f"a whole number from {low} to {POWERS.get(high, high)}", fits, index, in_python
+    )
 
 
 def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
@@ -90,7 +95,8 @@ class Option:
 
     `flags`: as a command line has them, with what stands for a value; none where it has none.
     `given`: the default as a caller writes it; `words` may quote it (`{default}`), and how a text
-    is written (`{text}`). `told`: its field in the JSON document of a result.
+    is written (`{text}`). `told`: its field in the JSON document of a result. `keyword`: whether
+    callers in Python have it, too.
     """
 
     flags: str
@@ -98,6 +104,7 @@ class Option:
     words: str
     kind: Kind
     told: str
+    keyword: bool
 
     def help(self, text: str = "") -> str:
         """The words for a command line; `text`: how a text is written, where one is read."""
@@ -109,20 +116,30 @@ class Option:
         return self.kind.in_python.format(self.help())
 
 
-def option(flags: str, given: object, words: str, kind: Kind = ANYTHING, told: str = "") -> Any:  # noqa: ANN401 - a field of whatever type
+def option(
+    flags: str,
+    given: Any,  # noqa: ANN401 - a field of whatever type
+    words: str,
+    kind: Kind = ANYTHING,
+    told: str = "",
+    *,
+    keyword: bool = True,
+) -> Any:  # noqa: ANN401 - the same
     """A field of a record of options."""
-    known = Option(flags, given, words, kind, told)
-    return field(default=kind.read(given), metadata={"option": known})
+    known = Option(flags, given, words, kind, told, keyword)
+    default = given if given is None else kind.read(given)
+    return field(default=default, metadata={"option": known})
 
 
-def options_of(record: type) -> dict[str, Option]:
-    """The options of a record by name, in order; fields that nobody asks for are none."""
-    return {f.name: f.metadata["option"] for f in fields(record) if "option" in f.metadata}
+def options_of(record: type, *, keyword: bool = False) -> dict[str, Option]:
+    """The options of a record by name, in order, or the keywords of them."""
+    known = {f.name: f.metadata["option"] for f in fields(record) if f.metadata}
+    return {name: o for name, o in known.items() if o.keyword or not keyword}
 
 
 def made(record: type[Record], given: Mapping[str, object]) -> Record:
     """The record of keywords; `SoterError` U001 with all mistakes at once, TypeError as a call."""
-    options, problems = options_of(record), []
+    options, problems = options_of(record, keyword=True), []
     for name, value in given.items():
         if name not in options:
             raise TypeError(f"got an unexpected keyword argument '{name}'")
@@ -145,7 +162,7 @@ def takes(record: type) -> Callable[[Method], Method]:
     """A method with `**options` of a record shows them all, with defaults and words."""
 
     def shown(method: Method) -> Method:
-        known, signature = options_of(record), inspect.signature(method)
+        known, signature = options_of(record, keyword=True), inspect.signature(method)
         own = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
         rest = [n for n in known if n not in signature.parameters]
         own += [

@@ -121,6 +121,9 @@ class SearchOptions:
         "-o --output DIR", ".soter", "folder of traces and pages; by default {default}"
     )
     html: bool = option("--report --html", False, "write a page for every trace", SWITCH)
+    junit: str | None = option(
+        "--junit FILE", None, "write the verdicts as JUnit XML, for CI", keyword=False
+    )
     checkpoint: str | Path | None = option(
         "--checkpoint DIR", None, "folder to write searches to, to go on later (bfs)"
     )

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import soter.cli.run
+import soter.cli.test
 from soter.api.program import Program
-from soter.cli.test import parser
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.option import made, options_of
 from soter.explore.methods import REDUCTIONS, STORAGES, STRATEGIES, constant
 from soter.explore.search_options import SearchKeywords, SearchOptions
+from soter.simulate.run_options import RunKeywords, RunOptions
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser
 
 ROOT = Path(__file__).resolve().parents[3]
 ENGINE = ROOT / "src" / "soter" / "explore" / "engine" / "c"
@@ -45,27 +51,40 @@ def test_the_schema_of_results_names_them_all() -> None:
         assert f'"{what}": {{ "enum": [{listed}] }}' in page
 
 
-def test_the_page_about_python_says_what_the_options_say() -> None:
-    """Names in their order, defaults and words of `explore(...)` in the page are the record's."""
+CHOSEN = {"test", "system", "until", "seed"}
+"""What the page gives another value than the default."""
+RECORDS = [
+    (SearchOptions, SearchKeywords, Program.explore, soter.cli.test.parser()),
+    (RunOptions, RunKeywords, Program.simulate, soter.cli.run.parser()),
+]
+
+
+@pytest.mark.parametrize(("record", "method"), [(r[0], r[2]) for r in RECORDS])
+def test_the_page_about_python_says_what_the_options_say(record: type, method: Any) -> None:
+    """Names in their order, defaults and words of a call in the page are the record's."""
     page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
-    shown = re.search(r"\)\.explore\(\n(.*?)^\)", page, re.MULTILINE | re.DOTALL)
+    shown = re.search(rf"\.{method.__name__}\(\n((?:    \w+=.*\n)+)\)", page)
     assert shown is not None
-    lines = [f"    {n}={o.given!r},  # {o.meaning}\n" for n, o in options_of(SearchOptions).items()]
-    lines[0] = lines[0].replace("None", '"Late"', 1)
-    meant = "".join(lines).replace("'", '"').replace("10000,", "10_000,")
-    assert shown[1].replace("'", '"') == meant
+    lines = re.findall(r"^    (\w+)=(.*),  # (.*)$", shown[1], re.MULTILINE)
+    options = options_of(record, keyword=True)
+    assert [(n, words) for n, _, words in lines] == [(n, o.meaning) for n, o in options.items()]
+    for name, value, _ in lines:
+        assert name in CHOSEN or ast.literal_eval(value) == options[name].given, name
 
 
-def test_keywords_and_command_line_are_those_of_the_record() -> None:
-    options = options_of(SearchOptions)
-    assert ["test", *SearchKeywords.__annotations__] == list(options)
-    assert list(signature(Program.explore).parameters) == ["self", *options]
-    flags = {s: a.dest for a in parser()._actions for s in a.option_strings}
-    own = {s: n for n, o in options.items() for s in o.flags.split() if s.startswith("-")}
-    assert own.items() <= flags.items()
-    assert set(flags) - set(own) == {
-        *("--json", "-h", "--help", "--set", "--bind", "--junit", "--format")
-    }
+@pytest.mark.parametrize(("record", "keywords", "method", "parser"), RECORDS)
+def test_keywords_and_command_line_are_those_of_the_record(
+    record: type, keywords: Any, method: Any, parser: ArgumentParser
+) -> None:
+    named = options_of(record, keyword=True)
+    assert set(signature(method).parameters) == {"self", *named}
+    own = method.__code__.co_varnames[: method.__code__.co_argcount]
+    assert {*own, *keywords.__annotations__} == {"self", *named}
+    flags = {s: a.dest for a in parser._actions for s in a.option_strings}
+    options = options_of(record).items()
+    ours = {s: n for n, o in options for s in o.flags.split() if s.startswith("-")}
+    assert ours.items() <= flags.items()
+    assert set(flags) - set(ours) <= {"--json", "-h", "--help", "--set", "--bind", "--format"}
 
 
 def test_the_options_that_the_guide_compares_are_there() -> None:
@@ -82,7 +101,7 @@ def test_the_options_that_the_guide_compares_are_there() -> None:
     ("given", "allowed"),
     [
         ({"threads": 65}, "a whole number from 1 to 64"),
-        ({"runs": True}, "a whole number from 1 to 9223372036854775808"),
+        ({"runs": True}, "a whole number from 1 to 2^63"),
         ({"minimise": -1}, "seconds, from 0 (do not) to 1,000,000,000"),
         ({"time": 0}, "seconds, more than 0 and at most 1,000,000,000"),
         ({"checkpoint_every": 2e6}, "seconds, more than 0 and at most 1,000,000"),

@@ -9,13 +9,10 @@ from __future__ import annotations
 import argparse
 import re
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from soter.cli.terminal.command_outcome import UsageError
 from soter.diagnostics.option import options_of
-
-if TYPE_CHECKING:
-    from soter.diagnostics.option import Option
 
 
 class HelpWantedError(Exception):
@@ -76,25 +73,31 @@ def add_settings(parser: CommandParser) -> None:
     )
 
 
-def add_option(parser: CommandParser, name: str, known: Option) -> None:
-    """An argument made of a field of a record; none where it has no flag."""
-    *flags, last = known.flags.split() or [""]
-    metavar = None if last.startswith("-") else last
-    how: dict[str, Any] = {"dest": name, "default": known.given, "help": known.help(TIMES)}
-    if metavar is None:
-        flags.append(last)
-        how["action"] = "store_true"
-    else:
-        how |= {"metavar": metavar, "type": READERS.get(known.kind.text, str)}
-        how["action"] = "append" if known.kind.text == "several" else "store"
-    if known.flags:
-        parser.add_argument(*flags, **how)
+def add_options(parser: CommandParser, record: type) -> None:
+    """An argument for each field of a record that has a flag, and --set and --bind at `params`."""
+    for name, known in options_of(record).items():
+        if name == "params":
+            add_settings(parser)
+        *flags, metavar = known.flags.split() or [""]
+        how: dict[str, Any] = {"dest": name, "default": known.given, "help": known.help(TIMES)}
+        if metavar.startswith("--"):
+            parser.add_argument(*flags, metavar, action="store_true", **how)
+            continue
+        how |= {"metavar": metavar.strip("[]"), "type": READERS.get(known.kind.text, str)}
+        if metavar.startswith("["):
+            how |= {"nargs": "?", "const": ""}
+        if metavar.startswith("{"):
+            how |= {"choices": metavar.strip("{}").split(","), "metavar": None}
+        if flags:
+            action = "append" if known.kind.text == "several" else "store"
+            parser.add_argument(*flags, action=action, **how)
 
 
 def given(args: argparse.Namespace, record: type) -> dict[str, Any]:
-    """The options of a record that a command line has, as keywords."""
-    values = {name: getattr(args, name) for name in options_of(record) if name in args}
-    return values | ({"params": dict(args.params)} if "params" in values else {})
+    """The keywords of a record that a command line has."""
+    options = options_of(record, keyword=True)
+    values = {name: getattr(args, name) for name in options if name in args}
+    return values | {"params": dict(args.params)}
 
 
 def _pair(text: str) -> tuple[str, str]:
