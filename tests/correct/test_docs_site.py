@@ -14,6 +14,7 @@ import pytest
 
 import browser
 import processes
+from json_documents import MADE
 from soter.cli.main import COMMANDS, command_of
 from soter.cli.terminal.parser import HelpWantedError
 
@@ -38,6 +39,15 @@ def copied(tmp_path: Path, site: Any) -> Any:
             path.parent.mkdir(exist_ok=True)
             path.write_text("# A page\n")
     return site.Site(tmp_path, tmp_path / "out")
+
+
+def test_the_schemas_of_the_page_are_those_of_the_records(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`python docs/site/json_schemas.py` writes them; `json_documents.py` holds documents to them."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    schemas = import_module("json_schemas")
+    page = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
+    assert schemas.written(page) == page
+    assert set(MADE) == set(schemas.DOCUMENTS)
 
 
 def test_the_site_builds_and_every_link_of_what_it_wrote_leads_somewhere(tmp_path: Path) -> None:

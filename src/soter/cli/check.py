@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.api import load
+from soter.api import CheckReport, ModuleReport, StepReport, SystemReport, load
 from soter.cli.ci.formats import add_format
 from soter.cli.terminal.command_outcome import (
     DIAGNOSTICS,
@@ -20,13 +20,13 @@ from soter.cli.terminal.command_outcome import (
 from soter.cli.terminal.parser import CommandParser, add_settings
 from soter.cli.terminal.progress import LineOfProgress
 from soter.cli.terminal.standard_input import STDIN, standard_input
-from soter.cli.terminal.timing_report import say_timing, timing_fields
+from soter.cli.terminal.timing_report import TIMING, say_timing
 from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.json_object import JsonObject, one_of
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.api import CheckReport, SystemReport
     from soter.cli.terminal.console import Console
 
 EXAMPLES = """\
@@ -93,7 +93,7 @@ def _checked(file: str, args: argparse.Namespace, console: Console) -> CommandOu
     report = program.check(dict(args.params), times=args.times)
     _say(report, console)
     diagnostics = (*report.warnings, *report.untimely)
-    return CommandOutcome(exit_of(diagnostics), diagnostics, _fields(report))
+    return CommandOutcome(exit_of(diagnostics), diagnostics, DOCUMENT.of(report))
 
 
 def _say(report: CheckReport, console: Console) -> None:
@@ -135,46 +135,41 @@ def _count(n: int, noun: str) -> str:
     return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
-def _fields(report: CheckReport) -> dict[str, object]:
-    return {
-        "file": report.path,
-        "program_sha256": report.program_sha256,
-        "systems": [_system(s) for s in report.systems],
-        "steps": [
-            {
-                "name": s.name,
-                "kind": s.kind,
-                "operations": s.operations,
-                "stack_bytes": s.stack_bytes,
-                "externs": list(s.externs),
-            }
-            for s in report.steps
-        ],
-        "timings": [timing_fields(t) for t in report.timings],
-        "modules": {
-            m.name: {
-                "verdict": "assumed",
-                "properties": {p: {"verdict": v} for p, v in m.verdicts.items()},
-            }
-            for s in report.systems
-            for m in s.modules
-        },
-    }
+def _modules(report: CheckReport) -> dict[str, ModuleReport]:
+    return {m.name: m for s in report.systems for m in s.modules}
 
 
-def _system(s: SystemReport) -> dict[str, object]:
-    return {
-        "name": s.name,
-        "default": s.default,
-        "until_s": s.until_s,
-        "hyperperiod_s": s.hyperperiod_s,
-        "components": s.components,
-        "topics": s.topics,
-        "properties": list(s.properties),
-        "externs": list(s.externs),
-        "modules": [
-            {"name": m.name, "period_s": m.period_s, "ac": m.ac, "sc": m.sc, "forced": m.forced}
-            for m in s.modules
-        ],
-        "assumptions": list(s.assumptions),
-    }
+def _assumed(_: ModuleReport) -> str:
+    return "assumed"
+
+
+def _itself(verdict: str) -> str:
+    return verdict
+
+
+VERDICT = one_of("proved", "assumed")
+DOCUMENT = JsonObject(
+    CheckReport,
+    "file=path program_sha256 systems steps timings modules",
+    {"modules": _modules},
+    program_sha256={"type": ["string", "null"]},
+    systems=JsonObject(
+        SystemReport,
+        "name default until_s hyperperiod_s components topics properties externs modules "
+        "assumptions",
+        modules=JsonObject(
+            ModuleReport, "name period_s ac sc forced", forced=one_of("ac", "sc", None)
+        ),
+    ),
+    steps=JsonObject(
+        StepReport, "name kind operations stack_bytes externs", kind=one_of("node", "module")
+    ),
+    timings=TIMING,
+    modules=JsonObject(
+        ModuleReport,
+        "verdict properties=verdicts",
+        {"verdict": _assumed},
+        verdict=VERDICT,
+        properties=JsonObject(str, "verdict", {"verdict": _itself}, verdict=VERDICT),
+    ),
+)

@@ -13,6 +13,7 @@ from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, Comman
 from soter.cli.terminal.parser import CommandParser
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.json_object import JsonObject
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             exit_of(error.diagnostics), error.diagnostics, {"certificate": args.folder}
         )
     _say(report, args.folder, console)
-    return CommandOutcome(_exit(report), (), _fields(report, args.folder))
+    return CommandOutcome(_exit(report), (), {"certificate": args.folder, **DOCUMENT.of(report)})
 
 
 def _exit(report: Report) -> int:
@@ -121,37 +122,32 @@ def _value(module: RecheckedModule, name: str) -> str:
     return f"{name} = {module.parameters[name]}{said}"
 
 
-def _fields(report: Report, folder: str) -> dict[str, object]:
-    return {
-        "certificate": folder,
-        "accepted": report.accepted,
-        "safe": report.safe,
-        "returns": report.returns,
-        "reason": report.reason,
-        "program_sha256": report.program_sha256,
-        "seconds": report.seconds,
-        "program": report.program,
-        "modules": {
-            _name(m, report): {
-                "system": m.system,
-                "parameters": m.parameters,
-                "otherwise": m.otherwise,
-                "times_ns": m.times,
-                "confirmed": m.confirmed,
-                "not_confirmed": m.other,
-                "missing": m.missing,
-                "cells": m.cells,
-                "shown": [{"key": s.key, "text": s.text} for s in m.shown],
-            }
-            for m in report.modules
-        },
-        "assumptions": report.assumptions,
-        "assumption_keys": [a.key for a in report.said],
-        "not_covered": [{"key": s.key, "text": s.text} for s in report.not_covered],
-    }
-
-
 def _name(module: RecheckedModule, report: Report) -> str:
     """The name of a module; with its system where several have one of that name."""
     several = sum(m.name == module.name for m in report.modules) > 1
     return f"{module.system}.{module.name}" if several else module.name
+
+
+def _keys(report: Report) -> list[str]:
+    return [a.key for a in report.said]
+
+
+def _modules(report: Report) -> dict[str, RecheckedModule]:
+    return {_name(m, report): m for m in report.modules}
+
+
+ASSUMPTION = JsonObject("soter.certificate.assumptions.RecheckAssumption", "key text")
+DOCUMENT = JsonObject(
+    "soter.certificate.report.Report",
+    "accepted safe returns reason program_sha256 seconds program modules assumptions "
+    "assumption_keys not_covered",
+    {"modules": _modules, "assumption_keys": _keys},
+    beside={"certificate": str},
+    modules=JsonObject(
+        "soter.certificate.report.RecheckedModule",
+        "system parameters otherwise times_ns=times confirmed not_confirmed=other missing cells "
+        "shown",
+        shown=ASSUMPTION,
+    ),
+    not_covered=ASSUMPTION,
+)

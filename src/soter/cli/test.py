@@ -30,9 +30,20 @@ from soter.cli.terminal.parser import (
 from soter.cli.terminal.progress import LineOfProgress
 from soter.cli.terminal.units import rounded, size
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.option import told
+from soter.diagnostics.json_object import JsonObject, one_of
+from soter.diagnostics.option import options_of
+from soter.explore.engine.coverage import Coverage, CoverageKind
 from soter.explore.junit import document
-from soter.explore.methods import SAMPLING
+from soter.explore.methods import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
+from soter.explore.results import (
+    BOUNDS,
+    ENDED,
+    UNJUDGED,
+    CheckpointState,
+    ExploreReport,
+    Robustness,
+    TestResult,
+)
 from soter.explore.search_options import SearchOptions
 from soter.language.model.durations import show_ns
 
@@ -41,7 +52,6 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.console import Console
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.explore.results import CheckpointState, ExploreReport, TestResult
 
 EXAMPLES = """\
   soter test late_sc.soter                            every test of the file
@@ -95,7 +105,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         report_as_junit(report, args.junit, console)
     code = INTERRUPTED if report.interrupted else EXITS[report.verdict]
     junit = document(report) if args.format == "junit" else ""
-    return CommandOutcome(code, warnings, _fields(report), of_tests(report), junit)
+    return CommandOutcome(code, warnings, DOCUMENT.of(report), of_tests(report), junit)
 
 
 def progress_text(looked: object) -> str:
@@ -302,90 +312,57 @@ def _trace(test: TestResult, console: Console) -> list[str]:
 # ---------------------------------------------------------------- as JSON
 
 
-def _fields(report: ExploreReport) -> dict[str, object]:
-    return {
-        "file": report.path,
-        "program_sha256": report.program_sha256,
-        "verdict": report.verdict,
-        "interrupted": report.interrupted,
-        "not_started": list(report.not_started),
-        "tests": [_test(t) for t in report.tests],
-    }
+def _steps(t: TestResult) -> int | None:
+    return None if t.replayed is None else len(t.replayed.steps)
 
 
-def _shown(t: TestResult) -> dict[str, object]:
-    """Another property that can be violated."""
-    assert t.broken is not None
-    there = list(t.violated_there)
-    return {"violated": t.broken.text, "violated_there": there, **_trace_fields(t)}
+def _minimal(t: TestResult) -> bool | None:
+    return None if t.replayed is None else t.minimal
 
 
-def _trace_fields(t: TestResult) -> dict[str, object]:
-    return {
-        "trace": None if t.trace is None else str(t.trace),
-        "page": None if t.page is None else str(t.page),
-        "steps": None if t.replayed is None else len(t.replayed.steps),
-        "steps_that_matter": t.steps_that_matter,
-        "minimal": t.minimal if t.replayed is not None else None,
-        "not_shortest": t.not_shortest or None,
-        "unshown": t.not_shown or None,
-        "shrunk_from": t.shrunk_from or None,
-        "minimise_s": t.minimise_s,
-    }
+def _itself(t: TestResult) -> TestResult:
+    return t
 
 
-def _kept(k: CheckpointState) -> dict[str, object]:
-    return {
-        "path": str(k.path),
-        "states": k.states,
-        "problem": k.problem or None,
-        "resumed_states": k.resumed,
-    }
-
-
-def _test(t: TestResult) -> dict[str, object]:
-    o = t.options
-    return {
-        "name": t.name,
-        "system": t.system.name,
-        "verdict": t.verdict,
-        "bound": t.bound,
-        "violated": None if t.broken is None else t.broken.text,
-        "violated_there": list(t.violated_there),
-        "others": [_shown(other) for other in t.others],
-        "others_bound": t.others_bound,
-        "states": t.states,
-        "transitions": t.transitions,
-        "runs": t.runs,
-        "seconds": t.seconds,
-        "states_per_s": t.states_per_s,
-        "depth": t.depth,
-        **_trace_fields(t),
-        **told(o),
-        "parts": t.parts,
-        "equal_instances": [list(some) for some in t.equal_instances],
-        "contracts": {of: list(names) for of, names in t.contracts.items()},
-        "quantum_ns": t.quantum_ns,
-        "covered_ns": t.covered_ns,
-        "closed_ns": t.closed_ns,
-        "checkpoint": None if t.checkpoint is None else _kept(t.checkpoint),
-        "short_of": t.short_of,
-        "threads": t.threads,
-        "threads_fewer": o.why_fewer or None,
-        "memory": {
-            "table_bytes": t.table_bytes,
-            "frontier_bytes": t.frontier_bytes,
-            "total_bytes": t.total_bytes,
-            "bytes_per_state": t.bytes_per_state,
-            "packed_bits": t.bits,
-        },
-        "coverage": {
-            name: {"reached": p.reached, "total": p.total, "unreached": list(p.unreached)}
-            for name, p in t.coverage.parts()
-        },
-        "robustness": [
-            {"property": r.text, "guided": r.guided, "least": r.least} for r in t.robustness
-        ],
-        "vacuous": [{"what": v.what, "name": v.name, "why": v.why} for v in t.vacuous],
-        "assumptions": list(t.assumptions),
-    }
+VERDICTS = one_of(*EXITS)
+SAYS_NOTHING = "property premise contract module fault input replacement"
+TRACE = (
+    "trace page steps steps_that_matter minimal not_shortest? unshown=not_shown? shrunk_from? "
+    "minimise_s"
+)
+OPTIONS = " ".join(f"{o.told}=options.{n}" for n, o in options_of(SearchOptions).items() if o.told)
+MADE = {"steps": _steps, "minimal": _minimal, "memory": _itself}
+COVERED = JsonObject(CoverageKind, "reached total unreached", named="covered")
+KINDS = "properties actors modes switches branches values"
+TEST = JsonObject(
+    TestResult,
+    "name system=system.name verdict bound violated=broken.text violated_there others others_bound "
+    f"states transitions runs seconds states_per_s depth {TRACE} {OPTIONS} parts equal_instances "
+    "contracts quantum_ns covered_ns closed_ns checkpoint short_of threads "
+    "threads_fewer=options.why_fewer? memory coverage robustness vacuous assumptions",
+    MADE,
+    verdict=VERDICTS,
+    bound=one_of(*BOUNDS, None),
+    others=JsonObject(TestResult, f"violated=broken.text violated_there {TRACE}", MADE, "other"),
+    strategy=one_of(*STRATEGIES),
+    storage=one_of(*STORAGES),
+    reduction=one_of(*REDUCTIONS),
+    checkpoint=JsonObject(CheckpointState, "path states problem? resumed_states=resumed"),
+    short_of=one_of(*sorted(ENDED - {UNJUDGED}), None),
+    memory=JsonObject(
+        TestResult, "table_bytes frontier_bytes total_bytes bytes_per_state packed_bits=bits"
+    ),
+    coverage=JsonObject(Coverage, KINDS, shapes=dict.fromkeys(KINDS.split(), COVERED)),
+    robustness=JsonObject(Robustness, "property=text guided least", named="robustness"),
+    vacuous=JsonObject(
+        "soter.explore.vacuity.vacuous_tests.VacuousPart",
+        "what name why",
+        what=one_of(*SAYS_NOTHING.split()),
+    ),
+)
+DOCUMENT = JsonObject(
+    ExploreReport,
+    "file=path program_sha256 verdict interrupted not_started tests",
+    verdict=VERDICTS,
+    tests=TEST,
+)

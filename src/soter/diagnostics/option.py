@@ -152,12 +152,6 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
     return record(**{name: options[name].kind.read(value) for name, value in given.items()})
 
 
-def told(record: object) -> dict[str, object]:
-    """The fields of a JSON document that say which options a result has."""
-    options = options_of(type(record)).items()
-    return {o.told: getattr(record, name) for name, o in options if o.told}
-
-
 def takes(record: type) -> Callable[[Method], Method]:
     """A method with `**options` of a record shows them all, with defaults and words."""
 

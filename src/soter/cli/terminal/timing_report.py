@@ -1,18 +1,18 @@
 """What declared execution times come to, on the terminal and in documents.
 
-Purpose: `say_timing`, `timing_fields`: one `TimingReport`.
+Purpose: `say_timing`, `TIMING`: one `TimingReport`.
 Non-goals: the figures themselves (`soter.api.timing`).
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from soter.api.timing import SwitchReport, ThreadRow, TimingReport
+from soter.diagnostics.json_object import JsonObject, one_of
 from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
-    from soter.api.timing import ThreadRow, TimingReport
     from soter.cli.terminal.console import Console
 
 HEAD = ("thread", "every", "wcet", "jitter", "starts by", "ends by", "slack")
@@ -46,8 +46,18 @@ def _row(r: ThreadRow) -> list[str]:
     return [r.name, show_ns(r.period_ns), *("?" if t is None else show_ns(t) for t in times)]
 
 
-def timing_fields(report: TimingReport) -> dict[str, object]:
-    """For a document: docs/json.md."""
-    fields = asdict(report)
-    fields["thread"] = fields.pop("rows")
-    return fields
+TIMING = JsonObject(
+    TimingReport,
+    "system verdict busy_ns hyperperiod_ns exact thread=rows elsewhere missing schedule switches",
+    verdict=one_of(*_WORDS),
+    thread=JsonObject(
+        ThreadRow,
+        "name period_ns wcet_ns jitter_ns start_ns response_ns deadline_ns slack_ns",
+    ),
+    switches=JsonObject(
+        SwitchReport,
+        "module verdict horizon_ns needed_ns slack_ns largest largest_ns text",
+        verdict=one_of("holds", "fails", "undecided"),
+    ),
+)
+"""For a document: docs/json.md."""
