@@ -42,7 +42,7 @@ def copied(tmp_path: Path, site: Any) -> Any:
 
 
 def test_the_schemas_of_the_page_are_those_of_the_records(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`python docs/site/json_schemas.py` writes them; `json_documents.py` holds documents to them."""
+    """`python docs/site/json_schemas.py` writes them; `json_documents.py` holds documents to it."""
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
     schemas = import_module("json_schemas")
     page = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
