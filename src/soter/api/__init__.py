@@ -17,12 +17,12 @@ from soter.api.program import Program, load
 from soter.api.timing import SwitchReport, ThreadRow, TimingReport
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.uncaught import install
-from soter.simulate.run_options import ENGINES
 
 if TYPE_CHECKING:
     from soter.api.rechecking import recheck
     from soter.api.replaying import ReplayReport, replay
     from soter.simulate.result import Run
+    from soter.simulate.run_options import ENGINES
 
 __all__ = [
     "ENGINES",
@@ -50,6 +50,7 @@ LATER = {
     **dict.fromkeys(("ReplayReport", "replay"), "soter.api.replaying"),
     "recheck": "soter.api.rechecking",
     "Run": "soter.simulate.result",
+    "ENGINES": "soter.simulate.run_options",
 }
 """What `check` does not need: the module that it is imported from when it is asked for."""
 

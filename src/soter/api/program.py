@@ -17,9 +17,7 @@ from soter.api.compiled_systems import PreparedSystems
 from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.option import made, takes
-from soter.explore.search_options import SearchKeywords, SearchOptions
 from soter.language.front_end import CheckResult, check_file, system_of
-from soter.simulate.run_options import RunKeywords, RunOptions
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -32,6 +30,7 @@ if TYPE_CHECKING:
     from soter.api.campaigning import Campaign
     from soter.api.diagrams import Diagram
     from soter.explore.results import ExploreReport
+    from soter.explore.search_options import SearchKeywords
     from soter.language.model.system import System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from soter.monitor.model_membership import Judgement
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.result import Run
+    from soter.simulate.run_options import RunKeywords
     from soter.targets.package import Package
     from soter.verify.claims.results import VerifyReport
     from soter.verify.period_sweep import Advice
@@ -149,7 +149,7 @@ class Program:
 
     # ------------------------------------------------------------ running
 
-    @takes(RunOptions)
+    @takes("soter.simulate.run_options.RunOptions")
     def simulate(
         self,
         system: str | None = None,
@@ -167,6 +167,7 @@ class Program:
         reached (`partial`). `SoterError` U001 for options.
         """
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
+        from soter.simulate.run_options import RunOptions  # noqa: PLC0415 - the same
 
         how = made(RunOptions, {"seed": seed, "engine": engine, **options})
         values = self._values(params)
@@ -369,7 +370,7 @@ class Program:
             write_advice(advice, Path(report))
         return tuple(advice)
 
-    @takes(SearchOptions)
+    @takes("soter.explore.search_options.SearchOptions")
     def explore(
         self, test: str | Sequence[str] | None = None, **options: Unpack[SearchKeywords]
     ) -> ExploreReport:

@@ -10,8 +10,9 @@ from __future__ import annotations
 import inspect
 import re
 from dataclasses import dataclass, field, fields
+from importlib import import_module
 from operator import index
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
@@ -152,20 +153,37 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
     return record(**{name: options[name].kind.read(value) for name, value in given.items()})
 
 
-def takes(record: type) -> Callable[[Method], Method]:
-    """A method with `**options` of a record shows them all, with defaults and words."""
+class takes:  # noqa: N801 - a decorator
+    """A method with `**options` of a record, `room.file.Class`, shows them: defaults, words.
 
-    def shown(method: Method) -> Method:
-        known, signature = options_of(record, keyword=True), inspect.signature(method)
-        own = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
-        rest = [n for n in known if n not in signature.parameters]
-        own += [
-            inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=known[n].given)
-            for n in rest
-        ]
-        method.__signature__ = signature.replace(parameters=own)  # type: ignore[attr-defined]
-        lines = [f"`{name}`: {o.meaning}." for name, o in known.items()]
-        method.__doc__ = "\n".join((inspect.cleandoc(method.__doc__ or ""), "", *lines))
-        return method
+    The record is imported when somebody asks for the method.
+    """
 
-    return shown
+    def __init__(self, record: str) -> None:
+        self.record = record
+
+    def __call__(self, method: Method) -> Method:
+        """The method, described when it is looked up."""
+        self.method = method
+        return cast("Method", self)
+
+    def __get__(self, one: object, owner: type | None = None) -> Any:  # noqa: ANN401 - a method
+        """The method."""
+        if self.record:
+            module, _, name = self.record.rpartition(".")
+            _describe(self.method, options_of(getattr(import_module(module), name), keyword=True))
+            self.record = ""
+        return self.method.__get__(one, owner)
+
+
+def _describe(method: Any, known: Mapping[str, Option]) -> None:  # noqa: ANN401 - as above
+    signature = inspect.signature(method)
+    own = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
+    own += [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=o.given)
+        for name, o in known.items()
+        if name not in signature.parameters
+    ]
+    method.__signature__ = signature.replace(parameters=own)
+    lines = [f"`{name}`: {o.meaning}." for name, o in known.items()]
+    method.__doc__ = "\n".join((inspect.cleandoc(method.__doc__ or ""), "", *lines))
