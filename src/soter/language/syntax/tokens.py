@@ -402,7 +402,6 @@ def _open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
 
 _DEFINE = re.compile(r"#\s*define\s+(\w+)\s+\(?(-?[\w.+-]+?)\)?\s*(?://.*)?")
 _INCLUDE = re.compile(r"#\s*include\s*[<\"]([\w./-]+)[>\"]\s*(?://.*)?")
-_STRINGS_FOLLOW = frozenset(["import", "from", "data", ","])
 
 
 def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
@@ -412,7 +411,7 @@ def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
         return
     helps: tuple[Help, ...] = (replace(span, f'"{visible(token[1:-1], 200)}"'),)
     message = "strings are written with double quotes"
-    if not (tokens.texts and tokens.texts[-1] in _STRINGS_FOLLOW):
+    if not (tokens.kinds and tokens.kinds[-1] in (NAME, "import", ",")):  # where strings follow
         message = "there are no characters and no texts at run time"
         helps = ("name the cases, `type Name = enum { A, B };`, or write a number",)
     tokens.report("L001", message, start, end, helps=helps)
