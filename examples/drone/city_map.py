@@ -29,7 +29,13 @@ from soter.report.run.figure import (
 )
 from soter.report.run.packed_json import numbers
 from soter.report.run.record import Figure, Json
-from soter.report.run.trajectory import by_controller, flight_indices, givebacks, place, takeovers
+from soter.report.run.signal_thinning import (
+    by_controller,
+    flight_indices,
+    givebacks,
+    place,
+    takeovers,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

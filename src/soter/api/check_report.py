@@ -108,7 +108,7 @@ def check_report(
         system_report(flat[name], default=symbol.default)
         for name, symbol in checked.systems.items()
     )
-    from soter.simulate.externs.bound_files import warnings_of  # noqa: PLC0415 - see `soter.api`
+    from soter.simulate.externs.binding_warnings import warnings_of  # noqa: PLC0415 - see `soter.api`
 
     warnings = (*checked.diagnostics.items, *warnings_of(program, bound))
     if times is not None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from soter.report.run.trajectory import runs
+from soter.report.run.signal_thinning import runs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -2,7 +2,7 @@
 
 Purpose: the final state and, where one was kept, the trace as violations, modules, topics, truths
 and plain arrays; notes on results that look fine and probably are not.
-Non-goals: running (`run.py`), decoding single values (`outputs/figures.py`), drawing.
+Non-goals: running (`run.py`), decoding single values (`outputs/run_fields.py`), drawing.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import pytest
 from json_documents import problems_of
 from long_tests import some
 from soter.api import recheck
-from soter.certificate.reading import supported
+from soter.certificate.reading import supported_constructs as supported
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.cli.main import main
 from soter.language.model import typed

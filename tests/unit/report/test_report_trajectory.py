@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.report.run.record import Decision, Violation
-from soter.report.run.trajectory import (
+from soter.report.run.signal_thinning import (
     POINTS_MAX,
     by_controller,
     flight_indices,

@@ -16,7 +16,7 @@ from soter.simulate import run_observer
 from soter.simulate.decisions import PredicateValues, changes, reason, steps
 from soter.simulate.explain_decision import Explainer
 from soter.simulate.interrupt import StopRequest, stoppable
-from soter.simulate.outputs.figures import final_values, run_figures, scalars
+from soter.simulate.outputs.run_fields import final_values, run_figures, scalars
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:

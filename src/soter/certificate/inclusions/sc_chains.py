@@ -29,7 +29,7 @@ from soter.certificate.reading.linear_flows import (
     is_linear,
     linear_flow,
 )
-from soter.certificate.reading.period_maps import atom_of, boxes_of, map_free, map_step
+from soter.certificate.reading.map_steps import atom_of, boxes_of, map_free, map_step
 from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, exact, magnitude
 from soter.certificate.terms.compile_terms import Sweep, compile_step
 from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms, half_sum

@@ -2,7 +2,7 @@
 
 Purpose: `CaseModel`: for one combination of parameter values the driven topics, the commands of SC,
 the predicates, and the derivative or the next state, each read off the checked tree.
-Non-goals: time (`linear_flows.py`, `period_maps.py`), sets.
+Non-goals: time (`linear_flows.py`, `map_steps.py`), sets.
 """
 
 from __future__ import annotations

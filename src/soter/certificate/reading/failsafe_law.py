@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.reading.facts import DiffersError
 from soter.certificate.reading.problem import read_facts
-from soter.certificate.reading.supported import check_supported
+from soter.certificate.reading.supported_constructs import check_supported
 from soter.language.model import typed
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 Purpose: verdict first; then what went wrong, who was in control when, and what all of it rests
 on.
-Non-goals: figures for programs (`simulate/outputs/figures.py`).
+Non-goals: figures for programs (`simulate/outputs/run_fields.py`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from soter.cli.terminal.real_time_report import timing_lines
 from soter.report.summary import Entry, Styled, display_width, mode_timeline
 from soter.semantics.random.faults import begins
 from soter.simulate.outputs.assumptions import of_run
-from soter.simulate.outputs.figures import component_faults
+from soter.simulate.outputs.run_fields import component_faults
 from soter.simulate.run_parameters import changed
 
 if TYPE_CHECKING:

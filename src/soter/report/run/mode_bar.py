@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.report.run.trajectory import runs
+from soter.report.run.signal_thinning import runs
 
 if TYPE_CHECKING:
     import numpy as np

@@ -30,8 +30,8 @@ from soter.report.run.result_wording import (
     value_text,
     violation_count,
 )
+from soter.report.run.signal_thinning import place
 from soter.report.run.timeline import chart_timeline, flight_timeline
-from soter.report.run.trajectory import place
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -28,7 +28,7 @@ from soter.report.run.figure import (
 )
 from soter.report.run.packed_json import numbers
 from soter.report.run.record import Figure, Json
-from soter.report.run.trajectory import (
+from soter.report.run.signal_thinning import (
     POINTS_MAX,
     by_controller,
     flight_indices,

@@ -26,7 +26,7 @@ from soter.verify.problem.failsafe_problem import behind, under_law
 from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.other_modes import modes_as_topics
 from soter.verify.problem.problem import Interval, Problem
-from soter.verify.problem.supported import check_supported
+from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import VerificationSystem, place, whole
 from soter.verify.time.cause_effect_chains import side_inputs
 from soter.verify.time.problem_times import times_of

@@ -13,7 +13,7 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.model.durations import show_ns
 from soter.verify.problem.problem import Times
-from soter.verify.problem.supported import check_supported
+from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import place
 from soter.verify.time.cause_effect_chains import CauseEffectChains, outputs_of
 from soter.verify.time.deployed_times import AssumedTimes, deployed
