@@ -125,7 +125,7 @@ def _one(s: Small, engine: Engine, how: EngineSettings, told: Compared) -> None:
     if all_of_it.status != wanted:
         told.complaints.append(f"{name}, going on: {all_of_it.status}, not {wanted}")
     decoder = Decoder(s.judge, engine.plan)
-    worlds = [decoder.world(w.tobytes()) for w in engine.worlds()]
+    worlds = [decoder.world(w.tobytes()) for w in engine.configurations()]
     stored = [s.judge.canonical(w) for w in worlds]
     if how.strategy == "bfs" and how.threads == 1 and not how.plainly:
         told.states[how.reduction] = len(stored)

@@ -73,7 +73,7 @@ def _all_of_it(s: Small, engine: Engine, told: Told) -> tuple[list[World], dict[
     """What is stored without reduction, and what was seen then."""
     engine.explore(EngineSettings(reduction="none", keep=True, go_on=True))
     decoder = Decoder(s.judge, engine.plan)
-    worlds = [decoder.world(w.tobytes()) for w in engine.worlds()]
+    worlds = [decoder.world(w.tobytes()) for w in engine.configurations()]
     if {s.judge.canonical(w) for w in worlds} != s.found.configurations:
         told.complaints.append("without reduction: not the enumerator's configurations")
     told.whole = len(worlds)
@@ -139,7 +139,7 @@ def _one(
             told.complaints.append(f"{name}: {all_of_it.states} states, {told.orbits} orbits")
         return
     decoder = Decoder(s.judge, engine.plan)
-    worlds = [decoder.world(w.tobytes()) for w in engine.worlds()]
+    worlds = [decoder.world(w.tobytes()) for w in engine.configurations()]
     stored = [s.judge.canonical(w) for w in worlds]
     if not set(stored) <= s.found.configurations:
         told.complaints.append(f"{name}: stored what is not reachable")

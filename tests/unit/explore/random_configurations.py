@@ -1,8 +1,8 @@
-"""Random worlds of the explorer, written field by field from the page and the layout alone.
+"""Random configurations of the explorer, written field by field from the page and the layout alone.
 
-Purpose: what a packed world has to keep, with a draw and a place for each of its fields; nothing
-here knows how bits are laid out.
-Non-goals: reachable worlds (the explorer makes those).
+Purpose: what a packed configuration has to keep, with a draw and a place for each of its fields;
+nothing here knows how bits are laid out.
+Non-goals: reachable configurations (the explorer makes those).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Bound
     from soter.language.model.types import Type
 
-    World = npt.NDArray[np.uint8]
+    Configuration = npt.NDArray[np.uint8]
 
 NO_DEADLINE = 2**63 - 1
 COMPONENT, MODULE = 24, 40
@@ -51,7 +51,7 @@ CLEAN_NEEDED, MODE, GATE_FAULT = 28, 32, 33
 
 @dataclass(frozen=True)
 class Field:
-    """A part of a world that decides what may follow."""
+    """A part of a configuration that decides what may follow."""
 
     name: str
     offset: int
@@ -59,12 +59,12 @@ class Field:
     value: object
     others: Callable[[], object]
     """Another value for it, perhaps the same."""
-    put: Callable[[World, object], None]
-    get: Callable[[World], object]
+    put: Callable[[Configuration, object], None]
+    get: Callable[[Configuration], object]
 
 
-class WorldMaker:
-    """Draws worlds of one engine's system."""
+class ConfigurationMaker:
+    """Draws configurations of one engine's system."""
 
     def __init__(self, engine: Engine, seed: int) -> None:
         self.engine = engine
@@ -77,7 +77,7 @@ class WorldMaker:
         self.now = 0
 
     def fields(self, now: int) -> list[Field]:
-        """Every field of a world at a time, with a value."""
+        """Every field of a configuration at a time, with a value."""
         self.now = now
         return [
             self._scalar("now", "<q", self.layout.size, lambda: now),
@@ -90,29 +90,29 @@ class WorldMaker:
         ]
 
     def time(self) -> int:
-        """A time at which a world may be."""
+        """A time at which a configuration may be."""
         last = self.plan.horizon_ns // self.plan.tick_ns
         return self.random.randint(0, last) * self.plan.tick_ns
 
     # ------------------------------------------------------------ places
 
     def _scalar(self, name: str, code: str, offset: int, draw: Callable[[], object]) -> Field:
-        def put(world: World, value: object) -> None:
-            struct.pack_into(code, world.data, offset, value)
+        def put(configuration: Configuration, value: object) -> None:
+            struct.pack_into(code, configuration.data, offset, value)
 
-        def get(world: World) -> object:
-            return struct.unpack_from(code, world.data, offset)[0]
+        def get(configuration: Configuration) -> object:
+            return struct.unpack_from(code, configuration.data, offset)[0]
 
         return Field(name, offset, struct.calcsize(code), draw(), draw, put, get)
 
     def _typed(self, name: str, offset: int, t: Type, bounds: Sequence[Bound | None]) -> Field:
-        def put(world: World, value: object) -> None:
+        def put(configuration: Configuration, value: object) -> None:
             image = bytearray(size_of(t))
             encode_into(image, 0, t, value)
-            world[offset : offset + len(image)] = memoryview(image)
+            configuration[offset : offset + len(image)] = memoryview(image)
 
-        def get(world: World) -> object:
-            return decode_from(world.data, offset, t)
+        def get(configuration: Configuration) -> object:
+            return decode_from(configuration.data, offset, t)
 
         def draw() -> object:
             return self.value(t, list(bounds))

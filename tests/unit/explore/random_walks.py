@@ -77,20 +77,20 @@ def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
     answers = _Recording()
     brute.answers = answers
     brute.machine.draws = answers
-    world, asked = rng.choice([(w, list(answers.asked)) for w in brute._births()])
+    configuration, asked = rng.choice([(w, list(answers.asked)) for w in brute._births()])
     steps = [Step("", START, -1, -1, _choices(asked, ""))]
-    there = [world.c]
+    there = [configuration.c]
     broken: tuple[str, int] | None = None
     while broken is None and len(steps) < longest:
-        moves = list(brute.moves(world))
+        moves = list(brute.moves(configuration))
         if not moves:
             break
         (move,) = rng.choices(moves, [eager[m.actor] for m in moves])
         actor = brute.actors[move.actor]
         drive = actor.kind == "input"
-        ways = [(w, b, list(answers.asked)) for w, b in brute.made(world, move)]
+        ways = [(w, b, list(answers.asked)) for w, b in brute.made(configuration, move)]
         after, broken, asked = rng.choice(ways)
-        release = actor.phase + world.done[move.actor] * actor.period
+        release = actor.phase + configuration.done[move.actor] * actor.period
         name = (
             f"input.{system.topics[system.inputs[actor.index].topic].name}"
             if drive
@@ -101,9 +101,9 @@ def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
         picks = _choices(asked, "input." if drive else "")
         steps.append(Step(name, KINDS[move.kind], release, move.time, picks))
         if after is not None:
-            world = after
-            there.append(world.c)
-            broken = next(iter(brute._judged(world, _Nothing())), None)  # type: ignore[arg-type]
+            configuration = after
+            there.append(configuration.c)
+            broken = next(iter(brute._judged(configuration, _Nothing())), None)  # type: ignore[arg-type]
     return Walk(_trace(system, broken, steps), broken, [c.Topics for c in there], there)
 
 

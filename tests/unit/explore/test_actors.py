@@ -135,14 +135,14 @@ def test_independent_steps_of_an_instant_may_be_swapped(path: Path, test: str) -
     swapped = 0
     for seed in range(40):
         steps = walk(engine, seed)
-        possible, _, worlds = engine.replay(steps)
+        possible, _, configurations = engine.replay(steps)
         for k in range(2, possible):
             a, b = steps[k - 1], steps[k]
             if a.time_ns != b.time_ns or engine.actors[a.actor].dependent >> b.actor & 1:
                 continue
             done, _, after = engine.replay([*steps[: k - 1], b, a])
             assert done == k + 1
-            assert (engine.packed(after[k]) == engine.packed(worlds[k])).all(), (seed, k)
+            assert (engine.packed(after[k]) == engine.packed(configurations[k])).all(), (seed, k)
             swapped += 1
     assert swapped > 100
 
@@ -152,12 +152,12 @@ def test_a_step_changes_only_what_its_footprint_says() -> None:
     model, looked = engine.model, 0
     for seed in range(40):
         steps = walk(engine, seed)
-        possible, _, worlds = engine.replay(steps)
+        possible, _, configurations = engine.replay(steps)
         looked += possible
         for k in range(1, possible):
             if steps[k].time_ns != steps[k - 1].time_ns:
                 continue  # ages are relative to now
-            before, after = engine.packed(worlds[k - 1]), engine.packed(worlds[k])
+            before, after = engine.packed(configurations[k - 1]), engine.packed(configurations[k])
             writes = model.actor[steps[k].actor].writes
             for word in range(engine.words):
                 may = int(writes[word]) | int(model.scheduled[word])

@@ -73,16 +73,16 @@ class Whole:
         assert exploration.covered_ns >= self.horizon
         self.states = exploration.states
         self.keys, self.times = self.kept()
-        worlds = self.engine.worlds()
+        configurations = self.engine.configurations()
         first = self.at + 8 * (1 + int(self.engine.model.timeds) + int(program.modules))
-        done = worlds[:, first : first + 4 * len(self.engine.actors)].copy().view(np.uint32)
+        done = configurations[:, first : first + 4 * len(self.engine.actors)].copy().view(np.uint32)
         self.steps: npt.NDArray[np.int64] = done.sum(axis=1, dtype=np.int64)
 
     def kept(self) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
         """Of the configurations that the last search stored: bytes and times, (states,) each."""
-        worlds = np.ascontiguousarray(self.engine.worlds())
-        times = worlds[:, self.at : self.at + 8].copy().view(np.int64)[:, 0]
-        return worlds.view(np.dtype((np.void, worlds.shape[1])))[:, 0], times
+        configurations = np.ascontiguousarray(self.engine.configurations())
+        times = configurations[:, self.at : self.at + 8].copy().view(np.int64)[:, 0]
+        return configurations.view(np.dtype((np.void, configurations.shape[1])))[:, 0], times
 
     def missing_before(self, covered_ns: int) -> int:
         """How many configurations before a time the last search did not store."""

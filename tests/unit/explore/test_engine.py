@@ -68,13 +68,13 @@ def greedy() -> Engine:
 
 
 def packed(engine: Engine, exploration: Searched) -> set[bytes]:
-    words = {engine.packed(w).tobytes() for w in engine.worlds()}
+    words = {engine.packed(w).tobytes() for w in engine.configurations()}
     assert len(words) == exploration.states
     return words
 
 
 @pytest.mark.parametrize("test", ["T", "Wide"])
-def test_remembered_steps_and_steps_that_are_run_reach_the_same_worlds(test: str) -> None:
+def test_remembered_steps_and_steps_that_are_run_reach_the_same_configurations(test: str) -> None:
     engine = plain(test)
     assert engine.model.plain
     one = EngineSettings(reduction="none", keep=True, max_states=200_000)
@@ -103,9 +103,9 @@ def test_all_reductions_and_storages_say_the_same(two: Engine) -> None:
 def test_a_violation_comes_with_a_trace_that_can_be_run_again(greedy: Engine) -> None:
     exploration = greedy.explore(EngineSettings(strategy="dfs"))
     assert exploration.status == "violated"
-    possible, broken, worlds = greedy.replay(exploration.steps)
+    possible, broken, configurations = greedy.replay(exploration.steps)
     assert (possible, broken) == (len(exploration.steps), exploration.broken)
-    assert worlds.shape == (possible, greedy.world_size)
+    assert configurations.shape == (possible, greedy.configuration_size)
     assert exploration.broken is not None
     least = greedy.least(EngineSettings(), exploration.broken)
     assert least.status == "violated"
@@ -150,11 +150,11 @@ def test_bounds_end_a_search(two: Engine) -> None:
     assert two.explore(EngineSettings(strategy="random", runs=10)).status == "runs"
 
 
-def test_worlds_are_kept_only_where_asked_for(two: Engine) -> None:
+def test_configurations_are_kept_only_where_asked_for(two: Engine) -> None:
     exploration = two.explore(EngineSettings(max_states=1_000, keep=True))
-    assert len(two.worlds()) == exploration.states
+    assert len(two.configurations()) == exploration.states
     two.explore(EngineSettings(max_states=1_000))
-    assert len(two.worlds()) == 0
+    assert len(two.configurations()) == 0
 
 
 def test_coverage_says_what_stepped_and_what_was_published(two: Engine) -> None:
@@ -167,7 +167,7 @@ def test_coverage_says_what_stepped_and_what_was_published(two: Engine) -> None:
 
 
 def test_the_layout_is_the_one_of_the_header(two: Engine) -> None:
-    assert two.world_size == two.generated.world_size
+    assert two.configuration_size == two.generated.configuration_size
     assert two.bits == two.generated.bits
     assert two.words == -(-two.bits // 64)
 

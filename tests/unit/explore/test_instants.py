@@ -76,7 +76,7 @@ def test_where_a_step_breaks_a_contract_the_middle_of_its_instant_is_not_stored(
     stored = []
     for go_on in (True, False):
         assert engine.explore(replace(how, keep=True, go_on=go_on)).status == "violated"
-        stored.append({w.tobytes() for w in engine.worlds()})
+        stored.append({w.tobytes() for w in engine.configurations()})
     assert stored[1] <= stored[0]
 
 
@@ -96,13 +96,13 @@ def test_groups_give_the_ends_that_steps_give() -> None:
     system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
     assert system.test is not None
     engine = Engine(replace(system, test=replace(system.test, horizon_ns=60_000_000)))
-    world_sets = []
+    configuration_sets = []
     for reduction in ("instants", "groups", "parts", "all"):
         how = EngineSettings(reduction=reduction, keep=True)
         assert engine.explore(how).status == "exhausted"
-        world_sets.append({w.tobytes() for w in engine.worlds()})
-    assert world_sets[0] == world_sets[1] == world_sets[2]
-    assert world_sets[3] < world_sets[2], "of equal instances one order is stored"
+        configuration_sets.append({w.tobytes() for w in engine.configurations()})
+    assert configuration_sets[0] == configuration_sets[1] == configuration_sets[2]
+    assert configuration_sets[3] < configuration_sets[2], "of equal instances one order is stored"
 
 
 def test_where_windows_are_no_points_every_configuration_is_stored() -> None:
@@ -130,16 +130,16 @@ def test_what_a_broken_contract_leaves_in_the_middle_is_not_stored(
 ) -> None:
     """The search ends with the contract; what it had come to by then passed for ends of instants.
 
-    A layer's table has the calendar of its worlds once, so it refused them: a defect was told in
-    place of the violation.
+    A layer's table has the calendar of its configurations once, so it refused them: a defect was
+    told in place of the violation.
     """
     system = system_of_test(check_file("stopped.soter", STOPPED), "T")
     judge, engine = BruteForce(system), Engine(system)
     exploration = engine.explore(EngineSettings(strategy=strategy, reduction=reduction, keep=True))
     assert exploration.status == "violated"
     decoder = Decoder(judge, engine.plan)
-    worlds = [decoder.world(w.tobytes()) for w in engine.worlds()]
-    assert all(w.c.ct < 0 or judge.observable(w) for w in worlds)
+    configurations = [decoder.world(w.tobytes()) for w in engine.configurations()]
+    assert all(w.c.ct < 0 or judge.observable(w) for w in configurations)
 
 
 LARGE = """soter 1;

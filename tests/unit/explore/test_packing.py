@@ -1,4 +1,4 @@
-"""Worlds packed into words and read back: nothing that decides the future is lost or mixed."""
+"""Configurations packed and read back: nothing that decides the future is lost or mixed."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import pytest
 from soter.core.layout import NEVER
 from soter.explore.engine.explorer_library import Engine, EngineSettings, RawChoice, RawStep
 from soter.language.front_end import check_file, system_of_test
-from unit.explore.random_configurations import WorldMaker
+from unit.explore.random_configurations import ConfigurationMaker
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from unit.explore.random_configurations import Field
 
-    World = npt.NDArray[np.uint8]
+    Configuration = npt.NDArray[np.uint8]
 
 PROGRAMS = Path(__file__).parent / "programs"
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -46,19 +46,19 @@ def rich() -> Engine:
     return engine_of(*SUBJECTS[0])
 
 
-def born(engine: Engine) -> World:
+def born(engine: Engine) -> Configuration:
     return np.array(engine.replay([BIRTH])[2][0])
 
 
-def made(engine: Engine, fields: list[Field]) -> World:
-    world = born(engine)
+def made(engine: Engine, fields: list[Field]) -> Configuration:
+    configuration = born(engine)
     for f in fields:
-        f.put(world, f.value)
-    return world
+        f.put(configuration, f.value)
+    return configuration
 
 
-def test_a_world_comes_back_as_it_was(engine: Engine) -> None:
-    maker, scratch = WorldMaker(engine, 1), born(engine)
+def test_a_configuration_comes_back_as_it_was(engine: Engine) -> None:
+    maker, scratch = ConfigurationMaker(engine, 1), born(engine)
     for _ in range(300):
         fields = maker.fields(maker.time())
         words = engine.packed(made(engine, fields))
@@ -68,21 +68,21 @@ def test_a_world_comes_back_as_it_was(engine: Engine) -> None:
         assert (engine.packed(scratch) == words).all()
 
 
-def test_worlds_that_differ_in_one_field_pack_differently(engine: Engine) -> None:
-    maker, differed = WorldMaker(engine, 2), set()
+def test_configurations_that_differ_in_one_field_pack_differently(engine: Engine) -> None:
+    maker, differed = ConfigurationMaker(engine, 2), set()
     for _ in range(30):
         fields = maker.fields(maker.time())
-        world = made(engine, fields)
-        words = engine.packed(world)
+        configuration = made(engine, fields)
+        words = engine.packed(configuration)
         for f in fields:
             value = f.others()
             if repr(value) == repr(f.value):
                 continue
-            f.put(world, value)
-            assert (engine.packed(world) != words).any(), f.name
-            f.put(world, f.value)
+            f.put(configuration, value)
+            assert (engine.packed(configuration) != words).any(), f.name
+            f.put(configuration, f.value)
             differed.add(f.name)
-        assert (engine.packed(world) == words).all()
+        assert (engine.packed(configuration) == words).all()
     assert {f.name for f in fields} - {"now"} <= {*differed, *constant(fields)}
 
 
@@ -91,64 +91,64 @@ def constant(fields: list[Field]) -> set[str]:
     return {f.name for f in fields if f.name.startswith("mask")}
 
 
-def test_equal_worlds_at_different_times_have_different_words(engine: Engine) -> None:
+def test_equal_configurations_at_different_times_have_different_words(engine: Engine) -> None:
     tick = engine.plan.tick_ns
-    world = born(engine)
-    at = WorldMaker(engine, 3).layout.size
-    seen = {engine.packed(world).tobytes()}
+    configuration = born(engine)
+    at = ConfigurationMaker(engine, 3).layout.size
+    seen = {engine.packed(configuration).tobytes()}
     for k in range(engine.plan.horizon_ns // tick):
-        struct.pack_into("<q", world.data, at, k * tick)
-        seen.add(engine.packed(world).tobytes())
+        struct.pack_into("<q", configuration.data, at, k * tick)
+        seen.add(engine.packed(configuration).tobytes())
     assert len(seen) == engine.plan.horizon_ns // tick + 1
 
 
-def test_the_world_before_the_first_step_comes_back(engine: Engine) -> None:
-    world = born(engine)
-    again = made(engine, WorldMaker(engine, 4).fields(engine.plan.tick_ns))
-    engine.unpack(engine.packed(world), again)
+def test_the_configuration_before_the_first_step_comes_back(engine: Engine) -> None:
+    configuration = born(engine)
+    again = made(engine, ConfigurationMaker(engine, 4).fields(engine.plan.tick_ns))
+    engine.unpack(engine.packed(configuration), again)
     assert struct.unpack_from("<q", again.data, 0)[0] == -1
-    assert (engine.packed(again) == engine.packed(world)).all()
+    assert (engine.packed(again) == engine.packed(configuration)).all()
 
 
-def test_no_packed_world_is_all_zeros(engine: Engine) -> None:
-    assert int(engine.packed(np.zeros(engine.world_size, dtype=np.uint8))[0]) & 1 == 1
+def test_no_packed_configuration_is_all_zeros(engine: Engine) -> None:
+    assert int(engine.packed(np.zeros(engine.configuration_size, dtype=np.uint8))[0]) & 1 == 1
 
 
 def test_what_nobody_reads_is_left_out(rich: Engine) -> None:
-    world = born(rich)
-    words = rich.packed(world)
+    configuration = born(rich)
+    words = rich.packed(configuration)
     unread = next(t for t in rich.system.topics if t.name == "unread")
-    at = WorldMaker(rich, 5).layout.topic_offset(unread.index)
-    struct.pack_into("<d", world.data, at, 4.5)
-    assert (rich.packed(world) == words).all()
+    at = ConfigurationMaker(rich, 5).layout.topic_offset(unread.index)
+    struct.pack_into("<d", configuration.data, at, 4.5)
+    assert (rich.packed(configuration) == words).all()
 
 
 def test_a_topic_that_is_too_old_is_like_one_that_never_was(rich: Engine) -> None:
     topic = next(t for t in rich.system.topics if t.name == "at")
     assert topic.max_age_ns == 25_000_000
-    maker = WorldMaker(rich, 6)
-    world = made(rich, maker.fields(50_000_000))
+    maker = ConfigurationMaker(rich, 6)
+    configuration = made(rich, maker.fields(50_000_000))
     at = maker.layout.stamp_offset + 8 * topic.index
     packed = {}
     for age in (20_000_000, 25_000_000, 30_000_000, 45_000_000):
-        struct.pack_into("<q", world.data, at, 50_000_000 - age)
-        packed[age] = rich.packed(world).tobytes()
-    struct.pack_into("<q", world.data, at, NEVER)
-    never = rich.packed(world).tobytes()
+        struct.pack_into("<q", configuration.data, at, 50_000_000 - age)
+        packed[age] = rich.packed(configuration).tobytes()
+    struct.pack_into("<q", configuration.data, at, NEVER)
+    never = rich.packed(configuration).tobytes()
     assert packed[30_000_000] == packed[45_000_000] == never
     assert len({packed[20_000_000], packed[25_000_000], never}) == 3
 
 
 def test_what_a_finished_step_once_held_does_not_matter(rich: Engine) -> None:
-    maker = WorldMaker(rich, 7)
-    world = made(rich, maker.fields(30_000_000))
+    maker = ConfigurationMaker(rich, 7)
+    configuration = made(rich, maker.fields(30_000_000))
     number = next(i for i, a in enumerate(rich.actors) if a.overrun_ns)
     at = int(rich.model.actor[number].held)
-    struct.pack_into("<q", world.data, at, -1)
-    words = rich.packed(world)
-    struct.pack_into("<Q", world.data, at + 8, 0)
-    world[at + 16] ^= 1
-    assert (rich.packed(world) == words).all()
+    struct.pack_into("<q", configuration.data, at, -1)
+    words = rich.packed(configuration)
+    struct.pack_into("<Q", configuration.data, at + 8, 0)
+    configuration[at + 16] ^= 1
+    assert (rich.packed(configuration) == words).all()
 
 
 def test_an_invariant_is_judged_for_two_periods_of_its_module(rich: Engine) -> None:
@@ -157,27 +157,27 @@ def test_an_invariant_is_judged_for_two_periods_of_its_module(rich: Engine) -> N
     assert int(kinds[1].within_ns) == 30_000_000
 
 
-def test_every_stored_world_comes_back(engine: Engine) -> None:
+def test_every_stored_configuration_comes_back(engine: Engine) -> None:
     engine.explore(EngineSettings(max_states=5_000, keep=True))
-    worlds = engine.worlds()
-    assert len(worlds) > 1_000
+    configurations = engine.configurations()
+    assert len(configurations) > 1_000
     scratch = born(engine)
     packed = set()
-    for world in worlds:
-        words = engine.packed(world)
+    for configuration in configurations:
+        words = engine.packed(configuration)
         engine.unpack(words, scratch)
         assert (engine.packed(scratch) == words).all()
         packed.add(words.tobytes())
-    assert len(packed) == len(worlds)
+    assert len(packed) == len(configurations)
     engine.close()
 
 
-def candidates(engine: Engine, world: World, at: int) -> list[RawStep]:
-    """Steps that may come after a world, and many that may not; `at`: where its schedule is."""
+def candidates(engine: Engine, configuration: Configuration, at: int) -> list[RawStep]:
+    """Steps that may come next, and many that may not; `at`: where the schedule is."""
     tick = engine.plan.tick_ns
-    (now,) = struct.unpack_from("<q", world.data, at)
+    (now,) = struct.unpack_from("<q", configuration.data, at)
     done_at = at + 8 + 8 * int(engine.model.timeds) + 8 * len(engine.system.modules)
-    done = struct.unpack_from(f"<{len(engine.actors)}I", world.data, done_at)
+    done = struct.unpack_from(f"<{len(engine.actors)}I", configuration.data, done_at)
     steps = []
     for i, a in enumerate(engine.actors):
         release = a.phase_ns + done[i] * a.period_ns
@@ -192,32 +192,34 @@ def candidates(engine: Engine, world: World, at: int) -> list[RawStep]:
                     for time in range(first, release + a.window_ns + 1, tick)
                 ]
         if a.overrun_ns:
-            (since,) = struct.unpack_from("<q", world.data, int(engine.model.actor[i].held))
+            (since,) = struct.unpack_from("<q", configuration.data, int(engine.model.actor[i].held))
             ends = range(max(since, now), since + a.overrun_ns + 1, tick) if since >= 0 else ()
             steps += [RawStep(i, 3, since, time, ()) for time in ends]
     return steps
 
 
-def test_every_world_of_an_execution_comes_back_with_skips_and_overruns(rich: Engine) -> None:
-    maker, draw, scratch = WorldMaker(rich, 8), random.Random(8), born(rich)  # noqa: S311
+def test_every_configuration_of_an_execution_comes_back_with_skips_and_overruns(
+    rich: Engine,
+) -> None:
+    maker, draw, scratch = ConfigurationMaker(rich, 8), random.Random(8), born(rich)  # noqa: S311
     at, kinds = maker.layout.size, dict.fromkeys(range(4), 0)
     for _ in range(12):
         steps = [BIRTH]
         for _ in range(25):
-            world = rich.replay(steps)[2][-1]
-            some = candidates(rich, world, at)
+            configuration = rich.replay(steps)[2][-1]
+            some = candidates(rich, configuration, at)
             draw.shuffle(some)
             step = next((s for s in some if rich.replay([*steps, s])[0] == len(steps) + 1), None)
             if step is None:
                 break
             kinds[step.kind] += 1
             steps.append(step)
-            world = rich.replay(steps)[2][-1]
-            words = rich.packed(world)
+            configuration = rich.replay(steps)[2][-1]
+            words = rich.packed(configuration)
             rich.unpack(words, scratch)
-            (now,) = struct.unpack_from("<q", world.data, at)
+            (now,) = struct.unpack_from("<q", configuration.data, at)
             for f in maker.fields(now):
                 if not f.name.startswith(("held", "mask", "stamp")):
-                    assert repr(f.get(scratch)) == repr(f.get(world)), (f.name, len(steps))
+                    assert repr(f.get(scratch)) == repr(f.get(configuration)), (f.name, len(steps))
             assert (rich.packed(scratch) == words).all()
     assert all(n > 3 for n in kinds.values()), kinds

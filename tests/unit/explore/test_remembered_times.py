@@ -1,4 +1,4 @@
-"""Steps are remembered where times are chosen: the worlds are those of a search that runs each."""
+"""Steps are remembered where times are chosen: a search that runs each stores the same."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ CHOOSES = {"Module", "Points"}
 
 
 @pytest.mark.parametrize("test", ["Age", "Lost", "Owed", "Module", "Points"])
-def test_steps_remembered_with_their_times_reach_the_worlds_of_steps_that_are_run(
+def test_steps_remembered_with_their_times_reach_the_configurations_of_steps_that_are_run(
     test: str,
 ) -> None:
     checked = check_file("times.soter", PROGRAM)
@@ -56,9 +56,9 @@ def test_steps_remembered_with_their_times_reach_the_worlds_of_steps_that_are_ru
         how = EngineSettings(reduction="none", keep=True, go_on=True, plainly=plainly)
         search = engine.explore(how)
         assert search.status in {"exhausted", "violated"}
-        worlds = {engine.packed(w).tobytes() for w in engine.worlds()}
-        assert len(worlds) == search.states
-        outcome_by_mode[plainly] = (search.status, worlds, search.transitions)
+        configurations = {engine.packed(w).tobytes() for w in engine.configurations()}
+        assert len(configurations) == search.states
+        outcome_by_mode[plainly] = (search.status, configurations, search.transitions)
     assert outcome_by_mode[False][:2] == outcome_by_mode[True][:2]
     assert len(outcome_by_mode[True][1]) > 60
     if test in CHOOSES:

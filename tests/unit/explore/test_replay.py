@@ -279,7 +279,7 @@ def test_a_trace_that_goes_on_after_the_violation_is_no_execution() -> None:
     assert "goes on after a violation" in refused.problem
 
 
-def test_a_world_starts_once() -> None:
+def test_a_configuration_starts_once() -> None:
     violation_walk = violating("Drifts", STARTS)
     assert violation_walk.trace.steps[0].kind == "start"
     twice = replace(

@@ -89,9 +89,9 @@ def raw(engine: Engine, step: Step) -> RawStep:
     return RawStep(names.get(step.actor, -1), kind, step.release_ns, step.time_ns, choices)
 
 
-def margins(engine: Engine, world: np.ndarray, scale: np.ndarray) -> Iterator[float]:
-    """Of every premise in a world."""
-    state = engine.ffi.cast("void *", world.ctypes.data)
+def margins(engine: Engine, configuration: np.ndarray, scale: np.ndarray) -> Iterator[float]:
+    """Of every premise in a configuration."""
+    state = engine.ffi.cast("void *", configuration.ctypes.data)
     room = engine.ffi.cast("double *", scale.ctypes.data)
     for i in range(engine.model.guides):
         yield engine.model.guide[i].premise(state, room)
@@ -110,10 +110,10 @@ def test_a_margin_is_positive_where_the_interpreter_says_true(seed: int) -> None
         walked = walk(system, 10 * seed + number)
         assert walked.broken is None
         steps = [raw(engine, s) for s in walked.trace.steps]
-        possible, _, worlds = engine.replay(steps)
+        possible, _, configurations = engine.replay(steps)
         assert possible == len(steps)
-        for world, configuration in zip(worlds, walked.configurations, strict=True):
-            margin_values = list(margins(engine, world, scale))
+        for packed, configuration in zip(configurations, walked.configurations, strict=True):
+            margin_values = list(margins(engine, packed, scale))
             truths = [judge._holds(p, configuration) for p in judge.premises]
             assert [m > 0.0 for m in margin_values] == truths, premises
             assert all(m != 0.0 and abs(m) <= 1.0 for m in margin_values)
@@ -148,9 +148,9 @@ def test_nearer_to_a_violation_is_less_whatever_the_scale_and_the_function() -> 
     assert engine.model.guides == 3, "both sides of && are followed apart"
     for seed in range(12):
         walked = walk(system, seed)
-        _, _, worlds = engine.replay([raw(engine, s) for s in walked.trace.steps])
-        for world, c in zip(worlds, walked.configurations, strict=True):
-            state = engine.ffi.cast("void *", world.ctypes.data)
+        _, _, configurations = engine.replay([raw(engine, s) for s in walked.trace.steps])
+        for configuration, c in zip(configurations, walked.configurations, strict=True):
+            state = engine.ffi.cast("void *", configuration.ctypes.data)
             room = engine.ffi.cast("double *", scale.ctypes.data)
             if c.Topics[1] == 0.0 and seed > 5:  # the scale is known by then
                 now = [engine.model.guide[i].of(state, room) for i in (0, 2)]

@@ -32,7 +32,7 @@ ANSWER_S = 10.0
 
 
 def choosing(count: int, most: int) -> str:
-    """A step with so many choices, which end in four worlds."""
+    """A step with so many choices, which end in four configurations."""
     asked = "\n".join(f"if choose bool {{ s = min(s + 1, {most}); }}" for _ in range(count))
     return f"""soter 1;
 topic n: int in [0, {most}];

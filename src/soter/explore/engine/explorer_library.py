@@ -80,7 +80,7 @@ class RawChoice:
 
 @dataclass(frozen=True)
 class RawStep:
-    """A step of a trace; `actor` counts in `Engine.actors`, -1 at the birth of the world.
+    """A step of a trace; `actor` counts in `Engine.actors`, -1 at the start.
 
     `kind`: 0 step, 1 lost release, 2 start of an overrunning step, 3 it takes effect, 4 birth.
     """
@@ -97,7 +97,7 @@ class EngineSettings(SearchOptions):
     """How the engine searches: what a person may say, and what only tests and `Search` do.
 
     `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep
-    the stored worlds for `Engine.worlds`. `closes`: end where whatever comes later was there
+    what is stored for `Engine.configurations`. `closes`: end where whatever comes later was there
     before, if the plan is one that `repeats`.
     """
 
@@ -175,7 +175,7 @@ class Engine:
         self.model = address(self.ffi, self.path, self.generated.symbol, "const soter_model *")
         self.bits = int(self.model.bits)
         self.words = int(self.model.words)
-        self.world_size = int(self.model.world_size)
+        self.configuration_size = int(self.model.configuration_size)
         self._kept = self.ffi.NULL
         self.wanted: Callable[[], bool] = lambda: False
         """Whether somebody wants searches to end; asked ten times a second."""
@@ -183,7 +183,7 @@ class Engine:
         self.equal = SymmetricInstances(system, lowered, self.generated)
 
     def close(self) -> None:
-        """Give back the memory of kept worlds."""
+        """Give back the memory of kept configurations."""
         if self._kept != self.ffi.NULL:
             self.lib.soter_explore_free(self._kept)
             self._kept = self.ffi.NULL
@@ -400,24 +400,24 @@ class Engine:
         actor = int(s.actor) if s.actor < len(self.actors) else -1
         return RawStep(actor, int(s.kind), int(s.release_ns), int(s.time_ns), choices)
 
-    # ------------------------------------------------------------ traces and worlds
+    # ------------------------------------------------------------ traces and configurations
 
     def replay(
         self, steps: Sequence[RawStep], seed: int = 0
     ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
         """How many steps of a trace are possible, and what the last one breaks.
 
-        And the world after each of them, (steps, world_size).
+        And the configuration after each of them, (steps, configuration_size).
         """
         trace = self._raw(steps)
-        worlds = np.zeros((len(steps), self.world_size), dtype=np.uint8)
+        configurations = np.zeros((len(steps), self.configuration_size), dtype=np.uint8)
         violates = self.ffi.new("bool *")
         broken = self.ffi.new("soter_broken *")
         possible = self.lib.soter_explore_replay(
-            self.model, seed, trace, len(steps), self._pointer(worlds), violates, broken
+            self.model, seed, trace, len(steps), self._pointer(configurations), violates, broken
         )
         violation = (int(broken.what), int(broken.index)) if violates[0] else None
-        return int(possible), violation, worlds
+        return int(possible), violation, configurations
 
     def complete(self, settings: EngineSettings, steps: Sequence[RawStep]) -> Searched | None:
         """An execution of the whole system from one of `settings.part`; None where it is none."""
@@ -457,26 +457,26 @@ class Engine:
                 to.stream, to.count, to.pick = choice.stream, choice.count, choice.pick
         return trace
 
-    def worlds(self) -> Bytes:
-        """The worlds that the last search stored, (states, world_size), if it was to keep them."""
+    def configurations(self) -> Bytes:
+        """What the last search stored, (states, configuration_size), if it was to keep it."""
         if self._kept == self.ffi.NULL:
-            return np.zeros((0, self.world_size), dtype=np.uint8)
+            return np.zeros((0, self.configuration_size), dtype=np.uint8)
         count = int(self.lib.soter_explore_kept(self.model, self._kept, self.ffi.NULL))
-        worlds = np.zeros((count, self.world_size), dtype=np.uint8)
-        self.lib.soter_explore_kept(self.model, self._kept, self._pointer(worlds))
-        return worlds
+        configurations = np.zeros((count, self.configuration_size), dtype=np.uint8)
+        self.lib.soter_explore_kept(self.model, self._kept, self._pointer(configurations))
+        return configurations
 
-    def packed(self, world: Bytes) -> Words:
-        """A world as words. (world_size,) -> (words,)."""
+    def packed(self, configuration: Bytes) -> Words:
+        """A configuration as words. (configuration_size,) -> (words,)."""
         words = np.zeros(self.words, dtype=np.uint64)
         to = self.ffi.cast("uint64_t *", words.ctypes.data)
-        self.model.pack(self._pointer(world), to)
+        self.model.pack(self._pointer(configuration), to)
         return words
 
-    def unpack(self, words: Words, world: Bytes) -> None:
-        """Read packed words back into a world that was started once. (words,) -> (world_size,)."""
+    def unpack(self, words: Words, configuration: Bytes) -> None:
+        """Read packed words back, (words,) -> (configuration_size,), into what was started once."""
         of = self.ffi.cast("uint64_t *", words.ctypes.data)
-        self.model.unpack(of, self._pointer(world))
+        self.model.unpack(of, self._pointer(configuration))
 
     def _pointer(self, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
         return self.ffi.cast("void *", array.ctypes.data)

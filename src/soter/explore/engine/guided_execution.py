@@ -1,7 +1,7 @@
 """Executions that follow a changed trace as far as it goes, many a second.
 
 Purpose: traces as arrays of the engine's records, and the C that makes an execution of one
-(`soter_explore_guided_execution.c`) with the world after each of its steps.
+(`soter_explore_guided_execution.c`) with the configuration after each of its steps.
 Non-goals: what to change (`shrink.py`).
 """
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Steps = npt.NDArray[np.void]
     """(n,) of `STEP`."""
     Counts = npt.NDArray[np.uint32]
-    Worlds = npt.NDArray[np.uint8]
+    Configurations = npt.NDArray[np.uint8]
 
 NOBODY = 2**32 - 1
 """`actor` of the start."""
@@ -51,12 +51,12 @@ class GuidedRun:
     """An execution, and whether it ends in the violation that is looked for.
 
     `steps`: (n,); `unusual`: (n,), how many choices of each are not the default one, its time and
-    its loss among them; `worlds`: (n, world_size), the world after each.
+    its loss among them; `configurations`: (n, configuration_size), the configuration after each.
     """
 
     steps: Steps
     unusual: Counts
-    worlds: Worlds
+    configurations: Configurations
     violates: bool
 
 
@@ -81,11 +81,11 @@ class Guided:
         begin = begin if before is not None else 0
         made = np.zeros(limit, dtype=STEP)
         unusual = np.zeros(limit, dtype=np.uint32)
-        worlds = np.zeros((limit, self._engine.world_size), dtype=np.uint8)
+        configurations = np.zeros((limit, self._engine.configuration_size), dtype=np.uint8)
         ffi, violates = self._engine.ffi, self._engine.ffi.new("bool *")
         start = ffi.NULL
         if before is not None and begin > 0:
-            start = _pointer(ffi, "void *", before.worlds[begin - 1])
+            start = _pointer(ffi, "void *", before.configurations[begin - 1])
         wish = np.ascontiguousarray(wish)
         guide = {
             "seed": self._seed,
@@ -97,15 +97,15 @@ class Guided:
             "from": start,
             "made": _pointer(ffi, "soter_trace_step *", made),
             "unusual": _pointer(ffi, "uint32_t *", unusual),
-            "worlds": _pointer(ffi, "void *", worlds),
+            "configurations": _pointer(ffi, "void *", configurations),
         }
         lib, model = self._engine.lib, self._engine.model
         n = int(lib.soter_explore_guided(model, ffi.new("soter_guide *", guide), violates))
         if before is not None and begin > 0:
             made[:begin] = before.steps[:begin]
             unusual[:begin] = before.unusual[:begin]
-            worlds[:begin] = before.worlds[:begin]
-        return GuidedRun(made[:n], unusual[:n], worlds[:n], bool(violates[0]))
+            configurations[:begin] = before.configurations[:begin]
+        return GuidedRun(made[:n], unusual[:n], configurations[:n], bool(violates[0]))
 
 
 def _pointer(ffi: Any, kind: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cffi

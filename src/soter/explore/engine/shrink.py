@@ -120,7 +120,7 @@ class Shrinker:
         if time.perf_counter() > self._deadline_s:
             raise ShrinkTimeoutError
         best = self.best
-        begin = min(begin, len(best.steps) - 1)  # what violates is no world to go on from
+        begin = min(begin, len(best.steps) - 1)  # what violates is no configuration to go on from
         made = self._guided.run(wish, len(best.steps), best, begin)
         self.tried += 1
         if self._look is not None:

@@ -63,11 +63,11 @@ class Slicer:
 
         `raw` and `done` are the same steps, of the engine and as the interpreter made them.
         """
-        possible, _, worlds = self._engine.replay(raw, seed)
+        possible, _, configurations = self._engine.replay(raw, seed)
         if possible < len(raw) or not done or done[0].kind != START:
             return (True,) * len(raw)
-        packed = np.array([self._engine.packed(w) for w in worlds])
-        from_ = self._seen_from(broken, raw, worlds)
+        packed = np.array([self._engine.packed(w) for w in configurations])
+        from_ = self._seen_from(broken, raw, configurations)
         seen = self._seen(broken)
         marks = [False] * len(raw)
         wanted: set[Label] = set()
@@ -103,7 +103,7 @@ class Slicer:
         return {label for label in labels if label[0] not in CALENDAR}
 
     def _seen_from(
-        self, broken: tuple[int, int], raw: Sequence[RawStep], worlds: npt.NDArray[np.uint8]
+        self, broken: tuple[int, int], raw: Sequence[RawStep], configurations: npt.NDArray[np.uint8]
     ) -> int:
         """The first step after which the property looks, where it looks more than once."""
         if VIOLATION_KINDS[broken[0]] != TIMED:
@@ -111,20 +111,20 @@ class Slicer:
         assert self._system.test is not None
         prop = self._system.test.timed[broken[1]]
         if prop.module is None:
-            due = self._clock(worlds, broken[1])
+            due = self._clock(configurations, broken[1])
             other = np.flatnonzero(due != due[-1])
             return int(other[-1]) + 1 if len(other) else 0
-        verdict = int(self._clock(worlds, len(self._system.test.timed) + prop.module)[-1])
+        verdict = int(self._clock(configurations, len(self._system.test.timed) + prop.module)[-1])
         return max(next(k for k, s in enumerate(raw) if s.time_ns >= verdict) - 1, 0)
 
-    def _clock(self, worlds: npt.NDArray[np.uint8], number: int) -> npt.NDArray[np.int64]:
+    def _clock(self, configurations: npt.NDArray[np.uint8], number: int) -> npt.NDArray[np.int64]:
         """The deadlines of the timed properties, then the last AC verdicts of the modules.
 
-        (steps, world_size) -> (steps,), ns; see `soter_explore.h`.
+        (steps, configuration_size) -> (steps,), ns; see `soter_explore.h`.
         """
         size = int(self._engine.model.program.state_size)
         at = size + -size % 8 + 8 + 8 * number
-        clock_ns: npt.NDArray[np.int64] = worlds[:, at : at + 8].copy().view(np.int64)[:, 0]
+        clock_ns: npt.NDArray[np.int64] = configurations[:, at : at + 8].copy().view(np.int64)[:, 0]
         return clock_ns
 
     # ------------------------------------------------------------ what a step does

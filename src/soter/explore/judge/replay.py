@@ -190,7 +190,7 @@ class _TraceRun:
         first = trace.steps[0] if trace.steps else None
         born = first is not None and first.kind == START
         self.first_number = 0 if born else 1
-        """The start of the world is step 0, whether the trace says so or not."""
+        """The start of the configuration is step 0, whether the trace says so or not."""
         self.draws.begin(first.choices if first is not None and born else ())
         self.c: Configuration = self.interpreter.initial()
         self._before = self.c

@@ -1,4 +1,4 @@
-"""Worlds as rows of bits: the bodies of `pack` and `unpack`, built field by field.
+"""Configurations as rows of bits: the bodies of `pack` and `unpack`, built field by field.
 
 Purpose: straight-line C with constant shifts; long arrays in loops. What one writes the other
 reads, because both are built by the same call.

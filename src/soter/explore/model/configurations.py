@@ -1,7 +1,7 @@
-"""A world of the explorer: its struct, and how it is packed into words and read back.
+"""A configuration of the explorer: its struct, and how it is packed into words and read back.
 
-Purpose: which fields a packed world has, in which order, how wide; times relative to now, so that
-worlds with the same future are the same bits.
+Purpose: which fields a packed configuration has, in which order, how wide; times relative to
+now, so that configurations with the same future are the same bits.
 Non-goals: how bits are written (`bit_packing.py`), the other tables of a model
 (`explorer_model.py`).
 """
@@ -63,9 +63,9 @@ class ConfigurationEmitter:
         self.frame = frame
         self.layout = layout
         self.prefix = prefix
-        self.name = types.unique("world")
+        self.name = types.unique("configuration")
         self.size = 0
-        """Bytes of a world; known once `struct` was called."""
+        """Bytes of a configuration; known once `struct` was called."""
         self.held_at: dict[int, int] = {}
         """Overrunning actor -> where its soter_held is, in bytes."""
         self.overrunning = [i for i, a in enumerate(plan.actors) if a.overrun_ns]
@@ -119,7 +119,9 @@ class ConfigurationEmitter:
                 members += _padding(size_of(t), 1000 * i + k + 1)
                 end += size_of(t) + -size_of(t) % 8
         self.size = end
-        return c.StructDef(self.name, tuple(members), "a world, as soter_explore.h describes it")
+        return c.StructDef(
+            self.name, tuple(members), "a configuration, as soter_explore.h describes it"
+        )
 
     # ------------------------------------------------------------ packing
 
@@ -345,12 +347,12 @@ class ConfigurationEmitter:
             p.value(place, topic.type, self._hulls(topic), c.Name(keep))
 
     def pack(self, name: str) -> c.FunctionDef:
-        """The world as words."""
+        """The configuration as words."""
         zero = c.Number("0")
         tick = word(self.plan.tick_ns)
         ticks = c.Cast("int64_t", c.Binary("/", unsigned(NOW), tick))
         body = (
-            c.Declare(f"const {self.name} *const ", "x", c.Name("world")),
+            c.Declare(f"const {self.name} *const ", "x", c.Name("configuration")),
             c.Declare(f"const {self.prefix}_state *const ", "s", c.Unary("&", c.Arrow(X, "state"))),
             c.Declare("int64_t", "now", c.Arrow(X, "now"), const=True),
             c.Declare(
@@ -366,12 +368,12 @@ class ConfigurationEmitter:
             c.Declare("uint64_t", "w", word(0)),
             *self.packing.pack,
         )
-        parameters = (("const void *", "world"), ("uint64_t *", "words"))
-        doc = f"{self.packing.bits} bits of a world that decide what may follow"
+        parameters = (("const void *", "configuration"), ("uint64_t *", "words"))
+        doc = f"{self.packing.bits} bits of a configuration that decide what may follow"
         return c.FunctionDef("void", name, parameters, body, doc)
 
     def unpack(self, name: str) -> c.FunctionDef:
-        """The words as a world: what decides nothing as at the start; what nobody reads stays."""
+        """Words read back: what decides nothing as at the start; what nobody reads stays."""
         zero, n = c.Number("0"), c.Name("n")
         header = c.Arrow(S, "header")
         none = c.Initializer((("first_ns", c.Name("SOTER_NEVER")),), "soter_property")
@@ -379,7 +381,7 @@ class ConfigurationEmitter:
             c.Binary("<", n, zero), c.Number("-1"), c.Binary("*", n, int_number(self.plan.tick_ns))
         )
         body = (
-            c.Declare(f"{self.name} *const ", "x", c.Name("world")),
+            c.Declare(f"{self.name} *const ", "x", c.Name("configuration")),
             c.Declare(f"{self.prefix}_state *const ", "s", c.Unary("&", c.Arrow(X, "state"))),
             c.Declare(
                 "int64_t",
@@ -402,9 +404,13 @@ class ConfigurationEmitter:
             ),
             *self.packing.unpack,
         )
-        parameters = (("const uint64_t *", "words"), ("void *", "world"))
+        parameters = (("const uint64_t *", "words"), ("void *", "configuration"))
         return c.FunctionDef(
-            "void", name, parameters, body, "the same, read back into a world that was started once"
+            "void",
+            name,
+            parameters,
+            body,
+            "the same, read back into a configuration that was started once",
         )
 
 

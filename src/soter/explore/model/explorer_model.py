@@ -1,7 +1,7 @@
 """The model of a system that the explorer runs: one more table after the generated program.
 
 Purpose: `<prefix>_model` (soter_explore.h): actors, timed properties, leaves for coverage, and
-how a world is packed.
+how a configuration is packed.
 Non-goals: what the actors are (`explore/model/actors.py` says), searching
 (`explore/engine/c/soter_explore*.c`).
 """
@@ -53,14 +53,14 @@ KINDS = {
 class ExplorerModel:
     """The generated unit with its model.
 
-    `world_size` in bytes; `leaves`: topic and path of the leaves for coverage, as numbered;
-    `fields`: of a packed world, what it is of, first bit and width; `aims`: what guides are of.
+    `configuration_size` in bytes; `leaves`: topic and path of the leaves for coverage, as numbered;
+    `fields`: when packed, what each is of, first bit and width; `aims`: what guides are of.
     """
 
     unit: Unit
     plan: ExplorationPlan
     symbol: str
-    world_size: int
+    configuration_size: int
     bits: int
     leaves: tuple[tuple[int, tuple[str, ...]], ...]
     fields: tuple[tuple[Label, int, int], ...] = ()
@@ -78,7 +78,7 @@ def generate_model(
         unit,
         plan,
         builder.symbol,
-        builder.world_size,
+        builder.configuration_size,
         builder.bits,
         tuple((x.topic, x.path) for x in builder.leaves),
         fields=builder.fields,
@@ -104,7 +104,7 @@ class _ModelBuilder(UnitBuilder):
         assert system.test is not None
         self.plan = plan
         self.test = system.test
-        self.world_size = 0
+        self.configuration_size = 0
         self.bits = 0
         self.aims: tuple[Aim, ...] = ()
         self.scales = 0
@@ -112,19 +112,23 @@ class _ModelBuilder(UnitBuilder):
         self.fields: tuple[tuple[Label, int, int], ...] = ()
         self.held_at: dict[int, int] = {}
         self.symbol = ""
-        self.world = ""
+        self.configuration = ""
 
     # ------------------------------------------------------------ everything
 
     def more(self) -> list[c.CTop]:
         """The model, after the tables."""
         unique = self.types.unique
-        worlds = ConfigurationEmitter(
+        configurations = ConfigurationEmitter(
             self.system, self.plan, self.types, self.frame, self.layout, self.prefix
         )
-        struct, packing = worlds.struct(), worlds.packing
-        self.world = worlds.name
-        self.world_size, self.bits, self.held_at = worlds.size, packing.bits, worlds.held_at
+        struct, packing = configurations.struct(), configurations.packing
+        self.configuration = configurations.name
+        self.configuration_size, self.bits, self.held_at = (
+            configurations.size,
+            packing.bits,
+            configurations.held_at,
+        )
         self.fields = tuple(packing.labelled)
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
         predicates, timed = self._timed()
@@ -134,7 +138,7 @@ class _ModelBuilder(UnitBuilder):
         margins, rows = guides.emit()
         guide = self._table("soter_aim", "guides", rows, [], "how far from a violation")
         self.aims, self.scales = tuple(guides.aims), guides.sites
-        ageing = self._ageing(worlds.ageing)
+        ageing = self._ageing(configurations.ageing)
         parts = [self._actors(packing), timed, leaf, ageing, *self._masks(packing), guide, premises]
         return [
             c.Section("model of the explorer"),
@@ -144,10 +148,10 @@ class _ModelBuilder(UnitBuilder):
             *predicates,
             *asked,
             *margins,
-            worlds.pack(pack_name),
-            worlds.unpack(unpack_name),
+            configurations.pack(pack_name),
+            configurations.unpack(unpack_name),
             *(x for tables, _ in parts for x in tables),
-            self._model([value for _, value in parts], worlds, pack_name, unpack_name),
+            self._model([value for _, value in parts], configurations, pack_name, unpack_name),
         ]
 
     # ------------------------------------------------------------ tables
@@ -338,9 +342,9 @@ class _ModelBuilder(UnitBuilder):
         return self._table("soter_ageing", "ageing", rows, [], "packed fields that grow older")
 
     def _model(
-        self, tables: list[c.CExpr], worlds: ConfigurationEmitter, pack: str, unpack: str
+        self, tables: list[c.CExpr], configurations: ConfigurationEmitter, pack: str, unpack: str
     ) -> c.VariableDef:
-        plan, packing = self.plan, worlds.packing
+        plan, packing = self.plan, configurations.packing
         actor, timed, leaf, ageing, observed, scheduled, clock, dues, verdicts, guide, premise = (
             tables
         )
@@ -376,14 +380,14 @@ class _ModelBuilder(UnitBuilder):
                 ("plain", _truth(plain)),
                 ("brief", _truth("held" not in labels)),
                 ("ageing", ageing),
-                ("ageings", count(len(worlds.ageing))),
+                ("ageings", count(len(configurations.ageing))),
                 ("scheduled", scheduled),
                 ("clock", clock),
-                ("calendar", count(worlds.calendar)),
+                ("calendar", count(configurations.calendar)),
                 ("observed", observed),
                 ("dues", dues),
                 ("verdicts", verdicts),
-                ("world_size", c.CallExpr("sizeof", (c.Name(self.world),))),
+                ("configuration_size", c.CallExpr("sizeof", (c.Name(self.configuration),))),
                 ("bits", count(packing.bits)),
                 ("words", count(packing.words)),
                 ("pack", c.Name(pack)),

@@ -137,13 +137,13 @@ class ExecutionCalendar:
     # ------------------------------------------------------------ moving on
 
     def take(self, step: Step) -> int | None:
-        """Check a step and move on; the actor's number, None for the start of the world.
+        """Check a step and move on; the actor's number, None for the start.
 
         NotAllowedError for a step that the schedule has not there.
         """
         if step.kind == START:
             if self._born or self.now != -1 or any(self.done):
-                raise NotAllowedError("the start of the world comes first, and once")
+                raise NotAllowedError("the start comes first, and once")
             self._born = True
             return None
         i = self.number.get(step.actor)

@@ -27,7 +27,7 @@ KIND = "soter trace"
 STEP, LOST, BEGIN, EFFECT, START = "step", "lost", "begin", "effect", "start"
 STEP_KINDS = (STEP, LOST, BEGIN, EFFECT, START)
 """In the order of the numbers in `soter_explore.h`: a step; a lost release; an overrunning step
-that begins; its publications take effect; the start of the world."""
+that begins; its publications take effect; the start."""
 
 PROPERTY, CONTRACT, FAULT, TIMED = "property", "contract", "fault", "timed"
 VIOLATION_KINDS = (PROPERTY, CONTRACT, FAULT, TIMED)

@@ -1,8 +1,8 @@
 /* soter_explore.h: the explorer, one more driver over the state struct (docs/testing.md).
  *
- * A *world* is the program's state followed by the schedule: the time, how many releases every
- * actor has made, the deadlines of properties. Generated code packs a world into a few words,
- * which is what is stored; everything else works on whole worlds.
+ * A *configuration* is the program's state followed by the schedule: the time, how many releases
+ * every actor has made, the deadlines of properties. Generated code packs a configuration into a
+ * few words, which is what is stored; everything else works on whole configurations.
  */
 #ifndef SOTER_EXPLORE_H
 #define SOTER_EXPLORE_H
@@ -11,7 +11,7 @@
 
 #define SOTER_ACTORS 64U   /* at most: a set of actors is one word */
 #define SOTER_CHOICES 256U /* choices in one step, at most */
-#define SOTER_WORDS 4096U  /* of a packed world, at most */
+#define SOTER_WORDS 4096U  /* of a packed configuration, at most */
 #define SOTER_THREADS 16U  /* of breadth-first search, at most */
 #define SOTER_INPUT \
   0x80000000U /* in `component` of an actor: input number (component & ~SOTER_INPUT) */
@@ -32,10 +32,10 @@ typedef struct {
   uint32_t outputs;
   const uint64_t* reads;  /* [words]: packed bits that its steps may read, */
   const uint64_t* writes; /* [words]: and write, but for the schedule's and deadlines */
-  uint32_t held;          /* overrun: offset in the world of its soter_held; else 0 */
+  uint32_t held;          /* overrun: offset in the configuration of its soter_held; else 0 */
 } soter_actor;
 
-/* A world: the state, padded to 8 bytes; one soter_schedule; then
+/* A configuration: the state, padded to 8 bytes; one soter_schedule; then
  *   int64_t due[timeds]     until when it has to hold; INT64_MAX: nothing is owed
  *   int64_t verdict[modules] when the DM last said AC; 0 at the start
  *   uint32_t done[actors]   releases made (or lost)
@@ -63,8 +63,9 @@ typedef struct {
   uint32_t module;                      /* invariant */
 } soter_timed;
 
-/* A field of a packed world that grows older as time passes: ticks since something, at most `most`;
- * one more than ticks since a publication, 0 never; ticks until a deadline (soter_pack_due). */
+/* A field of a packed configuration that grows older as time passes: ticks since something, at most
+ * `most`; one more than ticks since a publication, 0 never; ticks until a deadline
+ * (soter_pack_due). */
 typedef enum { SOTER_SINCE = 0, SOTER_STAMP = 1, SOTER_DUE = 2 } soter_ageing_kind;
 typedef struct {
   uint32_t at, width; /* bits */
@@ -109,7 +110,7 @@ typedef struct {
   bool ordered;      /* the steps of an instant happen in the order of the actors */
   bool timely;       /* when a step happens matters: its time is a choice */
   bool sampled;      /* a continuum is sampled: never exhausted */
-  uint64_t now_mask; /* of a packed world's first word without its lowest bit: now */
+  uint64_t now_mask; /* of a packed configuration's first word without its lowest bit: now */
   bool plain;        /* nothing of the past is packed but values: no ages, no deadlines */
   bool brief;        /* no step lasts: it changes the schedule, its `writes`, and what time
                         changes */
@@ -121,37 +122,38 @@ typedef struct {
   const uint64_t* observed; /* [words]: packed bits that properties read, but for: */
   const uint64_t* dues;     /* [words]: deadlines */
   const uint64_t* verdicts; /* [words]: what invariants know of the past */
-  uint32_t world_size;
-  uint32_t bits;  /* of a packed world */
+  uint32_t configuration_size;
+  uint32_t bits;  /* of a packed configuration */
   uint32_t words; /* uint64_t that these take */
-  void (*pack)(const void* world, uint64_t* words);
-  void (*unpack)(const uint64_t* words, void* world); /* into a world that was started once */
+  void (*pack)(const void* configuration, uint64_t* words);
+  void (*unpack)(const uint64_t* words,
+                 void* configuration); /* into a configuration that was started once */
 } soter_model;
 
-/* Parts of a world. */
+/* Parts of a configuration. */
 SOTER_INLINE size_t soter_padded(size_t size) {
   return (size + 7U) & ~(size_t)7U;
 }
-SOTER_INLINE soter_schedule* soter_schedule_of(const soter_program* p, void* world) {
-  return (soter_schedule*)((char*)world + soter_padded(p->state_size));
+SOTER_INLINE soter_schedule* soter_schedule_of(const soter_program* p, void* configuration) {
+  return (soter_schedule*)((char*)configuration + soter_padded(p->state_size));
 }
-SOTER_INLINE int64_t* soter_due_of(const soter_program* p, void* world) {
-  return (int64_t*)(soter_schedule_of(p, world) + 1);
+SOTER_INLINE int64_t* soter_due_of(const soter_program* p, void* configuration) {
+  return (int64_t*)(soter_schedule_of(p, configuration) + 1);
 }
-SOTER_INLINE int64_t* soter_verdict_of(const soter_model* m, void* world) {
-  return soter_due_of(m->program, world) + m->timeds;
+SOTER_INLINE int64_t* soter_verdict_of(const soter_model* m, void* configuration) {
+  return soter_due_of(m->program, configuration) + m->timeds;
 }
-SOTER_INLINE uint32_t* soter_done_of(const soter_model* m, void* world) {
-  return (uint32_t*)(soter_verdict_of(m, world) + m->program->modules);
+SOTER_INLINE uint32_t* soter_done_of(const soter_model* m, void* configuration) {
+  return (uint32_t*)(soter_verdict_of(m, configuration) + m->program->modules);
 }
-SOTER_INLINE uint32_t* soter_lost_of(const soter_model* m, void* world) {
-  return soter_done_of(m, world) + m->actors;
+SOTER_INLINE uint32_t* soter_lost_of(const soter_model* m, void* configuration) {
+  return soter_done_of(m, configuration) + m->actors;
 }
-SOTER_INLINE uint8_t* soter_acted_of(const soter_model* m, void* world) {
-  return (uint8_t*)(soter_lost_of(m, world) + m->actors);
+SOTER_INLINE uint8_t* soter_acted_of(const soter_model* m, void* configuration) {
+  return (uint8_t*)(soter_lost_of(m, configuration) + m->actors);
 }
 
-/* When the last step of a packed world happened, ns; -1 (or less) before the first one. */
+/* When the last step of a packed configuration happened, ns; -1 (or less) before the first one. */
 SOTER_INLINE int64_t soter_time_of(const soter_model* m, const uint64_t* packed) {
   return ((int64_t)(packed[0] >> 1 & m->now_mask) - 1) * m->tick_ns;
 }
@@ -175,7 +177,7 @@ typedef enum { SOTER_EXACT = 0, SOTER_FINGERPRINT = 1 } soter_storage;
 #define SOTER_REDUCE_INSTANTS 4U
 #define SOTER_REDUCE_GROUPS 8U /* with instants */
 
-/* A row of bits of a packed world, 64 at most. */
+/* A row of bits of a packed configuration, 64 at most. */
 typedef struct {
   uint32_t at, width;
 } soter_field;
@@ -203,7 +205,7 @@ typedef struct {
   uint64_t seed;
   uint64_t runs;       /* of the random strategies */
   uint32_t bug_depth;  /* PCT: d */
-  bool keep;           /* keep the stored worlds for soter_explore_kept */
+  bool keep;           /* keep the stored configurations for soter_explore_kept */
   uint64_t actors;     /* only these move, and only these properties and timed ones are judged: */
   uint64_t properties; /* a part of the system that shares nothing with the rest; actors 0: all */
   uint64_t timeds;
@@ -213,15 +215,16 @@ typedef struct {
   bool go_on;    /* do not stop at a violation: what violates is not expanded */
   const soter_broken* known; /* [knowns]: nor at one of these: others are looked for */
   uint32_t knowns;
-  const uint64_t* noted; /* [words]: bits whose values at ends of instants are kept in place of
-                            worlds; breadth first, where only ends are stored. NULL: nothing is */
+  const uint64_t*
+      noted; /* [words]: bits whose values at ends of instants are kept in place of
+                configurations; breadth first, where only ends are stored. NULL: nothing is */
   const uint64_t*
       goal; /* [words]: an end with these noted bits violates `sought`; NULL: none does */
   soter_broken sought;
   uint64_t noted_bytes;       /* that what is noted may take */
-  const soter_family* family; /* [families]: of worlds that differ by the places of equal instances
-                                 one is stored; of exhaustive searches. Blocks of one may lie
-                                 inside of those of a later one */
+  const soter_family* family; /* [families]: of configurations that differ by the places of equal
+                                 instances one is stored; of exhaustive searches. Blocks of one may
+                                 lie inside of those of a later one */
   uint32_t families;
   int save_to; /* a file descriptor, plus one, that breadth-first search writes itself to when it
                   ends without a violation; 0: none */
@@ -239,13 +242,13 @@ typedef enum {
   SOTER_STOPPED = 5,
   SOTER_NO_MEMORY = 6, /* not even enough to begin */
   SOTER_CHOOSY = 7,    /* a step asks for more than SOTER_CHOICES choices */
-  SOTER_WIDE = 8,      /* a packed world takes more than SOTER_WORDS words */
+  SOTER_WIDE = 8,      /* a packed configuration takes more than SOTER_WORDS words */
   SOTER_LONG = 9,      /* the trace has more steps than there is room for */
   SOTER_DAMAGED = 10   /* options.resume is of no such search */
 } soter_explore_status;
 
 /* One step of a trace. `kind`: 0 step, 1 lost release (skip), 2 start of an overrunning step, 3 its
- * publications take effect, 4 the start of the world (choices of initial values). */
+ * publications take effect, 4 the start (choices of initial values). */
 typedef struct {
   uint32_t actor, kind;
   int64_t release_ns, time_ns;
@@ -314,13 +317,15 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
                          soter_explore_progress* progress, soter_explore_result* result,
                          soter_trace_step* trace, uint32_t room);
 
-/* Runs a trace; after each step the world is written to `worlds` ([length] worlds) if not NULL.
- * Returns the number of steps that were possible; *broken is set if the last one violates. */
+/* Runs a trace; after each step the configuration is written to `configurations` ([length]
+ * configurations) if not NULL. Returns the number of steps that were possible; *broken is set if
+ * the last one violates. */
 uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_trace_step* trace,
-                              uint32_t length, void* worlds, bool* violates, soter_broken* broken);
+                              uint32_t length, void* configurations, bool* violates,
+                              soter_broken* broken);
 
-/* Whether a world at the start, before any step, violates an always or never (or whether that is
- * not known: no memory, too many of them, stopped). */
+/* Whether a configuration at the start, before any step, violates an always or never (or whether
+ * that is not known: no memory, too many of them, stopped). */
 bool soter_explore_starts_broken(const soter_model* m, soter_explore_progress* progress);
 
 /* Makes an execution of the whole system out of one of a part of it (options.actors): the others'
@@ -332,9 +337,10 @@ uint32_t soter_explore_complete(const soter_model* m, const soter_explore_option
                                 soter_trace_step* whole, uint32_t room, soter_broken* broken);
 
 /* Steps that are wished, and where it is written down what comes of them. The first `begin` wishes
- * are taken for made, and led to the world `from`. `made`, `unusual` (how many choices of a step
- * are not the default one, its time and loss among them) and `worlds` (the world after each step;
- * NULL: nobody wants them) have room for `limit` steps; more are not made. */
+ * are taken for made, and led to the configuration `from`. `made`, `unusual` (how many choices of a
+ * step are not the default one, its time and loss among them) and `configurations` (the
+ * configuration after each step; NULL: nobody wants them) have room for `limit` steps; more are not
+ * made. */
 typedef struct {
   uint64_t seed;
   soter_broken wanted;
@@ -343,7 +349,7 @@ typedef struct {
   const void* from;
   soter_trace_step* made;
   uint32_t* unusual;
-  void* worlds;
+  void* configurations;
 } soter_guide;
 
 /* Makes an execution of the whole system that follows wishes as far as that is possible, by default
@@ -371,9 +377,9 @@ soter_explore_status soter_explore_joined(const soter_model* m, const soter_expl
                                           soter_explore_progress* progress,
                                           soter_explore_coverage* coverage, uint64_t* goals);
 
-/* All worlds that a search with exact storage stored, written to `worlds` one after the other
- * (NULL: nothing is written); returns how many there are. */
-uint64_t soter_explore_kept(const soter_model* m, const void* kept, void* worlds);
+/* All configurations that a search with exact storage stored, written to `configurations` one after
+ * the other (NULL: nothing is written); returns how many there are. */
+uint64_t soter_explore_kept(const soter_model* m, const void* kept, void* configurations);
 void soter_explore_free(void* kept);
 
 #endif

@@ -1,6 +1,6 @@
 /* soter_explore_ample_sets.c: which moves are enough (docs/testing.md, "Reduction").
  *
- * Purpose: ample sets that are sound under skew: a set S of actors is enough in a world if
+ * Purpose: ample sets that are sound under skew: a set S of actors is enough in a configuration if
  * - an actor outside S whose pending move may come before the first move of S (low <= the least
  *   high of S) is independent of all of S, now and later: dependence is between actors; and
  * - nothing that can be observed is lost by moving S first: either S is due (until one of S has

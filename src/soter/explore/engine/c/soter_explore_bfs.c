@@ -1,23 +1,24 @@
 /* soter_explore_bfs.c: breadth first, on up to SOTER_THREADS threads.
  *
- * Purpose: all worlds, layer by layer; the shortest violation comes first. Each thread owns the
- * worlds whose hash says so: it has a table and a frontier of its own, and hands the others what is
- * tsuccessors at the end of a layer, so that no table is shared and nothing is locked. Where every
- * way to a world has as many moves, worlds of different layers differ: there is a table of the
- * layer that is expanded, which is the frontier, and one of the next. Where something is violated,
- * the same search is made again with a link from every world to the one it came from, until that
- * violation: memory is not spent on links unless they are needed.
+ * Purpose: all configurations, layer by layer; the shortest violation comes first. Each thread owns
+ * the configurations whose hash says so: it has a table and a frontier of its own, and hands the
+ * others what is tsuccessors at the end of a layer, so that no table is shared and nothing is
+ * locked. Where every way to a configuration has as many moves, configurations of different layers
+ * differ: there is a table of the layer that is expanded, which is the frontier, and one of the
+ * next. Where something is violated, the same search is made again with a link from every
+ * configuration to the one it came from, until that violation: memory is not spent on links unless
+ * they are needed.
  */
 #define _POSIX_C_SOURCE 200809L
 #include "soter_explore_bfs.h"
 
 #ifndef SOTER_AHEAD      /* tests stop anywhere */
-#define SOTER_AHEAD 32U  /* worlds that are expanded at once, */
+#define SOTER_AHEAD 32U  /* configurations that are expanded at once, */
 #define SOTER_TELL 4096U /* and between two looks at the bounds */
 #endif
-#define SUCCESSORS 256U /* successors of worlds that are expanded at once, more or less */
+#define SUCCESSORS 256U /* successors of configurations that are expanded at once, more or less */
 #define OWED 16U        /* this part of a worker's memory is for what it found for others */
-#define LOOK 32768U     /* worlds taken in between two looks at the bounds */
+#define LOOK 32768U     /* configurations taken in between two looks at the bounds */
 
 /* ------------------------------------------------------------------ room */
 
@@ -45,7 +46,7 @@ static uint64_t frontier_of(const worker* w) {
   return bytes;
 }
 
-/* ------------------------------------------------------------------ one world */
+/* ------------------------------------------------------------------ one configuration */
 
 static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
   if (!w->broke) {
@@ -56,8 +57,8 @@ static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
   }
 }
 
-/* What is looked up and stored for a world: with links it stays as it came, so that the way to it
- * is one that was gone. */
+/* What is looked up and stored for a configuration: with links it stays as it came, so that the way
+ * to it is one that was gone. */
 static const uint64_t* stands_for(worker* w, const uint64_t* packed, uint64_t* room) {
   const soter_explore_options* const o = w->all->s->o;
   if (o->families == 0U || !w->all->link) {
@@ -106,7 +107,7 @@ static bool note(worker* w, const uint64_t* packed) {
   return found;
 }
 
-/* Whether a new world ends an execution: it is judged. */
+/* Whether a new configuration ends an execution: it is judged. */
 static bool ends(worker* w, const uint64_t* packed) {
   const soter_explore_options* const o = w->all->s->o;
   soter_broken broken;
@@ -124,7 +125,7 @@ static bool ends(worker* w, const uint64_t* packed) {
   return false;
 }
 
-/* A world waits for the next layer; by tables it does so where it stands. */
+/* A configuration waits for the next layer; by tables it does so where it stands. */
 static void let_wait(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t moves) {
   const bool fine = w->all->tables || soter_row_put(&w->next, packed, sleep, moves);
   w->next_ns = soter_earlier(w->next_ns, soter_time_of(w->all->s->m, packed));
@@ -132,7 +133,7 @@ static void let_wait(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t
   w->torn = w->torn || !fine;
 }
 
-/* A new world: it is judged, and waits for the next layer. */
+/* A new configuration: it is judged, and waits for the next layer. */
 static void take_new(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t from) {
   w->count++;
   if (w->all->link && !soter_row_put(&w->links, packed, from, 0U)) {
@@ -144,7 +145,7 @@ static void take_new(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t
   }
 }
 
-/* Takes a world in. */
+/* Takes a configuration in. */
 static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint64_t sleep,
                     uint64_t from) {
   uint64_t again = 0U;
@@ -169,7 +170,7 @@ static bool stops(const layered* all) {
   return all->s->progress->stop != 0;
 }
 
-/* New worlds that violate nothing wait in the table. */
+/* New configurations that violate nothing wait in the table. */
 static void take_fine(worker* w, const uint64_t* packed, uint32_t count) {
   const soter_model* const m = w->all->s->m;
   int64_t least = w->next_ns;
@@ -285,7 +286,7 @@ static void tell(worker* w) {
   w->full = w->full || (s->o->max_states > 0U && states >= s->o->max_states);
 }
 
-/* Heirs of one world, or of a few, go to their owners; false: no more are wanted. */
+/* Heirs of one configuration, or of a few, go to their owners; false: no more are wanted. */
 static bool take_away(void* to) {
   worker* const w = to;
   if (more_keys(w, w->expander.successors.count)) {
@@ -299,8 +300,8 @@ static bool take_away(void* to) {
   return !over(w);
 }
 
-/* The next world of the frontier, number `i`, what sleeps in it and which moves are to be made:
- * none where it violates something, in a search that goes on. */
+/* The next configuration of the frontier, number `i`, what sleeps in it and which moves are to be
+ * made: none where it violates something, in a search that goes on. */
 static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
   const layered* const all = w->all;
   const uint32_t words = all->words;
@@ -308,7 +309,7 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
   if (!all->tables) {
     soter_copy_words(item, soter_row_at(&w->here, i), w->here.width);
   } else if (!soter_store_next(&w->before, &w->at, item, &item[words])) {
-    SOTER_CHECK(false && "a layer has as many worlds as were put into its table");
+    SOTER_CHECK(false && "a layer has as many configurations as were put into its table");
   }
   if (w->expander.instant != NULL) { /* nothing sleeps */
     item[words] = 0U;
@@ -322,29 +323,29 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
   }
 }
 
-/* Whether worlds of the frontier are expanded many at a time. */
+/* Whether configurations of the frontier are expanded many at a time. */
 static bool in_batchs(const worker* w) {
   const bool fine = w->all->tables && w->expander.instant == NULL && w->all->s->o->families == 0U;
   return fine && w->batch > 0U && soter_store_is_short(&w->before);
 }
 
-/* Expands worlds of the frontier, from number `first`, at once. Returns how many; 0: these have to
- * be expanded one by one. */
+/* Expands configurations of the frontier, from number `first`, at once. Returns how many; 0: these
+ * have to be expanded one by one. */
 static uint32_t expand_batch(worker* w, uint64_t first) {
   const soter_explore_options* const o = w->all->s->o;
   const bool may_break = o->go_on || o->knowns > 0U;
   const uint64_t left = w->layer - first;
   const uint32_t count = left < w->batch ? (uint32_t)left : w->batch;
   const soter_cursor at = w->at;
-  uint64_t world[SOTER_BATCH];
+  uint64_t configuration[SOTER_BATCH];
   uint32_t kept = 0U;
   soter_broken broken;
-  soter_store_next_short(&w->before, &w->at, count, world);
+  soter_store_next_short(&w->before, &w->at, count, configuration);
   for (uint32_t i = 0; i < count; i++) {
-    world[kept] = world[i];
-    kept += !may_break || !soter_is_broken(&w->expander, &world[i], &broken);
+    configuration[kept] = configuration[i];
+    kept += !may_break || !soter_is_broken(&w->expander, &configuration[i], &broken);
   }
-  if (!soter_memo_expand_batch(&w->expander, world, kept)) {
+  if (!soter_memo_expand_batch(&w->expander, configuration, kept)) {
     w->at = at;
     w->batch /= 2U; /* none: until the next layer */
     return 0U;
@@ -358,8 +359,9 @@ static uint32_t expand_batch(worker* w, uint64_t first) {
   return count;
 }
 
-/* Expands worlds of the frontier, from number `first`: as many as are looked for at once, so that
- * the machine can fetch the places of their successors while others are computed. Returns how many.
+/* Expands configurations of the frontier, from number `first`: as many as are looked for at once,
+ * so that the machine can fetch the places of their successors while others are computed. Returns
+ * how many.
  */
 static uint64_t expand_some(worker* w, uint64_t first) {
   layered* const all = w->all;
@@ -397,7 +399,7 @@ static bool pauses(const layered* all) {
   return all->saves && all->s->progress->save_to != 0;
 }
 
-/* Expands some worlds; where a successor may be lost they count as not expanded. */
+/* Expands some configurations; where a successor may be lost they count as not expanded. */
 static void go_ahead(worker* w) {
   const soter_cursor at = w->at;
   const uint64_t count = expand_some(w, w->expanded);
@@ -885,12 +887,13 @@ static bool write_links(layered* all, soter_search* s, uint64_t last, const sote
   return fine;
 }
 
-/* With links the order of the worlds is the order of their expansion only without revisits. */
+/* With links the order of the configurations is the order of their expansion only without revisits.
+ */
 static void trace_back(soter_search* s) {
   layered* const all = malloc(sizeof *all);
   soter_explore_options once = *s->o;
   if (!soter_by_instants(s->m, s->o)) {
-    once.reduce &= ~SOTER_REDUCE_SLEEP; /* no world is expanded twice */
+    once.reduce &= ~SOTER_REDUCE_SLEEP; /* no configuration is expanded twice */
   }
   once.go_on = false;
   once.max_states = 0U; /* of what is looked at, which it was already */
@@ -943,7 +946,7 @@ static void trace_depth_first(soter_search* s) {
   }
 }
 
-/* What is wanted beyond the search: all worlds, or what was noted of them. */
+/* What is wanted beyond the search: all configurations, or what was noted of them. */
 static void keep(layered* all, soter_explore_result* r) {
   const soter_explore_options* const o = all->s->o;
   for (uint32_t k = 0; k < all->threads; k++) {

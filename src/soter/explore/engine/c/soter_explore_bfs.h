@@ -11,7 +11,7 @@
 
 #define THREADS SOTER_THREADS
 
-/* A layer at a beginning of the calendar: the sum of its worlds' numbers, times aside. */
+/* A layer at a beginning of the calendar: the sum of its configurations' numbers, times aside. */
 typedef struct {
   int64_t at_ns;
   uint64_t digest, count;
@@ -30,7 +30,7 @@ typedef struct {
   int64_t anchored;          /* when; 0: none is; */
   int64_t again_ns;          /* the same is expected */
   int64_t closed_ns;         /* all that comes after was there before; 0: that is not known */
-  uint64_t more;             /* worlds of this layer that an earlier piece of the search expanded */
+  uint64_t more; /* configurations of this layer that an earlier piece of the search expanded */
   soter_turn* turn;
   uint32_t turns, room;
 } soter_closing;
@@ -39,7 +39,7 @@ typedef struct {
 typedef struct {
   int64_t closed_ns, at_ns, anchored, again_ns;
   uint64_t at, compare, same; /* of the layer that is expanded, or is next where it was whole; */
-  uint64_t digest, count;     /* its worlds */
+  uint64_t digest, count;     /* its configurations */
   uint64_t whole, turns;
   uint64_t table; /* the layer that is kept follows */
 } soter_closing_kept;
@@ -53,12 +53,12 @@ typedef struct worker {
   soter_row here, next, out[THREADS];
   uint64_t count, moved;
   uint64_t owed;           /* successors for others that they have not taken in */
-  uint64_t first;          /* the world of the frontier that is expanded */
+  uint64_t first;          /* the configuration of the frontier that is expanded */
   uint64_t taken;          /* successors since the bounds were looked at */
   volatile uint64_t bytes; /* of all that is this worker's, */
   volatile uint64_t table; /* of which its table takes */
   volatile uint64_t rows;  /* and its frontier */
-  int64_t here_ns;         /* the least time of a world of the layer that is expanded, */
+  int64_t here_ns;         /* the least time of a configuration of the layer that is expanded, */
   int64_t next_ns;         /* and of the next; */
   int64_t waiting_ns;      /* of those that are still to be expanded or taken in */
   uint64_t* key;           /* of successors that are about to be put */
@@ -70,7 +70,7 @@ typedef struct worker {
   soter_store noted;  /* options.noted: what was seen of these bits */
   soter_store before; /* by tables: the layer that is expanded, */
   soter_cursor at;    /* as far as this, */
-  uint64_t layer;     /* so many worlds, */
+  uint64_t layer;     /* so many configurations, */
   uint32_t batch;     /* of which so many are expanded at once, 0: one by one; */
   uint64_t expanded;  /* of which so many are, and lost no successor, */
   uint64_t made;      /* with so many transitions; */
@@ -82,7 +82,8 @@ typedef struct worker {
       anchor; /* closing: what this worker has of a layer before; whether it has come again */
   uint64_t digest;
   bool same;
-  soter_row links; /* one thread: worlds as they came, each with the number of the one before */
+  soter_row
+      links; /* one thread: configurations as they came, each with the number of the one before */
 } worker;
 
 typedef struct layered {
@@ -109,7 +110,7 @@ typedef struct layered {
   soter_closing closing;
 } layered;
 
-/* Whose a world is: as the table knows it, so that what comes again has the same owner. */
+/* Whose a configuration is: as the table knows it, so that what comes again has the same owner. */
 SOTER_INLINE uint32_t soter_owner_of(const layered* all, const uint64_t* key) {
   if (all->threads == 1U) {
     return 0U;
@@ -122,7 +123,7 @@ SOTER_INLINE uint32_t soter_owner_of(const layered* all, const uint64_t* key) {
   return (uint32_t)(h >> 40) % all->threads;
 }
 
-/* How many worlds wait for the next layer. */
+/* How many configurations wait for the next layer. */
 SOTER_INLINE uint64_t soter_layers_waiting(const layered* all) {
   uint64_t waiting = 0U;
   for (uint32_t k = 0; k < all->threads; k++) {

@@ -225,7 +225,7 @@ static bool get_number(reader* r, uint64_t* number) {
   return at != NULL;
 }
 
-/* Who may have one more world: the row is its own. */
+/* Who may have one more configuration: the row is its own. */
 typedef soter_row* row_of(layered* all, uint32_t owner);
 
 static soter_row* here_of(layered* all, uint32_t owner) {
@@ -417,7 +417,7 @@ static bool get_numbers(reader* r, layered* all, bool* tables) {
   return true;
 }
 
-static bool get_worlds(reader* r, layered* all, bool tables) {
+static bool get_configurations(reader* r, layered* all, bool tables) {
   bool fine = true;
   for (uint32_t k = 0; fine && k < r->threads; k++) {
     fine = get_rows(r, all);
@@ -456,7 +456,7 @@ bool soter_layers_read(layered* all, const uint8_t* from, uint64_t bytes) {
   bool tables = false;
   uint64_t end = 0U;
   const bool fine =
-      get_numbers(&r, all, &tables) && get_coverage(&r, all) && get_worlds(&r, all, tables);
+      get_numbers(&r, all, &tables) && get_coverage(&r, all) && get_configurations(&r, all, tables);
   set_out(all);
   const bool read = fine && get_closing(&r, all);
   return read && get_number(&r, &end) && end == MARK && r.left == 0U;

@@ -1,8 +1,8 @@
 /* soter_explore_coverage.c: executions guided by what they cover.
  *
- * Purpose: an execution is a list of decisions. One that meets worlds or covers things that were
- * new is kept; the next one repeats a kept one up to a random place, changes a decision there and
- * goes on by chance, as coverage-guided fuzzers do.
+ * Purpose: an execution is a list of decisions. One that meets configurations or covers things that
+ * were new is kept; the next one repeats a kept one up to a random place, changes a decision there
+ * and goes on by chance, as coverage-guided fuzzers do.
  */
 #include "soter_explore_sampled_walk.h"
 
@@ -72,7 +72,7 @@ static void end(soter_walk* w, uint64_t run) {
   corpus* const c = w->own;
   (void)run;
   const bool more = covered(w->s) > c->covered;
-  const bool many = (w->states - c->states) * 2U > w->steps; /* most worlds were new */
+  const bool many = (w->states - c->states) * 2U > w->steps; /* most configurations were new */
   if ((!more && !many) || c->made == 0U) {
     return;
   }

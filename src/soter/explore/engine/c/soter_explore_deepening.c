@@ -1,8 +1,8 @@
 /* soter_explore_deepening.c: iterative deepening.
  *
  * Purpose: shortest counterexamples with the memory of depth-first search: a search up to 1, 2, 3,
- * ... steps, each from an empty table. How many steps a world takes to reach does not depend on the
- * way (every step counts a release), but for overruns, which lose several at a time.
+ * ... steps, each from an empty table. How many steps a configuration takes to reach does not
+ * depend on the way (every step counts a release), but for overruns, which lose several at a time.
  */
 #include "soter_explore_dfs.h"
 
@@ -11,7 +11,7 @@ static bool is_last(const soter_stack* t) {
   return !t->cut || t->status != SOTER_EXHAUSTED || (t->broke && !t->s->o->go_on);
 }
 
-static void keep_worlds(const soter_search* s, soter_stack* t) {
+static void keep_configurations(const soter_search* s, soter_stack* t) {
   if (s->o->keep && s->o->storage == SOTER_EXACT) {
     s->result->kept = soter_keep(NULL, &t->store);
   }
@@ -21,7 +21,8 @@ void soter_search_deepening(soter_search* s) {
   for (uint32_t bound = 1U;; bound++) {
     soter_stack t;
     const bool opened = soter_stack_open(&t, s);
-    SOTER_CHECK(bound > 0U); /* no world is that deep: a round that cuts nothing comes before */
+    SOTER_CHECK(bound >
+                0U); /* no configuration is that deep: a round that cuts nothing comes before */
     if (opened) {
       s->result->states = 0U; /* of the last round; transitions of all */
       soter_stack_run(&t, bound);
@@ -31,7 +32,7 @@ void soter_search_deepening(soter_search* s) {
     }
     const bool last = !opened || is_last(&t);
     if (last && opened) {
-      keep_worlds(s, &t);
+      keep_configurations(s, &t);
     }
     soter_stack_close(&t);
     if (last) {

@@ -1,8 +1,8 @@
 /* soter_explore_dfs.c: depth first.
  *
- * Purpose: all worlds with little more memory than the table: the stack holds the way and what is
- * still to be tried beside it. Also, with a bound on the depth, one round of iterative deepening.
- * Non-goals: shortest traces (breadth first, or deepening).
+ * Purpose: all configurations with little more memory than the table: the stack holds the way and
+ * what is still to be tried beside it. Also, with a bound on the depth, one round of iterative
+ * deepening. Non-goals: shortest traces (breadth first, or deepening).
  */
 #include "soter_explore_dfs.h"
 
@@ -52,7 +52,7 @@ static bool out_of_bounds(soter_stack* t) {
   return t->status != SOTER_EXHAUSTED;
 }
 
-/* Takes a world in: what has to be expanded lies on top of the stack then. */
+/* Takes a configuration in: what has to be expanded lies on top of the stack then. */
 static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
   uint64_t again = 0U;
   soter_copy_words(t->stored, packed, t->words);
@@ -139,7 +139,8 @@ static bool go_on(soter_stack* t) {
   return !now || look(t);
 }
 
-/* The successors of a world lie on the stack then, the first one on top; false: no more are wanted.
+/* The successors of a configuration lie on the stack then, the first one on top; false: no more are
+ * wanted.
  */
 static bool take_away(void* to) {
   soter_stack* const t = to;
@@ -152,7 +153,7 @@ static bool take_away(void* to) {
   return !found(t) && !t->full && (t->taken < LOOK || look(t));
 }
 
-/* Expands the world on top of the stack, which is on the way now. */
+/* Expands the configuration on top of the stack, which is on the way now. */
 static void expand_top(soter_stack* t, uint64_t* top) {
   const uint64_t sleep = top[t->words];
   const uint64_t only = top[t->words + 1U];
@@ -168,8 +169,8 @@ static void expand_top(soter_stack* t, uint64_t* top) {
   (void)take_away(t);
 }
 
-/* Whether successors of the world just expanded may be missing: the search ends there, as no later
- * one may hide it. */
+/* Whether successors of the configuration just expanded may be missing: the search ends there, as
+ * no later one may hide it. */
 static bool is_cut(soter_stack* t) {
   if (t->status == SOTER_EXHAUSTED && (t->full || t->expander.no_memory)) {
     t->status = SOTER_MEMORY;

@@ -18,7 +18,7 @@ typedef struct {
   int64_t beyond; /* the least time of what lies deeper than the bound */
   bool cut;       /* something lies deeper than the bound */
   soter_broken broken;
-  uint64_t last[SOTER_WORDS];   /* the world that violates */
+  uint64_t last[SOTER_WORDS];   /* the configuration that violates */
   uint64_t stored[SOTER_WORDS]; /* what stands for the one that is taken in */
   uint64_t here[SOTER_WORDS];   /* the one that is expanded */
   soter_explore_status status;
@@ -26,7 +26,7 @@ typedef struct {
 
 bool soter_stack_open(soter_stack* t, soter_search* s);
 void soter_stack_close(soter_stack* t);
-/* Searches worlds of at most `bound` steps. */
+/* Searches configurations of at most `bound` steps. */
 void soter_stack_run(soter_stack* t, uint32_t bound);
 void soter_stack_sum_up(soter_stack* t, soter_explore_result* r);
 

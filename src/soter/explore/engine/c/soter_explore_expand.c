@@ -1,6 +1,6 @@
-/* soter_explore_expand.c: the worlds that come after a world.
+/* soter_explore_expand.c: the configurations that come after a configuration.
  *
- * Purpose: all moves that the reduction asks for, made one by one on unpacked worlds.
+ * Purpose: all moves that the reduction asks for, made one by one on unpacked configurations.
  * Non-goals: remembering steps (soter_explore_transition_cache.c), order of the search
  * (strategies).
  */
@@ -8,7 +8,8 @@
 
 #define LONG 4096U /* answers of a step: a violation need not wait for the rest */
 
-/* One world may have very many successors: the answers of a step, the values of an input. */
+/* One configuration may have very many successors: the answers of a step, the values of an input.
+ */
 static void spill(soter_expander* e) {
   if (e->successors.count >= e->most && e->spill != NULL) {
     e->enough = e->enough || !e->spill(e->to);

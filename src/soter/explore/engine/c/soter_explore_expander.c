@@ -1,4 +1,4 @@
-/* soter_explore_expander.c: what expands worlds, opened and closed.
+/* soter_explore_expander.c: what expands configurations, opened and closed.
  *
  * Purpose: which reductions are sound, and what may be remembered.
  * Non-goals: expanding (soter_explore_expand.c, soter_explore_instant.c).
@@ -7,7 +7,7 @@
 
 #define MOST_BYTES (UINT32_C(1) << 23) /* of successors, before they are taken away, */
 #define FEWEST 64U                     /* but so many */
-#define LITTLE 4096U                   /* bytes remembered for a successor of many worlds at once */
+#define LITTLE 4096U /* bytes remembered for a successor of many configurations at once */
 
 /* The reductions that are sound for a model, of those asked for. */
 static uint32_t reductions(const soter_model* m, const soter_explore_options* o) {
@@ -19,7 +19,8 @@ static uint32_t reductions(const soter_model* m, const soter_explore_options* o)
     sound &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
   }
   if (o->families > 0U && !soter_by_instants(m, o)) {
-    sound &= ~SOTER_REDUCE_SLEEP; /* who sleeps in a world does not in the one that is stored */
+    sound &=
+        ~SOTER_REDUCE_SLEEP; /* who sleeps in a configuration does not in the one that is stored */
   }
   for (uint32_t i = 0; i < m->timeds; i++) {
     if (m->timely && m->timed[i].kind != SOTER_INVARIANT) {

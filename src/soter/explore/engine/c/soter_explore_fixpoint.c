@@ -2,11 +2,11 @@
  * ever").
  *
  * Purpose: where only ends of instants are stored, every so often the calendar begins anew: after
- * the least common multiple of all periods. If the layer then has the same worlds as at an earlier
- * beginning, times aside, so have all that follow, whatever the horizon. Every layer of a beginning
- * has a number; where one comes again its table is kept, and compared with the one that comes as
- * much later, entry by entry.
- * Non-goals: programs that read the time, and what no number of instants repeats.
+ * the least common multiple of all periods. If the layer then has the same configurations as at an
+ * earlier beginning, times aside, so have all that follow, whatever the horizon. Every layer of a
+ * beginning has a number; where one comes again its table is kept, and compared with the one that
+ * comes as much later, entry by entry. Non-goals: programs that read the time, and what no number
+ * of instants repeats.
  */
 #include "soter_explore_bfs.h"
 

@@ -198,8 +198,8 @@ static void write(guided* d, uint32_t made, const soter_move* move, uint32_t num
   }
   soter_write_step(x, move, &g->made[made]);
   g->unusual[made] = unusual;
-  if (g->worlds != NULL) {
-    (void)memcpy((uint8_t*)g->worlds + (size_t)made * x->size, x->there, x->size);
+  if (g->configurations != NULL) {
+    (void)memcpy((uint8_t*)g->configurations + (size_t)made * x->size, x->there, x->size);
   }
 }
 

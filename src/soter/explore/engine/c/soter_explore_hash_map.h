@@ -7,7 +7,7 @@
 
 #include "soter_explore_internal.h"
 
-/* What is done for every world is compiled for few words apart. */
+/* What is done for every configuration is compiled for few words apart. */
 #if defined(__GNUC__)
 #define SPECIAL __attribute__((always_inline)) static inline
 #else

@@ -21,7 +21,7 @@ typedef struct {
   uint64_t actors, firsts; /* of these it is the first step: a plant's reads more than its bits */
   uint64_t* reads;         /* [words] */
   uint64_t* writes;        /* [words] */
-  table known;             /* masked world: outcome, from 1 */
+  table known;             /* masked configuration: outcome, from 1 */
   uint64_t asked, ran;     /* how often that was looked up, and how often in vain */
 } group;
 
@@ -342,7 +342,7 @@ static bool no_more(void* to) {
   return false;
 }
 
-/* One step further: the successors of all worlds in `here` by this group go to `next`. */
+/* One step further: the successors of all configurations in `here` by this group go to `next`. */
 static bool run_step(soter_expander* e, uint64_t actors, outcome* found) {
   struct soter_groups* const q = e->groups;
   const uint32_t first = e->successors.count;
@@ -367,7 +367,7 @@ static bool run_step(soter_expander* e, uint64_t actors, outcome* found) {
   return !e->no_memory;
 }
 
-/* Keeps what is written in the worlds of `here`. */
+/* Keeps what is written in the configurations of `here`. */
 static bool keep_values(struct soter_groups* q, const group* g, outcome* found) {
   const uint32_t words = q->words;
   table_clear(&q->scratch, words);

@@ -14,7 +14,7 @@
 #define LARGE (UINT64_C(1) << 17) /* entries: then it is forgotten before the next instant, */
 #define SHARE 8U                  /* or when it takes this part of the memory that it may take */
 
-/* A slot: a packed world, what sleeps in it, and in which round it was put. */
+/* A slot: a packed configuration, what sleeps in it, and in which round it was put. */
 struct soter_instant {
   uint32_t words, width;
   uint64_t* slot;
@@ -22,7 +22,7 @@ struct soter_instant {
   uint64_t large;  /* so many are forgotten before the next instant */
   uint64_t memory; /* most bytes that it may take */
   soter_row row;   /* what is still to be run through */
-  uint32_t first;  /* the first successor of the world that is run through */
+  uint32_t first;  /* the first successor of the configuration that is run through */
   bool broke;      /* what was found in the middle */
   soter_broken broken;
   bool (*spill)(void* to); /* takes ends away where they are very many */
@@ -69,7 +69,7 @@ void soter_instant_allow(struct soter_instant* t, uint64_t more) {
   }
 }
 
-/* Where a world stands, or would. */
+/* Where a configuration stands, or would. */
 static uint64_t* slot_of(const struct soter_instant* t, const uint64_t* packed) {
   SOTER_CHECK(t->used < t->slots && (t->slots & (t->slots - 1U)) == 0U);
   uint64_t i = soter_hash(packed, NULL, t->words) & (t->slots - 1U);

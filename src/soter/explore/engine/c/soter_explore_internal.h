@@ -1,18 +1,17 @@
 /* soter_explore_internal.h: what the files of the explorer share (not for drivers).
  *
- * soter_explore_step.c  which moves a world has, what a move does, what is violated then
+ * soter_explore_step.c  which moves a configuration has, what a move does, what is violated then
  * soter_explore_ample_sets.c sleep sets and ample sets
- * soter_explore_store.c the table of packed worlds; soter_explore_memory.c its memory
- * soter_explore_expand.c the worlds that come after a world; _memo what is remembered of that
- * soter_explore_expander.c what does so, opened and closed; soter_explore_rows.c rows of worlds
- * soter_explore_instant.c only ends of instants; _calendar whether that is all; _way the steps
- *                       between two of them
- * soter_explore_independent_groups.c and what groups of actors do in one, remembered
- * soter_explore_symmetry.c  one world for all that differ by the places of equal instances
- * soter_explore_composed.c properties of parts that share nothing else
- * soter_explore_checkpoint.c breadth-first search on a disk, and back
- * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _falsify, _replay;
- * _least minimises, _guided runs what shrinking tries
+ * soter_explore_store.c the table of packed configurations; soter_explore_memory.c its memory
+ * soter_explore_expand.c the configurations that come after a configuration; _memo what is
+ * remembered of that soter_explore_expander.c what does so, opened and closed; soter_explore_rows.c
+ * rows of configurations soter_explore_instant.c only ends of instants; _calendar whether that is
+ * all; _way the steps between two of them soter_explore_independent_groups.c and what groups of
+ * actors do in one, remembered soter_explore_symmetry.c  one configuration for all that differ by
+ * the places of equal instances soter_explore_composed.c properties of parts that share nothing
+ * else soter_explore_checkpoint.c breadth-first search on a disk, and back one file per strategy:
+ * _bfs, _dfs, _deepening, _random, _pct, _coverage, _falsify, _replay; _least minimises, _guided
+ * runs what shrinking tries
  */
 #ifndef SOTER_EXPLORE_IN_H
 #define SOTER_EXPLORE_IN_H
@@ -54,9 +53,9 @@ typedef struct {
   const soter_model* m;
   const soter_program* p;
   size_t size;
-  uint8_t* started; /* a world that was started: what packing leaves out */
-  uint8_t* here;    /* the world whose moves are made */
-  uint8_t* there;   /* the world after a move */
+  uint8_t* started; /* a configuration that was started: what packing leaves out */
+  uint8_t* here;    /* the configuration whose moves are made */
+  uint8_t* there;   /* the configuration after a move */
   soter_choice choice[SOTER_CHOICES];
   uint32_t taken;
   uint32_t given;
@@ -84,15 +83,16 @@ bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_
                       soter_explore_progress* progress, soter_explore_coverage* coverage);
 void soter_place_close(soter_place* x);
 
-/* Those who are not looked at have always done what they must: their part of a world never changes.
+/* Those who are not looked at have always done what they must: their part of a configuration never
+ * changes.
  */
-void soter_keep_others(const soter_place* x, void* world);
+void soter_keep_others(const soter_place* x, void* configuration);
 
 SOTER_INLINE bool soter_is_part(const soter_place* x, uint32_t actor) {
   return (x->actors >> actor & 1U) != 0U;
 }
 
-/* Looks at the world in `here`: windows and limit. */
+/* Looks at the configuration in `here`: windows and limit. */
 void soter_look(soter_place* x);
 
 /* Whether an actor may move in `here`. */
@@ -110,7 +110,8 @@ SOTER_INLINE uint64_t soter_in_order(const soter_model* m, uint64_t set) {
 bool soter_move_of(const soter_place* x, uint32_t actor, uint32_t number, soter_move* move);
 
 /* Makes a move from `here` into `there` with the picks in x->choice[0..given); `false` and *broken
- * where a contract is violated or a trusted component faults: then there is no world after it. */
+ * where a contract is violated or a trusted component faults: then there is no configuration after
+ * it. */
 bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken);
 
 /* Whether somebody wants the search to end. */
@@ -165,21 +166,23 @@ SOTER_INLINE bool soter_is_known(const soter_place* x, const soter_broken* broke
   return false;
 }
 
-/* Whether time may pass in the world in `there`. */
+/* Whether time may pass in the configuration in `there`. */
 bool soter_is_observable(soter_place* x);
 
 /* Whether nobody has a step left in `there`. */
 bool soter_at_the_end(soter_place* x);
 
-/* Whether the world in `there` violates a property, and which: one that is not known, if any. */
+/* Whether the configuration in `there` violates a property, and which: one that is not known, if
+ * any. */
 bool soter_violates(soter_place* x, soter_broken* broken);
 void soter_cover(soter_place* x, uint32_t actor);
 
-/* What is owed changes where it can be seen: in the world in `there`, which a move has made. */
+/* What is owed changes where it can be seen: in the configuration in `there`, which a move has
+ * made. */
 void soter_keep_obligations(soter_place* x);
 
-/* Makes the first worlds, one for every sequence of initial choices: `there` after each call; begin
- * with given = 0 and go on while soter_next_picks. */
+/* Makes the first configurations, one for every sequence of initial choices: `there` after each
+ * call; begin with given = 0 and go on while soter_next_picks. */
 void soter_be_born(soter_place* x);
 
 /* ------------------------------------------------------------------ reduction */
@@ -206,16 +209,16 @@ typedef struct {
   soter_segment* segment;
   uint64_t room, count; /* in entries */
   uint32_t bytes;       /* of one entry */
-  uint32_t key;         /* of them: the packed world; behind it the sleep set */
+  uint32_t key;         /* of them: the packed configuration; behind it the sleep set */
   uint32_t sleep;
   uint32_t words;  /* of the key */
-  uint32_t packed; /* words of a packed world */
+  uint32_t packed; /* words of a packed configuration */
   uint32_t first;  /* bits of the first word */
   uint64_t all;    /* these bits */
   uint64_t mask;   /* of a load of eight bytes: those of the key */
   uint64_t memory; /* most bytes that it may take */
   bool fingerprint;
-  bool layer;      /* it has worlds of one layer of a search only, */
+  bool layer;      /* it has configurations of one layer of a search only, */
   uint32_t common; /* which have so many bits in common, behind the lowest one: no entry has them */
   uint64_t low;    /* these bits and the lowest one, */
   uint64_t prefix; /* and what they are, where there is an entry */
@@ -232,7 +235,7 @@ typedef struct {
   uint64_t entry;
 } soter_cursor;
 
-/* `common`: bits behind the lowest one that all worlds share that are in it at one time. */
+/* `common`: bits behind the lowest one that all configurations share that are in it at one time. */
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
                       uint32_t common, uint64_t memory);
 void soter_store_close(soter_store* s);
@@ -240,9 +243,10 @@ SOTER_INLINE uint64_t soter_store_bytes(const soter_store* s) {
   return s->room * s->bytes;
 }
 
-/* Puts a packed world in. Returns 1 if it is new, 0 if it was there, -1 if there is no memory left.
- * With sleep sets *sleep is the set on arrival; after: of a new world the same; of an old one the
- * moves that have to be made again are in *again, and the stored set is the intersection. */
+/* Puts a packed configuration in. Returns 1 if it is new, 0 if it was there, -1 if there is no
+ * memory left. With sleep sets *sleep is the set on arrival; after: of a new configuration the
+ * same; of an old one the moves that have to be made again are in *again, and the stored set is the
+ * intersection. */
 int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uint64_t* again);
 bool soter_store_has(const soter_store* s, const uint64_t* packed);
 /* Keeps a table beyond its search, with others (soter_explore_kept). */
@@ -251,26 +255,27 @@ void* soter_keep(void* others, soter_store* s);
 void* soter_keep_all(void* others, void* more);
 /* All that is in tables that are kept. */
 void soter_kept_each(const void* kept, void (*each)(void* to, const uint64_t* packed), void* to);
-/* What stands in the table for a packed world; with it, putting, and a hint that it will be put
- * soon. */
+/* What stands in the table for a packed configuration; with it, putting, and a hint that it will be
+ * put soon. */
 void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key);
 int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
                         uint64_t* sleep, uint64_t* again);
-/* Both for `count` packed worlds, one after the other, as their keys are then. */
+/* Both for `count` packed configurations, one after the other, as their keys are then. */
 void soter_store_announce(const soter_store* s, const uint64_t* packed, uint32_t count,
                           uint64_t* key);
-/* Whether worlds are put many at a time: they are a word each, and an entry is nothing else. */
+/* Whether configurations are put many at a time: they are a word each, and an entry is nothing
+ * else. */
 SOTER_INLINE bool soter_store_is_short(const soter_store* s) {
   return s->packed == 1U && s->sleep == 0U && !s->fingerprint;
 }
 /* Then: those that are new are in `fresh`, in the order in which they came; returns how many they
- * are. *count: how many worlds there are; after: how many were put, less where there is no memory
- * left. */
+ * are. *count: how many configurations there are; after: how many were put, less where there is no
+ * memory left. */
 uint32_t soter_store_put_short(soter_store* s, const uint64_t* packed, uint32_t* count,
                                uint64_t* fresh);
 /* The next entry from *at on, which is moved behind it; false: there is none. */
 bool soter_store_next(const soter_store* s, soter_cursor* at, uint64_t* packed, uint64_t* sleep);
-/* The next `count` entries where worlds are put many at a time: there are as many. */
+/* The next `count` entries where configurations are put many at a time: there are as many. */
 void soter_store_next_short(const soter_store* s, soter_cursor* at, uint32_t count,
                             uint64_t* packed);
 /* After a layer of a search: what has had no new entry for a while takes no more room than it
@@ -293,12 +298,12 @@ void soter_store_read(const soter_store* s, const uint8_t* entry, soter_entry* e
 bool soter_store_put_entry(soter_store* s, uint32_t segment, soter_entry* e);
 /* Forgets all entries; the room for as many is kept. False: there is no memory. */
 bool soter_store_empty(soter_store* s);
-/* All stored worlds, in no order; returns how many there are. */
+/* All stored configurations, in no order; returns how many there are. */
 uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
                           void* to);
 
-/* The sum of a number for every entry, and whether two tables have the same ones: of worlds as they
- * are but for what they have in common. */
+/* The sum of a number for every entry, and whether two tables have the same ones: of configurations
+ * as they are but for what they have in common. */
 uint64_t soter_store_digest(const soter_store* s);
 bool soter_store_same(const soter_store* s, const soter_store* other);
 
@@ -332,7 +337,7 @@ SOTER_INLINE int64_t soter_later(int64_t a, int64_t b) {
   return a > b ? a : b;
 }
 
-/* 64 bits of a packed world; never 0. */
+/* 64 bits of a packed configuration; never 0. */
 SOTER_INLINE uint64_t soter_fingerprint(const uint64_t* packed, uint32_t words) {
   uint64_t a = UINT64_C(0x243f6a8885a308d3);
   for (uint32_t i = 0; i < words; i++) {
@@ -344,7 +349,7 @@ SOTER_INLINE uint64_t soter_fingerprint(const uint64_t* packed, uint32_t words) 
 
 /* ------------------------------------------------------------------ successors */
 
-/* What one expansion found: packed worlds one after the other, and what then sleeps. */
+/* What one expansion found: packed configurations one after the other, and what then sleeps. */
 typedef struct {
   uint64_t* packed;
   uint64_t* sleep;
@@ -359,44 +364,46 @@ struct soter_groups;
  * Whoever has just moved never sleeps. */
 #define SOTER_AT_END UINT64_MAX
 
-/* Expands packed worlds. Where no step lasts, one is run once for every value of the packed bits
- * that it may read, and remembered (soter_explore_transition_cache.c); otherwise worlds are
- * unpacked. */
+/* Expands packed configurations. Where no step lasts, one is run once for every value of the packed
+ * bits that it may read, and remembered (soter_explore_transition_cache.c); otherwise
+ * configurations are unpacked. */
 typedef struct {
   soter_place place;
   soter_successors successors;
   uint32_t reduce;
   uint32_t words;
   struct soter_memo* memo;       /* NULL: nothing is remembered */
-  struct soter_instant* instant; /* NULL: all worlds are given to the search */
+  struct soter_instant* instant; /* NULL: all configurations are given to the search */
   struct soter_groups* groups;   /* NULL: not by groups */
   uint64_t transitions;
-  uint32_t begin; /* the first successor of the world last expanded */
-  bool broke;     /* a move of the world last expanded violates `broken`: no world comes after it */
+  uint32_t begin; /* the first successor of the configuration last expanded */
+  bool broke; /* a move of the configuration last expanded violates `broken`: no configuration comes
+                 after it */
   soter_broken broken;
   uint64_t memory; /* bytes that what is remembered may take */
   bool no_memory;
   bool go_on; /* also behind a violation */
-  /* Takes the successors away where one world has very many (and forgets them); false: no more are
-   * wanted. */
+  /* Takes the successors away where one configuration has very many (and forgets them); false: no
+   * more are wanted. */
   bool (*spill)(void* to);
   void* to;
   uint32_t most;             /* successors, before that */
-  uint64_t batch_successors; /* of many worlds that are expanded at once, at most */
-  bool enough;               /* no more successors of this world */
+  uint64_t batch_successors; /* of many configurations that are expanded at once, at most */
+  bool enough;               /* no more successors of this configuration */
 } soter_expander;
 
 void soter_expander_close(soter_expander* e);
 
-/* All moves of a world that the reduction asks for: `only` says which actors (a mask), `sleep`
- * which of them sleep. The successors of the last call are overwritten. */
+/* All moves of a configuration that the reduction asks for: `only` says which actors (a mask),
+ * `sleep` which of them sleep. The successors of the last call are overwritten. */
 void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
 
 /* The same, or, where only ends of instants are stored, the ends that come next: no successor
  * sleeps. What breaks something in the middle is `broken`. */
 void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
 
-/* Puts the equal instances of a packed world into order: the world that is stored for it. */
+/* Puts the equal instances of a packed configuration into order: the configuration that is stored
+ * for it. */
 void soter_fold(const soter_explore_options* o, uint64_t* packed);
 
 /* Whether a search stores only ends of instants: it was asked to, and all windows are points. */
@@ -445,17 +452,17 @@ SOTER_INLINE void soter_forget(soter_expander* e) {
   e->successors.count = 0U;
 }
 
-/* Whether a packed world violates a property. */
+/* Whether a packed configuration violates a property. */
 bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
 
-/* The worlds at the start, as successors. */
+/* The configurations at the start, as successors. */
 void soter_expand_birth(soter_expander* e);
 
 /* Makes room for more successors; false: there is no memory. */
 bool soter_more_successors(soter_expander* e);
 
 #ifndef SOTER_BATCH      /* tests stop anywhere */
-#define SOTER_BATCH 512U /* worlds that are expanded at once, at most; */
+#define SOTER_BATCH 512U /* configurations that are expanded at once, at most; */
 #endif
 #define SOTER_BATCH_SUCCESSORS 4096U /* with so many successors */
 
@@ -466,10 +473,11 @@ uint64_t soter_memo_bytes(const struct soter_memo* memo);
 /* Bytes of the successors, and of what is remembered. */
 uint64_t soter_expander_bytes(const soter_expander* e);
 bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
-/* The same for a batch of worlds of a word, all moves, where nothing sleeps and all worlds are
- * given to the search; false: they have to be expanded one by one, and nothing was done. */
+/* The same for a batch of configurations of a word, all moves, where nothing sleeps and all
+ * configurations are given to the search; false: they have to be expanded one by one, and nothing
+ * was done. */
 bool soter_memo_expand_batch(soter_expander* e, const uint64_t* packed, uint32_t count);
-/* How many worlds of a word, from the first one on, are known to violate nothing. */
+/* How many configurations of a word, from the first one on, are known to violate nothing. */
 uint32_t soter_memo_fine(const soter_expander* e, const uint64_t* packed, uint32_t count);
 bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
 
@@ -479,8 +487,8 @@ SOTER_INLINE uint64_t soter_still_asleep(const soter_model* m, uint32_t actor, u
   return (sleep | before) & ~m->actor[actor].dependent;
 }
 
-/* Packed worlds that wait, in a row: each with what sleeps in it and which moves are still to be
- * made
+/* Packed configurations that wait, in a row: each with what sleeps in it and which moves are still
+ * to be made
  * (`width` words + 2), or with one number (words + 1). */
 typedef struct {
   uint64_t* item;
@@ -536,8 +544,8 @@ soter_strategy_fn soter_search_bfs, soter_search_dfs, soter_search_deepening, so
 /* Writes one step of a trace from the last move made at `x`. */
 void soter_write_step(const soter_place* x, const soter_move* move, soter_trace_step* to);
 
-/* Finds the move (with its picks) that leads from `from` to `to` (packed worlds; `from` NULL:
- * birth), or, where `to` is NULL, to a violation of `broken`, and writes it down. */
+/* Finds the move (with its picks) that leads from `from` to `to` (packed configurations; `from`
+ * NULL: birth), or, where `to` is NULL, to a violation of `broken`, and writes it down. */
 bool soter_find_move(soter_place* x, const uint64_t* from, const uint64_t* to,
                      const soter_broken* broken, soter_trace_step* step);
 

@@ -1,7 +1,7 @@
 /* soter_explore_pack.h: what generated `pack` and `unpack` functions are written with.
  *
- * A packed world is a row of bits in words, lowest bit first; times are relative to now and in
- * ticks, so that equal futures have equal bits.
+ * A packed configuration is a row of bits in words, lowest bit first; times are relative to now and
+ * in ticks, so that equal futures have equal bits.
  */
 #ifndef SOTER_EXPLORE_PACK_H
 #define SOTER_EXPLORE_PACK_H

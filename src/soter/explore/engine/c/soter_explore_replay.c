@@ -39,7 +39,8 @@ static bool in_range(const soter_place* x, const soter_trace_step* step) {
 /* ------------------------------------------------------------------ replaying */
 
 uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_trace_step* trace,
-                              uint32_t length, void* worlds, bool* violates, soter_broken* broken) {
+                              uint32_t length, void* configurations, bool* violates,
+                              soter_broken* broken) {
   soter_place x;
   soter_explore_options o;
   uint32_t done = 0U;
@@ -70,8 +71,8 @@ uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_t
       break;
     }
     *violates = !fine || soter_violates(&x, broken);
-    if (worlds != NULL) {
-      (void)memcpy((uint8_t*)worlds + (size_t)done * x.size, x.there, x.size);
+    if (configurations != NULL) {
+      (void)memcpy((uint8_t*)configurations + (size_t)done * x.size, x.there, x.size);
     }
     (void)memcpy(x.here, x.there, x.size);
     done++;

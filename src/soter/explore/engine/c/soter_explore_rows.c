@@ -1,6 +1,6 @@
-/* soter_explore_rows.c: rows of packed worlds, and the room of successors.
+/* soter_explore_rows.c: rows of packed configurations, and the room of successors.
  *
- * Purpose: what grows while worlds are expanded.
+ * Purpose: what grows while configurations are expanded.
  * Non-goals: memory itself (soter_explore_memory.c), who waits in a row (strategies).
  */
 #include "soter_explore_internal.h"

@@ -1,13 +1,12 @@
 /* soter_explore_sampled_walk.c: executions one by one.
  *
  * Purpose: what random search, PCT, coverage-guided search and falsification have in
- * common: from the start to the horizon, every decision asked of the strategy; worlds met are
- * counted by fingerprint.
- * Non-goals: completeness; a walk never proves anything.
+ * common: from the start to the horizon, every decision asked of the strategy; configurations met
+ * are counted by fingerprint. Non-goals: completeness; a walk never proves anything.
  */
 #include "soter_explore_sampled_walk.h"
 
-#define SHARE 2U /* of the memory: for counting worlds */
+#define SHARE 2U /* of the memory: for counting configurations */
 
 bool soter_walk_open(soter_walk* w, soter_search* s) {
   (void)memset(w, 0, sizeof *w);

@@ -9,7 +9,7 @@
 typedef struct soter_walk {
   soter_search* s;
   soter_place x;
-  soter_store seen; /* fingerprints of the worlds met: how many there were */
+  soter_store seen; /* fingerprints of the configurations met: how many there were */
   bool counting;    /* there was room for all of them */
   uint32_t steps;   /* of the walk so far */
   uint32_t longest;
@@ -20,7 +20,7 @@ typedef struct soter_walk {
   uint32_t (*decide)(struct soter_walk* w, uint32_t kind, uint32_t count);
   /* Which actor of a set moves next; NULL: decide. */
   uint32_t (*who)(struct soter_walk* w, uint64_t enabled);
-  /* Told of every world, in x.there, with the one before in x.here; NULL: nobody asks. */
+  /* Told of every configuration, in x.there, with the one before in x.here; NULL: nobody asks. */
   void (*observe)(struct soter_walk* w);
 } soter_walk;
 

@@ -1,10 +1,10 @@
 /* soter_explore_shortest_trace.c: the least trace to a violation.
  *
  * Purpose: fewest steps, then fewest changes of actor, then fewest choices that are not the default
- * one, by an exhaustive search without reduction. Layer by layer over pairs (world, who moved
- * last): a shortest way enters each of its worlds as early as possible, so within a layer only the
- * least cost of every pair matters.
- * Non-goals: speed; it goes no deeper than the first violation.
+ * one, by an exhaustive search without reduction. Layer by layer over pairs (configuration, who
+ * moved last): a shortest way enters each of its configurations as early as possible, so within a
+ * layer only the least cost of every pair matters. Non-goals: speed; it goes no deeper than the
+ * first violation.
  */
 #include "soter_explore_internal.h"
 
@@ -18,7 +18,7 @@ typedef struct {
 typedef struct {
   soter_search* s;
   soter_place x;
-  soter_store seen; /* worlds of earlier layers */
+  soter_store seen; /* configurations of earlier layers */
   uint64_t* packed; /* [count * words] */
   way* ways;
   uint32_t count, room, words;
@@ -137,7 +137,7 @@ static void arrive(ways* l, const way* w, bool by_a_move) {
   l->broke = true;
 }
 
-/* A world that violates something else ends there as well: it is not continued. */
+/* A configuration that violates something else ends there as well: it is not continued. */
 static void judge(ways* l, bool fine, const soter_broken* found, const way* w) {
   uint64_t packed[SOTER_WORDS];
   if (!fine) {
@@ -254,7 +254,7 @@ static soter_explore_status search(ways* l) {
 
 /* ------------------------------------------------------------------ writing it down */
 
-/* Whether a move from `here` ends in a world, or (`to` NONE) in the violation. */
+/* Whether a move from `here` ends in a configuration, or (`to` NONE) in the violation. */
 static bool makes(ways* l, const soter_move* move, uint32_t to) {
   soter_place* const x = &l->x;
   soter_broken found;
@@ -271,7 +271,7 @@ static bool makes(ways* l, const soter_move* move, uint32_t to) {
   return memcmp(packed, l->packed + (size_t)to * l->words, l->words * sizeof *packed) == 0;
 }
 
-/* The least unusual move of an actor from a world to another, or to the violation. */
+/* The least unusual move of an actor from a configuration to another, or to the violation. */
 static bool write_one(ways* l, uint32_t from, uint32_t to, uint32_t actor, soter_trace_step* step) {
   soter_place* const x = &l->x;
   uint32_t least = NONE;

@@ -1,4 +1,4 @@
-/* soter_explore_step.c: the moves of a world (docs/testing.md, "Actors, steps, windows").
+/* soter_explore_step.c: the moves of a configuration (docs/testing.md, "Actors, steps, windows").
  *
  * Purpose: windows, order, times, faults; one move; what is observed after it.
  * Non-goals: which moves are made (strategies), which are left out (soter_explore_ample_sets.c).
@@ -14,7 +14,7 @@ bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_
   x->m = m;
   x->progress = progress;
   x->p = m->program;
-  x->size = m->world_size;
+  x->size = m->configuration_size;
   const bool whole = o == NULL || o->actors == 0U;
   x->turn = SOTER_NOTHING;
   x->seed = o == NULL ? 0U : o->seed;
@@ -45,9 +45,9 @@ void soter_place_close(soter_place* x) {
   x->started = NULL;
 }
 
-static soter_held* held_of(const soter_actor* a, void* world) {
+static soter_held* held_of(const soter_actor* a, void* configuration) {
   SOTER_CHECK(a->overrun_ns > 0);
-  return (soter_held*)((char*)world + a->held);
+  return (soter_held*)((char*)configuration + a->held);
 }
 
 static void answer(soter_place* x) {
@@ -92,20 +92,20 @@ static bool is_in(uint64_t set, uint32_t i) {
   return i >= 64U || (set >> i & 1U) != 0U;
 }
 
-void soter_keep_others(const soter_place* x, void* world) {
+void soter_keep_others(const soter_place* x, void* configuration) {
   const soter_model* const m = x->m;
-  const int64_t now = soter_schedule_of(x->p, world)->now;
+  const int64_t now = soter_schedule_of(x->p, configuration)->now;
   for (uint32_t i = 0; x->actors != UINT64_MAX && i < m->actors; i++) {
     const soter_actor* const a = &m->actor[i];
     if (soter_is_part(x, i)) {
       continue;
     }
-    soter_done_of(m, world)[i] =
+    soter_done_of(m, configuration)[i] =
         (uint32_t)soter_must(now, a->window_ns, a->phase_ns, a->period_ns, m->horizon_ns);
   }
 }
 
-static soter_window window_of(const soter_place* x, uint32_t actor, void* world) {
+static soter_window window_of(const soter_place* x, uint32_t actor, void* configuration) {
   const soter_model* const m = x->m;
   const soter_actor* const a = &m->actor[actor];
   SOTER_CHECK(actor < m->actors);
@@ -114,13 +114,14 @@ static soter_window window_of(const soter_place* x, uint32_t actor, void* world)
     return none;
   }
   if (a->overrun_ns > 0) {
-    const int64_t since = held_of(a, world)->since;
+    const int64_t since = held_of(a, configuration)->since;
     if (since >= 0) {
       const soter_window effect = {since + a->least_ns, since + a->overrun_ns};
       return effect;
     }
   }
-  const int64_t release = a->phase_ns + (int64_t)soter_done_of(m, world)[actor] * a->period_ns;
+  const int64_t release =
+      a->phase_ns + (int64_t)soter_done_of(m, configuration)[actor] * a->period_ns;
   if (release > m->horizon_ns) {
     const soter_window none = {SOTER_NO_DEADLINE, SOTER_NO_DEADLINE};
     return none;
@@ -347,7 +348,7 @@ static bool asks(const soter_place* x, const soter_timed* t, int64_t now) {
          (now + t->within_ns <= x->m->horizon_ns && t->premise(x->there));
 }
 
-/* What is owed changes where it can be seen: obligations are part of the world. */
+/* What is owed changes where it can be seen: obligations are part of the configuration. */
 void soter_keep_obligations(soter_place* x) {
   const soter_model* const m = x->m;
   int64_t* const due = soter_due_of(x->p, x->there);
@@ -489,8 +490,8 @@ bool soter_violates(soter_place* x, soter_broken* broken) {
 
 #define CLASSES 256U /* of a leaf; further members of an enum have none */
 
-static double leaf_value(const soter_leaf* leaf, const void* world) {
-  const uint8_t* const at = (const uint8_t*)world + leaf->offset;
+static double leaf_value(const soter_leaf* leaf, const void* configuration) {
+  const uint8_t* const at = (const uint8_t*)configuration + leaf->offset;
   if (leaf->kind == 2U) {
     double d;
     (void)memcpy(&d, at, sizeof d);

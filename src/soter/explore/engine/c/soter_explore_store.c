@@ -1,11 +1,12 @@
-/* soter_explore_store.c: the table of packed worlds.
+/* soter_explore_store.c: the table of packed configurations.
  *
  * Purpose: exact storage at little more than the packed bytes, or 64-bit fingerprints.
- * An entry is the packed world, its first word mixed by a bijection so that it is its own hash; its
- * leading bits say the bucket of eight entries and where in it the search begins; what finds its
- * bucket full goes to the next one. Segments grow by an eighth, one at a time, so that the table is
- * four fifths full and never has to exist twice; small ones are half full, so that ways are short.
- * Non-goals: deletion of one entry; sharing between threads (each has a table of its own).
+ * An entry is the packed configuration, its first word mixed by a bijection so that it is its own
+ * hash; its leading bits say the bucket of eight entries and where in it the search begins; what
+ * finds its bucket full goes to the next one. Segments grow by an eighth, one at a time, so that
+ * the table is four fifths full and never has to exist twice; small ones are half full, so that
+ * ways are short. Non-goals: deletion of one entry; sharing between threads (each has a table of
+ * its own).
  */
 #include "soter_explore_internal.h"
 
@@ -60,7 +61,7 @@ static uint64_t rest_hash(const uint64_t* packed, uint32_t words, uint64_t all) 
 }
 
 /* What a first word is without the bits that all have in common. The lowest one stays: it is set in
- * every world, and an entry of zeros is none. */
+ * every configuration, and an entry of zeros is none. */
 SOTER_INLINE uint64_t without(const soter_store* s, uint64_t first) {
   return s->common > 0U ? first >> s->common | 1U : first;
 }
@@ -84,7 +85,7 @@ static void stretch(const soter_store* s, uint64_t* packed) {
   }
 }
 
-/* Whether a world may be in this table: the first one says what all have in common. */
+/* Whether a configuration may be in this table: the first one says what all have in common. */
 SOTER_INLINE bool belongs(soter_store* s, const uint64_t* packed) {
   if (s->common > 0U && s->count == 0U) {
     s->prefix = packed[0] & s->low;
@@ -92,7 +93,7 @@ SOTER_INLINE bool belongs(soter_store* s, const uint64_t* packed) {
   return s->common == 0U || (packed[0] & s->low) == s->prefix;
 }
 
-/* What stands in the table for a packed world. */
+/* What stands in the table for a packed configuration. */
 void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key) {
   if (s->fingerprint) {
     key[0] = soter_fingerprint(packed, s->packed);
@@ -486,13 +487,13 @@ SOTER_INLINE int put_in(soter_store* s, soter_segment* g, const uint64_t* key, u
 int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
                         uint64_t* sleep, uint64_t* again) {
   if (!belongs(s, packed)) {
-    SOTER_CHECK(false && "all worlds of a table have its bits in common");
+    SOTER_CHECK(false && "all configurations of a table have its bits in common");
     return -1;
   }
   return put_in(s, segment_of(s, packed, key), key, sleep, again);
 }
 
-/* A world of a word that is about to be put: its key, where its way begins, and in what. */
+/* A configuration of a word that is about to be put: its key, where its way begins, and in what. */
 typedef struct {
   uint64_t key;
   uint8_t* place;
@@ -578,7 +579,7 @@ uint32_t soter_store_put_short(soter_store* s, const uint64_t* packed, uint32_t*
   uint32_t some = 1U;
   SOTER_CHECK(soter_store_is_short(s) && s->key <= 8U);
   if (*count > 0U && !belongs(s, packed)) {
-    SOTER_CHECK(false && "all worlds of a table have its bits in common");
+    SOTER_CHECK(false && "all configurations of a table have its bits in common");
     *count = 0U;
   }
   while (done < *count && some > 0U) {
@@ -816,10 +817,10 @@ typedef struct {
 static void unpack_one(void* to, const uint64_t* packed) {
   unpacking* const u = to;
   SOTER_CHECK(u->next != NULL);
-  (void)memset(u->next, 0, u->m->world_size);
+  (void)memset(u->next, 0, u->m->configuration_size);
   soter_start(u->m->program, u->next, 0U);
   u->m->unpack(packed, u->next);
-  u->next += u->m->world_size;
+  u->next += u->m->configuration_size;
 }
 
 void soter_kept_each(const void* first, void (*each)(void* to, const uint64_t* packed), void* to) {
@@ -828,11 +829,11 @@ void soter_kept_each(const void* first, void (*each)(void* to, const uint64_t* p
   }
 }
 
-uint64_t soter_explore_kept(const soter_model* m, const void* first, void* worlds) {
+uint64_t soter_explore_kept(const soter_model* m, const void* first, void* configurations) {
   uint64_t count = 0U;
-  unpacking u = {m, worlds};
+  unpacking u = {m, configurations};
   for (const kept* k = first; k != NULL; k = k->next) {
-    count += soter_store_each(&k->store, worlds != NULL ? unpack_one : NULL, &u);
+    count += soter_store_each(&k->store, configurations != NULL ? unpack_one : NULL, &u);
   }
   return count;
 }

@@ -1,6 +1,8 @@
-/* soter_explore_successors.h: places for the worlds that come after a world (not for drivers).
+/* soter_explore_successors.h: places for the configurations that come after a configuration (not
+ * for drivers).
  *
- * Purpose: what makes worlds takes a place for each. Non-goals: their room (soter_explore_rows.c).
+ * Purpose: what makes configurations takes a place for each. Non-goals: their room
+ * (soter_explore_rows.c).
  */
 #ifndef SOTER_EXPLORE_SUCCESSORS_H
 #define SOTER_EXPLORE_SUCCESSORS_H

@@ -1,4 +1,5 @@
-/* soter_explore_symmetry.c: one packed world for all that differ by the places of equal instances.
+/* soter_explore_symmetry.c: one packed configuration for all that differ by the places of equal
+ * instances.
  *
  * Purpose: the blocks of every family are put into order, which is a permutation that maps
  * executions to executions (docs/testing.md, "Equal instances"). Families come with those of small

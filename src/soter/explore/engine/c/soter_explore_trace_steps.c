@@ -1,7 +1,8 @@
 /* soter_explore_trace_steps.c: the steps between two ends of instants.
  *
- * Purpose: the way back, for traces: the middle of an instant is expanded once more, each world
- * with the number of the one before. Non-goals: which ends follow each other (strategies).
+ * Purpose: the way back, for traces: the middle of an instant is expanded once more, each
+ * configuration with the number of the one before. Non-goals: which ends follow each other
+ * (strategies).
  */
 #include "soter_explore_internal.h"
 
@@ -14,7 +15,7 @@ typedef struct {
   bool late, arrived;
 } middle;
 
-/* A world of the middle waits; or it is too late for something. */
+/* A configuration of the middle waits; or it is too late for something. */
 static void keep_one(middle* q, const uint64_t* packed) {
   uint64_t sleep = 0U;
   uint64_t again = 0U;
@@ -46,7 +47,7 @@ static bool look_at_successors(void* to) {
   return !e->no_memory && !q->arrived;
 }
 
-/* Whether what is wanted comes after the world last expanded. */
+/* Whether what is wanted comes after the configuration last expanded. */
 static bool arrives(middle* q) {
   soter_trace_step step;
   const bool late = q->late || q->e.broke;

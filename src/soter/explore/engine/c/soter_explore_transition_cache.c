@@ -5,10 +5,10 @@
  * time and the ages that they have by then, and changes only those of its `writes`. Which moves
  * there are, and when, depends on the schedule's bits alone; what properties owe after a move on
  * what they read, and on the time. All of it is looked up: a move is then a few operations on
- * packed words. What is looked up was computed by the program's own steps on an unpacked world
- * (soter_explore_step.c), and everything that a step changed then, ages included, is held against
- * this: where it differs, nothing is remembered any more.
- * Non-goals: steps that last (overruns).
+ * packed words. What is looked up was computed by the program's own steps on an unpacked
+ * configuration (soter_explore_step.c), and everything that a step changed then, ages included, is
+ * held against this: where it differs, nothing is remembered any more. Non-goals: steps that last
+ * (overruns).
  */
 #include "soter_explore_hash_map.h"
 #include "soter_explore_pack.h"
@@ -17,8 +17,9 @@
 #define MANY 1024U      /* outcomes of a step that are compared with each other, */
 #define TOO_MANY 65536U /* and that are remembered */
 #define LONG 4096U      /* answers of a step: a violation need not wait for the rest */
-#define OLDER 16U       /* times at once at which a world is made older */
-#define SIGHTS 3U  /* a world that is not looked at; one that is; one after which nothing comes */
+#define OLDER 16U       /* times at once at which a configuration is made older */
+#define SIGHTS \
+  3U /* a configuration that is not looked at; one that is; one after which nothing comes */
 #define FEW 65536U /* schedules, before it is asked whether they come back */
 
 /* How a step may end: it breaks something, and these bits of `writes` are the new ones. */
@@ -49,11 +50,11 @@ typedef struct {
   uint64_t ample, enabled;
   bool observable;
   bool over;     /* nobody moves any more */
-  uint32_t last; /* the last one of many worlds that has it, */
+  uint32_t last; /* the last one of many configurations that has it, */
   uint64_t turn; /* and when that was */
 } calendar;
 
-/* Worlds as old as they are at some later time. */
+/* Configurations as old as they are at some later time. */
 typedef struct {
   uint64_t* packed; /* [OLDER * words] */
   uint64_t turn[OLDER];
@@ -67,14 +68,14 @@ struct soter_memo {
   map seen[SIGHTS];
   list values, calendars, plans, bits, brokens, debts;
   uint64_t* clear;    /* [actors * words]: schedule and writes */
-  uint64_t* judged;   /* [words]: what decides whether a world that is looked at violates */
+  uint64_t* judged;   /* [words]: what decides whether a configuration that is looked at violates */
   uint64_t* promised; /* [words]: and what is owed after it */
-  uint64_t* own;      /* [words]: a world, when a step is made in it */
+  uint64_t* own;      /* [words]: a configuration, when a step is made in it */
   bool* clocked;      /* [actors]: its steps read the schedule */
   bool* steady;       /* [actors]: or no time at all */
   bool promises;      /* some property has deadlines */
   olders older;
-  uint64_t turn;   /* worlds expanded */
+  uint64_t turn;   /* configurations expanded */
   uint64_t memory; /* most bytes of all this: beyond it, it is given up */
 };
 
@@ -225,7 +226,7 @@ SPECIAL uint64_t aged(const soter_ageing* g, uint64_t x, uint64_t ticks) {
   return x <= 1U ? x : x - 2U < ticks ? 1U : x - ticks;
 }
 
-/* A world, so many ticks later, the schedule as it was. */
+/* A configuration, so many ticks later, the schedule as it was. */
 SPECIAL void make_older(const soter_model* m, const uint64_t* packed, uint64_t ticks, uint64_t* to,
                         const uint32_t words) {
   soter_copy_words(to, packed, words);
@@ -242,7 +243,7 @@ SPECIAL void make_older(const soter_model* m, const uint64_t* packed, uint64_t t
   }
 }
 
-/* The world that is expanded, so many ticks later: several moves happen at one time. */
+/* The configuration that is expanded, so many ticks later: several moves happen at one time. */
 SPECIAL const uint64_t* older(struct soter_memo* memo, const soter_model* m, const uint64_t* packed,
                               uint64_t later, const uint32_t words) {
   if (later == 0U || m->ageings == 0U) {
@@ -443,7 +444,7 @@ static void note_broken(const soter_place* x, effect* found, const soter_broken*
   }
 }
 
-/* Whether the world after a move violates what is not known. */
+/* Whether the configuration after a move violates what is not known. */
 static bool breaks_news(soter_place* x) {
   soter_broken broken;
   return soter_violates(x, &broken) && !soter_is_known(x, &broken);
@@ -455,7 +456,7 @@ static bool more_answers(const soter_expander* e, bool breaks) {
 }
 
 /* Runs the step of a plan in `here` with all picks, and keeps what it writes; `before` is that
- * world when the step begins. Stopped, it keeps what it has: the search ends with that. */
+ * configuration when the step begins. Stopped, it keeps what it has: the search ends with that. */
 static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uint64_t* before,
                            const plan* p, map* steps) {
   soter_place* const x = &e->place;
@@ -497,7 +498,7 @@ static bool give_up(soter_expander* e) {
   return false;
 }
 
-/* Looked up, or computed; *unpacked says that `here` is this world then. */
+/* Looked up, or computed; *unpacked says that `here` is this configuration then. */
 SPECIAL calendar* calendar_of(soter_expander* e, const uint64_t* packed, const uint32_t words,
                               bool* unpacked) {
   struct soter_memo* const memo = e->memo;
@@ -515,7 +516,7 @@ SPECIAL calendar* calendar_of(soter_expander* e, const uint64_t* packed, const u
   return (calendar*)memo->calendars.item + (at[words] - 1U);
 }
 
-/* A world when the step of a plan begins. */
+/* A configuration when the step of a plan begins. */
 SPECIAL const uint64_t* begun(const soter_model* m, const uint64_t* then, const uint64_t* bits,
                               uint64_t* to, const uint32_t words) {
   for (uint32_t k = 0; k < words; k++) {
@@ -524,8 +525,8 @@ SPECIAL const uint64_t* begun(const soter_model* m, const uint64_t* then, const 
   return to;
 }
 
-/* What the step of a plan does to a world, `then` when it begins but for the schedule: looked up or
- * computed; folded; 0: it cannot be kept. */
+/* What the step of a plan does to a configuration, `then` when it begins but for the schedule:
+ * looked up or computed; folded; 0: it cannot be kept. */
 SPECIAL uint64_t effect_of(soter_expander* e, const uint64_t* packed, const uint64_t* then,
                            const plan* p, const uint64_t* bits, const uint32_t words,
                            bool* unpacked) {
@@ -552,7 +553,7 @@ SPECIAL uint64_t effect_of(soter_expander* e, const uint64_t* packed, const uint
   return slot[words];
 }
 
-/* What properties owe in a world that is looked at, after a move led to it. */
+/* What properties owe in a configuration that is looked at, after a move led to it. */
 static bool compute_debts(soter_expander* e, const uint64_t* successor) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
@@ -710,12 +711,12 @@ bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep
   }
 }
 
-/* ------------------------------------------------------------------ many worlds at once */
+/* ------------------------------------------------------------------ many configurations at once */
 
-/* Worlds of a word that have one calendar make the same moves: one move after the other is followed
- * from all of them. The machine foresees that; which calendar comes next it does not. */
+/* Configurations of a word that have one calendar make the same moves: one move after the other is
+ * followed from all of them. The machine foresees that; which calendar comes next it does not. */
 typedef struct {
-  uint64_t world[SOTER_BATCH];
+  uint64_t configuration[SOTER_BATCH];
   uint64_t then[SOTER_BATCH]; /* when the move begins, but for the schedule */
   uint64_t did[SOTER_BATCH];  /* what the step does, folded, */
   uint64_t successors;        /* and how many come of it */
@@ -724,7 +725,7 @@ typedef struct {
 
 /* All of them, so many ticks later. */
 static void make_batch_older(const soter_model* m, batch* q, uint64_t ticks) {
-  (void)memcpy(q->then, q->world, q->count * sizeof q->then[0]);
+  (void)memcpy(q->then, q->configuration, q->count * sizeof q->then[0]);
   for (uint32_t k = 0; ticks > 0U && k < m->ageings; k++) {
     const soter_ageing g = m->ageing[k];
     const uint64_t bits = (UINT64_C(1) << g.width) - 1U;
@@ -753,7 +754,7 @@ static bool find_effects(soter_expander* e, batch* q, const plan* p, const uint6
     uint64_t did = slot_of(steps, &asked, reads, 1U)[1];
     if (did == 0U) {
       bool unpacked = false;
-      did = effect_of(e, q->world + i, q->then + i, p, bits, 1U, &unpacked);
+      did = effect_of(e, q->configuration + i, q->then + i, p, bits, 1U, &unpacked);
     }
     if (did == 0U) {
       return false;
@@ -823,8 +824,8 @@ static bool follow_batch(soter_expander* e, batch* q, const calendar* c) {
   return fine;
 }
 
-/* The calendars of worlds: each is linked with the next that has the same. False: there is none for
- * some. */
+/* The calendars of configurations: each is linked with the next that has the same. False: there is
+ * none for some. */
 static bool find_batchs(soter_expander* e, const uint64_t* packed, uint32_t count, uint32_t* when,
                         uint32_t* next) {
   struct soter_memo* const memo = e->memo;
@@ -864,7 +865,7 @@ bool soter_memo_expand_batch(soter_expander* e, const uint64_t* packed, uint32_t
   for (uint32_t i = 0; fine && i < count; i++) {
     q.count = 0U;
     for (uint32_t k = when[i] != SOTER_NOTHING ? i : count; k < count; k = next[k]) {
-      q.world[q.count++] = packed[k];
+      q.configuration[q.count++] = packed[k];
     }
     fine = q.count == 0U || follow_batch(e, &q, (const calendar*)memo->calendars.item + when[i]);
   }
@@ -876,8 +877,8 @@ bool soter_memo_expand_batch(soter_expander* e, const uint64_t* packed, uint32_t
   return fine;
 }
 
-/* Whether a world violates something, which follows from the bits of `decides`: looked up in
- * `seen`, or judged. */
+/* Whether a configuration violates something, which follows from the bits of `decides`: looked up
+ * in `seen`, or judged. */
 SPECIAL effect judged(soter_expander* e, const uint64_t* packed, map* seen, const uint64_t* decides,
                       const uint32_t words) {
   struct soter_memo* const memo = e->memo;
@@ -921,7 +922,7 @@ bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* 
                               : is_broken(e, packed, broken, e->memo->words);
 }
 
-/* Whether a world is known to violate nothing, by its calendar. */
+/* Whether a configuration is known to violate nothing, by its calendar. */
 SPECIAL bool is_fine(const struct soter_memo* memo, const calendar* c, const uint64_t* packed) {
   if (!c->observable) {
     return true;
