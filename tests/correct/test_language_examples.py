@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
 
 import soter
+from examples_changed import changed
+from generators.file_listing import files_in
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
+from soter.timing.trusted_thread import timing_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
@@ -70,3 +74,65 @@ def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path) -> None:
 
 def test_the_page_has_examples() -> None:
     assert len(BLOCKS) > 9
+
+
+# ---------------------------------------------------------------- examples/evidence
+
+
+@pytest.fixture
+def evidence(tmp_path: Path) -> Path:
+    """The programs of `examples/evidence`, and the one that they import."""
+    shutil.copytree(ROOT / "examples" / "evidence", tmp_path / "evidence")
+    (tmp_path / "wall").mkdir()
+    shutil.copy(ROOT / "examples" / "wall" / "cart.soter", tmp_path / "wall")
+    return tmp_path / "evidence"
+
+
+@pytest.mark.parametrize(
+    "path", files_in(ROOT / "examples" / "evidence", "*.soter"), ids=lambda p: p.stem
+)
+def test_a_program_about_evidence_gets_no_diagnostics(path: Path) -> None:
+    assert [d.message for d in check_file(str(path)).diagnostics.items] == []
+
+
+def test_the_courier_keeps_its_calendar_and_is_proved_with_it(evidence: Path) -> None:
+    path = evidence / "courier.soter"
+    (module,) = soter.load(path).verify().modules
+    assert module.verdict == "proved"
+    assert module.findings["P1c"].verdict == "proved"
+    timing = timing_of(system_of(check_file(str(path)), "Corridor"))
+    assert timing is not None
+    assert timing.verdict == "fits"
+    thread = ["Guard.dm", "Guard.Back", "Guard.Learned", "Lamp"]
+    assert [r.component.name for r in timing.rows] == thread
+    changed(path, " substeps 2", "")
+    assert [d.code for d in check_file(str(path)).diagnostics.items] == ["W019"]
+
+
+def test_a_plan_by_radio_is_proved_with_the_lemma(evidence: Path) -> None:
+    (module,) = soter.load(evidence / "relayed_plan.soter").verify().modules
+    assert module.verdict == "proved"
+
+
+@pytest.mark.long
+def test_a_plan_by_radio_is_not_proved_without_the_lemma(evidence: Path) -> None:
+    changed(evidence / "relayed_plan.soter", "    lemma Good(sent);\n", "")
+    (module,) = soter.load(evidence / "relayed_plan.soter").verify().modules
+    assert module.verdict == "undecided"
+
+
+def test_only_faults_outside_of_the_assumptions_bring_the_cart_to_the_wall(evidence: Path) -> None:
+    program = soter.load(evidence / "cart_faults.soter")
+    inside, outside = (
+        program.campaign(system, flights=48, output=evidence / system).result
+        for system in ("Inside", "Outside")
+    )
+    assert (inside.flights_violated, outside.flights_violated) == (0, 1)
+    assert outside.violated_inside == 0
+
+
+@pytest.mark.long
+def test_a_controller_for_the_reel_is_found_and_proved(evidence: Path) -> None:
+    path, _ = soter.load(evidence / "reel.soter").synthesize()
+    (module,) = soter.load(path).verify().modules
+    assert module.verdict == "proved"

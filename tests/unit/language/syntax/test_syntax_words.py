@@ -1,0 +1,72 @@
+"""Every word of the language is used by an example: what nobody needs is no word for long.
+
+The words are those of `docs/grammar.ebnf`; which of them a program uses as words, and not as names,
+the parser says.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from typing import TYPE_CHECKING
+
+from generators.file_listing import files_below
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.source import Source
+from soter.diagnostics.span import Span
+from soter.language.syntax.parser import parse_tokens
+from soter.language.syntax.tokens import NAME
+from unit.language.syntax.test_syntax_grammar import GRAMMAR, rules, texts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+EXAMPLES = GRAMMAR.parents[1] / "examples"
+
+
+def words_of_the_language() -> set[str]:
+    return {t for rule in rules().values() for t in texts_of(rule) if t[0].isalpha()}
+
+
+def places(node: object) -> Iterator[tuple[int, int]]:
+    """Where the nodes of a tree stand: what stands there alone is a name, or a value."""
+    if isinstance(node, tuple):
+        for part in node:
+            yield from places(part)
+    elif dataclasses.is_dataclass(node) and not isinstance(node, (type, Span)):
+        span = getattr(node, "span", None)
+        if span is not None:
+            yield span.start, span.end
+        for f in dataclasses.fields(node):
+            yield from places(getattr(node, f.name))
+
+
+def words_used(text: str) -> set[str]:
+    """Of a program: its reserved words, and all others that the tree has no name for."""
+    file, parser = parse_tokens(Source("program.soter", text), Diagnostics())
+    assert parser.problems == []
+    named = set(places(file))
+    tokens = parser.tokens
+    used = {
+        text
+        for kind, text, start, end in zip(
+            tokens.kinds, tokens.texts, tokens.starts, tokens.ends, strict=True
+        )
+        if kind != NAME or (start, end) not in named
+    }
+    called = re.findall(r"\balways\s+(invariants?)\s*[(;]", text)  # names to the parser
+    return words_of_the_language() & {*used, *called}
+
+
+def test_words_are_told_from_names() -> None:
+    text = "soter 1;\ntopic to: float;\nnode late period 1s {\n  step { let at = 2.0; }\n}\n"
+    assert words_used(text) == {"soter", "topic", "float", "node", "period", "step", "let"}
+    asked = "soter 1; test late { system s; always invariant(at); horizon 1s; }"
+    assert words_used(asked) == {"soter", "test", "system", "always", "invariant", "horizon"}
+
+
+def test_every_word_of_the_language_stands_in_an_example() -> None:
+    used: set[str] = set()
+    for path in files_below(EXAMPLES, "*.soter"):
+        used |= words_used(path.read_text(encoding="utf-8"))
+    assert words_of_the_language() - used == set()
