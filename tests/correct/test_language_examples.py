@@ -1,4 +1,7 @@
-"""Every example of docs/language.md checks clean, and what can run runs alike on both engines."""
+"""Examples of docs/language.md and docs/evidence.md check clean and run alike on both engines.
+
+The programs of `examples/evidence` check clean, too, and end as they say.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,8 @@ from soter.simulate.run import NativeProgram, run_interpreted
 from soter.timing.trusted_thread import timing_of
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
+PAGES = [(ROOT / "docs" / f"{p}.md").read_text(encoding="utf-8") for p in ("language", "evidence")]
+PAGE = "".join(PAGES)
 BLOCKS = re.findall(r"^```(soter[^\n]*)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 TWO_BOXES = """[
   {"low": {"x": 0, "y": 0, "z": 0}, "high": {"x": 1, "y": 1, "z": 5}},
@@ -53,7 +57,7 @@ def test_an_example_checks_clean_and_runs_alike_on_both_engines(
         assert native.trace_sha256 == interpreted.trace_sha256
 
 
-def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path) -> None:
+def test_the_tests_of_the_pages_end_as_they_say(tmp_path: Path) -> None:
     verdict_by_test: dict[str, str] = {}
     for number, (_, text) in enumerate(BLOCKS):
         path = tmp_path / f"example_{number}.soter"
@@ -72,8 +76,8 @@ def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path) -> None:
         assert re.search(rf"`{name}` is \*{verdict}", PAGE)
 
 
-def test_the_page_has_examples() -> None:
-    assert len(BLOCKS) > 9
+def test_both_pages_have_examples() -> None:
+    assert min(page.count("\n```soter") for page in PAGES) > 9
 
 
 # ---------------------------------------------------------------- examples/evidence
