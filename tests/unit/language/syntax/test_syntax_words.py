@@ -10,6 +10,8 @@ import dataclasses
 import re
 from typing import TYPE_CHECKING
 
+import pytest
+
 from generators.file_listing import files_below
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
@@ -117,3 +119,14 @@ def test_the_page_of_the_evidence_clauses_speaks_of_all_others_and_shows_them() 
     for link in re.findall(r"\]\(([^)]+\.soter)\)", EVIDENCE):
         shown |= words_used((GRAMMAR.parent / link).read_text(encoding="utf-8"))
     assert second - shown == set()
+
+
+@pytest.mark.parametrize("page", ["first-hour", "prove-your-module", "find-the-bug"])
+def test_a_tutorial_says_which_circle_it_needs_and_begins_with_the_first(page: str) -> None:
+    text = (GRAMMAR.parent / f"{page}.md").read_text(encoding="utf-8")
+    top = text.split("\n## ")[0]
+    pages = [top.find(f"[{p}](") for p in ("controller language", "evidence clauses")]
+    assert 0 < pages[0] < pages[1]
+    programs = re.findall(r"^```soter[^\n]*\n(soter 1;.*?)^```", text, re.MULTILINE | re.DOTALL)
+    for program in programs[:1]:
+        assert words_used(program) <= circles()[0]
