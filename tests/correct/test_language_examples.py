@@ -13,7 +13,9 @@ import pytest
 
 import soter
 from examples_changed import changed
+from generators.engine_comparison import call_compiler, write_units
 from generators.file_listing import files_in
+from generators.shipped_programs import subjects_of
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 from soter.timing.trusted_thread import timing_of
@@ -133,6 +135,12 @@ def test_only_faults_outside_of_the_assumptions_bring_the_cart_to_the_wall(evide
     )
     assert (inside.flights_violated, outside.flights_violated) == (0, 1)
     assert outside.violated_inside == 0
+
+
+def test_the_c_of_an_sc_that_waits_for_a_late_dm_has_no_warning(tmp_path: Path) -> None:
+    subjects = subjects_of(ROOT / "examples" / "evidence" / "cart_faults.soter", 10)
+    assert [s.system.name for s in subjects] == ["Inside", "Outside"]
+    call_compiler(tmp_path, "-c", str(write_units(subjects, tmp_path)))
 
 
 @pytest.mark.long
