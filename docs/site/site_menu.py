@@ -57,7 +57,8 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "Reference",
         "look it up",
         (
-            ("language.md", "The language"),
+            ("language.md", "The controller language"),
+            ("evidence.md", "Evidence clauses"),
             ("glossary.md", "Glossary"),
             ("semantics.md", "Semantics"),
             ("prelude.md", "The prelude"),

@@ -22,7 +22,7 @@ def _block(name: str) -> str:
     return str(blocks[0])
 
 
-EXTERN = _block("hoist.soter")
+EXTERN = _block("hoist.soter") + "\n" + _block("question")
 HOIST = EXTERN.replace("  horizon", "  replace Learned by Anything;\n  horizon") + _block(
     "anything"
 )

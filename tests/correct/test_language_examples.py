@@ -1,18 +1,28 @@
-"""Every example of docs/language.md checks clean, and what can run runs alike on both engines."""
+"""Examples of docs/language.md and docs/evidence.md check clean and run alike on both engines.
+
+The programs of `examples/evidence` check clean, too, and end as they say.
+"""
 
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
 
 import soter
+from examples_changed import changed
+from generators.engine_comparison import call_compiler, write_units
+from generators.file_listing import files_in
+from generators.shipped_programs import subjects_of
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
+from soter.timing.trusted_thread import timing_of
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
+PAGES = [(ROOT / "docs" / f"{p}.md").read_text(encoding="utf-8") for p in ("language", "evidence")]
+PAGE = "".join(PAGES)
 BLOCKS = re.findall(r"^```(soter[^\n]*)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 TWO_BOXES = """[
   {"low": {"x": 0, "y": 0, "z": 0}, "high": {"x": 1, "y": 1, "z": 5}},
@@ -49,7 +59,7 @@ def test_an_example_checks_clean_and_runs_alike_on_both_engines(
         assert native.trace_sha256 == interpreted.trace_sha256
 
 
-def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path) -> None:
+def test_the_tests_of_the_pages_end_as_they_say(tmp_path: Path) -> None:
     verdict_by_test: dict[str, str] = {}
     for number, (_, text) in enumerate(BLOCKS):
         path = tmp_path / f"example_{number}.soter"
@@ -68,5 +78,73 @@ def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path) -> None:
         assert re.search(rf"`{name}` is \*{verdict}", PAGE)
 
 
-def test_the_page_has_examples() -> None:
-    assert len(BLOCKS) > 9
+def test_both_pages_have_examples() -> None:
+    assert min(page.count("\n```soter") for page in PAGES) > 9
+
+
+# ---------------------------------------------------------------- examples/evidence
+
+
+@pytest.fixture
+def evidence(tmp_path: Path) -> Path:
+    """The programs of `examples/evidence`, and the one that they import."""
+    shutil.copytree(ROOT / "examples" / "evidence", tmp_path / "evidence")
+    (tmp_path / "wall").mkdir()
+    shutil.copy(ROOT / "examples" / "wall" / "cart.soter", tmp_path / "wall")
+    return tmp_path / "evidence"
+
+
+@pytest.mark.parametrize(
+    "path", files_in(ROOT / "examples" / "evidence", "*.soter"), ids=lambda p: p.stem
+)
+def test_a_program_about_evidence_gets_no_diagnostics(path: Path) -> None:
+    assert [d.message for d in check_file(str(path)).diagnostics.items] == []
+
+
+def test_the_courier_keeps_its_calendar_and_is_proved_with_it(evidence: Path) -> None:
+    path = evidence / "courier.soter"
+    (module,) = soter.load(path).verify().modules
+    assert module.verdict == "proved"
+    assert module.findings["P1c"].verdict == "proved"
+    timing = timing_of(system_of(check_file(str(path)), "Corridor"))
+    assert timing is not None
+    assert timing.verdict == "fits"
+    thread = ["Guard.dm", "Guard.Back", "Guard.Learned", "Lamp"]
+    assert [r.component.name for r in timing.rows] == thread
+    changed(path, " substeps 2", "")
+    assert [d.code for d in check_file(str(path)).diagnostics.items] == ["W019"]
+
+
+def test_a_plan_by_radio_is_proved_with_the_lemma(evidence: Path) -> None:
+    (module,) = soter.load(evidence / "relayed_plan.soter").verify().modules
+    assert module.verdict == "proved"
+
+
+@pytest.mark.long
+def test_a_plan_by_radio_is_not_proved_without_the_lemma(evidence: Path) -> None:
+    changed(evidence / "relayed_plan.soter", "    lemma Good(sent);\n", "")
+    (module,) = soter.load(evidence / "relayed_plan.soter").verify().modules
+    assert module.verdict == "undecided"
+
+
+def test_only_faults_outside_of_the_assumptions_bring_the_cart_to_the_wall(evidence: Path) -> None:
+    program = soter.load(evidence / "cart_faults.soter")
+    inside, outside = (
+        program.campaign(system, flights=48, output=evidence / system).result
+        for system in ("Inside", "Outside")
+    )
+    assert (inside.flights_violated, outside.flights_violated) == (0, 1)
+    assert outside.violated_inside == 0
+
+
+def test_the_c_of_an_sc_that_waits_for_a_late_dm_has_no_warning(tmp_path: Path) -> None:
+    subjects = subjects_of(ROOT / "examples" / "evidence" / "cart_faults.soter", 10)
+    assert [s.system.name for s in subjects] == ["Inside", "Outside"]
+    call_compiler(tmp_path, "-c", str(write_units(subjects, tmp_path)))
+
+
+@pytest.mark.long
+def test_a_controller_for_the_reel_is_found_and_proved(evidence: Path) -> None:
+    path, _ = soter.load(evidence / "reel.soter").synthesize()
+    (module,) = soter.load(path).verify().modules
+    assert module.verdict == "proved"

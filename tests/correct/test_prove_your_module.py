@@ -13,7 +13,8 @@ import processes
 pytestmark = pytest.mark.pages
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "prove-your-module.md").read_text(encoding="utf-8")
-TANK = re.findall(r"^```soter prove=tank.soter\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)[0]
+PIECES = dict(re.findall(r"^```soter prove=(\S+)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL))
+TANK = PIECES["tank.soter"].replace("}\nsystem", PIECES["verify"] + "}\nsystem")
 
 
 def _soter(folder: Path, *arguments: str) -> processes.Done:
@@ -31,6 +32,13 @@ def _changed(folder: Path, old: str, new: str) -> str:
     assert old in TANK
     (folder / "changed.soter").write_text(TANK.replace(old, new), encoding="utf-8")
     return "changed.soter"
+
+
+def test_the_tank_runs_before_anything_is_said_of_a_proof(tmp_path: Path) -> None:
+    (tmp_path / "tank.soter").write_text(PIECES["tank.soter"], encoding="utf-8")
+    ran = _soter(tmp_path, "run", "tank.soter")
+    assert ran.returncode == 0, ran.stdout
+    assert "the property holds" in ran.stdout
 
 
 def test_the_tank_is_proved_and_its_certificate_accepted(tank: Path) -> None:

@@ -18,6 +18,8 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CLEAN, VIOLATED, BOUND = 0, 3, 4
 SHIPPED = {
     "testing/battery": CLEAN,
+    "testing/deployed_order": CLEAN,
+    "testing/first_cause": CLEAN,
     "testing/gate": CLEAN,
     "testing/late_sc": VIOLATED,
     "testing/late_sc_on_time": CLEAN,
@@ -40,6 +42,9 @@ CHANGED = [
     ("late_sc_repaired", "const LOOK: int = 8;", "const LOOK: int = 7;", "late_sc_repaired"),
     ("stale_topic", "max_age 20ms;\ntopic", "max_age 1s;\ntopic", "stale_topic"),
     ("gate", "Asked in [-1, 1]", "Asked in [-3, 3]", "gate"),
+    ("deployed_order", "  order deployed;\n", "", "deployed_order"),
+    ("deployed_order", "NEAR: int = 4", "NEAR: int = 5", "deployed_order"),
+    ("first_cause", "drop_newest", "drop_oldest", "first_cause"),
     ("queue_overflow", "queue 4 drop_oldest", "queue 3 drop_oldest", "queue_overflow"),
     ("slow_planner", "NOTICE: int = 9", "NOTICE: int = 8", "slow_planner"),
     ("planner", "SETTLED: duration = 30ms", "SETTLED: duration = 20ms", "planner"),

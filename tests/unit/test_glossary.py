@@ -6,7 +6,17 @@ import re
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGES = ("language", "semantics", "proof", "verification", "testing", "timing", "deploy", "monitor")
+PAGES = (
+    "language",
+    "evidence",
+    "semantics",
+    "proof",
+    "verification",
+    "testing",
+    "timing",
+    "deploy",
+    "monitor",
+)
 MANY = 4
 """Pages that lean on a word of the language, from which on it is no word of one page alone."""
 ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| \[\w+\]\(([\w-]+\.md)\) \|$")

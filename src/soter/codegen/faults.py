@@ -93,15 +93,15 @@ def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.
     every = c.Name("SOTER_ON_TIME")
     last = c.Binary("-", every, c.Number("1"))
     on_time = c.Binary("==", c.Binary("%", release, every), last)
+    mine = [(i, f) for i, f in enumerate(frame.system.faults) if f.of_time]
+    mine = [(i, f) for i, f in mine if f.component == component.index]
     body: list[c.CStmt] = [
-        frame.state_pointer(const=True),
+        *([frame.state_pointer(const=True)] if any(f.on is None for _, f in mine) else []),
         c.Declare("int64_t", "nominal", since, const=True),
         c.Declare("int64_t", "t", nominal),
         c.IfStmt(on_time, (c.Return(nominal),)),
     ]
-    for i, f in enumerate(frame.system.faults):
-        if f.component != component.index or not f.of_time:
-            continue
+    for i, f in mine:
         if f.on is not None:
             body += _wait(frame.system.components[f.on], names[f.on])
         elif f.kind == "skip":

@@ -169,7 +169,7 @@ def test_an_axis_of_one_cell_that_no_topic_shows_is_accepted(tmp_path: Path) -> 
 
 
 def test_the_example_of_the_language_reference_names_such_an_axis() -> None:
-    page = (Path(__file__).parents[3] / "docs" / "language.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "evidence.md").read_text()
     assert "grid c.load in [0.0, 1.0] / 1;" in page
 
 

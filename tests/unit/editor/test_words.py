@@ -15,9 +15,9 @@ GRAMMAR = (Path(__file__).resolve().parents[3] / "docs" / "grammar.ebnf").read_t
 RULES = dict(re.findall(r"^(\w+) +=(.*?) ;$", GRAMMAR, re.MULTILINE | re.DOTALL))
 QUOTED = re.compile(r"'([a-z_0-9]+)'")
 ITEMS = {
-    "node": ("nodeitem",),
-    "rta": ("rtaitem",),
-    "verify": ("verifyitem",),
+    "node": ("nodeitem", "nodeclause"),
+    "rta": ("rtaitem", "rtaclause"),
+    "verify": ("verifyitem", "viewitem"),
     "view": ("viewitem",),
     "plant": ("plantitem",),
     "faults": ("fault",),

@@ -19,6 +19,7 @@ from soter.language.syntax import tree
 
 if TYPE_CHECKING:
     Instances = dict[str, tuple[Definition, Definition | None]]
+    _Parts = tuple[tree.PlantState, ...] | tuple[tree.DisturbanceItem, ...]
 
 _Method = Callable[["Expressions", Any, "NameContext", "Shape | None"], "Shape | None"]
 
@@ -95,12 +96,9 @@ class Expressions:
         if ref.qualifier is None:
             return names.get(ref.name.text) or self.prelude.get(ref.name.text)
         imported = names.get(ref.qualifier.text)
-        if imported is None or imported.shape is None:
-            return None
-        child = imported.shape.of
-        if not isinstance(child, LoadedFile):
-            return None
-        return self.index.declared_in(child).get(ref.name.text)
+        child = None if imported is None or imported.shape is None else imported.shape.of
+        found = self.index.declared_in(child) if isinstance(child, LoadedFile) else {}
+        return found.get(ref.name.text)
 
     def ref(self, ref: tree.Ref, place: NameContext) -> Shape | None:
         """Note a reference; the shape of what it means."""
@@ -124,10 +122,8 @@ class Expressions:
             self.index.note(self.name_span(name), definition)
             return None if what is None else Shape(what.node, what.file)  # type: ignore[arg-type]
         if definition is None:
-            definition = self.index.declared_in(place.file).get(name.text)
-            definition = (
-                definition or self.prelude.get(name.text) or self.component(name.text, place)
-            )
+            definition = self.find(tree.Ref(None, name, name.span), place)
+            definition = definition or self.component(name.text, place)
         if definition is None:
             return Shape("Mode", place.file) if name.text == "Mode" else None
         self.index.note(self.name_span(name), definition)
@@ -163,9 +159,13 @@ class Expressions:
         elif isinstance(of, tree.TypeDecl):
             definition = self._enum_member(of, name.text, file)
         elif isinstance(of, PlantTruth):
-            definition = self._state(of.plant, name.text, file)
+            definition = self._part(of.plant.states, "state", name.text, file)
         elif isinstance(of, tree.PlantDecl):
-            return Shape(PlantTruth(of), file) if name.text == "truth" else None
+            if name.text == "truth":
+                return Shape(PlantTruth(of), file)
+            driven = [self.find(r, NameContext(file)) for r, _ in of.drives if r.text == name.text]
+            other = self._part(of.disturbances, "disturbance", name.text, file)
+            definition = (*driven, other)[0]
         elif isinstance(of, tree.RtaDecl):
             definition = self.controller(of, name.text, file)
         elif isinstance(of, tree.SystemDecl):
@@ -206,10 +206,10 @@ class Expressions:
                     return self.definition(own, "member", of, file, Shape("enum", file))
         return None
 
-    def _state(self, plant: tree.PlantDecl, name: str, file: LoadedFile) -> Definition | None:
-        for state in plant.states:
-            if state.name.text == name:
-                return self.definition(state.name, "state", state, file, Shape(state.type, file))
+    def _part(self, parts: _Parts, kind: str, name: str, file: LoadedFile) -> Definition | None:
+        for part in parts:
+            if part.name.text == name:
+                return self.definition(part.name, kind, part, file, Shape(part.type, file))
         return None
 
     def controller(self, of: tree.RtaDecl, name: str, file: LoadedFile) -> Definition | None:
@@ -221,11 +221,9 @@ class Expressions:
             definition = self.find(ref, NameContext(file))
             if ref.name.text == name:
                 return definition
-            if (
-                definition is not None
-                and isinstance(definition.node, tree.RtaDecl)
-                and definition.node is not of
-            ):
+            if definition is None or definition.node is of:
+                continue
+            if isinstance(definition.node, tree.RtaDecl):
                 below = self.controller(definition.node, name, definition.file)
                 if below is not None:
                     return below

@@ -53,7 +53,7 @@ def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None
     symbol = module.symbol
     ac, sc = system.components[module.ac], system.components[module.sc]
     at_ac, at_sc = symbol.ac_span, symbol.sc_span
-    if ac.extern or at_ac is None or at_sc is None:
+    if ac.extern or symbol.synthesized or at_ac is None or at_sc is None:
         return
     if sc.extern:
         label, of_ac = "an extern: no proof knows what it does", "written in Soter"
