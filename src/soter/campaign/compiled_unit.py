@@ -69,7 +69,7 @@ def recipe_of(
 ) -> Recipe:
     """The recipe of a system; SoterError X003 where the C of an extern cannot be read."""
     unit = generate_measured(system, core)
-    files = {str(p): t for source in unit.c_sources for p, t in included(source).items()}
+    files = {str(p): t for p, t in included(*unit.c_sources).items()}
     return Recipe(
         unit=unit,
         dtype=state_dtype(system, unit.layout),

@@ -39,12 +39,9 @@ REPORT = "this is a defect of soter: please report it with your compiler's versi
 
 def texts(*sources: str | Path) -> list[str]:
     """Path and text of C files and of every header that they include, our own ones too."""
-    text_by_path = {
-        p: t for source in sources for p, t in included(source, (RUNTIME, NEVER_SHIPPED)).items()
-    }
     return [
         x
-        for p, t in text_by_path.items()
+        for p, t in included(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
         for x in (p.name if p.is_relative_to(SOTER) else str(p), t)
     ]
 

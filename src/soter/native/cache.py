@@ -32,6 +32,8 @@ LIMIT_LONGEST = 64
 LIMIT_FILE = "limit"
 YOUNG_S = 600.0
 """What was used as lately is never removed: another process may be about to load it."""
+LOOK_S = 60.0
+"""As long a process does not look for room again: what it adds meanwhile is young."""
 SEALS = "seals"
 MAKING = ".soter-making-"
 MB = 1_000_000
@@ -39,6 +41,8 @@ OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 _ours: set[Path] = set()
 """Entries that this process has made or used."""
+_looked: dict[tuple[Path, int], float] = {}
+"""When this process has last made room in a folder, for so many bytes."""
 
 
 def cache_dir() -> Path:
@@ -222,6 +226,7 @@ def set_limit(megabytes: int) -> None:
     except OSError as error:
         message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
         raise _unusable(message) from error
+    _looked.clear()
     _make_room(folder, limit()[0])
 
 
@@ -256,9 +261,12 @@ def clear() -> tuple[int, int]:
 
 def _make_room(folder: Path, most: int) -> None:
     """Remove the least recently used entries above `most` bytes; none of this process's."""
+    now, clock = time.time(), time.monotonic()
+    if clock - _looked.get((folder, most), -LOOK_S) < LOOK_S:
+        return
+    _looked[folder, most] = clock
     used = sorted(_used(folder))
     size = sum(n for _, n, _ in used)
-    now = time.time()
     for at, n, entry in used:
         if size <= most or now - at < YOUNG_S:
             return

@@ -17,12 +17,12 @@ INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
 FILES_MAX = 1000
 
 
-def included(source: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, str]:
-    """Path and text of a C file and of all it includes in quotes; X003 where it cannot be read.
+def included(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, str]:
+    """Path and text of C files and of all they include in quotes; X003 where one cannot be read.
 
     `folders`: where headers are looked for besides the folder of the file that includes them.
     """
-    waiting, text_by_path = [Path(source).resolve()], dict[Path, str]()
+    waiting, text_by_path = [Path(s).resolve() for s in sources], dict[Path, str]()
     while waiting and len(text_by_path) < FILES_MAX:
         path = waiting.pop()
         if path in text_by_path:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 def folder(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("SOTER_CACHE", str(here / "cache"))
     monkeypatch.delenv("SOTER_CACHE_MB", raising=False)
+    monkeypatch.setattr(cache, "LOOK_S", 0.0)  # each entry is another process's
     return here / "cache"
 
 

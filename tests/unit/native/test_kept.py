@@ -25,6 +25,7 @@ OLD_S = 2 * cache.YOUNG_S
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("SOTER_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(cache, "_ours", set())
+    monkeypatch.setattr(cache, "LOOK_S", 0.0)
     return tmp_path / "cache"
 
 
@@ -208,6 +209,21 @@ def test_what_this_process_made_or_another_may_be_loading_stays(
     os.utime(mine, (0, 0))
     get("c" * 64)
     assert (mine.exists(), others.exists()) == (True, True)
+
+
+def test_a_process_looks_for_room_once_a_minute_but_for_another_limit_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(cache, "LOOK_S", 60.0)
+    monkeypatch.setenv("SOTER_CACHE_MB", "1")
+    old = [get(c * 64, "x" * 400_000)[0] for c in "abc"]
+    for entry in old:
+        forget(entry)
+    get("d" * 64)
+    assert all(entry.exists() for entry in old)
+    monkeypatch.setenv("SOTER_CACHE_MB", "0")
+    get("e" * 64)
+    assert not any(entry.exists() for entry in old)
 
 
 def test_files_of_a_person_in_that_folder_are_never_removed(

@@ -69,8 +69,7 @@ def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
 
 def linked_content(system: System, core: CoreSystem) -> str:
     """A hash of the C files of bindings and of all that they include; SoterError X003."""
-    files = dict.fromkeys(file for file, _ in _linked(system, core))
-    text_by_path = {p: t for file in files for p, t in included(file).items()}
+    text_by_path = included(*(file for file, _ in _linked(system, core)))
     return digest(x for p, t in text_by_path.items() for x in (str(p), t)) if text_by_path else ""
 
 
