@@ -13,6 +13,7 @@ from soter.native.compiler import WARNINGS
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from soter.language.model.system import System
@@ -118,9 +119,11 @@ def flat(text: str, folder: Path) -> System:
     return system_of(checked, None)
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SOTER_CACHE", str(tmp_path / "cache"))
+@pytest.fixture(scope="module", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SOTER_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.mark.parametrize("takeover", ["", "assert spare[0] == 0.0;", "assert k != 7;"])

@@ -6,6 +6,9 @@ What an object asks for from outside is read from its symbol table.
 from __future__ import annotations
 
 import sys
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import pytest
@@ -21,8 +24,6 @@ from generators.random_programs import program
 from generators.shipped_programs import files, subjects_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from generators.engine_comparison import Subject
 
 _HEAP = """
@@ -48,7 +49,13 @@ def needs(folder: Path, level: str, sources: list[str]) -> set[str]:
 
 
 def programs_and_kernel(subjects: list[Subject], folder: Path, level: str) -> set[str]:
-    return needs(folder, level, [str(write_units(subjects, folder)), *kernel_sources()])
+    return needs(folder, level, [str(write_units(subjects, folder))]) | of_kernel(level)
+
+
+@cache
+def of_kernel(level: str) -> set[str]:
+    with TemporaryDirectory() as folder:
+        return needs(Path(folder), level, kernel_sources())
 
 
 @pytest.mark.parametrize("level", ["-O0", "-O2"])

@@ -1,16 +1,21 @@
 """Packages of target `c`, made and built for tests.
 
-Purpose: one way to write a package and to compile it with flags of one's choice.
+Purpose: one way to write a package and to compile it with flags of one's choice. What `make` has
+built of exactly these files, with this compiler and these settings, is kept in Soter's cache as
+compiled programs are: many tests, and every later run, build the same package.
 Non-goals: what is in them.
 """
 
 from __future__ import annotations
 
+import hashlib
+import tarfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import processes
 import soter
+from soter.native.cache import cached, digest
 from soter.native.compiler import find
 
 if TYPE_CHECKING:
@@ -18,8 +23,18 @@ if TYPE_CHECKING:
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CART = EXAMPLES / "wall" / "cart.soter"
+MADE, SAID = "made.tar", "said.txt"
 
 Done = processes.Done
+Files = dict[str, str]
+
+
+class _NotMadeError(Exception):
+    """`make` failed, and has said why: that is never kept."""
+
+    def __init__(self, done: Done) -> None:
+        super().__init__(done.stderr)
+        self.done = done
 
 
 def package(source: Path, folder: Path, system: str | None = None) -> Package:
@@ -30,9 +45,52 @@ def command(words: list[str], folder: Path) -> Done:
     return processes.run(words, cwd=folder, capture_output=True, text=True, check=False)
 
 
-def make(folder: Path, *settings: str) -> Done:
-    """`make` from nothing, with the compiler that Soter uses."""
-    return command(["make", "-B", f"CC={' '.join(find().command)}", *settings], folder)
+def make(folder: Path, *settings: str, reads: tuple[Path, ...] = ()) -> Done:
+    """`make` from nothing, with the compiler that Soter uses; or what it has made of the same.
+
+    `reads`: files outside of the folder that the settings name.
+    """
+    compiler = find()
+    words = ["make", "-B", f"CC={' '.join(compiler.command)}", *settings]
+    if any(setting.startswith("CC=") for setting in settings):
+        return command(words, folder)  # nothing identifies another compiler
+    before = _files(folder)
+    read = [hashlib.sha256(file.read_bytes()).hexdigest() for file in reads]
+    parts = [compiler.identity, *words, *read]
+    parts += [x for name, sha256 in sorted(before.items()) for x in (name, sha256)]
+
+    def build(at: Path) -> None:
+        done = command(words, folder)
+        if done.returncode != 0:
+            raise _NotMadeError(done)
+        (at / SAID).write_text(done.stdout, encoding="utf-8")
+        with tarfile.open(at / MADE, "w") as tar:
+            for name, sha256 in sorted(_files(folder).items()):
+                if before.get(name) != sha256:
+                    tar.add(folder / name, name)
+
+    try:
+        at = cached("make", digest(parts), (MADE, SAID), build)
+    except _NotMadeError as error:
+        return error.done
+    with tarfile.open(at / MADE) as tar:
+        for member in tar:
+            file = tar.extractfile(member)
+            assert file is not None
+            made = folder / member.name
+            made.unlink(missing_ok=True)
+            made.write_bytes(file.read())  # and so it is younger than its sources
+            made.chmod(member.mode)
+    return Done(words, 0, (at / SAID).read_text(encoding="utf-8"), "")
+
+
+def _files(folder: Path) -> Files:
+    """Every file below a folder, and a hash of what is in it."""
+    return {
+        str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in folder.rglob("*")
+        if p.is_file()
+    }
 
 
 def trace(text: str) -> str:

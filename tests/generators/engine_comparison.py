@@ -16,7 +16,16 @@ import processes
 from soter.codegen.unit import Unit, generate
 from soter.core.layout import StateLayout, state_dtype, state_layout
 from soter.language.front_end import check_file, system_of
-from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME, include_flags, objects
+from soter.native.build import (
+    CHECK_FAILED,
+    KERNEL,
+    LIBRARY,
+    RUNTIME,
+    include_flags,
+    objects,
+    texts,
+)
+from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.library import Library
 from soter.native.own_files import SOTER
@@ -134,16 +143,22 @@ def kernel_sources() -> list[str]:
 
 
 def compile_library(subjects: list[Subject], folder: Path, optimise: str) -> Path:
-    """All subjects and one kernel as a shared library; the kernel is compiled once for all."""
-    source = write_units(subjects, folder)
-    target = folder / f"all{optimise}.so"
-    kernel = objects(
-        (*(RUNTIME / name for name in KERNEL), CHECK_FAILED),
-        (*STRICT, *WARNINGS, optimise, "-fPIC", *include_flags(RUNTIME / "soter.h")),
-    )
-    shared = ("-fPIC", "-shared", "-o", str(target))
-    call_compiler(folder, optimise, *shared, str(source), *map(str, kernel), "-lm")
-    return target
+    """All subjects and one kernel as a shared library, kept by content as compiled programs are;
+    the kernel is compiled once for all.
+    """
+    flags = (*STRICT, *WARNINGS, optimise, "-fPIC")
+    sources = (*(RUNTIME / name for name in KERNEL), CHECK_FAILED)
+    kernel = objects(sources, (*flags, *include_flags(RUNTIME / "soter.h")))
+    own = [x for s in subjects for x in (s.name, s.unit.header, s.unit.source)]
+    headers = texts(*sources, *sorted(RUNTIME.glob("*.h")), *sorted(SETS.glob("*.h")))
+
+    def make(at: Path) -> None:
+        source = write_units(subjects, folder)
+        shared = (optimise, "-fPIC", "-shared", "-o", str(at / LIBRARY))
+        call_compiler(folder, *shared, str(source), *map(str, kernel), "-lm")
+
+    content = digest((find().identity, *flags, *own, *headers))
+    return cached("compared", content, (LIBRARY,), make) / LIBRARY
 
 
 def native_trace(library: Path, s: Subject) -> Bytes:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import processes
+from generators import c_packages
 from soter.codegen.c.names import program_prefix
 from soter.native.compiler import WARNINGS, find
 from soter.targets.c99 import c99_package
@@ -24,17 +25,17 @@ if TYPE_CHECKING:
     Soter = Callable[..., Any]
 
 
+FLAGS = f"CFLAGS=-O2 {' '.join(WARNINGS)}"
+
+
 def make(folder: Path, name: str, *arguments: str) -> processes.Done:
     """Build with the strict flags as errors, and run."""
-    compiler = " ".join(find().command)
-    done = processes.run(
-        ["make", f"CC={compiler}", f"CFLAGS=-O2 {' '.join(WARNINGS)}"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = c_packages.make(folder, FLAGS)
     assert done.returncode == 0, done.stderr
+    return built_command(folder, name, *arguments)
+
+
+def built_command(folder: Path, name: str, *arguments: str) -> processes.Done:
     return processes.run(
         [str(folder / name), *arguments], capture_output=True, text=True, check=False
     )
@@ -52,7 +53,7 @@ def test_the_cart_gives_the_same_trace(soter: Soter, here: Path) -> None:
     assert facts(built.stdout)["trace_sha256"] == run["trace_sha256"]
     assert "safe: 0 violations" in built.stdout
     assert "module SafeCart: AC share 94.0 %, 4 to AC, 3 to SC, 0 gate faults" in built.stdout
-    again = make(here / "out", "cart", "--seed", "5", "--until", "2.5")
+    again = built_command(here / "out", "cart", "--seed", "5", "--until", "2.5")
     other = soter("run", "cart.soter", "--seed", "5", "--until", "2500ms", "--json").document
     assert facts(again.stdout)["trace_sha256"] == other["trace_sha256"]
 
@@ -136,7 +137,9 @@ def test_other_externs_get_a_file_to_fill_in_that_is_kept(
     again = soter("build", "robot.soter", "-o", "out", "--json").document
     assert again["kept"] == ["externs.c"]
     assert stub.read_text() == filled
-    built = make(here / "out", "robot")
+    plain = ["make", f"CC={' '.join(find().command)}", FLAGS]  # which sees that the stub changed
+    assert c_packages.command(plain, here / "out").returncode == 0
+    built = built_command(here / "out", "robot")
     run = soter(
         "run", "robot.soter", "--bind", "Learned=python:policies.py:good", "--json"
     ).document

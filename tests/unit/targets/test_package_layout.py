@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import soter
+from generators import c_packages
 from generators.c_packages import CART, EXAMPLES, command, make, package, trace
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.build import FAULTS
@@ -116,6 +117,36 @@ def test_files_of_a_person_beside_the_package_stay(tmp_path: Path) -> None:
     (tmp_path / "out" / "mine.c").write_text("int mine;\n")
     package(CART, tmp_path / "out")
     assert (tmp_path / "out" / "mine.c").read_text() == "int mine;\n"
+
+
+def test_a_package_is_built_once_and_anew_when_anything_of_it_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of `c_packages.make`, which many tests rest on."""
+    calls: list[list[str]] = []
+
+    def counted(words: list[str], folder: Path) -> c_packages.Done:
+        calls.append(words)
+        return command(words, folder)
+
+    monkeypatch.setenv("SOTER_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(c_packages, "command", counted)
+    for name in ("once", "again"):
+        out = tmp_path / name
+        package(CART, out)
+        assert make(out, "CFLAGS=-O0").returncode == 0
+        assert command(["./cart"], out).returncode == 0
+        assert len(calls) == 1
+    (out / "cart").unlink()
+    (out / "cart.c").write_text((out / "cart.c").read_text() + "int more;\n")
+    assert make(out, "CFLAGS=-O0").returncode == 0
+    (out / "cart").unlink()
+    assert make(out, "CFLAGS=-O1").returncode == 0
+    (out / "cart").unlink()
+    (out / "cart.c").write_text("wrong")
+    for _ in range(2):
+        assert make(out, "CFLAGS=-O0").returncode != 0
+    assert len(calls) == 5
 
 
 @pytest.mark.parametrize("name", ["Makefile", "GNUmakefile", "run", "clean", "extern", "README"])
