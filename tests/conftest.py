@@ -60,10 +60,18 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, lambda *_: None)
 
 
+# Collecting makes no garbage worth looking for, and most tests little: the collector would go over
+# every tree that a test builds again and again.
+GARBAGE = (50_000, 20, 20)
+gc.disable()
+
+
 def pytest_collection_finish() -> None:
     """What was collected stays to the end: the garbage collector need not look at it again."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(*GARBAGE)
+    gc.enable()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -301,6 +301,7 @@ class Bound:
         return float(self.constants["RESIDUAL"])
 
 
+@cache
 def derived(place: str, folder: Path = DRONE) -> Bound:
     """The bounds of laps or of corridors, all constants out of the program."""
     program = check_file(str(folder / PLACES[place])).program

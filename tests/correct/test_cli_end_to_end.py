@@ -144,7 +144,7 @@ def interrupted(
         if "--bind" in arguments:
             processes.until((here / "called").exists, process)
         else:
-            processes.computed(process, 2.5)
+            processes.computed(process, 1.5)
         process.send_signal(by)
         out, err = process.communicate(timeout=processes.TIMEOUT_S)
     assert "Traceback" not in err

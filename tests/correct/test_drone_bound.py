@@ -7,7 +7,6 @@ Non-goals: the rest that is not derived (`bench/drone/rhythms.py` searches it).
 from __future__ import annotations
 
 import shutil
-from functools import cache
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,20 +15,13 @@ from bench.drone.bound import DRONE, FLIGHTS, PLACES, derived, flown
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bench.drone.bound import Bound
-
 SHARP = ("a_ref", "a_ref'", "a_ref''", "z, of the attitude loop", "f, of the lift")
 """Quantities that a hostile flight brings within a fifth of what is derived of them."""
 
 
-@cache
-def bound(place: str) -> Bound:
-    return derived(place)
-
-
 @pytest.mark.parametrize("place", PLACES)
 def test_the_linear_part_leaves_something_of_the_residual(place: str) -> None:
-    b = bound(place)
+    b = derived(place)
     assert (b.counted > 0.05).all(), "a bound on nothing"
     assert (b.left > 0.0).all(), b.left
     assert float(b.constants["D"]) >= float(b.constants["iris.WIND"]) + b.residual
@@ -39,7 +31,7 @@ def test_the_linear_part_leaves_something_of_the_residual(place: str) -> None:
 def test_no_hostile_flight_is_beyond_what_is_derived_and_some_come_close(place: str) -> None:
     file, systems = FLIGHTS[place]
     assert "Rhythmic" in systems
-    extremes = flown(bound(place), range(3), 60, DRONE / file, "Rhythmic")
+    extremes = flown(derived(place), range(3), 60, DRONE / file, "Rhythmic")
     assert len(extremes) == 24
     assert not {n: x for n, x in extremes.items() if x[0] > x[1]}
     axes = "xyz" if place == "corridors" else "xz"  # this AC never leaves the leg along x

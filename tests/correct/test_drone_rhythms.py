@@ -64,7 +64,8 @@ def test_a_rhythm_is_flown_as_the_program_flies_it(tmp_path: Path) -> None:
     run = NativeProgram(system_of(checked, "Corridors")).run(1_500_000_000, 1, keep_trace=True)
     known = {n: c.value for n, c in checked.program.consts.items()}
     d, stray = needed(run, known)
-    rest = [seen(derived("corridors"), run)[f"rest {axis}"][0] for axis in "xyz"]
+    found = seen(derived("corridors"), run)
+    rest = [found[f"rest {axis}"][0] for axis in "xyz"]
     maxima = search.flown(search.place("corridors"), rhythm())[0]
     assert stray < 1e-9
     assert maxima[:3] == pytest.approx(d.max(axis=0), rel=1e-6)

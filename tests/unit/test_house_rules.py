@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from pathlib import Path
 
@@ -30,8 +29,9 @@ def _tracked() -> list[Path]:
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT / "src" / "soter")))
 def test_a_module_opens_with_its_purpose(path: Path) -> None:
-    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
-    assert docstring, "no docstring"
+    said = re.match(r'r?"""(.+?)"""\n', path.read_text(encoding="utf-8"), re.DOTALL)
+    assert said, "no docstring"
+    docstring = said.group(1)
     if path.name != "__init__.py":
         assert "Purpose:" in docstring
         assert "Non-goals:" in docstring

@@ -34,11 +34,11 @@ DRAGGED = Cart(
 )
 
 
-def certified(folder: Path, text: str, cells: tuple[int, int]) -> Path:
+def certified(folder: Path, text: str, cells: tuple[int, int], holds_max: int = 12) -> Path:
     path = folder / "cart.soter"
     path.write_text(text)
     facts = small_proofs.facts_of(path, "Track", "SafeCart")
-    made = small_proofs.prove(facts, (cells,), 12)
+    made = small_proofs.prove(facts, (cells,), holds_max)
     made["entry"]["system"] = "Track"
     small_proofs.write(
         folder / "cert", {"cart.soter": text}, "cart.soter", [made["entry"]], made["sets"]
@@ -50,7 +50,7 @@ def certified(folder: Path, text: str, cells: tuple[int, int]) -> Path:
 def dragged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dragged")
     cells = (DRAGGED.cells_x, DRAGGED.cells_v)
-    return certified(folder, DRAGGED.text(), cells)
+    return certified(folder, DRAGGED.text(), cells, holds_max=6)
 
 
 @pytest.fixture(scope="module")

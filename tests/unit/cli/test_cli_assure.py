@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 SMALL = (
-    ("/ 400", "/ 100"),
-    ("/ 320", "/ 80"),
-    ("tau * tau) + 0.12", "tau * tau) + 0.8"),
+    ("/ 400", "/ 60"),
+    ("/ 320", "/ 48"),
+    ("tau * tau) + 0.12", "tau * tau) + 1.2"),
     ("soter 1;", "soter 1;\nparam GAIN: float = 1.0 in [0.5, 2.0];"),
     ("publish accel = clamp(4.0 *", "publish accel = clamp(GAIN * 4.0 *"),
 )

@@ -575,7 +575,7 @@ def test_whatever_signal_ends_it_what_was_covered_is_printed(
 ) -> None:
     command = [sys.executable, "-m", "soter.cli.main", "test", wide, "--json"]
     with processes.started(command, cwd=here, stdout=processes.PIPE, text=True) as running:
-        processes.computed(running, 3.0)
+        processes.computed(running, 1.5)
         running.send_signal(number)
         out, _ = running.communicate(timeout=processes.TIMEOUT_S)
     assert running.returncode == 130

@@ -21,7 +21,7 @@ from soter.codegen import unit
 from soter.gym import Protected, SafetyWarning
 from soter.gym import compiled_system as compiled_module
 from soter.gym.array_mapping import action_space
-from soter.language.model.system import Bound
+from soter.language.model.system import Bound, Topic
 
 FULL = np.array([3.0], dtype=np.float32)
 
@@ -299,11 +299,17 @@ def test_linked_c_with_a_memory_steps_once_a_step(
 # ---------------------------------------------------------------- spaces
 
 
+@cache
+def accel() -> Topic:
+    """The cart's command, whose set the test below changes."""
+    return soter.load(CART).flat().topic("accel")
+
+
 @given(st.floats(-1e6, 1e6), st.floats(0.0, 1e6))
 @example(-262144.4296875, 0.015625)
 @example(0.1, 0.0)
 def test_no_action_of_the_space_is_outside_the_set(low: float, width: float) -> None:
-    topic = soter.load(CART).flat().topic("accel")
+    topic = accel()
     high = low + width
     topic.bounds = (Bound(low, high),)
     least = np.float32(low)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,9 @@ EXAMPLES = Path(__file__).resolve().parents[4] / "examples"
 
 @pytest.mark.parametrize("name", ["wall/cart.soter", "testing/planner.soter"])
 def test_a_problem_that_is_verified_twice_rests_on_the_same(name: str) -> None:
-    checked = check_file(str(EXAMPLES / name))
+    text = (EXAMPLES / name).read_text(encoding="utf-8")
+    coarse = re.sub(r"/ \d+0(?=[,;])", "/ 40", text) if "grid" in text else text
+    checked = check_file(str(EXAMPLES / name), coarse)
     assert checked.program is not None
     flat = system_of(checked, None)
     (seen,) = systems_by_view(flat, flat.modules[0])
