@@ -41,6 +41,10 @@ class Pieces:
             self.say(name)
         return self._done[key]
 
+    def has(self, name: str) -> bool:
+        """Whether a piece was made already."""
+        return f"{self._about} {name}" in self._done
+
     @staticmethod
     def say(text: str) -> None:
         """Progress, beside the result."""

@@ -235,14 +235,17 @@ def _words(*lines: str) -> tuple[tuple[str, ...], ...]:
 def seal(folder: Path) -> None:
     """Write the hashes of a certificate over what stands in its folder now."""
     proof = folder / "proof"
-    manifest = json.loads((proof / "manifest.json").read_bytes())
+    said = proof / "manifest.json"
+    if not said.is_file() or said.stat().st_size > 2**24:  # a device, or gigabytes
+        return
+    manifest = json.loads(said.read_bytes())
     for name in manifest["files"]:
         if (proof / name).is_file() and (proof / name).stat().st_size < 2**24:
             manifest["files"][name] = hashlib.sha256((proof / name).read_bytes()).hexdigest()
     from soter.certificate.format.folder import canonical  # noqa: PLC0415 - not for others
 
     raw = canonical(manifest)
-    (proof / "manifest.json").write_bytes(raw)
+    said.write_bytes(raw)
     (proof / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
 
 
