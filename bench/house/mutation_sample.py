@@ -1,0 +1,194 @@
+"""Whether the tests lost power: the same mutants of Python in two checkouts, and who kills them.
+
+    .venv/bin/python bench/house/mutation_sample.py --before ../older_checkout [--count 300]
+        [--seed 1] [--keep FILE]
+
+Purpose: mutants at lines that both checkouts have (a comparison, an operation, a truth or a whole
+number is another), drawn by seed; each in a copy of either tree, judged by quick tests: of those
+that name the mutated module, else of its room, the `FILES_MAX` with the fewest bytes. Killed: one
+of them fails, or all take longer than `LIMIT_S`. What is done is written to `--keep`, and not done
+again.
+Non-goals: mutants that only longer tests or tests of other rooms see; C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+ROOT = Path(__file__).resolve().parents[2]
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from bench.pieces import Pieces  # noqa: E402 - needs the path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+LIMIT_S = 180.0
+FILES_MAX = 6
+"""As many files of tests judge a mutant."""
+PARTS = ("src", "tests", "bench", "examples", "docs", "pyproject.toml", "README.md", "Makefile")
+OTHER = {
+    "<": "<=",
+    "<=": "<",
+    ">": ">=",
+    ">=": ">",
+    "==": "!=",
+    "!=": "==",
+    "is not": "is",
+    "+": "-",
+    "-": "+",
+    "*": "+",
+    "//": "*",
+    "and": "or",
+    "or": "and",
+    "True": "False",
+    "False": "True",
+}
+"""A token between or instead of operands, and what stands there in the mutant."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """In the file of this name below `src/soter` the text at `start` of a line, another."""
+
+    file: str
+    line: str
+    start: int
+    old: str
+    new: str
+
+
+def mutants(path: Path, name: str) -> Iterator[Mutant]:
+    """Every mutant of a file."""
+    text = path.read_text(encoding="utf-8")
+    lines = text.split("\n")
+    for node in ast.walk(ast.parse(text)):
+        pairs: list[tuple[ast.expr, ast.expr]] = []
+        if isinstance(node, ast.Compare):
+            pairs = list(zip([node.left, *node.comparators], node.comparators, strict=False))
+        elif isinstance(node, ast.BinOp):
+            pairs = [(node.left, node.right)]
+        elif isinstance(node, ast.BoolOp):
+            pairs = list(zip(node.values, node.values[1:], strict=False))
+        for left, right in pairs:
+            if left.end_lineno != right.lineno:
+                continue
+            line = lines[right.lineno - 1]
+            at = len(line.encode()[: left.end_col_offset or 0].decode())
+            between = line[at : len(line.encode()[: right.col_offset].decode())]
+            token = between.strip("() ")
+            if token in OTHER:
+                yield Mutant(name, line, at + between.index(token), token, OTHER[token])
+        if isinstance(node, ast.Constant) and node.lineno == node.end_lineno:
+            line = lines[node.lineno - 1]
+            at = len(line.encode()[: node.col_offset].decode())
+            old = str(node.value)
+            if line.startswith(old, at) and isinstance(node.value, int):
+                new = OTHER.get(old) or str(node.value + 1)
+                yield Mutant(name, line, at, old, new)
+
+
+def common(before: Path) -> list[Mutant]:
+    """The mutants at lines which stand in the same file of both trees just once."""
+    found: list[Mutant] = []
+    room = ROOT / "src" / "soter"
+    for path in sorted(room.rglob("*.py")):
+        name = str(path.relative_to(room))
+        other = before / "src" / "soter" / name
+        if other.exists():
+            here = path.read_text(encoding="utf-8").split("\n")
+            there = other.read_text(encoding="utf-8").split("\n")
+            found += [
+                m for m in mutants(path, name) if here.count(m.line) == there.count(m.line) == 1
+            ]
+    return found
+
+
+def judges(tree: Path, mutant: Mutant) -> list[str]:
+    """The files of tests that name the module; where none does, those of its room."""
+    module = "soter." + mutant.file.removesuffix(".py").replace("/", ".")
+    named = [
+        p for p in (tree / "tests").rglob("test_*.py") if module in p.read_text(encoding="utf-8")
+    ]
+    room = tree / "tests" / "unit" / mutant.file
+    while not named and room != tree / "tests" / "unit":
+        room = room.parent
+        named = sorted(room.glob("test_*.py"))
+    named.sort(key=lambda p: (p.stat().st_size, p))
+    return [str(p.relative_to(tree)) for p in named[:FILES_MAX]]
+
+
+def verdict(tree: Path, mutant: Mutant) -> str:
+    """What the quick tests of a tree say of a mutant: killed, survived, or not judged."""
+    tests = judges(tree, mutant)
+    if not tests:
+        return "not judged"
+    path = tree / "src" / "soter" / mutant.file
+    text = path.read_text(encoding="utf-8")
+    rest = mutant.line[mutant.start + len(mutant.old) :]
+    path.write_text(text.replace(mutant.line, mutant.line[: mutant.start] + mutant.new + rest))
+    environment = {**os.environ, "PYTHONPATH": str(tree / "src")}
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
+    try:
+        done = subprocess.run(
+            [*command, *tests],
+            cwd=tree,
+            env=environment,
+            capture_output=True,
+            timeout=LIMIT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return "killed"
+    finally:
+        path.write_text(text, encoding="utf-8")
+    return "survived" if done.returncode in (0, 5) else "killed"
+
+
+def main() -> int:
+    """Judge; 1 where fewer are killed than before."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--before", type=Path, required=True)
+    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path)
+    given = parser.parse_args()
+    drawn = random.Random(given.seed).sample(common(given.before), given.count)  # noqa: S311
+    pieces = Pieces(given.keep, str(given.seed))
+    tally: dict[tuple[str, str], int] = {}
+    with tempfile.TemporaryDirectory() as work:
+        trees = {"before": Path(work) / "before", "now": Path(work) / "now"}
+        for name, source in (("before", given.before), ("now", ROOT)):
+            trees[name].mkdir()
+            for part in PARTS:
+                copy: Any = shutil.copytree if (source / part).is_dir() else shutil.copy
+                copy(source / part, trees[name] / part)
+        for mutant in drawn:
+            said = {
+                name: pieces.piece(f"{name} {mutant}", lambda t=tree, m=mutant: verdict(t, m))  # type: ignore[misc]
+                for name, tree in trees.items()
+            }
+            both = (said["before"], said["now"])
+            tally[both] = tally.get(both, 0) + 1
+            if said["before"] != said["now"]:
+                print(f"{both[0]}, now {both[1]}: {mutant.file}: {mutant.line.strip()}", flush=True)
+    for (old, new), n in sorted(tally.items()):
+        print(f"{n:5}  before {old}, now {new}")
+    killed = [sum(n for both, n in tally.items() if both[k] == "killed") for k in range(2)]
+    print(f"{given.count} mutants: {killed[0]} killed before, {killed[1]} now (target: not fewer)")
+    return 1 if killed[1] < killed[0] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
