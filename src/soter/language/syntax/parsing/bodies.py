@@ -165,6 +165,7 @@ class BodyParser(StatementParser):
             helps = (replace(self.token_span(self.i), near, f"did you mean `{near}`?"),)
             self.report("S010", message, helps=helps)
             self.quiet = -1
+            self.texts[self.i] = near
             items[near](self, parts)
             return
         if word in ("invariant", "invariants") and "always" in items:
