@@ -84,6 +84,11 @@ def _idiom(
 IDIOMS: tuple[Idiom, ...] = (
     # declarations
     _idiom(
+        r"\b(?P<at>(?:property|invariant|spec|requirement)\s+\w+)\s*[=:]\s*(?=always\b|never\b)",
+        "a property has no name, and stands in a system",
+        say="write `always e;` or `never e;` in the system",
+    ),
+    _idiom(
         r"^[ \t]*(?:static\s+)?(?P<at>(?:const|constexpr|final)\s+(?:const\s+)?"
         rf"(?P<type>{_TYPE})\s+(?P<name>\w+))(?=\s*=)",
         "the type of a constant stands behind its name and `:`",

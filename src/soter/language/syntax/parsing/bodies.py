@@ -170,6 +170,10 @@ class BodyParser(StatementParser):
             return
         if word in ("invariant", "invariants") and "always" in items:
             raise self.failure("S010", message, helps=(self._asked_with_always(items),))
+        if kind == NAME and "module" in items and self.kinds[self.i + 1] == ";":
+            name = visible(word)
+            said = f"write `node {name};`, `module {name};`, or `c: {name};` for a plant"
+            raise self.failure("S010", message, helps=(said,))
         homes = [home for home, words in HOMES.items() if word in words]
         follows = self.kinds[self.i + 1]
         if kind == NAME and follows in PLACE_FOLLOWS and not (homes and follows == "["):
