@@ -79,10 +79,12 @@ def type_at(record: type, path: str) -> Hint:
     """The type of what stands at a path of a record; with None where a part of it may be none."""
     empty = path.endswith("?")
     hint: Hint = record
-    for name in path.removesuffix("?").split("."):
+    for name in path.rstrip("?*").split("."):
         inner, none = without_none(hint)
         empty = empty or none
         hint = member(inner, name)
+    if path.endswith("*"):
+        hint = Mapping[str, typing.get_args(typing.get_args(hint)[0])[1]]  # type: ignore[misc]
     return hint | None if empty else hint
 
 
@@ -94,7 +96,9 @@ def without_none(hint: Hint) -> tuple[Hint, bool]:
 
 
 def member(record: type, name: str) -> Hint:
-    """The type of a field, or of what a property gives."""
+    """The type of a field, or of what a property gives; a list of it behind a list or tuple."""
+    if typing.get_origin(record) in (list, tuple):
+        return list[member(typing.get_args(record)[0], name)]  # type: ignore[misc]
     for base in record.__mro__:
         text = get_annotations(base).get(name)
         if text is not None:

@@ -128,10 +128,6 @@ def _name(module: RecheckedModule, report: Report) -> str:
     return f"{module.system}.{module.name}" if several else module.name
 
 
-def _keys(report: Report) -> list[str]:
-    return [a.key for a in report.said]
-
-
 def _modules(report: Report) -> dict[str, RecheckedModule]:
     return {_name(m, report): m for m in report.modules}
 
@@ -140,8 +136,8 @@ ASSUMPTION = JsonObject("soter.certificate.assumptions.RecheckAssumption", "key 
 DOCUMENT = JsonObject(
     "soter.certificate.report.Report",
     "accepted safe returns reason program_sha256 seconds program modules assumptions "
-    "assumption_keys not_covered",
-    {"modules": _modules, "assumption_keys": _keys},
+    "assumption_keys=said.key not_covered",
+    {"modules": _modules},
     beside={"certificate": str},
     modules=JsonObject(
         "soter.certificate.report.RecheckedModule",

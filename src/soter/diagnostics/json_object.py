@@ -34,14 +34,15 @@ class JsonObject:
         """`record`: its class, or `room.file.Class` where that is heavy.
 
         `fields`: each `name`, or `name=path` where the record has it at another place (None on the
-        way is null); with `?` at the end what is empty is null. `made`: those that a function of
-        the record makes. `shapes`, `more`: the objects that values are, also in tuples and
-        mappings, or schemas. `named`: its own block in the page. `beside`: what the command adds,
-        with types, or may add (`name?`).
+        way is null; behind a list or tuple it is that of every entry); with `?` at the end what is
+        empty is null, with `*` pairs are an object. `made`: those that a function of the record
+        makes. `shapes`, `more`: the objects that values are, also in tuples and mappings, or
+        schemas. `named`: its own block in the page. `beside`: what the command adds, with types, or
+        may add (`name?`).
         """
         self.record, self.made, self.named = record, made or {}, named
         pairs = [text.partition("=") for text in fields.split()]
-        self.paths = {name.rstrip("?"): path or name for name, _, path in pairs}
+        self.paths = {name.rstrip("?*"): path or name for name, _, path in pairs}
         self.beside, self.shapes = beside or {}, {**(shapes or {}), **more}
 
     def of(self, record: object) -> dict[str, object]:
@@ -52,11 +53,19 @@ class JsonObject:
 
 def _at(path: str) -> Callable[[Any], object]:
     def value(record: Any) -> object:  # noqa: ANN401 - any record
-        for name in path.removesuffix("?").split("."):
-            record = None if record is None else getattr(record, name)
+        for name in path.rstrip("?*").split("."):
+            record = _part(record, name)
+        if path.endswith("*"):
+            return dict(record)
         return (record or None) if path.endswith("?") else record
 
     return value
+
+
+def _part(record: object, name: str) -> object:
+    if isinstance(record, (list, tuple)):
+        return [_part(one, name) for one in record]
+    return None if record is None else getattr(record, name)
 
 
 def _plain(value: object, shape: Shape | None) -> object:
