@@ -28,7 +28,7 @@ Hint: TypeAlias = Any
 """A type, as annotations have it."""
 PAGE = Path(__file__).resolve().parents[1] / "json.md"
 BLOCK = re.compile(r"^(```json schema=(\w+)\n)(.*?)^```", re.MULTILINE | re.DOTALL)
-DOCUMENTS = {"check": "check", "test": "test", "recheck": "recheck"}
+DOCUMENTS = {"check": "check", "test": "test", "recheck": "recheck", "verify": "verify"}
 """Name of a block -> the command whose file has its `DOCUMENT`."""
 WIDTH = 120
 TYPES = {str: "string", bool: "boolean", int: "integer", float: "number", type(None): "null"}

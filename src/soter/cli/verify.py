@@ -6,7 +6,6 @@ Non-goals: the proofs (`verify/`), checking certificates (`soter recheck`).
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from soter.api import load
@@ -17,18 +16,23 @@ from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CommandParser, add_file, add_settings
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.json_object import JsonObject, one_of
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
     from pathlib import Path
 
     from soter.cli.ci.findings import Kind
     from soter.cli.terminal.console import Console
-    from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
+    from soter.verify.claims.results import (
+        Finding,
+        LeavingRun,
+        ModuleResult,
+        Region,
+        VerifyReport,
+    )
     from soter.verify.composition import ComposedAssumption
-
-    Runs = Mapping[str, Mapping[str, Path]]
 
 EXAMPLES = """\
   soter verify cart.soter
@@ -99,12 +103,12 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
                 report=args.report,
                 progress=progress,
             )
-        runs = _saved(report)
+        _save_runs(report)
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return CommandOutcome(exit_of(items), items, {"file": args.file})
-    _say(report, args, console, runs)
-    fields = _fields(report, runs)
+    _say(report, args, console)
+    fields = DOCUMENT.of(report)
     if not (args.params or args.bindings):
         _remember(report)
     if written:
@@ -144,7 +148,7 @@ def _found(report: VerifyReport) -> Iterator[CiFinding]:
 # ---------------------------------------------------------------- for people
 
 
-def _say(report: VerifyReport, args: argparse.Namespace, console: Console, runs: Runs) -> None:
+def _say(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
     hash_ = report.program_sha256[:12]
     console.say(console.paint("muted", f"{report.path}  {report.system}  {hash_}"))
     for module in report.modules:
@@ -168,7 +172,8 @@ def _say(report: VerifyReport, args: argparse.Namespace, console: Console, runs:
         if kind == "cert" and args.cert:
             for line in _of_the_certificate(report):
                 console.say(f"        {console.paint('yellow', line)}")
-    for path in dict.fromkeys(p for files in runs.values() for p in files.values()):
+    saved = [f.saved for m in report.modules for f in m.findings.values()]
+    for path in dict.fromkeys(filter(None, saved)):
         console.say(f"\nrun     {path}")
 
 
@@ -266,13 +271,12 @@ def _remember(report: VerifyReport) -> None:
     store_verdicts(Path(report.path), report.program_sha256, kept)
 
 
-def _saved(report: VerifyReport) -> Runs:
-    """The runs that refute, written to `.soter/`: module and property -> file."""
-    if report.verdict != "refuted":
-        return {}
-    from soter.verify.attack.counterexample_files import save_runs  # noqa: PLC0415 - only then
+def _save_runs(report: VerifyReport) -> None:
+    """Write the runs that refute to `.soter/`."""
+    if report.verdict == "refuted":
+        from soter.verify.attack.counterexample_files import save_runs  # noqa: PLC0415 - only then
 
-    return save_runs(report)
+        save_runs(report)
 
 
 def _headline(module: ModuleResult, console: Console) -> str:
@@ -348,91 +352,90 @@ def seconds(value: float) -> str:
 # ---------------------------------------------------------------- as JSON
 
 
-def _fields(report: VerifyReport, runs: Runs) -> dict[str, object]:
-    return {
-        "file": report.path,
-        "program_sha256": report.program_sha256,
-        "system": report.system,
-        "verdict": report.verdict,
-        "together": report.together,
-        "seconds": report.seconds,
-        "modules": {m.name: _module(m, runs.get(m.name, {})) for m in report.modules},
-        "params": dict(report.coverage.params),
-        "also": list(report.coverage.also),
-        "not_covered": list(report.coverage.rest),
-        "guarantees": [asdict(g) for g in report.coverage.guarantees],
-    }
+def _params(report: VerifyReport) -> object:
+    return dict(report.coverage.params)
 
 
-def _module(module: ModuleResult, runs: Mapping[str, Path]) -> dict[str, object]:
-    times, sets = module.problem.times, module.problem.kind != "nodes"
-    return {
-        "verdict": module.verdict,
-        "seconds": module.seconds,
-        "properties": {name: _finding(f, runs.get(name)) for name, f in module.findings.items()},
-        "cells": module.cells,
-        "core_share": module.core_share,
-        "shares": module.shares,
-        "headline": module.headline,
-        "vacuous": _vacuous(module),
-        "at_the_start": module.at_the_start,
-        "notes": list(module.notes),
-        "horizon_s": times.horizon_ns / 1e9 if sets else None,
-        "horizon_needed_s": times.h_star / 1e9 if sets else None,
-        "recover_s": module.recover_s,
-        "assumptions": [a.text for a in module.assumptions],
-        "assumption_keys": [a.key for a in module.assumptions],
-    }
+def _modules(report: VerifyReport) -> dict[str, ModuleResult]:
+    return {m.name: m for m in report.modules}
 
 
-def _finding(finding: Finding, run: Path | None) -> dict[str, object]:
-    return {
-        "verdict": finding.verdict,
-        "seconds": finding.seconds,
-        "method": finding.method,
-        "text": finding.text,
-        "hint": finding.hint,
-        "counts": finding.counts,
-        "where": [
-            {
-                "states": {name: [low, high] for name, low, high in region.axes},
-                "parameters": dict(region.parameters),
-            }
-            for region in finding.regions
-        ],
-        "counterexample": None if run is None else str(run),
-        "run": [] if finding.counterexample is None else str(finding.counterexample).splitlines(),
-        "causes": [
-            {"kind": c.kind, "text": c.text, "hint": c.hint, "numbers": dict(c.numbers)}
-            for c in finding.causes
-        ],
-        "leaving": _leaving(finding.leaving),
-    }
+def _horizon_s(module: ModuleResult) -> float | None:
+    problem = module.problem
+    return problem.times.horizon_ns / 1e9 if problem.kind != "nodes" else None
 
 
-def _vacuous(module: ModuleResult) -> dict[str, object] | None:
-    vacuity = module.vacuity
-    if vacuity is None:
-        return None
-    return {
-        "how_often": vacuity.how_often,
-        "what": vacuity.what,
-        "share": vacuity.share,
-        "text": vacuity.text,
-        "parameters": dict(vacuity.parameters),
-    }
+def _needed_s(module: ModuleResult) -> float | None:
+    problem = module.problem
+    return problem.times.h_star / 1e9 if problem.kind != "nodes" else None
 
 
-def _leaving(run: LeavingRun | None) -> dict[str, object] | None:
-    """A run of the model: what it starts from, and every state that was computed."""
-    if run is None:
-        return None
-    return {
-        "text": str(run),
-        "axis": run.axis,
-        "side": run.side,
-        "safe": run.safe,
-        "chosen": list(run.chosen),
-        "time_s": run.time_s.tolist(),
-        "states": {n: run.states[:, i].tolist() for i, n in enumerate(run.names)},
-    }
+def _run(finding: Finding) -> list[str]:
+    return [] if finding.counterexample is None else str(finding.counterexample).splitlines()
+
+
+def _ranges(region: Region) -> dict[str, list[float]]:
+    return {name: [low, high] for name, low, high in region.axes}
+
+
+def _text(run: LeavingRun) -> str:
+    return str(run)
+
+
+def _times(run: LeavingRun) -> list[float]:
+    times: list[float] = run.time_s.tolist()
+    return times
+
+
+def _states(run: LeavingRun) -> dict[str, list[float]]:
+    """Every state that was computed."""
+    return {name: run.states[:, i].tolist() for i, name in enumerate(run.names)}
+
+
+RESULTS = "soter.verify.claims.results"
+VERDICT = one_of(*EXITS)
+FINDING = JsonObject(
+    f"{RESULTS}.Finding",
+    "verdict seconds method text hint counts where=regions counterexample=saved run causes leaving",
+    {"run": _run},
+    verdict=VERDICT,
+    where=JsonObject(f"{RESULTS}.Region", "states parameters*", {"states": _ranges}),
+    causes=JsonObject(f"{RESULTS}.Cause", "kind text hint numbers*"),
+    leaving=JsonObject(
+        f"{RESULTS}.LeavingRun",
+        "text axis side safe chosen time_s states",
+        {"text": _text, "time_s": _times, "states": _states},
+        side=one_of(-1, 1),
+    ),
+)
+MODULE = JsonObject(
+    f"{RESULTS}.ModuleResult",
+    "verdict seconds properties=findings cells core_share shares headline vacuous=vacuity "
+    "at_the_start notes horizon_s horizon_needed_s recover_s assumptions=assumptions.text "
+    "assumption_keys=assumptions.key",
+    {"horizon_s": _horizon_s, "horizon_needed_s": _needed_s},
+    verdict=VERDICT,
+    properties=FINDING,
+    vacuous=JsonObject(
+        f"{RESULTS}.Vacuity",
+        "how_often what share text parameters*",
+        how_often=one_of("never", "hardly ever"),
+        what=one_of("ttf", "safer", "core", "safe"),
+    ),
+)
+DOCUMENT = JsonObject(
+    f"{RESULTS}.VerifyReport",
+    "file=path program_sha256 system verdict together seconds modules params also=coverage.also "
+    "not_covered=coverage.rest guarantees=coverage.guarantees",
+    {"modules": _modules, "params": _params},
+    beside={"cert?": str, "report?": str, "written?": list[str]},
+    verdict=VERDICT,
+    together=VERDICT,
+    modules=MODULE,
+    params={"type": "object"},
+    guarantees=JsonObject(
+        "soter.verify.scope_data.ScopeGuarantee",
+        "module what by how",
+        how=one_of("enforced", "declared", "guaranteed", "published", "assumed"),
+    ),
+)

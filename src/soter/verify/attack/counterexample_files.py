@@ -34,11 +34,9 @@ class AnotherVersionError(ValueError):
     """A counterexample of a program that has changed since."""
 
 
-def save_runs(report: VerifyReport, folder: Path = FOLDER) -> dict[str, dict[str, Path]]:
-    """Write every counterexample; module and property -> file. SoterError D006."""
-    files_by_module: dict[str, dict[str, Path]] = {}
+def save_runs(report: VerifyReport, folder: Path = FOLDER) -> None:
+    """Write every counterexample; its finding says where. SoterError D006."""
     for module in report.modules:
-        files = files_by_module.setdefault(module.name, {})
         for name, finding in module.findings.items():
             run = finding.counterexample
             if isinstance(run, Counterexample):
@@ -46,8 +44,7 @@ def save_runs(report: VerifyReport, folder: Path = FOLDER) -> dict[str, dict[str
                 stem = f"{Path(report.path).stem}-{module.name}{kind}"
                 path = folder / f"{stem}.counterexample.json"
                 _write(replace(run, facts=_facts(report, module)), path)
-                files[name] = path
-    return files_by_module
+                finding.saved = path
 
 
 def _facts(report: VerifyReport, module: ModuleResult) -> dict[str, object]:

@@ -16,6 +16,7 @@ from soter.verify.scope_data import VerificationScope
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
@@ -136,6 +137,8 @@ class Finding:
     counterexample: object | None = None
     causes: list[Cause] = field(default_factory=list)
     leaving: LeavingRun | None = None
+    saved: Path | None = None
+    """The file of the counterexample."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name == "verdict" and hasattr(self, "verdict"):
