@@ -16,7 +16,7 @@ BLOCK = re.compile(r"^```json schema=(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL
 SCHEMAS: dict[str, dict[str, Any]] = {
     name: json.loads(text) for name, text in BLOCK.findall(PAGE.read_text(encoding="utf-8"))
 }
-MADE = ("check", "test", "recheck", "verify")
+MADE = ("check", "test", "recheck", "verify", "run")
 """Documents whose schemas `docs/site/json_schemas.py` makes: they have all fields."""
 TYPES: dict[str, tuple[type, ...]] = {
     "object": (dict,),

@@ -28,8 +28,11 @@ Hint: TypeAlias = Any
 """A type, as annotations have it."""
 PAGE = Path(__file__).resolve().parents[1] / "json.md"
 BLOCK = re.compile(r"^(```json schema=(\w+)\n)(.*?)^```", re.MULTILINE | re.DOTALL)
-DOCUMENTS = {"check": "check", "test": "test", "recheck": "recheck", "verify": "verify"}
-"""Name of a block -> the command whose file has its `DOCUMENT`."""
+DOCUMENTS = {
+    **{name: f"soter.cli.{name}" for name in ("check", "test", "recheck", "verify")},
+    "run": "soter.simulate.outputs.run_fields",
+}
+"""Name of a block -> the module that has its `DOCUMENT`."""
 WIDTH = 120
 TYPES = {str: "string", bool: "boolean", int: "integer", float: "number", type(None): "null"}
 
@@ -37,8 +40,8 @@ TYPES = {str: "string", bool: "boolean", int: "integer", float: "number", type(N
 def blocks() -> dict[str, dict[str, Any]]:
     """The schemas by name."""
     made: dict[str, dict[str, Any]] = {}
-    for name, command in DOCUMENTS.items():
-        document = import_module(f"soter.cli.{command}").DOCUMENT
+    for name, module in DOCUMENTS.items():
+        document = import_module(module).DOCUMENT
         made[name] = of_object(document)
         for part in named(document):
             made[part.named] = of_object(part)
@@ -107,7 +110,9 @@ def member(record: type, name: str) -> Hint:
 
 
 def returned(function: Callable[..., object]) -> Hint:
-    """The type of what a function gives."""
+    """The type of what a function gives, or a class."""
+    if isinstance(function, type):
+        return function
     return meant(get_annotations(function)["return"], function.__module__)
 
 
@@ -139,11 +144,15 @@ class ImportedNames(dict[str, object]):
 
 def of_type(hint: Hint, shape: JsonObject | Mapping[str, Any] | None, where: str) -> dict[str, Any]:
     """The schema of a type; `shape`: what the record or value in it is."""
+    if isinstance(shape, Mapping) and "$ref" in shape:
+        return dict(shape)
     inner, none = without_none(hint)
     if none:
         return or_null(of_type(inner, shape, where))
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if isinstance(origin, type) and issubclass(origin, Mapping):
+        if args[1] is object:
+            return {"type": "object"}
         return {"type": "object", "additionalProperties": of_type(args[1], shape, where)}
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return {"type": "array", "items": of_type(args[0], shape, where)}

@@ -122,7 +122,7 @@ def _finish(
 ) -> CommandOutcome:
     """Summary, files, exit code: files that cannot be written do not hide the result."""
     from soter.cli.terminal.run_summary import summary  # noqa: PLC0415 - needs NumPy
-    from soter.simulate.outputs.run_fields import run_figures  # noqa: PLC0415 - needs NumPy
+    from soter.simulate.outputs.run_fields import DOCUMENT  # noqa: PLC0415 - needs NumPy
 
     console.say(summary(result, args.file, console, why=args.why))
     written, problems = _files(program, result, args, log, console)
@@ -135,7 +135,7 @@ def _finish(
         code = DIAGNOSTICS
     if result.interrupted:
         code = INTERRUPTED
-    fields = {"file": args.file, **run_figures(result), **written}
+    fields = {"file": args.file, **DOCUMENT.of(result), **written}
     return CommandOutcome(code, (*warnings, *problems), fields)
 
 

@@ -25,13 +25,7 @@ if TYPE_CHECKING:
 
     from soter.cli.ci.findings import Kind
     from soter.cli.terminal.console import Console
-    from soter.verify.claims.results import (
-        Finding,
-        LeavingRun,
-        ModuleResult,
-        Region,
-        VerifyReport,
-    )
+    from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
     from soter.verify.composition import ComposedAssumption
 
 EXAMPLES = """\
@@ -352,7 +346,7 @@ def seconds(value: float) -> str:
 # ---------------------------------------------------------------- as JSON
 
 
-def _params(report: VerifyReport) -> object:
+def _params(report: VerifyReport) -> dict[str, object]:
     return dict(report.coverage.params)
 
 
@@ -374,14 +368,6 @@ def _run(finding: Finding) -> list[str]:
     return [] if finding.counterexample is None else str(finding.counterexample).splitlines()
 
 
-def _ranges(region: Region) -> dict[str, list[float]]:
-    return {name: [low, high] for name, low, high in region.axes}
-
-
-def _text(run: LeavingRun) -> str:
-    return str(run)
-
-
 def _times(run: LeavingRun) -> list[float]:
     times: list[float] = run.time_s.tolist()
     return times
@@ -399,12 +385,12 @@ FINDING = JsonObject(
     "verdict seconds method text hint counts where=regions counterexample=saved run causes leaving",
     {"run": _run},
     verdict=VERDICT,
-    where=JsonObject(f"{RESULTS}.Region", "states parameters*", {"states": _ranges}),
+    where=JsonObject(f"{RESULTS}.Region", "states=ranges parameters*"),
     causes=JsonObject(f"{RESULTS}.Cause", "kind text hint numbers*"),
     leaving=JsonObject(
         f"{RESULTS}.LeavingRun",
         "text axis side safe chosen time_s states",
-        {"text": _text, "time_s": _times, "states": _states},
+        {"text": str, "time_s": _times, "states": _states},
         side=one_of(-1, 1),
     ),
 )
@@ -432,7 +418,6 @@ DOCUMENT = JsonObject(
     verdict=VERDICT,
     together=VERDICT,
     modules=MODULE,
-    params={"type": "object"},
     guarantees=JsonObject(
         "soter.verify.scope_data.ScopeGuarantee",
         "module what by how",

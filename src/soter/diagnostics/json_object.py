@@ -6,8 +6,8 @@ Non-goals: the schema: `docs/site/json_schemas.py` reads it off these lists and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias, TypeGuard
 
 Made = Mapping[str, Callable[[Any], object]]
 Shape: TypeAlias = "JsonObject | dict[str, object]"
@@ -63,15 +63,20 @@ def _at(path: str) -> Callable[[Any], object]:
 
 
 def _part(record: object, name: str) -> object:
-    if isinstance(record, (list, tuple)):
+    if _lists(record):
         return [_part(one, name) for one in record]
     return None if record is None else getattr(record, name)
+
+
+def _lists(value: object) -> TypeGuard[Sequence[object]]:
+    """Whether it is a list of others; a named tuple is a record."""
+    return isinstance(value, (list, tuple)) and not hasattr(value, "_fields")
 
 
 def _plain(value: object, shape: Shape | None) -> object:
     if isinstance(value, Mapping):
         return {str(name): _plain(part, shape) for name, part in value.items()}
-    if isinstance(value, (list, tuple)):
+    if _lists(value):
         return [_plain(part, shape) for part in value]
     if isinstance(shape, JsonObject) and value is not None:
         return shape.of(value)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from soter.core.layout import COMPONENT, HEADER, MODULE, decode_from
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
@@ -24,8 +24,7 @@ from soter.language.evaluate.conjuncts import conjuncts, disjuncts
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
-from soter.language.model.python_values import to_json
-from soter.language.model.types import FLOAT, BoolType, EnumType, FloatType, IntType
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.semantics.configuration import NEVER
 from soter.semantics.observer_records import AC
 
@@ -83,19 +82,26 @@ class Stale:
         return f"{self.topic} is {age}, max_age {_short(self.max_age_s)} s"
 
 
+class GateFault(NamedTuple):
+    """The AC whose last step the gate refused, and the kind of its fault."""
+
+    node: str
+    fault: str
+
+
 @dataclass(frozen=True)
 class DecisionReason:
     """What a DM step went by.
 
     `ttf`, `safer`: their parts, any and all of which decide; empty where they are not `known`.
-    `gate_fault`: the AC and the kind of its last fault. `owed`: outputs that AC owed.
+    `owed`: outputs that AC owed.
     """
 
     known: bool
     ttf: tuple[PredicatePart, ...]
     safer: tuple[PredicatePart, ...]
     stale: tuple[Stale, ...]
-    gate_fault: tuple[str, str] | None
+    gate_fault: GateFault | None
     owed: int
 
     def words(self, before: str, after: str) -> list[str]:
@@ -110,34 +116,6 @@ class DecisionReason:
             return phrases
         phrases += [str(p) for p in self.safer if not p.value]
         return phrases + ([f"AC owes {self.owed} clean outputs"] if self.owed else [])
-
-    def as_json(self) -> dict[str, object]:
-        """As `soter run --json` tells it (docs/json.md)."""
-        return {
-            "known": self.known,
-            "ttf": [_part_json(p) for p in self.ttf],
-            "safer": [_part_json(p) for p in self.safer],
-            "stale": [
-                {"topic": s.topic, "age_s": s.age_s, "max_age_s": s.max_age_s} for s in self.stale
-            ],
-            "gate_fault": None
-            if self.gate_fault is None
-            else {"node": self.gate_fault[0], "fault": self.gate_fault[1]},
-            "owed": self.owed,
-        }
-
-
-def _part_json(p: PredicatePart) -> dict[str, object]:
-    return {
-        "text": p.text,
-        "value": p.value,
-        "fault": p.fault or None,
-        "operands": [{"text": o.text, "value": _json(o.value)} for o in p.operands],
-    }
-
-
-def _json(value: Number) -> object:
-    return to_json(FLOAT, value) if isinstance(value, float) else value
 
 
 class Explainer:
@@ -248,14 +226,14 @@ class _PredicateReader:
                 age = None if env.stamps[i] == NEVER else age_ns / 1e9
                 yield Stale(topic.name, age, topic.max_age_ns / 1e9)
 
-    def _gate_fault(self, before: bytes | None) -> tuple[str, str] | None:
+    def _gate_fault(self, before: bytes | None) -> GateFault | None:
         """AC steps after its DM: what the DM saw is of the instants before."""
         if before is None:
             return None
         at = self.layout.component_offset + self.module.ac * COMPONENT.size
         kind = COMPONENT.unpack_from(before, at)["last_fault"]
         name = self.system.components[self.module.ac].name
-        return (name, FaultKind(kind).name.lower()) if kind else None
+        return GateFault(name, FaultKind(kind).name.lower()) if kind else None
 
     # ------------------------------------------------------------ parts of predicates
 

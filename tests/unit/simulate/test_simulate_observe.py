@@ -16,7 +16,7 @@ from soter.simulate import run_observer
 from soter.simulate.decisions import PredicateValues, changes, reason, steps
 from soter.simulate.explain_decision import Explainer
 from soter.simulate.interrupt import StopRequest, stoppable
-from soter.simulate.outputs.run_fields import final_values, run_figures, scalars
+from soter.simulate.outputs.run_fields import DOCUMENT, final_values, scalars
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def test_both_engines_leave_the_same_record(cart: Cart) -> None:
     assert native.changes == interpreted.changes
     decided = [list(steps(r.system, r.require_trace())) for r in (native, interpreted)]
     assert decided[0] == decided[1]
-    one, two = run_figures(native), run_figures(interpreted)
+    one, two = DOCUMENT.of(native), DOCUMENT.of(interpreted)
     for name in ("engine", "wall_s"):
         one.pop(name)
         two.pop(name)

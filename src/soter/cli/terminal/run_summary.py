@@ -114,12 +114,10 @@ def _faults(run: Run, console: Console) -> Iterator[str]:
     if not faults:
         return
     yield "step faults"
-    for name, facts in faults.items():
-        count, first = facts["count"], facts["first_s"]
-        since = f", the first at {first:.3f} s" if isinstance(first, float) else ""
+    for name, of in faults.items():
+        since = "" if of.first_s is None else f", the first at {of.first_s:.3f} s"
         said = run.extern_failures.get(name)
-        kind = f"`{facts['last']}`"
-        yield f"  {name}: {count} {TIMES} {kind}{since}"
+        yield f"  {name}: {of.count} {TIMES} `{of.last}`{since}"
         if said:
             yield console.paint("muted", f"    {said}")
 

@@ -7,109 +7,92 @@ Non-goals: printing; what only one example cares about, which it adds itself.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, cast
 
 from soter.core.layout import decode_from
+from soter.diagnostics.json_object import JsonObject, one_of
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.python_values import to_json
-from soter.simulate.decisions import changes
+from soter.language.model.types import FLOAT
+from soter.simulate.decisions import DecisionStepRecord, PredicateValues, changes
+from soter.simulate.explain_decision import DecisionReason, GateFault, Operand, PredicatePart, Stale
 from soter.simulate.run_parameters import as_json
 
 if TYPE_CHECKING:
     from soter.core.layout import StateLayout
     from soter.language.model.system import Component
     from soter.language.model.types import Type, Value
-    from soter.simulate.result import Run, Violation
+    from soter.simulate.externs.python_answers import Tally
+    from soter.simulate.result import Run
 
 CHANGES_MAX = 1000
 """More mode changes than anybody reads: the document says how many there were."""
 
 
-def run_figures(run: Run) -> dict[str, object]:
-    """The fields of the document `run` (docs/json.md), without the envelope."""
-    decided = changes(run)
-    return {
-        "system": run.system.name,
-        "engine": run.engine,
-        "seed": run.seed,
-        "program_sha256": run.system.program.sha256,
-        "params": as_json(run.system),
-        "notes": run.notes,
-        "duration_s": run.reached_s if run.interrupted else run.duration_s,
-        "until_s": run.duration_s,
-        "interrupted": run.interrupted,
-        "wall_s": run.wall_s,
-        "lag_s_max": run.lag_s_max,
-        "real_time": run.timing,
-        "instants": run.instants,
-        "violations": run.violations,
-        "violation_list": [_violation(v) for v in run.violation_list],
-        "modules": {
-            name: {
-                "ac_share": m.ac_share,
-                "switches_to_sc": m.switches_to_sc,
-                "switches_to_ac": m.switches_to_ac,
-                "gate_faults": m.gate_faults,
-            }
-            for name, m in run.modules.items()
-        },
-        "proofs": {
-            name: {"properties": p.verdicts, "assumptions": list(p.assumptions)}
-            for name, p in run.proofs.items()
-        },
-        "mode_changes": [
-            {
-                "time_s": d.time_ns / 1e9,
-                "module": d.module,
-                "mode": d.after,
-                "reason": d.reason,
-                "predicates": d.saw.predicates(),
-                "margin_s": d.margin_s,
-                "why": None if d.why is None else {"words": d.words, **d.why.as_json()},
-            }
-            for d in decided[:CHANGES_MAX]
-        ],
-        "mode_changes_total": len(decided),
-        "faults": component_faults(run),
-        "externs": dict(run.externs),
-        "extern_failures": dict(run.extern_failures),
-        "extern_silences": {
-            name: {"steps": tally.steps, "silent": tally.silent}
-            for name, tally in run.extern_tallies.items()
-            if tally.silent
-        },
-        "final": final_values(run),
-        "trace_sha256": run.trace_sha256,
-    }
+class ExplainedStep(Protocol):
+    """A DM step of which is known on which values it decided."""
+
+    words: list[str]
+    why: DecisionReason
 
 
-def _violation(v: Violation) -> dict[str, object]:
-    span = v.span
-    return {
-        "what": v.what,
-        "kind": v.kind,
-        "time_s": v.time_s,
-        "count": v.count,
-        "file": span.source.name if span else None,
-        "line": span.line if span else None,
-        "column": span.column if span else None,
-    }
+@dataclass(frozen=True)
+class ComponentFaults:
+    """The step faults of a component: the kind of the last, the time of the first."""
+
+    count: int
+    last: str
+    first_s: float | None
+    latched: bool
 
 
-def component_faults(run: Run) -> dict[str, dict[str, object]]:
+def _params(run: Run) -> dict[str, object]:
+    return as_json(run.system)
+
+
+def _duration_s(run: Run) -> float:
+    return run.reached_s if run.interrupted else run.duration_s
+
+
+def _mode_changes(run: Run) -> list[DecisionStepRecord]:
+    return changes(run)[:CHANGES_MAX]
+
+
+def _mode_changes_total(run: Run) -> int:
+    return len(run.changes)
+
+
+def _silences(run: Run) -> dict[str, Tally]:
+    return {name: tally for name, tally in run.extern_tallies.items() if tally.silent}
+
+
+def _time_s(d: DecisionStepRecord) -> float:
+    return d.time_ns / 1e9
+
+
+def _explained(d: DecisionStepRecord) -> ExplainedStep | None:
+    return None if d.why is None else cast("ExplainedStep", d)
+
+
+def _value(o: Operand) -> object:
+    return to_json(FLOAT, o.value) if isinstance(o.value, float) else o.value
+
+
+def component_faults(run: Run) -> dict[str, ComponentFaults]:
     """Step faults by component, for those that had any."""
-    facts_by_component: dict[str, dict[str, object]] = {}
+    faults_by_component = {}
     for x in run.system.components:
         row = run.final["components"][x.index]
         if row["faults"]:
             first = run.first_faults.get(x.index)
-            facts_by_component[x.name] = {
-                "count": int(row["faults"]),
-                "last": FaultKind(int(row["last_fault"])).name.lower(),
-                "first_s": None if first is None else first.time_ns / 1e9,
-                "latched": bool(row["latched"]),
-            }
-    return facts_by_component
+            faults_by_component[x.name] = ComponentFaults(
+                int(row["faults"]),
+                FaultKind(int(row["last_fault"])).name.lower(),
+                None if first is None else first.time_ns / 1e9,
+                bool(row["latched"]),
+            )
+    return faults_by_component
 
 
 def final_values(run: Run) -> dict[str, object]:
@@ -151,3 +134,67 @@ def scalars(run: Run) -> dict[str, float]:
 
 def _decoded(raw: bytes, offset: int, t: Type) -> object:
     return to_json(t, decode_from(raw, offset, t))
+
+
+# ---------------------------------------------------------------- the document
+
+RESULT = "soter.simulate.result"
+VALUE: dict[str, object] = {"type": ["number", "integer", "boolean", "string"]}
+PART = JsonObject(
+    PredicatePart,
+    "text value fault? operands",
+    named="part",
+    operands=JsonObject(Operand, "text value", {"value": _value}, value=VALUE),
+)
+MODE_CHANGE = JsonObject(
+    DecisionStepRecord,
+    "time_s module mode=after reason predicates=saw margin_s why",
+    {"time_s": _time_s, "why": _explained},
+    mode=one_of("SC", "AC"),
+    predicates=JsonObject(PredicateValues, "ttf safer stale gate_fault"),
+    why=JsonObject(
+        ExplainedStep,
+        "words known=why.known ttf=why.ttf safer=why.safer stale=why.stale "
+        "gate_fault=why.gate_fault owed=why.owed",
+        ttf=PART,
+        safer=PART,
+        stale=JsonObject(Stale, "topic age_s max_age_s"),
+        gate_fault=JsonObject(GateFault, "node fault"),
+    ),
+)
+DOCUMENT = JsonObject(
+    f"{RESULT}.Run",
+    "system=system.name engine seed program_sha256=system.program.sha256 params notes duration_s "
+    "until_s=duration_s interrupted wall_s lag_s_max real_time=timing instants violations "
+    "violation_list modules proofs mode_changes mode_changes_total faults externs extern_failures "
+    "extern_silences final trace_sha256",
+    {
+        "params": _params,
+        "duration_s": _duration_s,
+        "mode_changes": _mode_changes,
+        "mode_changes_total": _mode_changes_total,
+        "faults": component_faults,
+        "extern_silences": _silences,
+        "final": final_values,
+    },
+    beside={"file": str, "log?": str, "report?": str},
+    engine=one_of("native", "interp"),
+    real_time={"$ref": "real_time"},
+    violation_list=JsonObject(
+        f"{RESULT}.Violation",
+        "what kind time_s count file=span.source.name line=span.line column=span.column",
+        kind=one_of("property", "fault"),
+    ),
+    modules=JsonObject(
+        f"{RESULT}.ModuleSummary", "ac_share switches_to_sc switches_to_ac gate_faults"
+    ),
+    proofs=JsonObject(
+        "soter.language.model.proof_verdicts.Proof",
+        "properties=verdicts assumptions",
+        properties=one_of("proved", "assumed", "undecided", "refuted"),
+    ),
+    mode_changes=MODE_CHANGE,
+    faults=JsonObject(ComponentFaults, "count last first_s latched"),
+    extern_silences=JsonObject("soter.simulate.externs.python_answers.Tally", "steps silent"),
+)
+"""The fields of the document `run` (docs/json.md), without what the command adds."""

@@ -54,6 +54,11 @@ class Region:
         parts += [f"{name} in [{low:.6g}, {high:.6g}]" for name, low, high in self.axes]
         return ", ".join(parts)
 
+    @property
+    def ranges(self) -> dict[str, list[float]]:
+        """Both ends by name."""
+        return {name: [low, high] for name, low, high in self.axes}
+
 
 @dataclass(frozen=True)
 class Vacuity:
