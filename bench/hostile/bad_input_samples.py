@@ -54,7 +54,7 @@ int given(const data_Learned_in *in, data_Learned_out *out) {
 ANSWERS = """import os, socket, struct
 def answer(i):
     said = {}
-    for fd in range(3, 64):
+    for fd, _ in zip(range(3, 64), range(61)):
         try:
             os.write(fd, said) if isinstance(said, bytes) else None
         except OSError:

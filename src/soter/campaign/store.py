@@ -75,7 +75,11 @@ class CampaignStore:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._open()
+        except SoterError:
+            self.close()
+            raise
         except OSError as error:
+            self.close()
             raise _trouble(folder, reason(error)) from error
 
     def _open(self) -> None:
@@ -112,7 +116,12 @@ class CampaignStore:
             from fcntl import LOCK_EX, LOCK_NB, flock  # noqa: PLC0415 - not everywhere
         except ImportError:
             return
-        self._lock = (self.folder / LOCK).open("w", encoding="utf-8")
+        path = self.folder / LOCK
+        if path.exists() and not path.is_file():
+            raise _trouble(
+                self.folder, f"`{LOCK}` is no file", "remove it, or give another with -o"
+            )
+        self._lock = path.open("w", encoding="utf-8")
         try:
             flock(self._lock, LOCK_EX | LOCK_NB)
         except BlockingIOError:
@@ -144,9 +153,9 @@ class CampaignStore:
         raw = read_bytes(path, FLIGHTS_MAX)
         lines = raw.decode("utf-8", "replace").split("\n")[:-1]
         flights: list[FlightOutcome] = []
-        if lines and next(csv.reader(lines[:1])) != self._head():
+        if lines and lines[0] != ",".join(self._head()):
             raise _trouble(self.folder, f"`{FLIGHTS}` has other columns", "give another folder")
-        if lines:
+        with suppress(csv.Error):  # a line that is damaged: as one that is not whole
             for row in csv.DictReader(lines):
                 flight = self._flight(row) if _is_whole(row) else None
                 if flight is None or flight.number != len(flights):

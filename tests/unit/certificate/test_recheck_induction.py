@@ -80,6 +80,21 @@ node Other period 10ms phase PHASE { publishes shown; jitter 4ms; step { publish
 """
 
 
+def test_the_smallest_int_has_a_remainder_by_minus_one(tmp_path: Path) -> None:
+    """It is 0 (docs/semantics.md, Numbers); the quotient is the fault."""
+    hold = "step { publish candidate = Plan.Hover; }"
+    assert hold in PLANNER
+    smallest = """var k: int = -9223372036854775807; step {
+      let zero = (k - 1) % -1 == 0;
+      publish candidate = zero ? Plan.Hover : Plan.ThroughBuilding;
+    }"""
+    assert recheck(certificate(tmp_path, PLANNER.replace(hold, smallest))).accepted
+    faults = smallest.replace("% -1", "/ -1")
+    (tmp_path / "faults.soter").write_text(PLANNER.replace(hold, faults))
+    (module,) = load(tmp_path / "faults.soter").verify(refute=False).modules
+    assert module.findings["P2a"].verdict != "proved"
+
+
 def beside(phase: str) -> str:
     """Somebody in the thread who may be late, and whom the proof does not follow."""
     text = PLANNER.replace("rta Planner", OTHER.replace("PHASE", phase) + "rta Planner")

@@ -120,3 +120,36 @@ def test_a_compiler_that_says_what_is_no_text(here: Path, soter: Soter) -> None:
     assert done.exit == 1
     assert "\x1b" not in done.err
     assert main(["check", "robot.soter"]) == 0
+
+
+FLY = ("campaign", "cart.soter", "--flights", "2", "--until", "1s", "-o", "camp")
+ASSURE = ("assure", "cart.soter", "--campaign", "camp", "--flights", "1", "-o", "case")
+
+
+def _infinite(path: Path) -> None:
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps(document | {"until_ns": float("inf")}))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of /dev/zero")
+@pytest.mark.parametrize(
+    ("command", "name", "spoil"),
+    [
+        (FLY, "flights.csv", lambda p: p.write_bytes(b"a\rb\n1\r2\n")),
+        (FLY, "flights.csv", lambda p: p.write_bytes(p.read_bytes() + b"1\r2\n")),
+        (FLY, "campaign.lock", lambda p: (p.unlink(), os.mkfifo(p))),
+        (ASSURE, "flights.csv", lambda p: (p.unlink(), p.symlink_to("/dev/zero"))),
+        (ASSURE, "campaign.json", _infinite),
+    ],
+    ids=["a carriage return", "one at the end", "a pipe for a lock", "/dev/zero", "infinity"],
+)
+def test_a_damaged_campaign_folder_is_told_so(
+    here: Path, soter: Soter, command: tuple[str, ...], name: str, spoil: Callable[[Path], object]
+) -> None:
+    assert soter(*FLY).exit == 0
+    spoil(here / "camp" / name)
+    signal.alarm(LIMIT_S)
+    done = soter(*command)
+    signal.alarm(0)
+    assert done.exit in (0, 1), done.err
+    assert "I001" not in done.err

@@ -9,11 +9,12 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import dataclass
+from io import StringIO
 from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.api.assurance.certificate_check import file_hash
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.load.bounded_read import read_json_text
+from soter.language.load.bounded_read import read_bytes, read_json_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -136,12 +137,18 @@ def read_flights(folder: Path) -> FlightFolder:
     file = folder / "flights.csv"
     try:
         about = json.loads(read_json_text(folder / "campaign.json"))
-        if file.stat().st_size > FLIGHTS_MAX:
-            raise ValueError(f"`{file.name}` is too large")  # noqa: TRY301 - told as the others
-        with file.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream))
+        text = read_bytes(file, FLIGHTS_MAX).decode("utf-8")
+        rows = list(csv.DictReader(StringIO(text, newline="")))
         wrong = _wrong(about, rows)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError, csv.Error) as error:
+    except (
+        OSError,
+        ValueError,
+        OverflowError,
+        KeyError,
+        TypeError,
+        RecursionError,
+        csv.Error,
+    ) as error:
         message = f"`{folder}` is no folder of `soter campaign`: {error}"
         raise SoterError((Diagnostic("D006", message),)) from error
     if wrong:

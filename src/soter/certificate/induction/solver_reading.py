@@ -328,8 +328,10 @@ class SolverReading:
             size = positive / abs(b.as_long())
             same = (a >= 0) if b.as_long() > 0 else (a < 0)
             q = z3.If(same, size, -size)
+            if op == "%":  # of the smallest one by -1 it is 0
+                return a - q * b
             self._faulty(where, z3.And(a == SMALLEST, b == -1))
-            return q if op == "/" else a - q * b
+            return q
         value = a + b if op == "+" else a - b if op == "-" else a * b
         self._faulty(where, z3.Or(value < SMALLEST, value > LARGEST))
         return value

@@ -378,7 +378,8 @@ class Cluster:
 
     def _see(self) -> None:
         """The instants at which nothing more is due, each after its last effect."""
-        points = {d.step.effect for d in self.done} | {d.step.start for d in self.done}
+        every = [d.step.effect for d in self.done] + [d.step.start for d in self.done]
+        points = dict.fromkeys(every)  # in their order: a query is the same in every run
         if len({(p.earliest, p.latest) for p in points}) == 1 and isinstance(
             self.done[0].step.effect.at, int
         ):
