@@ -126,6 +126,11 @@ FLY = ("campaign", "cart.soter", "--flights", "2", "--until", "1s", "-o", "camp"
 ASSURE = ("assure", "cart.soter", "--campaign", "camp", "--flights", "1", "-o", "case")
 
 
+def _pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
 def _infinite(path: Path) -> None:
     document = json.loads(path.read_text())
     path.write_text(json.dumps(document | {"until_ns": float("inf")}))
@@ -137,7 +142,7 @@ def _infinite(path: Path) -> None:
     [
         (FLY, "flights.csv", lambda p: p.write_bytes(b"a\rb\n1\r2\n")),
         (FLY, "flights.csv", lambda p: p.write_bytes(p.read_bytes() + b"1\r2\n")),
-        (FLY, "campaign.lock", lambda p: (p.unlink(), os.mkfifo(p))),
+        (FLY, "campaign.lock", _pipe),
         (ASSURE, "flights.csv", lambda p: (p.unlink(), p.symlink_to("/dev/zero"))),
         (ASSURE, "campaign.json", _infinite),
     ],
