@@ -22,9 +22,11 @@ ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
 
 @pytest.fixture
 def tank(here: Path) -> str:
-    match = re.search(r"^```soter prove=tank.soter\n(.*?)^```", TANK, re.MULTILINE | re.DOTALL)
-    assert match is not None
-    (here / "tank.soter").write_text(match[1], "utf-8")
+    blocks = r"^```soter prove=(?:tank.soter|verify)\n(.*?)^```"
+    program, verify = re.findall(blocks, TANK, re.MULTILINE | re.DOTALL)[:2]
+    behind = "safer level > 0.4 && level < 1.6;\n"
+    assert behind in program
+    (here / "tank.soter").write_text(program.replace(behind, behind + verify), "utf-8")
     return "tank.soter"
 
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import ast
 import json
-import subprocess
 import sys
 from pathlib import Path
+
+import processes
 
 ROOT = Path(__file__).resolve().parents[3]
 LISTENER = """
@@ -85,7 +86,7 @@ def functions(path: str) -> set[str]:
 def test_check_imports_no_module_that_no_check_uses(tmp_path: Path) -> None:
     timed = tmp_path / "timed.soter"
     timed.write_text(TIMED, encoding="utf-8")
-    done = subprocess.run(
+    done = processes.run(
         [sys.executable, "-c", LISTENER, CART, str(timed), *PROGRAMS],
         cwd=ROOT,
         capture_output=True,
