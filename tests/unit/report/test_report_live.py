@@ -27,6 +27,8 @@ MOVE = (
     "(() => { const m = document.getElementById('moment'); m.value = %r;"
     " m.dispatchEvent(new Event('input')); })()"
 )
+READY = "document.readyState === 'complete' && document.querySelector('.player') !== null"
+"""The page's scripts have run, too."""
 SHOWN = "[...document.querySelectorAll('[data-value=\"%s\"]')].map((e) => e.textContent)"
 STEPPING = "[...document.querySelectorAll('.step')].map((e) => e.dataset.component)"
 LIT = "[...document.querySelectorAll('.on')].map((e) => e.dataset.component)"
@@ -64,7 +66,7 @@ def test_boxes_hold_what_the_trace_holds_at_that_moment(
     run = cart[0]
     page.size(420, 900)
     page.open(cart[which].as_uri())
-    page.wait("document.readyState === 'complete' && document.querySelector('.player') !== null")
+    page.wait(READY)
     times, trace = run.trace["header"]["ct"], run.trace
     rng = random.Random(7)  # noqa: S311 - which moments
     for row in [0, *(rng.randrange(len(times)) for _ in range(40))]:
@@ -91,7 +93,7 @@ def test_who_steps_at_an_instant_lights_up_and_buttons_go_from_one_to_the_next(
     cart: tuple[Any, Path, Path], page: browser.Page
 ) -> None:
     page.open(cart[2].as_uri())
-    page.wait("document.querySelector('.player') !== null")
+    page.wait(READY)
     page.value(MOVE % 1.0)
     everybody = ["c", "SafeCart.Fast", "SafeCart.dm", "SafeCart.Careful"]
     assert sorted(page.value(STEPPING)) == sorted(everybody)
@@ -108,7 +110,7 @@ def test_who_steps_at_an_instant_lights_up_and_buttons_go_from_one_to_the_next(
 
 def test_it_plays_to_the_end_and_stops(cart: tuple[Any, Path, Path], page: browser.Page) -> None:
     page.open(cart[2].as_uri())
-    page.wait("document.querySelector('.player') !== null")
+    page.wait(READY)
     page.value("document.querySelector('.player select').value = '10'")
     page.value("document.querySelector('.play').click()")
     page.wait("Number(document.getElementById('moment').value) > 0.5")
