@@ -268,7 +268,8 @@ def _runs(path: Path, report: VerifyReport) -> Iterator[tuple[str, str]]:
     for m in report.modules:
         if m.problem.kind == "nodes":
             continue
-        index = next(i.index for i in flat.modules if i.name == m.name)
+        name = m.name.partition(" as ")[0]  # a view is a part of its module
+        index = next(i.index for i in flat.modules if i.name == name)
         yield from _attacked(flat, index)
 
 
@@ -327,7 +328,9 @@ def main() -> int:
             judgement = Found("too long", "")
         finally:
             signal.alarm(0)
-        verdicts[f"{kind}: {judgement.verdict}, {judgement.rechecked or 'not asked'}"] += 1
+        line = f"{kind}: {judgement.verdict}, {judgement.rechecked or 'not asked'}"
+        print(line, file=sys.stderr, flush=True)
+        verdicts[line] += 1
         kinds.update([judgement.excused] if judgement.excused else [])
         for what, why in judgement.contradictions:
             kinds[what] += 1
