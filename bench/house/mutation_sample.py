@@ -129,31 +129,39 @@ def judges(tree: Path, mutant: Mutant) -> list[str]:
     return [str(p.relative_to(tree)) for p in named[:FILES_MAX]]
 
 
-def verdict(tree: Path, mutant: Mutant) -> str:
-    """What the quick tests of a tree say of a mutant: killed, survived, or not judged."""
-    tests = judges(tree, mutant)
-    if not tests:
-        return "not judged"
-    path = tree / "src" / "soter" / mutant.file
-    text = path.read_text(encoding="utf-8")
-    rest = mutant.line[mutant.start + len(mutant.old) :]
-    path.write_text(text.replace(mutant.line, mutant.line[: mutant.start] + mutant.new + rest))
-    environment = {**os.environ, "PYTHONPATH": str(tree / "src")}
+def passes(tree: Path, tests: list[str]) -> bool:
+    """Whether quick tests of a tree pass; not, where they take longer than `LIMIT_S`."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
     try:
         done = subprocess.run(
             [*command, *tests],
             cwd=tree,
-            env=environment,
+            env={**os.environ, "PYTHONPATH": str(tree / "src")},
             capture_output=True,
             timeout=LIMIT_S,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return "killed"
+        return False
+    return done.returncode in (0, 5)
+
+
+def verdict(tree: Path, mutant: Mutant) -> str:
+    """What the quick tests of a tree say of a mutant: killed, survived, or not judged.
+
+    Not judged is what no test names, and what tests would judge that fail without it.
+    """
+    tests = judges(tree, mutant)
+    if not tests or not passes(tree, tests):
+        return "not judged"
+    path = tree / "src" / "soter" / mutant.file
+    text = path.read_text(encoding="utf-8")
+    rest = mutant.line[mutant.start + len(mutant.old) :]
+    path.write_text(text.replace(mutant.line, mutant.line[: mutant.start] + mutant.new + rest))
+    try:
+        return "survived" if passes(tree, tests) else "killed"
     finally:
         path.write_text(text, encoding="utf-8")
-    return "survived" if done.returncode in (0, 5) else "killed"
 
 
 def main() -> int:
@@ -185,8 +193,12 @@ def main() -> int:
                 print(f"{both[0]}, now {both[1]}: {mutant.file}: {mutant.line.strip()}", flush=True)
     for (old, new), n in sorted(tally.items()):
         print(f"{n:5}  before {old}, now {new}")
-    killed = [sum(n for both, n in tally.items() if both[k] == "killed") for k in range(2)]
-    print(f"{given.count} mutants: {killed[0]} killed before, {killed[1]} now (target: not fewer)")
+    judged = {both: n for both, n in tally.items() if "not judged" not in both}
+    killed = [sum(n for both, n in judged.items() if both[k] == "killed") for k in range(2)]
+    print(
+        f"{sum(judged.values())} of {given.count} mutants judged: {killed[0]} killed before, "
+        f"{killed[1]} now (target: not fewer)"
+    )
     return 1 if killed[1] < killed[0] else 0
 
 
