@@ -266,8 +266,9 @@ def _runs(path: Path, report: VerifyReport) -> Iterator[tuple[str, str]]:
     flat = system_to_prove(checked, name)
     complete(flat)
     for m in report.modules:
-        if m.problem.kind == "nodes":
-            continue
+        outside = any(c.plant is not None and c.plant.extern for c in flat.components)
+        if m.problem.kind == "nodes" or outside:
+            continue  # there is no plant, or one that only its driver knows
         name = m.name.partition(" as ")[0]  # a view is a part of its module
         index = next(i.index for i in flat.modules if i.name == name)
         yield from _attacked(flat, index)
