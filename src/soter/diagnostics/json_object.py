@@ -7,6 +7,7 @@ Non-goals: the schema: `docs/site/json_schemas.py` reads it off these lists and 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
 Made = Mapping[str, Callable[[Any], object]]
@@ -80,4 +81,8 @@ def _plain(value: object, shape: Shape | None) -> object:
         return [_plain(part, shape) for part in value]
     if isinstance(shape, JsonObject) and value is not None:
         return shape.of(value)
-    return value if value is None or isinstance(value, (str, int, float)) else str(value)
+    if isinstance(value, Path):
+        return str(value)
+    if value is None or isinstance(value, (str, int, float)):
+        return value
+    raise TypeError(f"no JSON has a {type(value).__name__}")
