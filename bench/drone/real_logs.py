@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.api import load
-from soter.monitor.logs.topic_mapping import read_mapping
+from soter.mapping.read_mapping import read_mapping
 from soter.report.summary import table
 
 if TYPE_CHECKING:

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 from soter.api.arguments import chosen_modules
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
 from soter.monitor.logs.decidable_modules import decidable
 from soter.monitor.logs.log_columns import read_columns
 from soter.monitor.logs.replay import replay
 from soter.monitor.logs.samples import recorded as of_samples
 from soter.monitor.logs.samples import samples_of
-from soter.monitor.logs.topic_mapping import mapping_of, read_mapping, system_named
 from soter.monitor.model_membership import Judgement, judge, needed_topics
 from soter.simulate.recorded_run import read_log, recorded
 from soter.verify.problem.extract import extract_sets
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from typing import Any
 
     from soter.language.model.system import System
+    from soter.mapping.topic_mapping import LogMap
     from soter.monitor.logs.result import LogJudgement
-    from soter.monitor.logs.topic_mapping import LogMap
     from soter.simulate.result import Run
 
 

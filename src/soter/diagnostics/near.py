@@ -55,3 +55,13 @@ def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
     """A help line naming the closest candidate, if any is close."""
     near = likely(name, candidates)
     return (f"did you mean `{near}`?",) if near else ()
+
+
+def nearest_or_all(name: str, known: Iterable[str]) -> str:
+    """A help line with the closest known name, or all of them, or nothing."""
+    names = list(known)
+    near = closest(name, names)
+    if near:
+        return f"did you mean `{near[0]}`?"
+    shown = ", ".join(f"`{n}`" for n in names[:8])
+    return f"there are {shown}{' ...' if len(names) > 8 else ''}" if names else ""

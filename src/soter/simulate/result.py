@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.core.layout import group_field
+from soter.diagnostics.near import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, ListType, RecordType
 from soter.simulate.decisions import DecisionStepRecord, changes, margins
-from soter.simulate.run_settings import did_you_mean, usage_error
+from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -311,7 +312,7 @@ def _values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
         if x is not None and x.plant is not None and name == f"{x.name}.truth":
             return x.plant.truth, _kept(run, name)[group_field(group)]
     raise usage_error(
-        "U001", f"the run has no topic and no truth `{name}`", did_you_mean(name, _names(run))
+        "U001", f"the run has no topic and no truth `{name}`", nearest_or_all(name, _names(run))
     )
 
 
@@ -321,7 +322,7 @@ def _mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
     for m in run.system.modules:
         if m.name == module:
             return _kept(run, module)["modules"]["mode"][:, m.index]
-    known = did_you_mean(module, [m.name for m in run.system.modules])
+    known = nearest_or_all(module, [m.name for m in run.system.modules])
     raise usage_error("U001", f"the run has no module `{module}`", known)
 
 
@@ -333,7 +334,7 @@ def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
     for part in path[len(name) + 1 :].split(".") if len(path) > len(name) else ():
         fields = dict(t.fields) if isinstance(t, RecordType) else {}
         if part not in fields:
-            help_ = did_you_mean(part, fields)
+            help_ = nearest_or_all(part, fields)
             raise usage_error("U001", f"`{path}`: there is no field `{part}`", help_)
         t, values = fields[part], values[part]
     if _has_list(t):

@@ -11,35 +11,23 @@ from __future__ import annotations
 import math
 import operator
 import re
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.near import closest
+from soter.diagnostics.near import nearest_or_all
 from soter.language.elaborate.parameter_values import has_param
+from soter.language.model.durations import TEXT_MAX, WrongTextError, duration_ns
 from soter.language.model.python_values import ValueShapeError, from_python
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
-from soter.language.syntax.tokens import UNIT_NS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
     from soter.diagnostics.codes import Code
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Type, Value
 
-DURATION_NS_MAX = 2**62
-"""About 146 years: the sum of a time and a period still fits 64 bits."""
-
-TEXT_MAX = 100
-"""No number needs more characters."""
-
-_DURATION = re.compile(r"([0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?)\s*([a-z]+)")
 _NUMBER = re.compile(r"[+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?")
-
-
-class WrongTextError(Exception):
-    """A text or number that is no value of what is asked for; the message says what is."""
 
 
 def usage_error(code: Code, message: str, *helps: str) -> SoterError:
@@ -47,47 +35,7 @@ def usage_error(code: Code, message: str, *helps: str) -> SoterError:
     return SoterError((Diagnostic(code, message, helps=tuple(h for h in helps if h)),))
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """A help line with the closest known name, or all of them, or nothing."""
-    names = list(known)
-    near = closest(name, names)
-    if near:
-        return f"did you mean `{near[0]}`?"
-    shown = ", ".join(f"`{n}`" for n in names[:8])
-    return f"there are {shown}{' ...' if len(names) > 8 else ''}" if names else ""
-
-
 # ---------------------------------------------------------------- lengths of time
-
-
-def duration_ns(given: float | str) -> int:
-    """A length of time in ns: text with its unit (`"30s"`, `"1.5 min"`), or a number of seconds.
-
-    Exact: `"0.1s"` is 100,000,000 ns. Raises `WrongTextError`.
-    """
-    if isinstance(given, str):
-        ns = _duration_of_text(given.strip())
-    elif isinstance(given, bool) or not hasattr(given, "__float__"):
-        raise WrongTextError(f"expected a text such as '30s', or seconds, found {given!r}")
-    else:
-        seconds = float(given)
-        if not math.isfinite(seconds):
-            raise WrongTextError(f"{seconds} is no length of time")
-        ns = round(Fraction(repr(seconds)) * 10**9)
-    if abs(ns) > DURATION_NS_MAX:
-        raise WrongTextError("longer than 146 years")
-    return ns
-
-
-def _duration_of_text(text: str) -> int:
-    match = _DURATION.fullmatch(text) if len(text) <= TEXT_MAX else None
-    if match is None or match[2] not in UNIT_NS:
-        units = ", ".join(UNIT_NS)
-        raise WrongTextError(f"write a number with its unit ({units}), such as 30s or 1.5min")
-    ns = Fraction(match[1]) * UNIT_NS[match[2]]
-    if ns.denominator != 1:
-        raise WrongTextError("that is no whole number of nanoseconds")
-    return int(ns)
 
 
 def until_ns(given: float | str) -> int:
@@ -128,7 +76,7 @@ def param_values(program: TypedProgram, given: Mapping[str, object]) -> dict[str
             problems.append(Diagnostic("U004", text))
             continue
         if param is None:
-            help_ = did_you_mean(name, program.params) or "the program declares no `param`"
+            help_ = nearest_or_all(name, program.params) or "the program declares no `param`"
             problems.append(Diagnostic("U004", f"there is no parameter `{name}`", helps=(help_,)))
             continue
         try:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.core.layout import group_field
-from soter.simulate.run_settings import did_you_mean, usage_error
+from soter.diagnostics.near import nearest_or_all
+from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -51,7 +52,7 @@ class TraceParts:
         modules = {m.name for m in system.modules}
         for name in names:
             if name not in topics and name not in truths and name not in modules:
-                known = did_you_mean(name, [*topics, *truths, *modules])
+                known = nearest_or_all(name, [*topics, *truths, *modules])
                 message = f"the run has no topic, truth or module `{name}` to record"
                 raise usage_error("U001", message, known)
         self._topics = [n for n in names if n in topics]

@@ -10,7 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.simulate.run_settings import WrongTextError, did_you_mean, duration_ns, until_ns
+from soter.diagnostics.near import nearest_or_all
+from soter.language.model.durations import WrongTextError, duration_ns
+from soter.simulate.run_settings import until_ns
 
 
 @pytest.mark.parametrize(
@@ -76,6 +78,6 @@ def test_anything_is_a_time_or_a_diagnostic(anything: str | float) -> None:
 
 
 def test_a_close_name_is_suggested() -> None:
-    assert did_you_mean("GAIM", ["GAIN", "SPEED"]) == "did you mean `GAIN`?"
-    assert did_you_mean("zzz", ["GAIN", "SPEED"]) == "there are `GAIN`, `SPEED`"
-    assert did_you_mean("zzz", []) == ""
+    assert nearest_or_all("GAIM", ["GAIN", "SPEED"]) == "did you mean `GAIN`?"
+    assert nearest_or_all("zzz", ["GAIN", "SPEED"]) == "there are `GAIN`, `SPEED`"
+    assert nearest_or_all("zzz", []) == ""

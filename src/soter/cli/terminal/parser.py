@@ -126,7 +126,7 @@ def at_least_one(text: str) -> int:
 
 def seconds(text: str) -> float:
     """Seconds: a number in plain digits, or one with its unit; ArgumentTypeError for other text."""
-    from soter.simulate.run_settings import WrongTextError, duration_ns  # noqa: PLC0415 - only then
+    from soter.language.model.durations import WrongTextError, duration_ns  # noqa: PLC0415 - only then
 
     if text.isascii() and "_" not in text:
         with suppress(ValueError):

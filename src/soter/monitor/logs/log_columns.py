@@ -17,18 +17,18 @@ from fractions import Fraction
 from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.near import nearest_or_all
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
 from soter.monitor.logs.bounded_gzip import BoundedGzip
 from soter.simulate.outputs.to_log import require_log_package
 from soter.simulate.recorded_run import damaged
-from soter.simulate.run_settings import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-    from soter.monitor.logs.topic_mapping import LogMap
+    from soter.mapping.topic_mapping import LogMap
 
 CELL_MAX = 1 << 20
 """Characters of a cell; a log has no longer ones."""
@@ -172,7 +172,7 @@ def _place(path: Path, head: list[str], name: str) -> int:
         return head.index(name)
     if name in head:
         raise unusable(path, f"two columns are called `{name}`")
-    raise unusable(path, f"it has no column `{name}`", did_you_mean(name, head))
+    raise unusable(path, f"it has no column `{name}`", nearest_or_all(name, head))
 
 
 # ---------------------------------------------------------------- MCAP
@@ -201,7 +201,7 @@ def _read_mcap(
         _add(path, into, now, cells, lambda at, c=channel: f"message {at} of `{c}`", at)  # type: ignore[misc]
     for key, columns in columns_by_channel.items():
         if not columns.times_ns:
-            help_ = did_you_mean(str(key), there)
+            help_ = nearest_or_all(str(key), there)
             raise unusable(path, f"no message that counts stands on `{key}`", help_)
     return columns_by_channel
 
@@ -242,5 +242,5 @@ def _inside(path: Path, message: Any, name: str, where: str) -> Any:  # noqa: AN
             current = current[part]
         else:
             known = current if isinstance(current, dict) else ()
-            raise unusable(path, f"{where} has no `{name}`", did_you_mean(part, known))
+            raise unusable(path, f"{where} has no `{name}`", nearest_or_all(part, known))
     return current

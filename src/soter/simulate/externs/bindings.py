@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.diagnostics.near import nearest_or_all
 from soter.simulate.externs.python_extern import PythonExtern, instantiated, load_python
-from soter.simulate.run_settings import did_you_mean, usage_error
+from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -236,7 +237,7 @@ def _own_code(system: System, name: str) -> Diagnostic | None:
 
 def _nowhere(where: str, externs: list[Extern], name: str) -> Diagnostic:
     names = list(dict.fromkeys(x.name for x in externs))
-    known = did_you_mean(name, [*names, *(n.rpartition(".")[2] for n in names)])
+    known = nearest_or_all(name, [*names, *(n.rpartition(".")[2] for n in names)])
     has = "has an" if where.startswith("no ") else "has no"
     help_ = known or "there are no externs at all"
     return Diagnostic("U005", f"{where} {has} extern `{name}`", helps=(help_,))

@@ -10,50 +10,34 @@ from __future__ import annotations
 import importlib
 import json
 import math
-from dataclasses import dataclass, field
 from fractions import Fraction
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.near import nearest_or_all
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_json_text
+from soter.language.model.durations import WrongTextError, duration_ns
 from soter.language.model.python_values import ValueShapeError, from_json
 from soter.language.model.types import FloatType, ListType, Type, leaves
-from soter.simulate.run_settings import WrongTextError, did_you_mean, duration_ns
+from soter.mapping.topic_mapping import (
+    GAP_NS,
+    ConstantSource,
+    Leaf,
+    LeafPath,
+    LogMap,
+    SignalSource,
+    SlopeSource,
+    TopicMap,
+)
+from soter.mapping.units import TIME_UNITS, UNITS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from soter.language.model.system import System, Topic
-    from soter.language.model.types import Value
-
-TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-UNITS = {
-    "m": 1.0,
-    "km": 1000.0,
-    "cm": 0.01,
-    "mm": 0.001,
-    "ft": 0.3048,
-    "m/s": 1.0,
-    "km/h": 1.0 / 3.6,
-    "cm/s": 0.01,
-    "mm/s": 0.001,
-    "kn": 1852.0 / 3600.0,
-    "ft/s": 0.3048,
-    "m/s^2": 1.0,
-    "g": 9.80665,
-    "rad": 1.0,
-    "deg": math.pi / 180.0,
-    "rad/s": 1.0,
-    "deg/s": math.pi / 180.0,
-    "%": 0.01,
-    "1": 1.0,
-}
-"""What a column may be in, and what makes SI of it."""
-GAP_NS = 10**9
-"""Between samples further apart nothing is interpolated, unless the mapping says otherwise."""
 
 TIME_MIN, TIME_MAX = 1e-12, 1e12
 NUMBER_MAX = 1e30
@@ -61,75 +45,6 @@ NUMBER_MAX = 1e30
 LEAF_KEYS = ("from", "scale", "offset", "unit", "constant", "slope", "window")
 TOPIC_KEYS = ("channel", "between", "gap", "fields")
 KEYS = ("system", "time", "where", "topics")
-
-LeafPath = tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class SignalSource:
-    """`scale` * what stands in the column or field `name` + `offset`."""
-
-    name: str
-    scale: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class ConstantSource:
-    """A value that the log does not hold and that the mapping takes to be this."""
-
-    value: Value
-
-
-@dataclass(frozen=True)
-class SlopeSource:
-    """How fast another field of the topic changes, over the window that ends at each sample."""
-
-    of: LeafPath
-    window_ns: int
-
-
-Leaf = SignalSource | ConstantSource | SlopeSource
-
-
-@dataclass(frozen=True)
-class TopicMap:
-    """A topic and where its leaves come from, all of them, in declared order.
-
-    `channel`: whose messages of an MCAP; of a CSV nothing. `linear`: floats go on along
-    the line through the last two samples, for at most `gap_ns`.
-    """
-
-    topic: Topic
-    leaves: dict[LeafPath, Leaf]
-    channel: str | None = None
-    linear: bool = False
-    gap_ns: int = GAP_NS
-
-    @property
-    def names(self) -> list[str]:
-        """The columns or fields that it needs."""
-        return list(
-            dict.fromkeys(x.name for x in self.leaves.values() if isinstance(x, SignalSource))
-        )
-
-    def name_of(self, path: LeafPath) -> str:
-        """A leaf as people write it."""
-        return ".".join((self.topic.name, *path))
-
-
-@dataclass(frozen=True)
-class LogMap:
-    """A mapping that fits its system.
-
-    `time`: the column of time, None for the log time of an MCAP; `time_ns`: its unit. `where`:
-    rows count where these columns hold these texts.
-    """
-
-    topics: tuple[TopicMap, ...]
-    time: str | None = None
-    time_ns: Fraction = Fraction(10**9)
-    where: dict[str, str] = field(default_factory=dict)
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -343,7 +258,7 @@ class _MappingReader:
 
 
 def _unknown(what: str, name: str, known: Iterable[str]) -> str:
-    hint = did_you_mean(name, known)
+    hint = nearest_or_all(name, known)
     return f"{what} `{name}`: {hint}" if hint else f"{what} `{name}`"
 
 

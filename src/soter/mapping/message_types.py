@@ -1,0 +1,229 @@
+"""The types of ROS messages: what a path such as `pose.pose.position.x` is.
+
+Purpose: the standard types of ROS 1 (noetic) and ROS 2, and those that a mapping brings along as
+`.msg` files, from the package `rosbags`.
+Non-goals: messages themselves (`monitor/logs/`), code for them (targets).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Literal
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.near import nearest_or_all
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+BASE, NAMED, ARRAY, SEQUENCE = 1, 2, 3, 4
+"""How rosbags says what a field is."""
+TIMES = {"builtin_interfaces/msg/Time": "time", "builtin_interfaces/msg/Duration": "duration"}
+"""Types that are primitive in ROS 1 and records in ROS 2."""
+HEADER = "std_msgs/msg/Header"
+EMPTY_MEMBER = "structure_needs_at_least_one_member"
+NAME = re.compile(r"([A-Za-z]\w*)/(?:msg/)?([A-Za-z]\w*)", re.ASCII)
+DEPTH_MAX = 32
+"""Messages in messages; nobody nests deeper."""
+
+Definitions = dict[str, tuple[list[Any], list[tuple[str, Any]]]]
+"""By name as ROS 2 writes it: constants, and the fields in declared order."""
+
+
+class UnknownMessageError(Exception):
+    """A type of messages that is not known; the message says which is like it."""
+
+
+class NoSuchFieldError(Exception):
+    """A path that a type of messages does not have; the message says what it has."""
+
+
+@dataclass(frozen=True)
+class MessageField:
+    """A primitive of a message: `type` is float64, bool, int32, string, ..., time or duration.
+
+    `through`: "sequence" where a list of any length is on the way, so that it may be absent when
+    the program runs; "array" where only arrays of a fixed length are; else "".
+    """
+
+    path: str
+    type: str
+    through: Literal["", "array", "sequence"] = ""
+
+
+@dataclass(frozen=True)
+class MessageType:
+    """`nav_msgs/Odometry`: the same type under its names in ROS 1 and ROS 2."""
+
+    package: str
+    name: str
+    definitions: Mapping[int, Definitions] = field(compare=False, repr=False)
+
+    @property
+    def ros1(self) -> str:
+        """Its name in ROS 1: nav_msgs/Odometry."""
+        return f"{self.package}/{self.name}"
+
+    @property
+    def ros2(self) -> str:
+        """Its name in ROS 2: nav_msgs/msg/Odometry."""
+        return f"{self.package}/msg/{self.name}"
+
+    def known_in(self, ros: int) -> bool:
+        """Whether ROS 1, or 2, has it."""
+        return self.ros2 in self.definitions[ros]
+
+    def field(self, path: str, ros: int | None = None) -> MessageField:
+        """What stands at `a.b.0` of it, in ROS 1, in ROS 2 or in any; raises NoSuchFieldError."""
+        versions = [v for v in ([ros] if ros else [2, 1]) if self.known_in(v)]
+        if not versions:
+            raise NoSuchFieldError(f"ROS {ros} has no `{self.ros1}`")
+        problem = NoSuchFieldError()
+        for version in versions:
+            try:
+                return self._field(path, self.definitions[version])
+            except NoSuchFieldError as error:
+                problem = error
+        raise problem
+
+    def leaf(self, path: str, ros: int | None = None) -> str:
+        """The primitive type at a path: float64, bool, ..., time; raises NoSuchFieldError."""
+        return self.field(path, ros).type
+
+    def fields(self, ros: int | None = None) -> dict[str, MessageField]:
+        """Every primitive of it in declared order, an element of a list or array as `*`."""
+        version = ros or (2 if self.known_in(2) else 1)
+        found = self._walk(self.ros2, "", "", self.definitions[version], 0)
+        return {f.path: f for f in found}
+
+    @property
+    def has_header(self) -> bool:
+        """Whether its field `header` is a std_msgs/Header."""
+        definitions = self.definitions[2 if self.known_in(2) else 1]
+        return dict(definitions[self.ros2][1]).get("header") == (NAMED, HEADER)
+
+    def _field(self, path: str, definitions: Definitions) -> MessageField:
+        kind: Any = (NAMED, self.ros2)
+        through: Literal["", "array", "sequence"] = ""
+        done: list[str] = []
+        for part in path.split("."):
+            at = f"`{'.'.join(done)}` of {self.ros1}" if done else f"`{self.ros1}`"
+            if kind[0] in (ARRAY, SEQUENCE):
+                element, size = kind[1]
+                if not (part.isascii() and part.isdigit() and len(part) < 10):
+                    raise NoSuchFieldError(f"{at} is a list: `.0` is its first element")
+                if kind[0] == ARRAY and int(part) >= size:
+                    raise NoSuchFieldError(f"{at} has {size} elements, no `{part}`")
+                through = "sequence" if kind[0] == SEQUENCE or through == "sequence" else "array"
+                kind = element
+            elif kind[0] == BASE:
+                raise NoSuchFieldError(f"{at} is `{kind[1][0]}` and has no `{part}`")
+            else:
+                members = _members(definitions, kind[1])
+                if part not in members:
+                    hint = nearest_or_all(part, members)
+                    raise NoSuchFieldError(f"{at} has no `{part}`" + (f": {hint}" if hint else ""))
+                kind = members[part]
+            done.append(part)
+        return MessageField(path, self._primitive(path, kind, definitions), through)
+
+    def _primitive(self, path: str, kind: Any, definitions: Definitions) -> str:  # noqa: ANN401 - see BASE
+        if kind[0] in (ARRAY, SEQUENCE):
+            raise NoSuchFieldError(f"`{path}` of {self.ros1} is a list: `.0` is its first element")
+        if kind[0] == BASE:
+            return str(kind[1][0])
+        if kind[1] in TIMES:
+            return TIMES[kind[1]]
+        members = nearest_or_all("", _members(definitions, kind[1]))
+        raise NoSuchFieldError(f"`{path}` of {self.ros1} is a whole `{kind[1]}`: {members}")
+
+    def _walk(
+        self,
+        name: str,
+        path: str,
+        through: Literal["", "array", "sequence"],
+        definitions: Definitions,
+        depth: int,
+    ) -> Iterator[MessageField]:
+        if depth > DEPTH_MAX:
+            return
+        for member, kind in _members(definitions, name).items():
+            at, passes, inner = f"{path}{member}", through, kind
+            if kind[0] in (ARRAY, SEQUENCE):
+                inner, at = kind[1][0], f"{at}.*"
+                passes = "sequence" if "sequence" in (through, _PASSES[kind[0]]) else "array"
+            if inner[0] == BASE:
+                yield MessageField(at, str(inner[1][0]), passes)
+            elif inner[1] in TIMES:
+                yield MessageField(at, TIMES[inner[1]], passes)
+            else:
+                yield from self._walk(inner[1], f"{at}.", passes, definitions, depth + 1)
+
+
+_PASSES: dict[int, Literal["array", "sequence"]] = {ARRAY: "array", SEQUENCE: "sequence"}
+
+
+def _members(definitions: Definitions, name: str) -> dict[str, Any]:
+    members = dict(definitions.get(name, ([], []))[1])
+    members.pop(EMPTY_MEMBER, None)
+    return members
+
+
+class MessageTypes:
+    """All that are known: the standard ones, and `own` texts of `.msg` files by name."""
+
+    def __init__(self, own: Mapping[str, str] | None = None) -> None:
+        """SoterError D007 without rosbags; UnknownMessageError for a text that is no `.msg`."""
+        require_ros_package()
+        added: Definitions = {}
+        for name, text in (own or {}).items():
+            added.update(_parsed(name, text))
+        self.definitions = {v: {**standard, **added} for v, standard in _standard().items()}
+
+    def named(self, name: str) -> MessageType:
+        """The type; raises UnknownMessageError."""
+        match = NAME.fullmatch(name)
+        if match is None:
+            raise UnknownMessageError("a type is written as `nav_msgs/Odometry`")
+        found = MessageType(match[1], match[2], self.definitions)
+        if not any(found.known_in(v) for v in self.definitions):
+            known = {n.replace("/msg/", "/") for d in self.definitions.values() for n in d}
+            hint = nearest_or_all(found.ros1, sorted(known))
+            own = "one of your own is read from its `.msg` file, named under `[messages]`"
+            raise UnknownMessageError(
+                f"{hint if hint.startswith('did') else ''}; {own}".lstrip("; ")
+            )
+        return found
+
+
+def require_ros_package() -> None:
+    """SoterError D007 where the package that knows ROS messages is not installed."""
+    if find_spec("rosbags") is None:
+        text = "ROS messages and bags are read with the package `rosbags`, which is not installed"
+        help_ = "install it: pip install 'soter[ros]'"
+        raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
+
+
+@cache
+def _standard() -> dict[int, Definitions]:
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - an extra
+
+    stores = {1: Stores.ROS1_NOETIC, 2: Stores.ROS2_JAZZY}
+    return {v: dict(get_typestore(store).fielddefs) for v, store in stores.items()}
+
+
+def _parsed(name: str, text: str) -> Definitions:
+    """What a `.msg` file defines, under the name that the mapping gives it."""
+    from rosbags.typesys import TypesysError, get_types_from_msg  # noqa: PLC0415 - an extra
+
+    match = NAME.fullmatch(name)
+    if match is None:
+        raise UnknownMessageError(f"`{name}` is no name of a type: write it as `my_msgs/Foo`")
+    try:
+        return dict(get_types_from_msg(text, f"{match[1]}/msg/{match[2]}"))
+    except (TypesysError, ValueError, RecursionError) as error:
+        shown = str(error)[:80].replace("\n", " ")
+        raise UnknownMessageError(f"the file of `{name}` is no `.msg`: {shown}") from error

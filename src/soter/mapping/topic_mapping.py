@@ -1,0 +1,115 @@
+"""What a mapping says of the topics of a program: one file, read by `monitor` and by targets.
+
+Purpose: the records behind `--map`. Whoever reads them knows only leaves: units, frames and vectors
+are factors and signs here.
+Non-goals: reading the file (`read_mapping.py`), the values of a log (`monitor/logs/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.language.model.system import Topic
+    from soter.language.model.types import Value
+    from soter.mapping.message_types import MessageType
+
+GAP_NS = 10**9
+"""Between samples further apart nothing is interpolated, unless the mapping says otherwise."""
+
+LeafPath = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SignalSource:
+    """`scale` * what stands in the column or field `name` + `offset`.
+
+    Of a topic that goes out the field is (leaf - `offset`) / `scale`.
+    """
+
+    name: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class ConstantSource:
+    """A value that no message holds and that the mapping takes to be this."""
+
+    value: Value
+
+
+@dataclass(frozen=True)
+class SlopeSource:
+    """How fast another field of the topic changes, over the window that ends at each sample."""
+
+    of: LeafPath
+    window_ns: int
+
+
+Leaf = SignalSource | ConstantSource | SlopeSource
+
+
+@dataclass(frozen=True)
+class StampSource:
+    """The field that says when a message was measured, in the clock of its arrival.
+
+    `kind`: "time", a ROS time (of JSON and protobuf its members `sec` and `nanosec` or `nanos`), or
+    "number", in units of `unit_ns`.
+    """
+
+    path: str
+    kind: Literal["time", "number"] = "time"
+    unit_ns: Fraction = Fraction(1)
+
+
+@dataclass(frozen=True)
+class TopicMap:
+    """A topic and where its leaves come from, or go, all of them, in declared order.
+
+    `channel`: whose messages of a bag or an MCAP, or the topic of a middleware; of a CSV nothing.
+    `linear`: floats go on along the line through the last two samples, for at most `gap_ns`.
+    `message`: the type of its messages, where the mapping says. `stamp`: None counts ages from
+    arrival. `frame_id`: messages whose `header.frame_id` differs are not taken. `publisher`: the
+    node that may publish, as written. `constants`: fields of a message that goes out, by path.
+    """
+
+    topic: Topic
+    leaves: dict[LeafPath, Leaf]
+    channel: str | None = None
+    linear: bool = False
+    gap_ns: int = GAP_NS
+    message: MessageType | None = None
+    stamp: StampSource | None = None
+    frame_id: str | None = None
+    publisher: str | None = None
+    constants: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        """The columns or fields that it needs."""
+        return list(
+            dict.fromkeys(x.name for x in self.leaves.values() if isinstance(x, SignalSource))
+        )
+
+    def name_of(self, path: LeafPath) -> str:
+        """A leaf as people write it."""
+        return ".".join((self.topic.name, *path))
+
+
+@dataclass(frozen=True)
+class LogMap:
+    """A mapping that fits its system.
+
+    `time`: the column of time, None for the log time of an MCAP; `time_ns`: its unit. `where`:
+    rows count where these columns hold these texts.
+    """
+
+    topics: tuple[TopicMap, ...]
+    time: str | None = None
+    time_ns: Fraction = Fraction(10**9)
+    where: dict[str, str] = field(default_factory=dict)
