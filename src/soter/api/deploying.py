@@ -17,13 +17,15 @@ from typing import TYPE_CHECKING
 from soter.api.rechecking import recheck
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.load.loader import load
+from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.simulate.outputs.assumptions import unproved
 from soter.targets.package import PackageFile
-from soter.targets.target_table import build_package
+from soter.targets.target_table import build_package, require_mapping
 from soter.verify.proof_cache import stored_verdicts
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+    from typing import Any
 
     from soter.api.arguments import Progress
     from soter.certificate.report import RecheckedModule, Report
@@ -100,17 +102,25 @@ def build(
     bound: Callable[[System], Bindings],
     *,
     cert: str | Path | None,
+    mapping: str | Path | Mapping[str, Any] | None = None,
     progress: Progress | None,
 ) -> Package:
     """The package of a target; `completed`: the same system with computed predicates, and notes.
 
+    `mapping`: of targets that speak with a middleware, a file or what it says.
+
     `SoterError` as of `deployed`, and of `build_package`.
     """
+    require_mapping(target, given=mapping is not None)
+    if mapping is not None:  # before anything takes long
+        read = read_mapping(Path(mapping)) if isinstance(mapping, (str, Path)) else mapping
+        mapping_of(read, fresh)
     inherits = deployed(fresh, cert, progress)
     flat, computed = completed()
     flat.certificate = inherits.certificate
     bindings = bound(flat)
-    package = build_package(target, bindings.system, bindings.core, output, inherits.files)
+    fits = None if mapping is None else mapping_of(read, bindings.system)
+    package = build_package(target, bindings.system, bindings.core, output, fits, inherits.files)
     told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
     package.notes += [*told, *computed, *(_not_carried(bindings) if target == "c" else ())]
     package.inherited, package.inherits = inherits.document, inherits.lines

@@ -214,18 +214,21 @@ class Program:
         params: Mapping[str, object] | None = None,
         *,
         cert: str | Path | None = None,
+        mapping: str | Path | Mapping[str, Any] | None = None,
         progress: Progress | None = None,
     ) -> Package:
         """Write the package of a target (`"c"`) into the folder `output`.
 
-        `cert`: a certificate of the system that this one deploys; it is checked again. `progress`
-        is called with the share that is done. `SoterError` D019, D020 where it does not fit.
+        `cert`: a certificate of the system that this one deploys; it is checked again. `mapping`:
+        of targets that speak with a middleware (docs/mapping.md), a file or what it says.
+        `progress` is called with the share that is done. `SoterError` D015 where the mapping, D019,
+        D020 where the certificate does not fit.
         """
         from soter.api.deploying import build  # noqa: PLC0415 - see the docstring
 
         fresh = self.declared(system, params)
         completed = partial(self._completed, system, params, progress)
-        how: dict[str, Any] = {"cert": cert, "progress": progress}
+        how: dict[str, Any] = {"cert": cert, "mapping": mapping, "progress": progress}
         return build(target, Path(output), fresh, completed, self._bindings, **how)
 
     def monitor(

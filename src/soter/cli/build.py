@@ -27,6 +27,7 @@ EXAMPLES = """\
   soter build cart.soter --target c -o cart_c && make -C cart_c && cart_c/cart
   soter build cart.soter --system Unprotected -o out
   soter build robot.soter -o out --bind Learned=c:policy.c:policy_step
+  soter build robot.soter --system Vehicle --target ros1 --map robot.toml --cert proof/ -o robot_ros
 """
 
 
@@ -34,7 +35,7 @@ def parser() -> CommandParser:
     """The command line."""
     made = CommandParser("build", "Write C99, or a package for a target.", EXAMPLES)
     add_file(made)
-    default = next(iter(TARGETS))
+    default = TARGETS[0]
     names = " or ".join(f"{t} (the default)" if t == default else t for t in TARGETS)
     made.add_argument("--target", metavar="T", default=default, help=names)
     made.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
@@ -43,6 +44,11 @@ def parser() -> CommandParser:
         "--cert",
         metavar="DIR",
         help="of a system that `deploys` another: the certificate of that one; checked again",
+    )
+    made.add_argument(
+        "--map",
+        metavar="FILE",
+        help="of ros1: which topic is which of its messages (docs/mapping.md)",
     )
     add_settings(made)
     return made
@@ -58,6 +64,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             args.system,
             dict(args.params),
             cert=args.cert,
+            mapping=args.map,
             progress=progress,
         )
     stack = stack_bound(package)

@@ -42,6 +42,7 @@ DRIVER = (
     *("soter_posix.h", "soter_posix.c", "soter_posix_clock.c"),
     *("soter_posix_setup.c", "soter_posix_workers.c"),
     *("soter_posix_world.c", "soter_posix_log.c", "soter_posix_report.c", "soter_posix_main.c"),
+    *("soter_status.h", "soter_posix_status.c"),
 )
 WORKER = "soter_worker.c"
 APP_HEADER, APP_SOURCE = "soter_posix_app.h", "soter_posix_app.c"

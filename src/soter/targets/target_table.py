@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.targets.c99 import c99_package
 from soter.targets.posix import posix_package
+from soter.targets.ros1.ros1_package import ros1_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -18,41 +19,58 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
+    from soter.mapping.topic_mapping import LogMap
     from soter.targets.package import Package, PackageFile
 
     Maker = Callable[[System, CoreSystem, Path], Package]
+    MappedMaker = Callable[[System, CoreSystem, Path, LogMap], Package]
 
-TARGETS: dict[str, Maker] = {"c": c99_package, "posix": posix_package}
+PLAIN: dict[str, Maker] = {"c": c99_package, "posix": posix_package}
+MAPPED: dict[str, MappedMaker] = {"ros1": ros1_package}
+"""What speaks with a middleware: a mapping says which topic is which of its messages."""
+TARGETS = (*PLAIN, *MAPPED)
 """The default first."""
-COMING = ("cortex-m", "ros1", "dds", "zenoh", "mavlink")
+COMING = ("cortex-m", "ros2", "dds", "mavlink")
 
 
 def build_package(
-    target: str, system: System, core: CoreSystem, folder: Path, more: Sequence[PackageFile] = ()
+    target: str,
+    system: System,
+    core: CoreSystem,
+    folder: Path,
+    mapping: LogMap | None = None,
+    more: Sequence[PackageFile] = (),
 ) -> Package:
-    """Write the package of a target; SoterError U001 where there is no such target.
+    """Write the package of a target; SoterError U001 where there is no such target, or no mapping.
 
     `more`: files that it has besides, whatever the target.
 
     `system`, `core`: with every binding to C entered (`simulate/externs/bindings.py`); whatever
     else an extern is bound to does not leave this machine.
     """
-    make = TARGETS.get(target)
-    if make is None:
-        known = ", ".join(f"`{t}`" for t in TARGETS)
-        later = f"to come: {', '.join(COMING)}"
-        what = "is still to come" if target in COMING else "does not exist"
-        raise SoterError(
-            (
-                Diagnostic(
-                    "U001",
-                    f"the target `{target}` {what}",
-                    notes=(later,),
-                    helps=(f"there is {known}",),
-                ),
-            )
-        )
-    package = make(system, core, folder)
+    require_mapping(target, given=mapping is not None)
+    if mapping is not None:
+        package = MAPPED[target](system, core, folder, mapping)
+    else:
+        package = PLAIN[target](system, core, folder)
     package.target = target
     package.files += more
     return package.write()
+
+
+def require_mapping(target: str, *, given: bool) -> None:
+    """SoterError U001 for a target that does not exist, or that wants a mapping, or wants none."""
+    if target not in TARGETS:
+        what = "is still to come" if target in COMING else "does not exist"
+        known = f"there is {', '.join(f'`{t}`' for t in TARGETS)}"
+        raise _unusable(f"the target `{target}` {what}", known, f"to come: {', '.join(COMING)}")
+    if target in MAPPED and not given:
+        what = f"the target `{target}` needs a mapping: which topic is which of its messages"
+        raise _unusable(what, "--map FILE (docs/mapping.md)")
+    if target in PLAIN and given:
+        what = f"the target `{target}` speaks with no middleware: it has no use for a mapping"
+        raise _unusable(what, "leave --map out")
+
+
+def _unusable(what: str, help_: str, *notes: str) -> SoterError:
+    return SoterError((Diagnostic("U001", what, notes=notes, helps=(help_,)),))

@@ -103,7 +103,20 @@ class WorldTables:
 #define APP_OUTSIDE {len(self.topics)} /* topics that meet the world */
 #define APP_LEASES {len(self.granted)} /* modules with a fail-safe law */
 #define APP_BUDGETS {budgets} /* of such a module, at most */
+#define APP_STATUS_HASH UINT64_C({self.status_number:#018x}) /* soter_status.h */
 """
+
+    @staticmethod
+    def number(topic: Topic) -> int:
+        """Of the layout of a topic's value: what the head of its channel says."""
+        return _number(topic)
+
+    @property
+    def status_number(self) -> int:
+        """Of the layout of what the trusted part says of itself."""
+        modules = [m.name for m in self.system.modules]
+        leases = [g.module.name for g in self.granted]
+        return _hashed({"status": [modules, leases, [self.names[t.index] for t in self.topics]]})
 
     def include(self) -> str:
         """The header of the laws, where there are any."""

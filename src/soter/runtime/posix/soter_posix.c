@@ -385,6 +385,7 @@ static void end_instant(soter_posix* d, soter_instant_times* times) {
   SOTER_CHECK(status == SOTER_INSTANT_DONE); /* whoever was due has stepped or was asked */
   (void)status;
   times->modes = modes_of(d);
+  soter_posix_status(d, times->modes);
   (void)soter_ring_put(&d->ring, times, &d->state);
 }
 

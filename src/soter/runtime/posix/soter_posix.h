@@ -16,6 +16,7 @@
 #include "soter_grant.h"
 #include "soter_lease.h"
 #include "soter_outside.h"
+#include "soter_status.h"
 
 #include <pthread.h>
 #include <stdbool.h>
@@ -74,7 +75,8 @@ typedef struct {
 
 /* soter_app.h declares, soter_app.c defines:
  *   APP_STATE, APP_PROGRAM, APP_UNTIL_NS, APP_COMPONENTS, APP_MODULES, APP_EXTERNS, APP_WORDS,
- *   APP_SLOTS, APP_LONGEST_NS, APP_OUTSIDE, APP_LEASES, APP_BUDGETS, soter_app_answer, and: */
+ *   APP_SLOTS, APP_LONGEST_NS, APP_OUTSIDE, APP_LEASES, APP_BUDGETS, APP_STATUS_HASH,
+ *   soter_app_answer, and: */
 extern const soter_posix_extern soter_app_externs[];
 extern const uint32_t soter_app_extern_count; /* APP_EXTERNS */
 extern const soter_posix_topic soter_app_outside[];
@@ -272,6 +274,10 @@ typedef struct {
   uint64_t value[APP_WORDS];
   soter_outside_times outside[APP_OUTSIDE > 0 ? APP_OUTSIDE : 1];
   soter_lease_times lease[APP_LEASES > 0 ? APP_LEASES : 1];
+  soter_outside status_channel;
+  uint64_t said[SOTER_STATUS_WORDS(APP_MODULES, APP_LEASES, APP_OUTSIDE)]; /* soter_status.h */
+  int64_t said_ns; /* CLOCK_MONOTONIC */
+  uint32_t said_modes;
   /* others */
   soter_worker workers[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
   soter_workers_status* status;
@@ -311,6 +317,10 @@ void soter_posix_listen(soter_posix* d); /* an instant has begun: what came is p
 /* a component that was released has run, from `start` to `end`, CLOCK_MONOTONIC */
 void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int64_t end_ns);
 void soter_posix_tell(soter_posix* d); /* what goes out, as it is now */
+
+/* soter_posix_status.c: what the trusted part says of itself. `modes`: a bit a module, 1: AC. */
+bool soter_posix_status_open(soter_posix* d);
+void soter_posix_status(soter_posix* d, uint32_t modes);
 
 /* soter_posix.c: the trusted thread. */
 void* soter_posix_run(void* driver);

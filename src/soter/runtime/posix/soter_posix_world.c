@@ -52,7 +52,7 @@ bool soter_posix_open(soter_posix* d) {
     SOTER_CHECK(l->size == sizeof(soter_posix_lease_head) + l->lease->size);
     fine = fine && opened(d, &d->lease[k].channel, l->channel, l->hash, l->size, true);
   }
-  return fine;
+  return fine && soter_posix_status_open(d);
 }
 
 /* Whether somebody speaks: there is a value, and none too old where the topic says what that is. */

@@ -1,0 +1,78 @@
+/* soter_posix_status.c: what the trusted part says of itself.
+ *
+ * Purpose: the words of soter_status.h in their channel, whenever a module changed its mode and at
+ * least ten times a second. Without a folder of channels nothing is said.
+ * Non-goals: the report at the end (soter_posix_report.c).
+ */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
+#endif
+
+#include "soter_posix.h"
+
+bool soter_posix_status_open(soter_posix* d) {
+  SOTER_CHECK(d->options.channels != NULL);
+  const char* const wrong = soter_outside_open(&d->status_channel, d->options.channels,
+                                               SOTER_STATUS_CHANNEL, APP_STATUS_HASH,
+                                               sizeof d->said, true);
+  if (wrong != NULL) {
+    (void)fprintf(stderr, "not run: the channel `%s` in `%s`: %s\n", SOTER_STATUS_CHANNEL,
+                  d->options.channels, wrong);
+  }
+  return wrong == NULL;
+}
+
+static uint64_t* of_modules(const soter_posix* d, uint64_t* to, uint32_t modes) {
+  for (uint32_t k = 0; k < APP_PROGRAM->modules; k++) {
+    to[SOTER_STATUS_MODE] = k < 32U ? (modes >> k) & 1U : 0U;
+    for (uint32_t c = 0; c < SOTER_STATUS_CAUSES; c++) {
+      to[SOTER_STATUS_TAKEOVERS + c] = d->takeovers[k][c];
+    }
+    to += SOTER_STATUS_MODULE;
+  }
+  return to;
+}
+
+static uint64_t* of_leases(const soter_posix* d, uint64_t* to) {
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    to[SOTER_STATUS_GIVEN] = d->lease[k].given;
+    to[SOTER_STATUS_STALE] = d->lease[k].stale;
+    to[SOTER_STATUS_ENDED] = d->lease[k].ended_ns >= 0 ? 1U : 0U;
+    to += SOTER_STATUS_LEASE;
+  }
+  return to;
+}
+
+static uint64_t* of_topics(const soter_posix* d, uint64_t* to) {
+  for (uint32_t k = 0; k < soter_app_outside_count; k++) {
+    const soter_outside_times* const o = &d->outside[k];
+    to[SOTER_STATUS_TOLD] = o->told;
+    to[SOTER_STATUS_TAKEN] = o->taken;
+    to[SOTER_STATUS_REFUSED] = o->refused;
+    to[SOTER_STATUS_OLDER] = o->older;
+    to[SOTER_STATUS_FUTURE] = o->future;
+    to[SOTER_STATUS_BAD] = o->bad;
+    to += SOTER_STATUS_TOPIC;
+  }
+  return to;
+}
+
+void soter_posix_status(soter_posix* d, uint32_t modes) {
+  if (d->status_channel.place[0] == NULL) {
+    return;
+  }
+  const int64_t now = soter_posix_clock();
+  if (modes == d->said_modes && now - d->said_ns < SOTER_STATUS_EVERY_NS) {
+    return;
+  }
+  d->said[SOTER_STATUS_INSTANTS] = d->instants;
+  d->said[SOTER_STATUS_MISSED] = d->missed;
+  d->said[SOTER_STATUS_CALENDARS] = d->calendars;
+  const uint64_t* const end =
+      of_topics(d, of_leases(d, of_modules(d, d->said + SOTER_STATUS_HEAD, modes)));
+  SOTER_CHECK(end == d->said + sizeof d->said / sizeof d->said[0]);
+  (void)end;
+  soter_outside_write(&d->status_channel, now, d->said);
+  d->said_modes = modes;
+  d->said_ns = now;
+}

@@ -1,0 +1,227 @@
+"""Between messages of a middleware and values of topics: statements of C, or of C++.
+
+Purpose: what a mapping says of a topic, as code, with the arithmetic of `monitor` (a number is
+multiplied, then the offset is added; the way out is the offset taken off, then divided), so that a
+message and a log give the same bits. What no code can do is D015.
+Non-goals: how messages come and go (`ros1/`), what a mapping may say (`soter.mapping`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.codegen.c.names import field_name
+from soter.core.layout import scalar, storage_range
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType, leaves
+from soter.mapping.topic_mapping import ConstantSource, SignalSource
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.language.model.types import Type, Value
+    from soter.mapping.message_types import MessageType
+    from soter.mapping.topic_mapping import Leaf, LeafPath, TopicMap
+
+INTEGERS = {
+    **{f"int{n}": (-(2 ** (n - 1)), 2 ** (n - 1) - 1) for n in (8, 16, 32, 64)},
+    **{f"uint{n}": (0, 2**n - 1) for n in (8, 16, 32, 64)},
+    "byte": (-128, 127),
+    "char": (0, 255),
+}
+"""Least and greatest value of what ROS calls integers."""
+FLOATS = ("float32", "float64")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a language says it: `size` and `item` of a sequence, equality and setting of a text."""
+
+    size: str
+    item: str
+    same_text: str
+    set_text: str
+
+
+CPP = Dialect("{0}.size()", "{0}[{1}]", '{0} == "{1}"', '{0} = "{1}"')
+"""roscpp: std::vector and std::string."""
+
+
+class MessageConverter:
+    """A topic with its messages: `message` and `value` are what the code calls them, as lvalues."""
+
+    def __init__(self, mapped: TopicMap, ros: int, dialect: Dialect, message: str) -> None:
+        if mapped.message is None:
+            raise unmappable(f"`{mapped.topic.name}` has no `type`: which messages are its?")
+        self.mapped = mapped
+        self.type: MessageType = mapped.message
+        self.ros = ros
+        self.dialect = dialect
+        self.message = message
+        self.types = dict(leaves(mapped.topic.type))
+
+    # ------------------------------------------------------------ in
+
+    def inward(self, value: str) -> list[str]:
+        """Statements that fill a value; `return false` where a message has not what is needed."""
+        lines = [line for name in self._sequences() for line in self._there(name)]
+        for path, leaf in self.mapped.leaves.items():
+            lines += self._leaf_in(path, leaf, f"{value}{self._member(path)}")
+        return [*lines, "return true;"]
+
+    def _leaf_in(self, path: LeafPath, leaf: Leaf, to: str) -> list[str]:
+        t = self.types[path]
+        if isinstance(leaf, ConstantSource):
+            return [f"{to} = {self._constant(t, leaf.value)};"]
+        if not isinstance(leaf, SignalSource):
+            what = "is a slope, which `monitor` can take and a robot in flight cannot: map a speed"
+            raise unmappable(f"`{self.mapped.name_of(path)}` {what}")
+        what, kind = self._path(leaf.name), self.type.leaf(leaf.name, self.ros)
+        if isinstance(t, FloatType):
+            return [f"{to} = {_scaled(f'(double){what}', leaf)};"]
+        if isinstance(t, BoolType):
+            return [f"{to} = {what} ? 1U : 0U;"]
+        if isinstance(t, EnumType):
+            return [*self._enum_in(t, what, to)]
+        assert isinstance(t, (IntType, DurationType)), t
+        return [*self._int_in(path, t, what, kind, to)]
+
+    def _enum_in(self, t: EnumType, what: str, to: str) -> Iterator[str]:
+        for k, member in enumerate(t.members):
+            word = "if" if k == 0 else "} else if"
+            yield f"{word} ({self.dialect.same_text.format(what, member)}) {{"
+            yield f"  {to} = {k}U;"
+        yield "} else {"
+        yield "  return false;"
+        yield "}"
+
+    def _int_in(self, path: LeafPath, t: Type, what: str, kind: str, to: str) -> Iterator[str]:
+        if kind not in INTEGERS:
+            raise unmappable(f"`{self.mapped.name_of(path)}` is `{t}`, the field a `{kind}`")
+        s = scalar(t)
+        assert s is not None
+        (low, high), (least, most) = storage_range(s), INTEGERS[kind]
+        tests = []
+        if least < low:
+            tests.append(f"(int64_t){what} < {_int(low)}")
+        if most > high:
+            cast = "(uint64_t)" if least >= 0 else "(int64_t)"
+            tests.append(f"{cast}{what} > {_int(high, unsigned=least >= 0)}")
+        if tests:
+            yield f"if ({' || '.join(tests)}) {{"
+            yield "  return false;"
+            yield "}"
+        yield f"{to} = ({s.c_type}){what};"
+
+    def _sequences(self) -> list[tuple[str, int]]:
+        """Sequences that are indexed, and the greatest index of each."""
+        most: dict[str, int] = {}
+        for name in self.mapped.names:
+            if self.type.field(name, self.ros).through != "sequence":
+                continue
+            parts = name.split(".")
+            at, *more = [i for i, p in enumerate(parts) if p.isdigit()]
+            if more:
+                raise unmappable(f"`{name}` of {self.type.ros1} is in a list of lists")
+            sequence = ".".join(parts[:at])
+            most[sequence] = max(most.get(sequence, 0), int(parts[at]))
+        return sorted(most.items())
+
+    def _there(self, sequence: tuple[str, int]) -> list[str]:
+        name, most = sequence
+        size = self.dialect.size.format(f"{self.message}.{name}")
+        return [f"if ({size} <= {most}U) {{", "  return false;", "}"]
+
+    # ------------------------------------------------------------ out
+
+    def outward(self, value: str) -> list[str]:
+        """Statements that fill a message from a value."""
+        lines = []
+        for path, leaf in self.mapped.leaves.items():
+            if isinstance(leaf, SignalSource):
+                lines += self._leaf_out(path, leaf, f"{value}{self._member(path)}")
+        for name, constant in self.mapped.constants.items():
+            lines.append(self._set(name, constant))
+        return lines
+
+    def _leaf_out(self, path: LeafPath, leaf: SignalSource, what: str) -> list[str]:
+        t, to = self.types[path], self._path(leaf.name)
+        field = self.type.field(leaf.name, self.ros)
+        named = f"`{self.mapped.name_of(path)}`"
+        if field.through == "sequence":
+            raise unmappable(f"{named} goes into an element of a sequence, which is empty")
+        if isinstance(t, FloatType) and field.type in FLOATS:
+            cast = "(float)" if field.type == "float32" else ""
+            return [f"{to} = {cast}({_taken_back(what, leaf)});"]
+        if isinstance(t, BoolType) and field.type in ("bool", "uint8"):
+            return [f"{to} = {what} != 0U;"]
+        if isinstance(t, EnumType) and field.type == "string":
+            chain = "".join(f'{what} == {k}U ? "{m}" : ' for k, m in enumerate(t.members[:-1]))
+            return [f'{to} = {chain}"{t.members[-1]}";']
+        if isinstance(t, IntType) and field.type in INTEGERS:
+            low, high = INTEGERS[field.type]
+            if t.low < low or t.high > high:
+                raise unmappable(f"{named} is `{t}`, which a `{field.type}` cannot hold")
+            return [f"{to} = {what};"]
+        raise unmappable(f"{named} is `{t}`, and the field that it goes into a `{field.type}`")
+
+    def _set(self, name: str, constant: object) -> str:
+        kind, to = self.type.leaf(name, self.ros), self._path(name)
+        if isinstance(constant, str) and kind == "string":
+            text = constant.replace("\\", "\\\\").replace('"', '\\"')
+            return f"{self.dialect.set_text.format(to, text)};"
+        if isinstance(constant, bool) and kind in ("bool", "uint8"):
+            return f"{to} = {'true' if constant else 'false'};"
+        if isinstance(constant, (int, float)) and not isinstance(constant, bool):
+            if kind in FLOATS:
+                return f"{to} = {float(constant)!r};"
+            low, high = INTEGERS.get(kind, (1, 0))
+            if isinstance(constant, int) and low <= constant <= high:
+                return f"{to} = {_int(constant, unsigned=low == 0)};"
+        raise unmappable(f"`set` of `{self.mapped.topic.name}`: {constant!r} is no `{kind}`")
+
+    # ------------------------------------------------------------ names
+
+    def _path(self, name: str) -> str:
+        """A field of the message."""
+        code = self.message
+        for part in name.split("."):
+            code = self.dialect.item.format(code, part) if part.isdigit() else f"{code}.{part}"
+        return code
+
+    @staticmethod
+    def _member(path: LeafPath) -> str:
+        """A leaf of the value."""
+        return "".join(p if p.startswith("[") else f".{field_name(p)}" for p in path)
+
+    @staticmethod
+    def _constant(t: Type, value: Value) -> str:
+        if isinstance(t, FloatType):
+            return repr(float(value))
+        if isinstance(t, (BoolType, EnumType)):
+            return f"{int(value)}U"
+        return _int(int(value))
+
+
+def _scaled(what: str, leaf: SignalSource) -> str:
+    if leaf.scale != 1.0:
+        what = f"{leaf.scale!r} * {what}"
+    return what if leaf.offset == 0.0 else f"{what} + {leaf.offset!r}"
+
+
+def _taken_back(what: str, leaf: SignalSource) -> str:
+    if leaf.offset != 0.0:
+        what = f"({what} - {leaf.offset!r})"
+    return what if leaf.scale == 1.0 else f"{what} / {leaf.scale!r}"
+
+
+def _int(value: int, *, unsigned: bool = False) -> str:
+    if unsigned:
+        return f"UINT64_C({value})"
+    return "INT64_MIN" if value == -(2**63) else f"INT64_C({value})"
+
+
+def unmappable(why: str) -> SoterError:
+    """D015."""
+    return SoterError((Diagnostic("D015", why),))
