@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.near import closest, nearest_or_all
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -23,11 +23,17 @@ BASE, NAMED, ARRAY, SEQUENCE = 1, 2, 3, 4
 """How rosbags says what a field is."""
 TIMES = {"builtin_interfaces/msg/Time": "time", "builtin_interfaces/msg/Duration": "duration"}
 """Types that are primitive in ROS 1 and records in ROS 2."""
+INTEGERS: dict[str, tuple[int, int]] = {
+    "byte": (0, 2**8 - 1),
+    "char": (0, 2**8 - 1),
+    **{f"int{n}": (-(2 ** (n - 1)), 2 ** (n - 1) - 1) for n in (8, 16, 32, 64)},
+    **{f"uint{n}": (0, 2**n - 1) for n in (8, 16, 32, 64)},
+}
+"""The primitives that hold whole numbers, and from where to where."""
+NUMBERS = (*INTEGERS, "float32", "float64")
 HEADER = "std_msgs/msg/Header"
 EMPTY_MEMBER = "structure_needs_at_least_one_member"
 NAME = re.compile(r"([A-Za-z]\w*)/(?:msg/)?([A-Za-z]\w*)", re.ASCII)
-DEPTH_MAX = 32
-"""Messages in messages; nobody nests deeper."""
 
 Definitions = dict[str, tuple[list[Any], list[tuple[str, Any]]]]
 """By name as ROS 2 writes it: constants, and the fields in declared order."""
@@ -96,8 +102,25 @@ class MessageType:
     def fields(self, ros: int | None = None) -> dict[str, MessageField]:
         """Every primitive of it in declared order, an element of a list or array as `*`."""
         version = ros or (2 if self.known_in(2) else 1)
-        found = self._walk(self.ros2, "", "", self.definitions[version], 0)
+        found = self._walk((self.ros2,), "", "", self.definitions[version])
         return {f.path: f for f in found}
+
+    def owners(self, path: str) -> Iterator[tuple[str, str]]:
+        """Every type that a field is a part of, outermost first, with its path in it.
+
+        Types are written as in ROS 1; the path has to be one of `field`.
+        """
+        definitions = self.definitions[2 if self.known_in(2) else 1]
+        kind: Any = (NAMED, self.ros2)
+        parts = path.split(".")
+        for i, part in enumerate(parts):
+            if kind[0] == NAMED:
+                yield kind[1].replace("/msg/", "/"), ".".join(parts[i:])
+                kind = _members(definitions, kind[1]).get(part)
+            elif kind[0] in (ARRAY, SEQUENCE):
+                kind = kind[1][0]
+            if kind is None:
+                return
 
     @property
     def has_header(self) -> bool:
@@ -122,6 +145,9 @@ class MessageType:
             elif kind[0] == BASE:
                 raise NoSuchFieldError(f"{at} is `{kind[1][0]}` and has no `{part}`")
             else:
+                if kind[1] not in definitions:
+                    own = "its `.msg` is to be named under `[messages]`"
+                    raise NoSuchFieldError(f"{at} is `{kind[1]}`, which is not known: {own}")
                 members = _members(definitions, kind[1])
                 if part not in members:
                     hint = nearest_or_all(part, members)
@@ -142,15 +168,12 @@ class MessageType:
 
     def _walk(
         self,
-        name: str,
+        inside: tuple[str, ...],
         path: str,
         through: Literal["", "array", "sequence"],
         definitions: Definitions,
-        depth: int,
     ) -> Iterator[MessageField]:
-        if depth > DEPTH_MAX:
-            return
-        for member, kind in _members(definitions, name).items():
+        for member, kind in _members(definitions, inside[-1]).items():
             at, passes, inner = f"{path}{member}", through, kind
             if kind[0] in (ARRAY, SEQUENCE):
                 inner, at = kind[1][0], f"{at}.*"
@@ -159,8 +182,8 @@ class MessageType:
                 yield MessageField(at, str(inner[1][0]), passes)
             elif inner[1] in TIMES:
                 yield MessageField(at, TIMES[inner[1]], passes)
-            else:
-                yield from self._walk(inner[1], f"{at}.", passes, definitions, depth + 1)
+            elif inner[1] not in inside:  # what holds itself has no end
+                yield from self._walk((*inside, inner[1]), f"{at}.", passes, definitions)
 
 
 _PASSES: dict[int, Literal["array", "sequence"]] = {ARRAY: "array", SEQUENCE: "sequence"}
@@ -173,15 +196,17 @@ def _members(definitions: Definitions, name: str) -> dict[str, Any]:
 
 
 class MessageTypes:
-    """All that are known: the standard ones, and `own` texts of `.msg` files by name."""
+    """All that are known: the standard ones, and those that are added."""
 
-    def __init__(self, own: Mapping[str, str] | None = None) -> None:
-        """SoterError D007 without rosbags; UnknownMessageError for a text that is no `.msg`."""
+    def __init__(self) -> None:
+        """SoterError D007 without rosbags."""
         require_ros_package()
-        added: Definitions = {}
-        for name, text in (own or {}).items():
-            added.update(_parsed(name, text))
-        self.definitions = {v: {**standard, **added} for v, standard in _standard().items()}
+        self.definitions = {v: dict(standard) for v, standard in _standard().items()}
+
+    def add(self, name: str, text: str) -> None:
+        """Make known what a `.msg` file defines; raises UnknownMessageError where it is none."""
+        for definitions in self.definitions.values():
+            definitions.update(_parsed(name, text))
 
     def named(self, name: str) -> MessageType:
         """The type; raises UnknownMessageError."""
@@ -191,11 +216,9 @@ class MessageTypes:
         found = MessageType(match[1], match[2], self.definitions)
         if not any(found.known_in(v) for v in self.definitions):
             known = {n.replace("/msg/", "/") for d in self.definitions.values() for n in d}
-            hint = nearest_or_all(found.ros1, sorted(known))
-            own = "one of your own is read from its `.msg` file, named under `[messages]`"
-            raise UnknownMessageError(
-                f"{hint if hint.startswith('did') else ''}; {own}".lstrip("; ")
-            )
+            near = closest(found.ros1, sorted(known))
+            own = "types of one's own are read from `.msg` files, named under `[messages]`"
+            raise UnknownMessageError(f"did you mean `{near[0]}`?" if near else own)
         return found
 
 

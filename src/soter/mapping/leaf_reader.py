@@ -1,0 +1,273 @@
+"""Where the leaves of a topic come from, as a mapping says.
+
+Purpose: a source a leaf. Vectors, frames and units end here: what is made of them is a name, a
+scale and an offset.
+Non-goals: the messages of the topic (`topic_reader.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from soter.language.model.python_values import ValueShapeError, from_json
+from soter.language.model.types import (
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    leaves,
+)
+from soter.mapping.frames import SAME
+from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
+from soter.mapping.problems import is_number, unknown
+from soter.mapping.standard_units import standard_unit
+from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
+from soter.mapping.units import DIMENSIONS, RATES, UNITS, factor_between
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.language.model.system import Topic
+    from soter.language.model.types import Type
+    from soter.mapping.frames import Turn
+    from soter.mapping.message_types import MessageType
+    from soter.mapping.problems import MappingProblems
+    from soter.mapping.topic_mapping import Leaf, LeafPath
+
+LEAF_KEYS = ("from", "scale", "offset", "unit", "constant", "slope", "window")
+VECTOR_KEYS = ("from", "scale", "unit")
+VALUE = "value"
+"""What the one field of a topic without fields is called."""
+SMALL = ("bool", "byte", "char", "int8", "uint8")
+"""What messages hold truths in."""
+
+
+class LeafReader:
+    """Reads the `fields` of a topic; `turn`: into the program's frame; `vectors` counts rows."""
+
+    def __init__(
+        self,
+        topic: Topic,
+        problems: MappingProblems,
+        message: MessageType | None,
+        turn: Turn | None,
+    ) -> None:
+        self.topic, self.problems, self.message = topic, problems, message
+        self.turn = turn or SAME
+        self.vectors = 0
+        self.types = dict(leaves(topic.type))
+        self.keys = {".".join(path) or VALUE: path for path in self.types}
+        self.prefixes = _prefixes(self.types, self.keys)
+
+    def read(self, given: Mapping[str, Any]) -> dict[LeafPath, Leaf]:
+        """A leaf each, in declared order."""
+        name = self.topic.name
+        if any("[]" in path for path in self.types) or isinstance(self.topic.type, ListType):
+            self.problems.add(f"`{name}` is or has a list, which no mapping can fill")
+            return {}
+        leaf_by_path: dict[LeafPath, Leaf] = {}
+        said: set[LeafPath] = set()
+        for key, what in given.items():
+            for path, leaf in self._row(key, what).items():
+                if path in said:
+                    self.problems.add(f"`{'.'.join((name, *path))}` is given twice")
+                said.add(path)
+                if leaf is not None:
+                    leaf_by_path[path] = leaf
+        left = [k for k, path in self.keys.items() if path not in said]
+        if left:
+            names = ", ".join(f"`{k}`" for k in left)
+            self.problems.add(f"`{name}` is to be given whole, or not at all: {names} missing")
+        self._slopes(leaf_by_path)
+        return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
+
+    def _row(self, key: str, what: object) -> dict[LeafPath, Leaf | None]:
+        """The leaves that a row is about; None of what is wrong."""
+        if key in self.keys:
+            path = self.keys[key]
+            return {path: self._leaf(f"{self.topic.name}.{key}", self.types[path], what)}
+        if key in self.prefixes:
+            return self._vector(f"{self.topic.name}.{key}", self.prefixes[key], what)
+        self.problems.add(unknown(f"`{self.topic.name}` has no", key, self.keys))
+        return {}
+
+    # ---------------------------------------------------------------- vectors
+
+    def _vector(
+        self, name: str, paths: list[LeafPath], what: object
+    ) -> dict[LeafPath, Leaf | None]:
+        self.vectors += 1
+        nothing: dict[LeafPath, Leaf | None] = dict.fromkeys(paths)
+        if len(paths) != 3 or not all(isinstance(self.types[p], FloatType) for p in paths):
+            self.problems.add(f"`{name}` is no vector, which has three floats: name its fields")
+            return nothing
+        row = what if isinstance(what, dict) else {"from": what}
+        self.problems.only(row, VECTOR_KEYS, f"`{name}`")
+        names = row.get("from")
+        if (
+            not isinstance(names, list)
+            or len(names) != 3
+            or not all(isinstance(n, str) for n in names)
+        ):
+            self.problems.add(f"`{name}` needs the names of three fields, x, y, z, not {names!r}")
+            return nothing
+        if len(set(names)) != 3:
+            self.problems.add(f"`{name}` names a field twice: {', '.join(names)}")
+            return nothing
+        rest = {k: v for k, v in row.items() if k in ("scale", "unit")}
+        made: dict[LeafPath, Leaf | None] = {}
+        for path, (component, sign) in zip(paths, self.turn, strict=True):
+            given = {"from": names[component], **rest}
+            leaf = self._from(".".join((self.topic.name, *path)), self.types[path], given)
+            if leaf is not None and sign < 0.0:
+                leaf = SignalSource(leaf.name, -leaf.scale, leaf.offset)
+            made[path] = leaf
+        return made
+
+    # ---------------------------------------------------------------- leaves
+
+    def _leaf(self, name: str, t: Type, what: object) -> Leaf | None:
+        if isinstance(what, str):
+            return self._from(name, t, {"from": what})
+        if not isinstance(what, dict):
+            self.problems.add(f"`{name}` is neither the name of a column nor a table: {what!r}")
+            return None
+        self.problems.only(what, LEAF_KEYS, f"`{name}`")
+        kinds = [k for k in ("from", "constant", "slope") if k in what]
+        if len(kinds) != 1:
+            self.problems.add(f"`{name}` needs one of `from`, `constant`, `slope`")
+            return None
+        if "constant" in what:
+            return self._constant(name, t, what["constant"])
+        if "slope" in what:
+            return self._slope(name, what)
+        return self._from(name, t, what)
+
+    def _slope(self, name: str, what: Mapping[str, Any]) -> Leaf | None:
+        of = self.keys.get(str(what["slope"]))
+        window = self.problems.duration(what, "window", name)
+        if of is None:
+            self.problems.add(f"`{name}` is the slope of `{what['slope']}`, no field of it")
+            return None
+        return SlopeSource(of, window)
+
+    def _constant(self, name: str, t: Type, given: object) -> Leaf | None:
+        try:
+            value = from_json(t, given, name)
+        except ValueShapeError as error:
+            self.problems.add(f"`constant`: {error}")
+            return None
+        if isinstance(t, FloatType) and not math.isfinite(value):
+            self.problems.add(f"`constant` of `{name}` is not finite")
+            return None
+        return ConstantSource(value)
+
+    def _from(self, name: str, t: Type, what: Mapping[str, Any]) -> SignalSource | None:
+        problems, before = self.problems, len(self.problems.told)
+        unit = what.get("unit")
+        if unit is not None and (not isinstance(unit, str) or unit not in UNITS):
+            problems.add(f"`{name}` is in `{unit}`: there are {', '.join(UNITS)}")
+            unit = None
+        for key in ("scale", "offset"):
+            if not is_number(what.get(key, 0)):
+                problems.add(f"`{key}` of `{name}` is no finite number: {what[key]!r}")
+        if what.get("scale", 1) == 0:
+            problems.add(f"`scale` of `{name}` is 0: say `constant`")
+        field = what["from"]
+        if not isinstance(field, str):
+            problems.add(f"`from` of `{name}` is no name: {field!r}")
+        changed = {"unit", "scale", "offset"} & set(what)
+        if changed and not isinstance(t, FloatType):
+            problems.add(f"`{name}` is `{t}` and takes no {', '.join(sorted(changed))}")
+        if len(problems.told) > before:
+            return None
+        standard = self._checked(name, t, field)
+        factor = self._factor(name, t, field, unit, standard)
+        if len(problems.told) > before:
+            return None
+        return SignalSource(
+            field, float(what.get("scale", 1)) * factor, float(what.get("offset", 0))
+        )
+
+    def _checked(self, name: str, t: Type, field: str) -> str | None:
+        """The standard unit of a field, which has to be in the message and of the right kind."""
+        if self.message is None:
+            return None
+        try:
+            kind = self.message.leaf(field)
+        except NoSuchFieldError as error:
+            self.problems.add(f"`{name}`: {error}")
+            return None
+        if not _holds(t, kind):
+            text = f"`{field}` of {self.message.ros1} is `{kind}`"
+            self.problems.add(f"`{name}` is `{t}`, and {text}")
+            return None
+        return standard_unit(self.message, field)
+
+    def _factor(
+        self, name: str, t: Type, field: str, unit: str | None, standard: str | None
+    ) -> float:
+        """What turns the field's unit into the program's; 1 where nobody says a unit."""
+        if unit is not None and standard is not None and unit != standard:
+            assert self.message is not None
+            text = f"`{field}` of {self.message.ros1} is in `{standard}`"
+            self.problems.add(f"`{name}` is read in `{unit}`, and {text}")
+            return 1.0
+        given = unit or standard
+        if given is None or not isinstance(t, (FloatType, IntType)):
+            return 1.0
+        factor = factor_between(given, t.unit)
+        if isinstance(t, IntType):
+            if factor != 1.0 and t.unit:
+                self.problems.add(f"`{name}` counts `{t.unit}`, and `{field}` is in `{given}`")
+            return 1.0
+        if factor is None:
+            dimension = DIMENSIONS.get(t.unit)
+            what = f", {dimension}" if dimension else ""
+            text = f"`{field}` is in `{given}`, {DIMENSIONS[given]}"
+            self.problems.add(f"`{name}` is in `{t.unit}`{what}, and {text}")
+            return 1.0
+        return factor
+
+    def _slopes(self, leaf_by_path: Mapping[LeafPath, Leaf]) -> None:
+        for path, leaf in leaf_by_path.items():
+            if not isinstance(leaf, SlopeSource):
+                continue
+            of, name = ".".join((self.topic.name, *leaf.of)), ".".join((self.topic.name, *path))
+            if not isinstance(leaf_by_path.get(leaf.of, SignalSource("")), SignalSource):
+                self.problems.add(f"`{name}` is a slope of `{of}`, which no column gives")
+                continue
+            rate, base = _unit(self.types[path]), _unit(self.types[leaf.of])
+            if rate not in UNITS or base not in UNITS:
+                continue
+            if RATES.get(DIMENSIONS[base]) != DIMENSIONS[rate] or UNITS[base] != UNITS[rate]:
+                self.problems.add(f"`{name}` is in `{rate}`, no slope of `{of}`, in `{base}`")
+
+
+def _unit(t: Type) -> str:
+    return t.unit if isinstance(t, FloatType) else ""
+
+
+def _prefixes(
+    types: Mapping[LeafPath, Type], keys: Mapping[str, LeafPath]
+) -> dict[str, list[LeafPath]]:
+    """The leaves below each record or array, by its name; the whole topic as `value`."""
+    below: dict[str, list[LeafPath]] = {}
+    for path in types:
+        for depth in range(len(path)):
+            below.setdefault(".".join(path[:depth]) or VALUE, []).append(path)
+    return {key: paths for key, paths in below.items() if key not in keys}
+
+
+def _holds(t: Type, kind: str) -> bool:
+    """Whether a primitive of a message may fill a leaf."""
+    if isinstance(t, FloatType):
+        return kind in NUMBERS
+    if isinstance(t, (IntType, DurationType)):
+        return kind in INTEGERS
+    if isinstance(t, BoolType):
+        return kind in SMALL
+    return isinstance(t, EnumType) and kind in ("string", "wstring")

@@ -1,0 +1,196 @@
+"""What a mapping says of one topic.
+
+Purpose: the channel and the messages: their type, when they were measured, whose they are, and what
+of them is constant; then the leaves (`leaf_reader.py`).
+Non-goals: whether a log or a middleware has such messages.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from soter.mapping.frames import FRAMES, turn_between
+from soter.mapping.leaf_reader import LeafReader
+from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError, UnknownMessageError
+from soter.mapping.topic_mapping import GAP_NS, SignalSource, StampSource, TopicMap
+from soter.mapping.units import TIME_UNITS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.language.model.system import Topic
+    from soter.mapping.frames import Turn
+    from soter.mapping.message_types import MessageType, MessageTypes
+    from soter.mapping.problems import MappingProblems
+
+TOPIC_KEYS = (
+    "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set",
+)  # fmt: skip
+ARRIVAL = "arrival"
+HEADER_STAMP, HEADER_FRAME = "header.stamp", "header.frame_id"
+
+
+class TopicReader:
+    """Reads the table of a topic; what is wrong goes to `problems`.
+
+    `types`: those of ROS messages, None where the mapping names none; `frame`: the program's.
+    """
+
+    def __init__(
+        self, topic: Topic, problems: MappingProblems, types: MessageTypes | None, frame: str
+    ) -> None:
+        self.topic, self.problems, self.types, self.frame = topic, problems, types, frame
+        self.name = topic.name
+
+    def read(self, given: Mapping[str, Any]) -> TopicMap:
+        """The topic as the mapping has it; of no use where problems were added."""
+        problems, where = self.problems, f"`{self.name}`"
+        problems.only(given, TOPIC_KEYS, where)
+        between = given.get("between", "hold")
+        if between not in ("hold", "linear"):
+            problems.add(f"`between` of {where} is hold or linear, not {between!r}")
+        gap = problems.duration(given, "gap", self.name) if "gap" in given else GAP_NS
+        message = self._message(given)
+        leaf_reader = LeafReader(self.topic, problems, message, self._turn(given))
+        leaf_by_path = leaf_reader.read(problems.table(given, "fields", where))
+        made = TopicMap(
+            self.topic,
+            leaf_by_path,
+            problems.name(given, "channel", where),
+            between == "linear",
+            gap,
+            message=message,
+            stamp=self._stamp(given, message),
+            frame_id=self._frame_id(given, message),
+            publisher=problems.name(given, "publisher", where),
+            constants=self._constants(problems.table(given, "set", where), message),
+        )
+        if "frame" in given and not leaf_reader.vectors:
+            problems.add(
+                f"`frame` of {where} turns nothing: a vector is three names, "
+                'such as "p" = ["x", "y", "z"]'
+            )
+        filled = {x.name for x in leaf_by_path.values() if isinstance(x, SignalSource)}
+        for path in made.constants:
+            if path in filled:
+                problems.add(f"`set` of {where} has `{path}`, which its fields have, too")
+        return made
+
+    def _message(self, given: Mapping[str, Any]) -> MessageType | None:
+        name = self.problems.name(given, "type", f"`{self.name}`")
+        if name is None or self.types is None:
+            return None
+        try:
+            return self.types.named(name)
+        except UnknownMessageError as error:
+            self.problems.add(f"`type` of `{self.name}` is `{name}`, which is not known: {error}")
+            return None
+
+    def _turn(self, given: Mapping[str, Any]) -> Turn | None:
+        frame = given.get("frame")
+        if frame is None:
+            return None
+        if not isinstance(frame, str) or frame not in FRAMES:
+            self.problems.add(
+                f"`frame` of `{self.name}` is {frame!r}: there are {', '.join(FRAMES)}"
+            )
+            return None
+        return turn_between(frame, self.frame)
+
+    def _frame_id(self, given: Mapping[str, Any], message: MessageType | None) -> str | None:
+        frame = self.problems.name(given, "frame_id", f"`{self.name}`")
+        if frame is not None and message is not None and not message.has_header:
+            self.problems.add(
+                f"`frame_id` of `{self.name}` needs a header, which {message.ros1} has not"
+            )
+        return frame
+
+    # ---------------------------------------------------------------- when it was measured
+
+    def _stamp(self, given: Mapping[str, Any], message: MessageType | None) -> StampSource | None:
+        stamp = given.get("stamp")
+        if stamp is None:
+            return StampSource(HEADER_STAMP) if message is not None and message.has_header else None
+        if stamp == ARRIVAL:
+            return None
+        source = self._stamp_said(stamp)
+        if source is not None and message is not None:
+            self._stamp_fits(source, message)
+        return source
+
+    def _stamp_said(self, stamp: object) -> StampSource | None:
+        problems, where = self.problems, f"`stamp` of `{self.name}`"
+        if isinstance(stamp, str) and stamp:
+            return StampSource(stamp)
+        if not isinstance(stamp, dict):
+            problems.add(f'{where} is a field, a table or "{ARRIVAL}", not {stamp!r}')
+            return None
+        problems.only(stamp, ("from", "unit"), where)
+        path, unit = stamp.get("from"), stamp.get("unit")
+        if not isinstance(path, str) or not path:
+            problems.add(f"{where} needs `from`, the name of a field")
+            return None
+        if not isinstance(unit, str) or unit not in TIME_UNITS:
+            problems.add(f"{where} is in `{unit}`: there are {', '.join(TIME_UNITS)}")
+            return None
+        return StampSource(path, "number", Fraction(TIME_UNITS[unit]))
+
+    def _stamp_fits(self, source: StampSource, message: MessageType) -> None:
+        where = f"`stamp` of `{self.name}`"
+        try:
+            kind = message.leaf(source.path)
+        except NoSuchFieldError as error:
+            self.problems.add(f"{where}: {error}")
+            return
+        shown = f"`{source.path}` of {message.ros1} is `{kind}`"
+        if source.kind == "time" and kind in NUMBERS:
+            help_ = f'{{ from = "{source.path}", unit = "us" }}'
+            self.problems.add(f"{where}: {shown}, a number: say its unit, such as {help_}")
+        elif source.kind == "time" and kind != "time":
+            self.problems.add(f"{where}: {shown}, no time")
+        elif source.kind == "number" and kind not in NUMBERS:
+            self.problems.add(f"{where}: {shown}, no number that has a unit")
+
+    # ---------------------------------------------------------------- what goes out
+
+    def _constants(
+        self, given: Mapping[str, Any], message: MessageType | None
+    ) -> dict[str, object]:
+        constants: dict[str, object] = {}
+        for path, value in given.items():
+            where = f"`{path}` in `set` of `{self.name}`"
+            if not isinstance(value, (str, bool, int, float)) or _is_infinite(value):
+                self.problems.add(f"{where} is a text, a truth or a finite number, not {value!r}")
+                continue
+            constants[path] = value
+            if message is None:
+                continue
+            try:
+                found = message.field(path)
+            except NoSuchFieldError as error:
+                self.problems.add(f"{where}: {error}")
+                continue
+            if found.through == "sequence":
+                self.problems.add(f"{where} is an element of a list, which may not be there")
+            elif not _fits(value, found.type):
+                shown = f"`{found.type}` in {message.ros1}"
+                self.problems.add(f"{where} is {shown}, which takes no {value!r}")
+        return constants
+
+
+def _is_infinite(value: object) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)
+
+
+def _fits(value: object, kind: str) -> bool:
+    """Whether a constant is a value of a primitive."""
+    if isinstance(value, bool):
+        return kind == "bool"
+    if isinstance(value, int) and kind in INTEGERS:
+        low, high = INTEGERS[kind]
+        return low <= value <= high
+    if isinstance(value, (int, float)):
+        return kind in NUMBERS and kind not in INTEGERS
+    return kind in ("string", "wstring")
