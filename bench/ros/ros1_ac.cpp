@@ -3,11 +3,11 @@
 #include <ros/ros.h>
 #include <std_msgs/Float64.h>
 
-static double wish = 1.0;
+static double wish = 0.75;
 
 static void look(const nav_msgs::Odometry::ConstPtr& m) {
   const double x = m->pose.pose.position.x;
-  wish = x > 8.0 ? -1.0 : x < -8.0 ? 1.0 : wish;
+  wish = x > 8.0 ? -0.75 : x < -8.0 ? 0.75 : wish;
 }
 
 int main(int count, char** words) {

@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from soter.api.rechecking import recheck
@@ -144,11 +144,15 @@ def stack_bound(package: Package) -> StackBound:
     """
     from soter.native.stack_bound import stack_of  # noqa: PLC0415 - runs a compiler
 
-    files = {
-        f.path: f.text
+    own = {
+        PurePath(f.path).name: f.text
         for f in package.files
-        if f.path.endswith((".c", ".h")) and "/" not in f.path and not f.yours
-        if f.path not in NO_PART and "int main(" not in f.text
+        if str(PurePath(f.path).parent) == (package.trusted or ".") and not f.yours
+    }
+    files = {
+        name: text
+        for name, text in own.items()
+        if name.endswith((".c", ".h")) and name not in NO_PART and "int main(" not in text
     }
     return stack_of(files, package.entries, package.world)
 

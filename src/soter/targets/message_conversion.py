@@ -44,7 +44,7 @@ class Dialect:
     set_text: str
 
 
-CPP = Dialect("{0}.size()", "{0}[{1}]", '{0} == "{1}"', '{0} = "{1}"')
+CPP = Dialect("{0}.size()", "{0}[{1}]", "{0} == {1}", "{0} = {1}")
 """roscpp: std::vector and std::string."""
 
 
@@ -90,7 +90,7 @@ class MessageConverter:
     def _enum_in(self, t: EnumType, what: str, to: str) -> Iterator[str]:
         for k, member in enumerate(t.members):
             word = "if" if k == 0 else "} else if"
-            yield f"{word} ({self.dialect.same_text.format(what, member)}) {{"
+            yield f"{word} ({self.dialect.same_text.format(what, text_literal(member))}) {{"
             yield f"  {to} = {k}U;"
         yield "} else {"
         yield "  return false;"
@@ -157,8 +157,9 @@ class MessageConverter:
         if isinstance(t, BoolType) and field.type in ("bool", "uint8"):
             return [f"{to} = {what} != 0U;"]
         if isinstance(t, EnumType) and field.type == "string":
-            chain = "".join(f'{what} == {k}U ? "{m}" : ' for k, m in enumerate(t.members[:-1]))
-            return [f'{to} = {chain}"{t.members[-1]}";']
+            *first, last = [text_literal(m) for m in t.members]
+            chain = "".join(f"{what} == {k}U ? {m} : " for k, m in enumerate(first))
+            return [f"{self.dialect.set_text.format(to, f'({chain}{last})')};"]
         if isinstance(t, IntType) and field.type in INTEGERS:
             low, high = INTEGERS[field.type]
             if t.low < low or t.high > high:
@@ -169,8 +170,7 @@ class MessageConverter:
     def _set(self, name: str, constant: object) -> str:
         kind, to = self.type.leaf(name, self.ros), self._path(name)
         if isinstance(constant, str) and kind == "string":
-            text = constant.replace("\\", "\\\\").replace('"', '\\"')
-            return f"{self.dialect.set_text.format(to, text)};"
+            return f"{self.dialect.set_text.format(to, text_literal(constant))};"
         if isinstance(constant, bool) and kind in ("bool", "uint8"):
             return f"{to} = {'true' if constant else 'false'};"
         if isinstance(constant, (int, float)) and not isinstance(constant, bool):
@@ -220,6 +220,16 @@ def _int(value: int, *, unsigned: bool = False) -> str:
     if unsigned:
         return f"UINT64_C({value})"
     return "INT64_MIN" if value == -(2**63) else f"INT64_C({value})"
+
+
+def text_literal(text: str) -> str:
+    """A text as C and C++ write it: what is no plain letter is given by its bytes."""
+    plain = frozenset(b" -./:_")
+    letters = [
+        chr(b) if b in plain or (chr(b).isalnum() and b < 128) else f"\\{b:03o}"
+        for b in text.encode("utf-8")
+    ]
+    return f'"{"".join(letters)}"'
 
 
 def unmappable(why: str) -> SoterError:

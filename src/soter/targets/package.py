@@ -54,6 +54,8 @@ class Package:
     target: str = ""
     entries: str = ""
     """What the functions begin with that a loop of one's own calls; "" where there are none."""
+    trusted: str = ""
+    """The folder of the trusted part, where it has one of its own."""
     world: tuple[str, ...] = ()
     """Functions that are of plants: no part of what runs on a robot."""
     inherits: list[str] = field(default_factory=list)

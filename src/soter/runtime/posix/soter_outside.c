@@ -13,13 +13,19 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <linux/futex.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
+#include <time.h>
 #include <unistd.h>
 
 #define LINE ((size_t)64)
+#define WRITTEN 0 /* words of the bell */
+#define WAITING 1
+#define SECOND INT64_C(1000000000)
 #define PATH_MOST 4096
 
 /* A place begins at a line of the cache. */
@@ -34,7 +40,7 @@ static void* mapped(int file, size_t bytes) {
 }
 
 static const char* map_file(soter_outside* c, int file) {
-  const size_t bytes = 2U * place_bytes(c->size);
+  const size_t bytes = 2U * place_bytes(c->size) + LINE;
   struct stat found;
   SOTER_CHECK(file >= 0 && c->place[0] == NULL);
   if (fstat(file, &found) != 0 || !S_ISREG(found.st_mode)) {
@@ -53,6 +59,7 @@ static const char* map_file(soter_outside* c, int file) {
   }
   c->place[0] = at;
   c->place[1] = at + place_bytes(c->size);
+  c->bell = (uint32_t*)(void*)(at + 2U * place_bytes(c->size));
   return NULL;
 }
 
@@ -106,6 +113,25 @@ void soter_outside_write(soter_outside* channel, int64_t time_ns, const void* va
   channel->room[words > 0U ? words - 1U : 0U] = 0U; /* zeros behind the value */
   (void)memcpy(channel->room, value, channel->size);
   soter_channel_write(channel->place[channel->number % 2U], &head, channel->size, channel->room);
+  (void)__atomic_add_fetch(&channel->bell[WRITTEN], 1U, __ATOMIC_SEQ_CST);
+  if (__atomic_load_n(&channel->bell[WAITING], __ATOMIC_SEQ_CST) != 0U) {
+    (void)syscall(SYS_futex, &channel->bell[WRITTEN], FUTEX_WAKE, INT32_MAX, NULL, NULL, 0);
+  }
+}
+
+void soter_outside_wait(soter_outside* channel, int64_t most_ns) {
+  SOTER_CHECK(channel->bell != NULL && most_ns >= 0);
+  const uint32_t written = __atomic_load_n(&channel->bell[WRITTEN], __ATOMIC_SEQ_CST);
+  const struct timespec most = {.tv_sec = (time_t)(most_ns / SECOND),
+                                .tv_nsec = (long)(most_ns % SECOND)};
+  (void)__atomic_add_fetch(&channel->bell[WAITING], 1U, __ATOMIC_SEQ_CST);
+  soter_channel_head head;
+  const uint64_t first = look(channel, 0, &head, NULL);
+  const uint64_t second = look(channel, 1, &head, NULL);
+  if (first <= channel->number && second <= channel->number) {
+    (void)syscall(SYS_futex, &channel->bell[WRITTEN], FUTEX_WAIT, written, &most, NULL, 0);
+  }
+  (void)__atomic_sub_fetch(&channel->bell[WAITING], 1U, __ATOMIC_SEQ_CST);
 }
 
 bool soter_outside_read(soter_outside* channel, int64_t* time_ns, void* value, uint64_t* bad) {

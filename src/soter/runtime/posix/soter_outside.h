@@ -20,6 +20,7 @@ extern "C" {
 
 typedef struct {
   void* place[2]; /* two segments of soter_channel.h; NULL: not open */
+  uint32_t* bell; /* how many values were written, and how many readers wait: soter_outside_wait */
   uint64_t* room; /* for a value, whole words */
   size_t size;
   uint64_t hash;
@@ -38,6 +39,10 @@ void soter_outside_write(soter_outside* channel, int64_t time_ns, const void* va
  * not NULL, counts a place that is no whole value of this layout: of two one may be in the making.
  */
 bool soter_outside_read(soter_outside* channel, int64_t* time_ns, void* value, uint64_t* bad);
+
+/* Waits until something was written after the last value that was read, `most_ns` at most. For
+ * whoever need not be on time: the writer wakes those who wait, and waits for nobody. */
+void soter_outside_wait(soter_outside* channel, int64_t most_ns);
 
 #ifdef __cplusplus
 }

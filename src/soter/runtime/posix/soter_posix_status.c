@@ -12,9 +12,9 @@
 
 bool soter_posix_status_open(soter_posix* d) {
   SOTER_CHECK(d->options.channels != NULL);
-  const char* const wrong = soter_outside_open(&d->status_channel, d->options.channels,
-                                               SOTER_STATUS_CHANNEL, APP_STATUS_HASH,
-                                               sizeof d->said, true);
+  const char* const wrong =
+      soter_outside_open(&d->status_channel, d->options.channels, SOTER_STATUS_CHANNEL,
+                         APP_STATUS_HASH, sizeof d->said, true);
   if (wrong != NULL) {
     (void)fprintf(stderr, "not run: the channel `%s` in `%s`: %s\n", SOTER_STATUS_CHANNEL,
                   d->options.channels, wrong);

@@ -40,8 +40,8 @@
 #define SOTER_STATUS_BAD 5
 #define SOTER_STATUS_TOPIC 6
 
-#define SOTER_STATUS_WORDS(modules, leases, topics)                                          \
-  (SOTER_STATUS_HEAD + SOTER_STATUS_MODULE * (modules) + SOTER_STATUS_LEASE * (leases) +      \
+#define SOTER_STATUS_WORDS(modules, leases, topics)                                      \
+  (SOTER_STATUS_HEAD + SOTER_STATUS_MODULE * (modules) + SOTER_STATUS_LEASE * (leases) + \
    SOTER_STATUS_TOPIC * (topics))
 
 #endif

@@ -19,6 +19,7 @@
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/callback_queue.h>
+#include <ros/master.h>
 #include <ros/ros.h>
 #include <ros/this_node.h>
 #include <time.h>
@@ -30,6 +31,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace soter {
@@ -62,51 +64,19 @@ struct StatusNames {
   std::vector<std::string> modules, leases, topics;
 };
 
-template <class Number>
-inline void said(diagnostic_msgs::DiagnosticStatus* to, const std::string& key, Number value) {
-  diagnostic_msgs::KeyValue pair;
-  pair.key = key;
-  pair.value = std::to_string(value);
-  to->values.push_back(pair);
-}
-
-inline void said(diagnostic_msgs::DiagnosticStatus* to, const std::string& key,
-                 const std::string& value) {
-  diagnostic_msgs::KeyValue pair;
-  pair.key = key;
-  pair.value = value;
-  to->values.push_back(pair);
-}
-
-/* What the trusted part says of itself; generated. */
-struct StatusNames {
-  uint64_t hash;
-  std::vector<std::string> modules, leases, topics;
-};
-
-/* A stamp that is a number of `numerator`/`denominator` ns; zero where it is no time. */
-template <class Number>
-inline ros::Time time_of(Number number, int64_t numerator, int64_t denominator) {
-  const long double ns =
-      static_cast<long double>(number) * numerator / static_cast<long double>(denominator);
-  ros::Time at;
-  if (ns > 0.0L && ns < 4.0e18L) { /* NaN is no time either */
-    const uint64_t whole = static_cast<uint64_t>(ns);
-    at.sec = static_cast<uint32_t>(whole / 1000000000U);
-    at.nsec = static_cast<uint32_t>(whole % 1000000000U);
-  }
-  return at;
-}
-
 /* A topic of ROS that is bridged, either way. */
 class Bridged {
  public:
   virtual ~Bridged() {}
   /* NULL, or why it cannot be opened. */
   virtual const char* open(const std::string& folder) = 0;
-  virtual void turn(int64_t /*now*/) {}
+  /* Of one that goes out: until the end, on a thread of its own. */
+  virtual void serve() {}
   virtual void diagnose(diagnostic_msgs::DiagnosticStatus* to) = 0;
-  virtual std::string resolved() const = 0;
+  /* The topic of ROS that only this node may publish; "": it does not publish. */
+  virtual std::string published() const { return ""; }
+  /* Who else publishes it. */
+  virtual void others(const std::string& /*names*/) {}
 };
 
 /* ------------------------------------------------------------------ in */
@@ -132,14 +102,12 @@ class Inward : public Bridged {
     const char* const wrong = soter_outside_open(&channel_, folder.c_str(), T::channel(), T::hash(),
                                                  sizeof(typename T::Value), true);
     if (wrong == nullptr) {
-      subscriber_ = own_.subscribe(T::topic(), 1, &Inward::on, this,
-                                   ros::TransportHints().tcpNoDelay());
+      subscriber_ =
+          own_.subscribe(T::topic(), 1, &Inward::on, this, ros::TransportHints().tcpNoDelay());
       spinner_.start();
     }
     return wrong;
   }
-
-  std::string resolved() const override { return subscriber_.getTopic(); }
 
   void diagnose(diagnostic_msgs::DiagnosticStatus* to) override {
     const std::lock_guard<std::mutex> held(named_);
@@ -245,6 +213,7 @@ template <class T>
 class Outward : public Bridged {
  public:
   static const int64_t RESEND_NS = 20000000; /* what does not change is said so often */
+  static const int64_t WAIT_NS = 5000000;
 
   explicit Outward(ros::NodeHandle* node) : node_(node) {}
 
@@ -256,9 +225,36 @@ class Outward : public Bridged {
     return wrong;
   }
 
-  std::string resolved() const override { return publisher_.getTopic(); }
+  std::string published() const override { return publisher_.getTopic(); }
 
-  void turn(int64_t now) override {
+  void others(const std::string& names) override {
+    const std::lock_guard<std::mutex> held(named_);
+    others_ = names;
+  }
+
+  void serve() override {
+    while (ros::ok()) {
+      soter_outside_wait(&channel_, WAIT_NS);
+      turn(monotonic_ns());
+    }
+  }
+
+  void diagnose(diagnostic_msgs::DiagnosticStatus* to) override {
+    const std::lock_guard<std::mutex> held(named_);
+    to->name = std::string("soter: ") + T::topic();
+    to->level =
+        silent_ ? diagnostic_msgs::DiagnosticStatus::ERROR : diagnostic_msgs::DiagnosticStatus::OK;
+    to->message = silent_ ? "nobody writes it: the actuators, or the trusted part, are gone"
+                          : (count_ > 0 ? "published" : "nothing to publish yet");
+    said(to, "published", count_.load());
+    if (!others_.empty()) {
+      to->level = diagnostic_msgs::DiagnosticStatus::ERROR;
+      to->message = "published by another node, too, which nobody can keep from it: " + others_;
+    }
+  }
+
+ private:
+  void turn(int64_t now) {
     typename T::Value value;
     int64_t written = 0;
     if (soter_outside_read(&channel_, &written, &value, nullptr) && written >= begun_) {
@@ -277,16 +273,6 @@ class Outward : public Bridged {
     }
   }
 
-  void diagnose(diagnostic_msgs::DiagnosticStatus* to) override {
-    to->name = std::string("soter: ") + T::topic();
-    to->level = silent_ ? diagnostic_msgs::DiagnosticStatus::ERROR
-                        : diagnostic_msgs::DiagnosticStatus::OK;
-    to->message = silent_ ? "nobody writes it: the actuators, or the trusted part, are gone"
-                          : (told_ > 0 ? "published" : "nothing to publish yet");
-    said(to, "published", count_);
-  }
-
- private:
   void tell(int64_t now, int64_t written) {
     const ros::Time stamp = ros::Time::now() - ros::Duration().fromNSec(now - written);
     typename T::Message message;
@@ -302,15 +288,17 @@ class Outward : public Bridged {
   typename T::Value value_;
   const int64_t begun_ = monotonic_ns(); /* a channel may hold what somebody wrote long ago */
   int64_t told_ = 0, heard_ = 0;
-  uint64_t count_ = 0;
-  bool silent_ = false;
+  std::atomic<uint64_t> count_{0};
+  std::atomic<bool> silent_{false};
+  std::mutex named_;
+  std::string others_;
 };
 
 /* ------------------------------------------------------------------ the node */
 
 class Bridge {
  public:
-  static const int64_t PERIOD_NS = 500000;
+  static const int64_t WAIT_NS = 20000000;
   static const int64_t DIAGNOSTICS_NS = 1000000000;
 
   explicit Bridge(const StatusNames& names) : names_(names), own_("~") {}
@@ -318,8 +306,9 @@ class Bridge {
   /* False, and said, where it cannot run. */
   bool begin() {
     if (ros::Time::isSimTime()) {
-      ROS_FATAL("use_sim_time is set, and the trusted part runs on the machine's clock: under "
-                "/clock start the simulation node");
+      ROS_FATAL(
+          "use_sim_time is set, and the trusted part runs on the machine's clock: under "
+          "/clock start the simulation node");
       return false;
     }
     own_.param<std::string>("channels", folder_, "");
@@ -354,36 +343,72 @@ class Bridge {
         return 1;
       }
     }
-    words_.resize(SOTER_STATUS_WORDS(names_.modules.size(), names_.leases.size(),
-                                     names_.topics.size()));
+    words_.resize(
+        SOTER_STATUS_WORDS(names_.modules.size(), names_.leases.size(), names_.topics.size()));
     if (const char* const wrong =
             soter_outside_open(&status_, folder_.c_str(), SOTER_STATUS_CHANNEL, names_.hash,
                                words_.size() * sizeof words_[0], false)) {
       ROS_FATAL("the channel `%s` cannot be opened: %s", SOTER_STATUS_CHANNEL, wrong);
       return 1;
     }
-    int64_t next = monotonic_ns();
-    int64_t told = next;
+    std::vector<std::thread> threads;
+    threads.emplace_back(&Bridge::watch, this); /* asks the master, which may be slow, or gone */
+    for (Bridged* const topic : outward_) {
+      threads.emplace_back(&Bridged::serve, topic);
+    }
+    turns();
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    return 0;
+  }
+
+ private:
+  void turns() {
+    int64_t told = monotonic_ns();
     while (ros::ok()) {
+      soter_outside_wait(&status_, WAIT_NS);
       const int64_t now = monotonic_ns();
-      for (Bridged* const topic : outward_) {
-        topic->turn(now);
-      }
       const bool changed = hear(now);
       if (changed || now - told >= DIAGNOSTICS_NS) {
         diagnose(now);
         told = now;
       }
       ros::spinOnce();
-      next = next + PERIOD_NS > now ? next + PERIOD_NS : now + PERIOD_NS;
-      const struct timespec t = {static_cast<time_t>(next / 1000000000),
-                                 static_cast<long>(next % 1000000000)};
-      (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
     }
-    return 0;
   }
 
- private:
+  /* Once a second: does somebody else publish what only this node may? */
+  void watch() {
+    while (ros::ok()) {
+      XmlRpc::XmlRpcValue request(ros::this_node::getName()), answer, state;
+      if (ros::master::execute("getSystemState", request, answer, state, false) &&
+          state.getType() == XmlRpc::XmlRpcValue::TypeArray && state.size() == 3) {
+        for (Bridged* const topic : outward_) {
+          topic->others(publishers(&state[0], topic->published()));
+        }
+      }
+      for (int i = 0; i < 10 && ros::ok(); i++) {
+        ros::WallDuration(0.1).sleep();
+      }
+    }
+  }
+
+  static std::string publishers(XmlRpc::XmlRpcValue* all, const std::string& topic) {
+    std::string names;
+    for (int i = 0; i < all->size(); i++) {
+      XmlRpc::XmlRpcValue& entry = (*all)[i];
+      if (static_cast<std::string>(entry[0]) != topic) {
+        continue;
+      }
+      for (int k = 0; k < entry[1].size(); k++) {
+        const std::string name = entry[1][k];
+        names += name == ros::this_node::getName() ? "" : (names.empty() ? "" : ", ") + name;
+      }
+    }
+    return names;
+  }
+
   /* Whether a module changed its mode, or leases ended. */
   bool hear(int64_t now) {
     std::vector<uint64_t> words(words_.size());

@@ -102,8 +102,8 @@ add_compile_options({" ".join(MEANING)})
 set(CMAKE_C_FLAGS_RELEASE "-O2")
 set(CMAKE_CXX_FLAGS_RELEASE "-O2")
 
-find_package(catkin QUIET COMPONENTS {packages})
-if(catkin_FOUND)
+if(CATKIN_TOPLEVEL OR DEFINED CATKIN_DEVEL_PREFIX) # in a workspace
+  find_package(catkin REQUIRED COMPONENTS {packages})
   catkin_package()
   set(ROS_INCLUDES ${{catkin_INCLUDE_DIRS}})
   set(ROS_LIBRARIES ${{catkin_LIBRARIES}})

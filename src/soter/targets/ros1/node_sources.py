@@ -1,7 +1,7 @@
 """The C++ that is generated for ROS 1: which message is which topic, and the mains of the nodes.
 
-Purpose: `NAME_topics.hpp`, traits for each mapped topic; `NAME_bridge.cpp`, the node between ROS and
-the channels of the trusted part; `NAME_simulation.cpp`, the node under /clock.
+Purpose: `NAME_topics.hpp`, traits for each mapped topic; `NAME_bridge.cpp`, the node between ROS
+and the channels of the trusted part; `NAME_simulation.cpp`, the node under /clock.
 Non-goals: what is done with them (`runtime/ros1/*.hpp`).
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name
-from soter.targets.message_conversion import CPP, MessageConverter, unmappable
+from soter.targets.message_conversion import CPP, MessageConverter, text_literal, unmappable
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
@@ -147,10 +147,14 @@ struct {self._named(index)} {{
     def _in(self, mapped: TopicMap) -> str:
         converter = MessageConverter(mapped, ROS, CPP, "m")
         lines = "\n".join(f"    {line}" for line in converter.inward("(*to)"))
-        frame = "true" if mapped.frame_id is None else f'm.header.frame_id == "{mapped.frame_id}"'
+        frame = (
+            "true"
+            if mapped.frame_id is None
+            else f"m.header.frame_id == {text_literal(mapped.frame_id)}"
+        )
         stamp = _stamp(mapped.stamp)
         return f"""\
-  static const char* publisher() {{ return "{mapped.publisher or ""}"; }}
+  static const char* publisher() {{ return {text_literal(mapped.publisher or "")}; }}
   static bool frame(const Message& m) {{
     (void)m;
     return {frame};

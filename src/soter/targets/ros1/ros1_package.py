@@ -81,6 +81,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
             PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
             _shipped(BRIDGE),
         ]
+    package.trusted = TRUSTED if system.externals else SIMULATED
     package.programs = {n: [_inside(w) for w in words] for n, words in trusted.programs.items()}
     package.notes = [*(trusted.notes or simulated.notes), *_unsaid(system, mapped)]
     launch = name if system.externals else f"{name}_simulation"

@@ -1,0 +1,133 @@
+"""A master of ROS 1 and nodes beside it, on loopback, for the benchmarks of this folder.
+
+Purpose: build the package of an example and the benchmark's own nodes, start and end them.
+Non-goals: what is measured.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+SYSTEM_PYTHON = "/usr/bin/python3"
+"""Debian's ROS is of the system's Python."""
+PACKAGES = ("roscpp", "nav_msgs", "geometry_msgs", "std_msgs", "rosgraph_msgs")
+
+
+def missing() -> str:
+    """What of ROS 1 this machine lacks; "": nothing."""
+    if shutil.which("rosmaster") is None:
+        return "rosmaster (Debian: python3-rosmaster)"
+    if shutil.which("cmake") is None:
+        return "cmake"
+    told = subprocess.run(["pkg-config", "--exists", *PACKAGES], check=False)
+    return "" if told.returncode == 0 else "roscpp (Debian: libroscpp-dev)"
+
+
+def built_package(example: Path, system: str, mapping: Path, folder: Path) -> Path:
+    """The package of a system, compiled: the folder of its programs."""
+    words = [sys.executable, "-m", "soter", "build", str(example), "--system", system]
+    words += ["--target", "ros1", "--map", str(mapping), "-o", str(folder)]
+    subprocess.run(words, check=True, capture_output=True)
+    build = folder / "build"
+    for step in (["-S", str(folder), "-B", str(build)], ["--build", str(build)]):
+        subprocess.run(["cmake", *step], check=True, capture_output=True)
+    return build
+
+
+def built_node(name: str, folder: Path) -> Path:
+    """A node of this folder, compiled."""
+    told = subprocess.run(
+        ["pkg-config", "--cflags", "--libs", *PACKAGES], check=True, capture_output=True, text=True
+    )
+    program = folder / name
+    words = ["g++", "-O1", "-o", str(program), str(HERE / f"{name}.cpp"), *told.stdout.split()]
+    subprocess.run(words, check=True)
+    return program
+
+
+class Nodes:
+    """Processes with a master of their own; `heard`: the lines that each printed, with its name."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.environment = {
+            **os.environ,
+            "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(folder / "home"),
+        }
+        self.running: dict[str, subprocess.Popen[str]] = {}
+        self.heard: dict[str, list[str]] = {}
+
+    def start(self, name: str, *words: str | Path) -> subprocess.Popen[str]:
+        """A process; its lines are collected as they come."""
+        process = subprocess.Popen(
+            [str(w) for w in words],
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        lines = self.heard.setdefault(name, [])
+        assert process.stdout is not None
+        threading.Thread(target=lines.extend, args=(process.stdout,), daemon=True).start()
+        self.running[name] = process
+        return process
+
+    def tell(self, name: str, number: signal.Signals) -> int:
+        """Send it; CLOCK_MONOTONIC just before, ns."""
+        now = time.monotonic_ns()
+        self.running[name].send_signal(number)
+        return now
+
+    def end(self, name: str, number: signal.Signals = signal.SIGINT) -> int:
+        """End one and wait for it; its exit code."""
+        process = self.running.pop(name)
+        process.send_signal(number)
+        try:
+            return process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
+
+
+@contextmanager
+def nodes() -> Iterator[Nodes]:
+    """A master and a folder; everything ends with it."""
+    with tempfile.TemporaryDirectory() as place:
+        made = Nodes(Path(place))
+        (Path(place) / "home").mkdir()
+        master = ["/usr/bin/rosmaster", "--core", "-p", str(made.port)]
+        made.environment["PYTHONPATH"] = "/usr/lib/python3/dist-packages"
+        made.start("master", SYSTEM_PYTHON, *master)
+        end = time.monotonic() + 20.0
+        while time.monotonic() < end:
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", made.port)) == 0:
+                    break
+            time.sleep(0.05)
+        try:
+            yield made
+        finally:
+            for name in reversed([*made.running]):
+                made.end(name, signal.SIGKILL)
