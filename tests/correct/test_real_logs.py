@@ -501,7 +501,7 @@ def test_an_mcap_of_somebody_else_is_read_by_its_fields(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "encoding", "channel", "told"),
     [
-        (b"{}", "cdr", "/odom", "messages of `/odom` are `cdr`, not json"),
+        (b"{}", "cbor", "/odom", "messages of `/odom` are `cbor`, not json"),
         (b"{}", "json", "/odom", "message 1 of `/odom` has no `x`"),
         (b"{", "json", "/odom", "cannot be used"),
         (b"{}", "json", "/odmo", "no message that counts stands on `/odom`"),

@@ -32,6 +32,7 @@ INTEGERS: dict[str, tuple[int, int]] = {
 """The primitives that hold whole numbers, and from where to where."""
 NUMBERS = (*INTEGERS, "float32", "float64")
 HEADER = "std_msgs/msg/Header"
+HEADER_STAMP, HEADER_FRAME = "header.stamp", "header.frame_id"
 EMPTY_MEMBER = "structure_needs_at_least_one_member"
 NAME = re.compile(r"([A-Za-z]\w*)/(?:msg/)?([A-Za-z]\w*)", re.ASCII)
 

@@ -96,6 +96,14 @@ class TopicMap:
             dict.fromkeys(x.name for x in self.leaves.values() if isinstance(x, SignalSource))
         )
 
+    @property
+    def optional(self) -> frozenset[str]:
+        """Of `names`, those that go through a list of any length: they may be absent."""
+        message = self.message
+        if message is None:
+            return frozenset()
+        return frozenset(n for n in self.names if message.field(n).through == "sequence")
+
     def name_of(self, path: LeafPath) -> str:
         """A leaf as people write it."""
         return ".".join((self.topic.name, *path))

@@ -245,7 +245,10 @@ def _is_due(n: Component, ct: int) -> bool:
 
 
 class _Feed:
-    """What of a topic's samples is still to come; times count from where judging begins."""
+    """What of a topic's samples is still to come; times count from where judging begins.
+
+    A sample comes when it arrived, with the time at which it was measured.
+    """
 
     def __init__(self, samples: TopicSamples, from_ns: int) -> None:
         self.samples, self.from_ns = samples, from_ns
@@ -269,7 +272,7 @@ class _Feed:
 
     def _up_to(self, end: int) -> Iterator[tuple[int, object]]:
         for i in range(self.next, end):
-            yield self.samples.times_ns[i] - self.from_ns, self.samples.values[i]
+            yield self.samples.stamps_ns[i] - self.from_ns, self.samples.values[i]
         self.next = max(self.next, end)
 
 

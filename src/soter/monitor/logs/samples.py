@@ -25,6 +25,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
+from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
 from soter.monitor.logs.log_columns import unusable
@@ -54,6 +55,7 @@ class DerivedValue:
 class TopicSamples:
     """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
 
+    `stamps_ns[i]`: when it was measured, of what says so; else the same as `times_ns`.
     `left_out`: rows without a usable value, and `first_left_out` why.
     """
 
@@ -64,6 +66,7 @@ class TopicSamples:
     gap_ns: int = 0
     left_out: int = 0
     first_left_out: str = ""
+    stamps_ns: list[int] = field(default_factory=list)
     derived: list[DerivedValue] = field(default_factory=list)
     constants: list[str] = field(default_factory=list)
 
@@ -71,6 +74,11 @@ class TopicSamples:
     def always(self) -> bool:
         """Whether it is the same at all times."""
         return not self.times_ns
+
+    def leave_out(self, why: str) -> None:
+        """Count a row that gives no sample."""
+        self.left_out += 1
+        self.first_left_out = self.first_left_out or why
 
     @property
     def from_ns(self) -> int:
@@ -80,18 +88,19 @@ class TopicSamples:
     def at(self, time_ns: int) -> Value | None:
         """The value at a time, of samples up to then; None where nothing follows from them.
 
-        At a sample it is that sample; after it, for at most `gap_ns`, it lies on the line through
-        that sample and the one before it, if these are no further apart.
+        When a sample was measured it is that sample; after it, for at most `gap_ns`, it lies on the
+        line through that sample and the one before it, if these are no further apart.
         """
         i = bisect_right(self.times_ns, time_ns) - 1
         if i < 0:
             return None
-        since = time_ns - self.times_ns[i]
+        since = time_ns - self.stamps_ns[i]
         if since == 0:
             return self.values[i]
-        if i == 0 or since > self.gap_ns or self.times_ns[i] - self.times_ns[i - 1] > self.gap_ns:
+        apart = self.stamps_ns[i] - self.stamps_ns[i - 1]
+        if i == 0 or since > self.gap_ns or apart > self.gap_ns:
             return None
-        share = since / (self.times_ns[i] - self.times_ns[i - 1])
+        share = since / apart
         return _continued(self.topic.type, self.values[i - 1], self.values[i], share)
 
 
@@ -132,7 +141,14 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
     read: dict[LeafPath, list[Any]] = {
         p: [] for p, x in t.leaves.items() if isinstance(x, SignalSource)
     }
+    stamps = columns.times_ns if t.stamp is None else columns.stamps_ns[t.stamp]
     for i, now in enumerate(columns.times_ns):
+        why = _foreign(t, columns, i)
+        if t.stamp is not None and not why:
+            why = _ill_stamped(stamps[i], now, made, first_ns)
+        if why:
+            made.leave_out(f"{columns.where[i]}: {why}")
+            continue
         row = {}
         for p, leaf in t.leaves.items():
             if isinstance(leaf, SignalSource):
@@ -140,12 +156,10 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
                 row[p] = _leaf(path, types[p], leaf, cell, columns.where[i])
         lost = [p for p, value in row.items() if value is None]
         if lost:
-            made.left_out += 1
-            made.first_left_out = made.first_left_out or (
-                f"{columns.where[i]}: no finite number for `{t.name_of(lost[0])}`"
-            )
+            made.leave_out(f"{columns.where[i]}: no finite number for `{t.name_of(lost[0])}`")
             continue
         made.times_ns.append(now - first_ns)
+        made.stamps_ns.append((stamps[i] or 0) - first_ns)
         for p, value in row.items():
             read[p].append(value)
     if not made.times_ns:
@@ -154,10 +168,30 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
     return made
 
 
+def _foreign(t: TopicMap, columns: Columns, i: int) -> str:
+    """Why a row is none of the frame that the mapping takes; "" where it is."""
+    if t.frame_id is None:
+        return ""
+    frame = columns.cells[HEADER_FRAME][i]
+    shown = str(frame).strip()
+    return "" if shown == t.frame_id else f"its frame is `{shown[:40]}`, not `{t.frame_id}`"
+
+
+def _ill_stamped(stamp: int | None, now: int, made: TopicSamples, first_ns: int) -> str:
+    """Why a stamp says no time at which a sample can have been measured; "" where it does."""
+    if stamp is None or stamp <= 0:
+        return "it has no stamp" if stamp is None else "its stamp is 0, or before it"
+    if stamp > now:
+        return f"its stamp lies {show_ns(stamp - now)} after its arrival"
+    if made.stamps_ns and stamp - first_ns <= made.stamps_ns[-1]:
+        return "its stamp is older than the one before it, or the same"
+    return ""
+
+
 def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list[Any]]) -> None:
     """Slopes, constants, whole values."""
     n = len(made.times_ns)
-    times_s = np.array(made.times_ns, dtype=np.float64) / 1e9
+    times_s = np.array(made.stamps_ns, dtype=np.float64) / 1e9
     whole: dict[LeafPath, list[Any]] = dict(read)
     for p, leaf in t.leaves.items():
         if isinstance(leaf, ConstantSource):
@@ -176,7 +210,7 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
             made.derived.append(DerivedValue(t.name_of(p), how, error))
             whole[p] = derivatives.tolist()
     if any(isinstance(leaf, SlopeSource) for leaf in t.leaves.values()):
-        del made.times_ns[0]  # where there is no slope yet
+        del made.times_ns[0], made.stamps_ns[0]  # where there is no slope yet
         times_s, whole, n = times_s[1:], {p: v[1:] for p, v in whole.items()}, n - 1
     if t.linear:
         _ahead(t, made, times_s, whole)
@@ -268,12 +302,13 @@ def _whole(x: float) -> int:
 def recorded(system: System, samples: list[TopicSamples]) -> RecordedRun:
     """The topics at every time at which one of them was sampled, from when all are known.
 
-    Nothing is interpolated; times count from the first row of the log; there are no true states.
+    Nothing is interpolated; times are those of measuring, from the first row of the log on; there
+    are no true states.
     """
-    start = max(s.times_ns[0] for s in samples if not s.always)
+    start = max(s.stamps_ns[0] for s in samples if not s.always)
     topics = {t.name: t.default for t in system.topics}
     topics.update({s.topic.name: s.values[0] for s in samples if s.always})
-    events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.times_ns))
+    events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns))
     record = RecordedRun([], [], [])
     for at, (time_ns, k, i) in enumerate(events):
         topics[samples[k].topic.name] = samples[k].values[i]

@@ -1,0 +1,98 @@
+"""What bz2, lz4 or zstd has packed, unpacked within bounds.
+
+Purpose: no chunk of a log, and not all of them together, fills the memory of who reads it.
+Non-goals: files of gzip (`bounded_gzip.py`).
+"""
+
+from __future__ import annotations
+
+import bz2
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import BinaryIO
+
+CHUNK_MAX = 256 << 20
+"""Bytes of one chunk, or message, of a log."""
+UNPACKED_MIN, UNPACKED_RATIO = 4 << 30, 32
+"""Bytes that all chunks unpack to: so many, or so many times the file."""
+PART = 1 << 20
+
+
+class TooLargeError(ValueError):
+    """More than any log has."""
+
+
+class BoundedUnpacking:
+    """The chunks of one file of `size` bytes; TooLargeError, or what the packages raise."""
+
+    def __init__(self, size: int) -> None:
+        self.left = max(UNPACKED_MIN, UNPACKED_RATIO * size)
+
+    def bz2(self, packed: bytes) -> bytes:
+        """A chunk of bz2."""
+        return self._counted(_all_of(bz2.BZ2Decompressor(), packed))
+
+    def lz4(self, packed: bytes) -> bytes:
+        """A frame of lz4."""
+        from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - comes with an extra
+
+        return self._counted(_all_of(LZ4FrameDecompressor(), packed))
+
+    def zstd(self, packed: bytes) -> bytes:
+        """Frames of zstd."""
+        from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
+
+        with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
+            return self._counted(_joined(lambda: reader.read(PART)))
+
+    def plain(self, data: bytes) -> bytes:
+        """A chunk that is not packed."""
+        return self._counted(data)
+
+    def _counted(self, data: bytes) -> bytes:
+        self.left -= len(data)
+        if self.left < 0:
+            raise TooLargeError("it unpacks to more than any log has")
+        return data
+
+
+def _all_of(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - two packages, one shape
+    """What one stream holds; EOFError where its end is missing."""
+    parts, rest, size = [], packed, 0
+    while not unpacker.eof:
+        part = unpacker.decompress(rest, max_length=PART)
+        rest = b""
+        if not part and (unpacker.needs_input or unpacker.eof):
+            break
+        size += len(part)
+        if size > CHUNK_MAX:
+            raise TooLargeError(f"a part of it unpacks to more than {CHUNK_MAX >> 20} MiB")
+        parts.append(part)
+    if not unpacker.eof:
+        raise EOFError("the end of a part of it is missing")
+    return b"".join(parts)
+
+
+def _joined(read: Callable[[], bytes]) -> bytes:
+    parts, size = [], 0
+    while part := read():
+        size += len(part)
+        if size > CHUNK_MAX:
+            raise TooLargeError(f"a part of it unpacks to more than {CHUNK_MAX >> 20} MiB")
+        parts.append(part)
+    return b"".join(parts)
+
+
+def unpack_file(packed: BinaryIO, into: BinaryIO, size: int) -> None:
+    """A whole file of zstd; raises TooLargeError."""
+    from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
+
+    left = max(UNPACKED_MIN, UNPACKED_RATIO * size)
+    with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
+        while part := reader.read(PART):
+            left -= len(part)
+            if left < 0:
+                raise TooLargeError("it unpacks to more than any log has")
+            into.write(part)

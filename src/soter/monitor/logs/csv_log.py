@@ -1,0 +1,123 @@
+"""The columns of a CSV, packed by gzip or not.
+
+Purpose: rows within bounds: of a cell, a line and all that is unpacked.
+Non-goals: what the cells mean (`samples.py`).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import zlib
+from fractions import Fraction
+from typing import IO, TYPE_CHECKING, BinaryIO
+
+from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.os_error_text import reason
+from soter.language.load.bounded_read import opened
+from soter.monitor.logs.bounded_gzip import BoundedGzip
+from soter.monitor.logs.log_columns import add_row, moment, unusable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from soter.mapping.topic_mapping import LogMap, StampSource
+    from soter.monitor.logs.log_columns import Columns, Wanted
+
+CELL_MAX = 1 << 20
+"""Characters of a cell; a log has no longer ones."""
+LINE_MAX = 1 << 24
+"""Characters of a line."""
+
+
+def is_table(path: Path) -> bool:
+    """Whether a log is a CSV, by its name."""
+    return path.name.lower().endswith((".csv", ".csv.gz"))
+
+
+def read_csv(path: Path, mapping: LogMap, wanted: Wanted) -> Columns:
+    """The rows that count; SoterError D016.
+
+    A ROS time is two columns, as other fields are one: `header.stamp.sec`, `header.stamp.nanosec`.
+    """
+    if mapping.time is None:
+        help_ = 'say it in the mapping: [time] from = "t", unit = "s"'
+        raise unusable(path, "nobody says which column is the time", help_)
+    columns = wanted.columns()
+    of_stamps = [name for source in wanted.stamps for name in _stamp_columns(source)]
+    needed = dict.fromkeys([mapping.time, *mapping.where, *wanted.names, *of_stamps])
+    for line, row in _rows(path, list(needed)):
+        if any(row[k].strip() != v for k, v in mapping.where.items()):
+            continue
+        where = f"line {line}"
+        now = moment(path, row[mapping.time], mapping.time_ns, where)
+        cells = {n: row[n] for n in wanted.names}
+        stamps = {source: _stamp(path, row, source, where) for source in wanted.stamps}
+        add_row(path, columns, now, cells, stamps, lambda at: f"line {at}", line)
+    if not columns.times_ns:
+        chosen = " and ".join(f"{k} = {v}" for k, v in mapping.where.items())
+        raise unusable(path, f"no row has {chosen}" if chosen else "it has no rows")
+    return columns
+
+
+def _stamp_columns(source: StampSource) -> list[str]:
+    if source.kind == "number":
+        return [source.path]
+    return [f"{source.path}.sec", f"{source.path}.nanosec"]
+
+
+def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) -> int | None:
+    """When a row was measured; None where its cells are empty."""
+    names = _stamp_columns(source)
+    if any(not row[n].strip() for n in names):
+        return None
+    units = [source.unit_ns] if source.kind == "number" else [Fraction(10**9), Fraction(1)]
+    return sum(moment(path, row[n], u, where) for n, u in zip(names, units, strict=True))
+
+
+def _rows(path: Path, needed: list[str]) -> Iterator[tuple[int, dict[str, str]]]:
+    """Line and the cells that are needed of each row."""
+    try:
+        with opened(path) as data, _text(path, data) as file:
+            reader = csv.reader(_lines(file))
+            head = [h.strip() for h in next(reader, [])]
+            if not head:
+                raise unusable(path, "it is empty")
+            places = {name: _place(path, head, name) for name in needed}
+            for row in reader:
+                if not row:
+                    continue
+                if len(row) != len(head):
+                    text = f"line {reader.line_num} has {len(row)} cells, the head {len(head)}"
+                    raise unusable(path, text)
+                yield reader.line_num, {name: row[at] for name, at in places.items()}
+    except OSError as error:
+        raise unusable(path, reason(error)) from error
+    except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
+        raise unusable(path, f"it is no CSV: {error}") from error
+
+
+def _text(path: Path, data: BinaryIO) -> IO[str]:
+    """The text of a CSV file, packed by gzip or not; closing it may leave `data` open."""
+    csv.field_size_limit(CELL_MAX)
+    if path.name.lower().endswith(".gz"):
+        unpacked = io.BufferedReader(BoundedGzip(data))
+        return io.TextIOWrapper(unpacked, encoding="utf-8-sig", newline="")
+    return io.TextIOWrapper(data, encoding="utf-8-sig", newline="")
+
+
+def _lines(file: IO[str]) -> Iterator[str]:
+    """Its lines; csv.Error where one is longer than any can be."""
+    while line := file.readline(LINE_MAX + 1):
+        if len(line) > LINE_MAX:
+            raise csv.Error(f"a line has more than {LINE_MAX} letters")
+        yield line
+
+
+def _place(path: Path, head: list[str], name: str) -> int:
+    if head.count(name) == 1:
+        return head.index(name)
+    if name in head:
+        raise unusable(path, f"two columns are called `{name}`")
+    raise unusable(path, f"it has no column `{name}`", nearest_or_all(name, head))

@@ -1,0 +1,143 @@
+"""The messages of bags of ROS 1 (a file) and ROS 2 (a folder, or one of its files).
+
+Purpose: what kind of bag it is, and that its files are ordinary ones; a bag of ROS 2 is read file
+by file, its metadata only for what these are.
+Non-goals: the files (`rosbag_files.py`, `mcap_messages.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.os_error_text import reason
+from soter.language.load.bounded_read import opened, read_bytes
+from soter.mapping.message_types import require_ros_package
+from soter.monitor.logs.bounded_unpack import unpack_file
+from soter.monitor.logs.log_columns import unusable
+from soter.monitor.logs.mcap_messages import mcap_messages
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.monitor.logs.log_columns import Wanted
+
+METADATA = "metadata.yaml"
+METADATA_MAX = 4 << 20
+FILES_MAX = 10_000
+STORAGES = ("sqlite3", "mcap")
+ROS1_MAGIC = b"#ROSBAG V2.0\n"
+
+
+@dataclass(frozen=True)
+class _Bag2:
+    """What the metadata of a bag of ROS 2 says of its files; `packed`: "", "file" or "message"."""
+
+    files: tuple[Path, ...]
+    storage: str
+    packed: str = ""
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a log is a bag of ROS, by its name."""
+    return path.suffix.lower() in (".bag", ".db3") or path.is_dir()
+
+
+def bag_messages(
+    path: Path, wanted: dict[str, Wanted], there: dict[str, int]
+) -> Iterator[tuple[int, str, Any]]:
+    """Time of arrival, channel and content of each message of the wanted channels.
+
+    `there` counts the messages of the wanted channels, and knows the others. SoterError D016, D007.
+    """
+    require_ros_package()
+    from soter.monitor.logs.rosbag_files import ros1_messages  # noqa: PLC0415 - an extra
+
+    try:
+        if path.suffix.lower() == ".bag" and not path.is_dir():
+            _require_ros1(path)
+            yield from ros1_messages(path, wanted, there)
+        elif path.is_dir():
+            yield from _of_folder(_bag2(path), wanted, there)
+        else:
+            yield from _of_folder(_Bag2((path,), "sqlite3"), wanted, there)
+    except SoterError:
+        raise
+    except OSError as error:
+        raise unusable(path, reason(error)) from error
+    except Exception as error:
+        said = str(error)[:200] if _says_why(error) else ""
+        raise unusable(path, said or "it is no bag of ROS, or damaged") from error
+
+
+def _require_ros1(path: Path) -> None:
+    """SoterError D016 where it does not begin as a bag of ROS 1 does."""
+    with opened(path, pipes=False) as file:
+        if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
+            raise unusable(path, "it is no bag of ROS 1, version 2.0")
+
+
+def _says_why(error: Exception) -> bool:
+    """Whether the text of an error is meant for people."""
+    own = type(error).__module__.startswith(("rosbags.", "soter."))
+    return own and not isinstance(error, KeyError)
+
+
+def _of_folder(
+    bag: _Bag2, wanted: dict[str, Wanted], there: dict[str, int]
+) -> Iterator[tuple[int, str, Any]]:
+    from soter.monitor.logs.rosbag_files import sqlite_messages  # noqa: PLC0415 - an extra
+
+    for file in bag.files:
+        with TemporaryDirectory() as folder:
+            plain = file
+            if bag.packed == "file":
+                plain = Path(folder) / f"unpacked.{'db3' if bag.storage == 'sqlite3' else 'mcap'}"
+                with opened(file, pipes=False) as packed, plain.open("wb") as into:
+                    unpack_file(packed, into, file.stat().st_size)
+            if bag.storage == "mcap":
+                yield from mcap_messages(plain, wanted, there)
+            else:
+                opened(plain, pipes=False).close()
+                packed_messages = bag.packed == "message"
+                yield from sqlite_messages(plain, wanted, there, packed=packed_messages)
+
+
+def _bag2(path: Path) -> _Bag2:
+    """What the metadata says; SoterError D016."""
+    from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
+    from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
+
+    file = path / METADATA
+    try:
+        text = read_bytes(file, METADATA_MAX).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
+        raise unusable(path, f"its `{METADATA}` cannot be read: {why}") from error
+    try:
+        said = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
+        names, storage = said["relative_file_paths"], said["storage_identifier"]
+        mode = str(said.get("compression_mode") or "").lower()
+        form = str(said.get("compression_format") or "")
+    except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise unusable(path, f"its `{METADATA}` is none of a bag") from error
+    if storage not in STORAGES:
+        raise unusable(
+            path, f"it is stored as `{str(storage)[:40]}`: {', '.join(STORAGES)} are read"
+        )
+    packed = "" if mode in ("", "none") else mode
+    if packed not in ("", "file", "message") or (packed and form != "zstd"):
+        raise unusable(path, f"it is packed by `{form[:40]}`, mode `{mode[:40]}`: zstd is read")
+    if not isinstance(names, list) or not 0 < len(names) <= FILES_MAX:
+        raise unusable(path, f"its `{METADATA}` names no files")
+    if not all(isinstance(n, str) and _is_plain(PurePosixPath(n).name) for n in names):
+        raise unusable(path, f"its `{METADATA}` names a file that can be none of it")
+    return _Bag2(tuple(path / PurePosixPath(n).name for n in names), storage, packed)
+
+
+def _is_plain(name: str) -> bool:
+    """Whether a name is one of a file, and no address with settings of SQLite."""
+    return name not in ("", "..") and not set(name) & set("?#%\0\\")

@@ -1,0 +1,155 @@
+"""The files of bags, read by `rosbags`, within bounds that it does not set itself.
+
+Purpose: one file of ROS 1, one SQLite file of ROS 2. Records that point to one another in circles,
+chunks that unpack to gigabytes and databases that compute their rows end with an error.
+Non-goals: folders (`ros_bags.py`). Imports the extra `soter[ros]`.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from typing import TYPE_CHECKING, Any, cast
+from urllib.parse import quote
+
+import apsw
+from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag1 import ReaderError as Reader1Error
+from rosbags.rosbag1.reader import decompressors
+from rosbags.rosbag2 import Reader as Reader2
+
+from soter.monitor.logs.bounded_unpack import CHUNK_MAX, BoundedUnpacking
+from soter.monitor.logs.ros_messages import (
+    UndecodableError,
+    decoder,
+    definitions_in,
+    known_definitions,
+    require_type,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from rosbags.interfaces import Connection
+    from rosbags.rosbag1.reader import IndexData
+    from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+    from soter.monitor.logs.log_columns import Wanted
+    from soter.monitor.logs.ros_messages import Format
+
+STEPS_PER_BYTE, STEPS_MIN = 100, 10_000_000
+"""Instructions that SQLite is given for a file: so many a byte, and so many at all."""
+STEPS_AT_ONCE = 1_000_000
+
+
+class _BoundedReader1(Reader1):
+    """A bag of ROS 1 whose index is no longer than its file."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.bytes_left = path.stat().st_size
+
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+        """The entries at the place where the file is read."""
+        assert self.bio is not None
+        before = self.bio.tell()
+        super().read_index_data(pos, indexes)
+        self.bytes_left -= self.bio.tell() - before
+        if self.bytes_left < 0:
+            raise Reader1Error("its index is longer than the bag")
+
+
+def ros1_messages(
+    path: Path, wanted: dict[str, Wanted], there: dict[str, int]
+) -> Iterator[tuple[int, str, Any]]:
+    """Time of arrival, channel and content of each message of the wanted channels."""
+    unpacking = BoundedUnpacking(path.stat().st_size)
+    bounded = {
+        decompressors["none"]: unpacking.plain,
+        decompressors["bz2"]: unpacking.bz2,
+        decompressors["lz4"]: unpacking.lz4,
+    }
+    with _BoundedReader1(path) as reader:
+        reader.chunks = {
+            at: chunk._replace(decompressor=bounded[chunk.decompressor])
+            for at, chunk in reader.chunks.items()
+        }
+        chosen = _chosen(reader.connections, wanted, there)
+        decoders = {c.id: _decoder_of(c, wanted[c.topic], 1) for c in chosen}
+        for connection, time_ns, data in reader.messages(chosen) if chosen else ():
+            there[connection.topic] += 1
+            yield time_ns, connection.topic, decoders[connection.id](data)
+
+
+def sqlite_messages(
+    path: Path, wanted: dict[str, Wanted], there: dict[str, int], *, packed: bool
+) -> Iterator[tuple[int, str, Any]]:
+    """The same of one SQLite file of ROS 2; `packed`: its messages are, by zstd."""
+    _require_tables(path)
+    size = path.stat().st_size
+    unpacking = BoundedUnpacking(size)
+    unpack = unpacking.zstd if packed else unpacking.plain
+    with Reader2(path) as reader:
+        _limit(cast("Sqlite3Reader", reader.storage).dbconn, size)
+        chosen = _chosen(reader.connections, wanted, there)
+        decoders = {c.id: _decoder_of(c, wanted[c.topic], 2) for c in chosen}
+        for connection, time_ns, data in reader.messages(chosen) if chosen else ():
+            if not isinstance(data, bytes) or not isinstance(time_ns, int):
+                raise UndecodableError(f"a message of `{connection.topic}` is no bytes with a time")
+            there[connection.topic] += 1
+            yield time_ns, connection.topic, decoders[connection.id](unpack(data))
+
+
+def _chosen(
+    connections: list[Connection], wanted: dict[str, Wanted], there: dict[str, int]
+) -> list[Connection]:
+    for connection in connections:
+        there.setdefault(connection.topic, 0)
+    return [c for c in connections if c.topic in wanted]
+
+
+def _decoder_of(connection: Connection, wanted: Wanted, ros: int) -> Callable[[bytes], Any]:
+    name, definition = connection.msgtype, connection.msgdef
+    require_type(connection.topic, name, wanted.message)
+    ext = connection.ext
+    if isinstance(ext, ConnectionExtRosbag2) and ext.serialization_format != "cdr":
+        shown = f"`{ext.serialization_format[:40]}`, not cdr"
+        raise UndecodableError(f"messages of `{connection.topic}` are {shown}")
+    if definition.format == MessageDefinitionFormat.NONE:
+        definitions = known_definitions(wanted.message, ros)
+    else:
+        form: Format = "msg" if definition.format == MessageDefinitionFormat.MSG else "idl"
+        definitions = definitions_in(definition.data, name, form)
+    return decoder(name, definitions, "ros1" if ros == 1 else "cdr")
+
+
+def _require_tables(path: Path) -> None:
+    """That a database holds what it says, and computes nothing when it is read."""
+    address = f"file:{quote(str(path))}?mode=ro&immutable=1"
+    connection = sqlite3.connect(address, uri=True)
+    try:
+        rows = connection.execute("SELECT type, sql FROM sqlite_master LIMIT 1000").fetchall()
+    except sqlite3.Error as error:
+        raise UndecodableError("it is no SQLite file, or damaged") from error
+    finally:
+        connection.close()
+    for kind, sql in rows:
+        text = " ".join(str(sql or "").upper().split())
+        computed = "VIRTUAL TABLE" in text or "GENERATED" in text or " AS (" in text
+        if kind not in ("table", "index") or computed:
+            raise UndecodableError(f"its database has a `{kind}` that no bag has")
+
+
+def _limit(database: apsw.Connection | None, size: int) -> None:
+    """Let SQLite end: after so many steps, and with so much of a row."""
+    assert database is not None
+    left = STEPS_MIN + STEPS_PER_BYTE * size
+
+    def is_too_long() -> bool:
+        nonlocal left
+        left -= STEPS_AT_ONCE
+        return left < 0
+
+    database.limit(apsw.SQLITE_LIMIT_LENGTH, CHUNK_MAX)
+    database.set_progress_handler(is_too_long, STEPS_AT_ONCE)
