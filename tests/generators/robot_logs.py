@@ -234,10 +234,19 @@ def as_protobuf_mcap(path: Path, flight: list[Recorded]) -> None:
         return "robot." + name.replace("/", "_"), "protobuf", files.SerializeToString()
 
     def bytes_of(m: Recorded) -> bytes:
-        message = json_format.ParseDict(whole(m.type, m.content), classes[m.type]())
+        content = _said_in_words(whole(m.type, m.content))
+        message = json_format.ParseDict(content, classes[m.type]())
         return bytes(message.SerializeToString())
 
     _as_mcap(path, flight, "protobuf", schema_of, bytes_of, CompressionType.ZSTD)
+
+
+def _said_in_words(value: Any) -> Any:
+    """NaN and infinities as the JSON of protobuf writes them."""
+    if isinstance(value, dict):
+        return {k: _said_in_words(v) for k, v in value.items()}
+    words = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
+    return words.get(str(value), value) if isinstance(value, float) else value
 
 
 def as_bag1(path: Path, flight: list[Recorded], packed: Literal["", "BZ2", "LZ4"] = "") -> None:

@@ -34,7 +34,7 @@ FIELD_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 DEFINITION_MAX = 1 << 20
 """Characters of a definition."""
 PARTS_MAX = 100_000
-"""Primitives of a message, with all elements of arrays of messages."""
+"""Primitives and messages of a message, with all elements of arrays of messages."""
 TYPES_MAX = 1000
 TIMES_OF_ROS1: Definitions = {
     name: ([], [("sec", (BASE, ("int32", 0))), ("nanosec", (BASE, ("uint32", 0)))])
@@ -135,14 +135,14 @@ def _measure(
     sizes: dict[str, tuple[int, int]],
     inside: tuple[str, ...],
 ) -> tuple[int, int]:
-    """Primitives of a type, and the least bytes of a message of it."""
+    """Primitives and messages of a type, and the least bytes of a message of it."""
     if name in sizes:
         return sizes[name]
     if name not in definitions or not TYPE_NAME.fullmatch(name):
         raise UndecodableError(f"the type `{name[:80]}` is not defined")
     if name in inside or len(inside) > 64 or len(sizes) > TYPES_MAX:
         raise UndecodableError(f"the definition of `{name[:80]}` has no end")
-    parts, least = 0, 0
+    parts, least = 1, 0
     for field, kind in definitions[name][1]:
         if field == EMPTY_MEMBER:
             continue
