@@ -97,7 +97,8 @@ def one(all_: Nodes, build: Path, case: str) -> tuple[list[str], dict[tuple[str,
         lines = all_.heard.pop("driver")
         told["ended", ""] = ", ".join(ended)
         logs = [*all_.heard.pop("bridge"), *all_.heard.pop("beside", [])]
-        told["of roscpp", "log"] = next((x.strip() for x in logs if "rror" in x or "ype" in x), "")
+        words = [x.strip() for x in logs if "error" in x.lower() or "type" in x]
+        told["of roscpp", "log"] = (words or [""])[0]
         return [m[1] for m in map(COMMAND.match, lines) if m], told
 
 

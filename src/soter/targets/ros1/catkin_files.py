@@ -181,7 +181,7 @@ def _launch(p: CatkinPackage) -> str:
 def _simulation(p: CatkinPackage) -> str:
     return f"""\
 <launch>
-  <!-- the same program under /clock: Gazebo, or `rosbag play --clock` -->
+  <!-- the same program under /clock: Gazebo, or a bag that is played -->
   <arg name="seed" default="1"/>
   <param name="use_sim_time" value="true"/>
   <node pkg="{p.name}" type="{p.name}_simulation" name="{p.name}" output="screen">
