@@ -18,7 +18,7 @@ pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not install
 from generators.robot_logs import CHANNEL, WRITERS, Recorded, odometry
 from soter.api import load
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.logs.read_columns import read_columns
+from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.samples import samples_of
 
 if TYPE_CHECKING:
