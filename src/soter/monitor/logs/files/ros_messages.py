@@ -79,7 +79,7 @@ def definitions_in(text: str, name: str, form: Format) -> Definitions:
         raise UndecodableError(f"the definition of `{name[:80]}` is too long")
     if not TYPE_NAME.fullmatch(name):
         raise UndecodableError(f"`{name[:80]}` is no name of a type")
-    if form == "idl" and not is_plain(text):
+    if form == "idl" and not is_plain("\n".join(_idl_files(text))):
         raise UndecodableError(f"the definition of `{name[:80]}` is none that ROS writes")
     try:
         if form == "msg":
