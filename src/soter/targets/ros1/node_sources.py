@@ -160,7 +160,7 @@ struct {self._named(index)} {{
     return {frame};
   }}
   static bool stamped() {{ return {"true" if mapped.stamp else "false"}; }}
-  static ros::Time stamp(const Message& m) {{
+  static int64_t stamp_ns(const Message& m) {{
     (void)m;
     return {stamp};
   }}
@@ -175,7 +175,7 @@ struct {self._named(index)} {{
         converter = MessageConverter(mapped, ROS, CPP, "(*m)")
         lines = [*converter.outward("(*from)")]
         if mapped.message.has_header:
-            lines.append("(*m).header.stamp = stamp;")
+            lines.append("(*m).header.stamp = soter::stamp_of(stamp_ns);")
         body = "\n".join(f"    {line}" for line in lines)
         lease = self.leased.get(index)
         silent = SILENT_OF_LEASED_NS
@@ -183,9 +183,9 @@ struct {self._named(index)} {{
             periods = [c.period_ns for c in self.system.components if c.plant is None]
             silent = SILENT_PERIODS * max(periods)
         return f"""\
-  static void convert(const Value& from_value, const ros::Time& stamp, Message* m) {{
+  static void convert(const Value& from_value, int64_t stamp_ns, Message* m) {{
     const Value* const from = &from_value;
-    (void)stamp;
+    (void)stamp_ns;
 {body}
   }}
   static bool law(Value* to) {{
@@ -206,13 +206,13 @@ struct {self._named(index)} {{
 
 
 def _stamp(stamp: StampSource | None) -> str:
-    """The C++ expression of the time at which a message says that it was measured."""
+    """The C++ expression of when, in ns, a message says that it was measured."""
     if stamp is None:
-        return "ros::Time()"
+        return "0"
     if stamp.kind == "time":
-        return f"m.{stamp.path}"
+        return f"soter::ns_of(m.{stamp.path})"
     unit = stamp.unit_ns
-    return f"soter::time_of(m.{stamp.path}, {unit.numerator}, {unit.denominator})"
+    return f"soter::ns_of_number(m.{stamp.path}, {unit.numerator}, {unit.denominator})"
 
 
 def _names(names: list[str]) -> str:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap, TopicMap
 
+CORE = "soter_bridge_core.hpp"
 BRIDGE, SIMULATION, MESSAGES = "soter_bridge.hpp", "soter_simulation.hpp", "soter_messages.hpp"
 TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 """What a topic of ROS 1 may be called."""
@@ -80,6 +81,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         package.files += [
             PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
             _shipped(BRIDGE),
+            _shipped(CORE, "bridge"),
         ]
     package.trusted = TRUSTED if system.externals else SIMULATED
     package.programs = {n: [_inside(w) for w in words] for n, words in trusted.programs.items()}
@@ -92,8 +94,8 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     return package
 
 
-def _shipped(name: str) -> PackageFile:
-    return PackageFile(f"src/{name}", (RUNTIME / "ros1" / name).read_text("utf-8"))
+def _shipped(name: str, folder: str = "ros1") -> PackageFile:
+    return PackageFile(f"src/{name}", (RUNTIME / folder / name).read_text("utf-8"))
 
 
 def _in_folder(folder: str, file: PackageFile) -> PackageFile:
