@@ -1,7 +1,8 @@
-"""Target `ros1`: the package.
+"""Targets `ros1` and `ros2`: the packages.
 
 Purpose: the package of target `posix` in a folder of its own, and around it the bridge and what
-catkin wants. Which topics may be bridged is decided here: those that meet the world, each mapped.
+catkin or ament wants; of ROS 1 the simulation, too. Which topics may be bridged is decided here:
+those that meet the world, each mapped.
 Non-goals: what a mapping may say (`soter.mapping`), compiling.
 """
 
@@ -17,14 +18,15 @@ from soter.targets import c99
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
 from soter.targets.posix import nodes_of, posix_package
-from soter.targets.ros1.catkin_files import (
+from soter.targets.ros.ament_files import ament_files
+from soter.targets.ros.catkin_files import (
     SIMULATED,
     TRUSTED,
-    CatkinPackage,
+    RosPackage,
     catkin_files,
     package_name,
 )
-from soter.targets.ros1.node_sources import NodeSources
+from soter.targets.ros.node_sources import ROS2, NodeSources
 from soter.targets.world_interface import WorldTables
 
 if TYPE_CHECKING:
@@ -58,7 +60,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         for f in simulated.files
         if f.path.endswith(".c") and f.path not in OTHER_MAINS
     ]
-    about = CatkinPackage(
+    about = RosPackage(
         system,
         name,
         c99.command_name(unit.prefix),
@@ -90,6 +92,47 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     package.commands = [
         f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",
         f"roslaunch {name} {launch}.launch   (in a catkin workspace)",
+    ]
+    return package
+
+
+def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
+    """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
+    if not system.externals:
+        what = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
+        helps = ("`system S deploys ... { external topic t; ... }` (docs/deploy.md)",)
+        raise SoterError((Diagnostic("U001", what, helps=helps),))
+    mapped = _mapped(system, mapping)
+    trusted = posix_package(system, core, folder)
+    unit = generate(system, core, apart=frozenset(x.index for x in nodes_of(system)))
+    world = WorldTables(system, unit)
+    name = package_name(unit.prefix)
+    about = RosPackage(
+        system,
+        name,
+        c99.command_name(unit.prefix),
+        {n: _sources(words) for n, words in trusted.programs.items()},
+        [],
+        [*mapped.values()],
+        actuated=bool(world.granted),
+    )
+    nodes = NodeSources(system, unit, world, name, mapped, flavour=ROS2)
+    package = Package(folder)
+    package.files = [_in_folder(TRUSTED, f) for f in trusted.files]
+    package.files += [
+        PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
+        PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
+        *(_shipped(n, "ros2") for n in (MESSAGES, BRIDGE)),
+        _shipped(CORE, "bridge"),
+        *ament_files(about),
+    ]
+    package.trusted = TRUSTED
+    package.programs = {n: [_inside(w) for w in words] for n, words in trusted.programs.items()}
+    package.notes = [*trusted.notes, *_unsaid(system, mapped)]
+    package.notes.append("the bridge was checked against interfaces of ROS 2, and run on none")
+    package.commands = [
+        f"colcon build --packages-select {name}   (in a workspace of ROS 2)",
+        f"ros2 launch {name} {name}.launch.py",
     ]
     return package
 
