@@ -226,7 +226,7 @@ class MessageConverter:
     @staticmethod
     def _member(path: LeafPath) -> str:
         """A leaf of the value."""
-        return "".join(p if p.startswith("[") else f".{field_name(p)}" for p in path)
+        return "".join(f".at{p}" if p.startswith("[") else f".{field_name(p)}" for p in path)
 
     @staticmethod
     def _constant(t: Type, value: Value) -> str:
