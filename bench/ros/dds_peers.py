@@ -24,13 +24,13 @@ from dds_fields import TYPES, definitions, fields, mapping, numbered, write_code
 HERE = Path(__file__).resolve().parent
 NEEDED = ("idlc", "fastddsgen", "g++", "gcc", "pkg-config", "make")
 LOOPBACK = (
-    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces>"
-    "<AllowMulticast>true</AllowMulticast></General>"
+    "<CycloneDDS><Domain>"
+    "<General><Interfaces><NetworkInterface name='lo'/></Interfaces></General>"
     "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
     "<MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>"
-    "<Peers><Peer address='localhost'/></Peers></Discovery></Domain></CycloneDDS>"
+    "<Peers><Peer address='localhost'/></Peers></Discovery>"
+    "</Domain></CycloneDDS>"
 )
-CHANNELS = ("odom", "scan", "echo")
 
 
 def missing() -> str:

@@ -118,7 +118,7 @@ def exchange(words: list[str]) -> dict[str, object]:
     r = DataReader(own, Topic(own, at, heard), qos=RELIABLE)
     counter = tuple(COUNTERS[answer_key].split("."))
     told = {"sent": int(count), "answered": 0, "refused": 0, "lost": 0, "misread": 0, "unasked": 0}
-    first, off, warm, k = "", 0, False, int(begin)
+    first, off, warm, tries, k = "", 0, False, 0, int(begin)
     while k < int(begin) + int(count):
         m = made_of(key, k, found[key], kinds, given)
         asked = stamp(m) if bridged else 0
@@ -144,7 +144,8 @@ def exchange(words: list[str]) -> dict[str, object]:
             if bridged and there and warm:
                 d = a.header_.stamp_.sec_ * 10**9 + a.header_.stamp_.nanosec_ - asked
                 off = max(off, abs(d))
-        if not there and not warm:
+        if not there and not warm and tries < 20:
+            tries += 1
             continue
         warm = True
         told["answered"] += there

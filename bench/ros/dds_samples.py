@@ -147,6 +147,7 @@ def main() -> None:
         place = Place(asked.folder or Path(own), asked.python, asked.domain)
         if not (place.folder / "fast_peer").exists():
             place.build()
+        print(f"built in {place.folder}", file=sys.stderr, flush=True)
         try:
             if "bridge" in only:
                 told["bridge"] = [through_the_bridge(place, p, asked.samples) for p in peers]
