@@ -118,6 +118,7 @@ static int exchange(TypeSupport sent, TypeSupport heard, bool bridged, uint32_t 
     (void)printf("{\"matched\":false}\n");
     return 1;
   }
+  std::this_thread::sleep_for(std::chrono::seconds(1)); /* the other side has to know it, too */
   M m;
   A answer;
   SampleInfo info;

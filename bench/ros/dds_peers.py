@@ -126,7 +126,8 @@ class Place:
     def bridge(self) -> Running:
         """The bridge, until it says that it runs."""
         channels = self.folder / "channels"
-        channels.mkdir(exist_ok=True)
+        shutil.rmtree(channels, ignore_errors=True)
+        channels.mkdir()
         program = self.package / "build" / "dds_fields_bridge"
         made = self.start(program, "--channels", channels, "--status", "json")
         made.wait_for("it runs")

@@ -119,6 +119,7 @@ def exchange(words: list[str]) -> dict[str, object]:
     counter = tuple(COUNTERS[answer_key].split("."))
     told = {"sent": int(count), "answered": 0, "refused": 0, "lost": 0, "misread": 0, "unasked": 0}
     first, off, warm, tries, k = "", 0, False, 0, int(begin)
+    time.sleep(2.0)  # both sides have to know each other
     while k < int(begin) + int(count):
         m = made_of(key, k, found[key], kinds, given)
         asked = stamp(m) if bridged else 0
