@@ -238,7 +238,7 @@ def mapping() -> str:
             'system = "Wire"',
             *_topic("odom", "/odom", "nav_msgs/Odometry", odom, reliable),
             *_topic("scan", "/scan", "sensor_msgs/LaserScan", scan, reliable),
-            *_topic("echo", "/echo", "nav_msgs/Odometry", odom, '{ depth = "all" }'),
+            *_topic("echo", "/echo", "nav_msgs/Odometry", odom, "{}"),
             "",
         )
     )

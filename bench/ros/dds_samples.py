@@ -80,7 +80,7 @@ def _whole() -> bytes:
     now = time.time_ns()
     body = struct.pack("<iI", now // 10**9, now % 10**9)
     body += struct.pack("<I", 5) + b"odom\0" + b"\0" * 3
-    body += struct.pack("<I", 5) + b"body\0" + b"\0" * 7
+    body += struct.pack("<I", 5) + b"body\0" + b"\0" * 3
     return HEAD + body + struct.pack("<85d", *(float(n) for n in range(85)))
 
 

@@ -193,6 +193,10 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         mapping(near={"stamp": "arrival", "qos": {"durability": "transient_local"}}),
         "`near` has no stamp and is `transient_local`",
     ),
+    "all of what goes out": (
+        mapping(push={"qos": {"depth": "all"}}),
+        "`push` goes out with all of its history",
+    ),
     "slope": (
         mapping(seen={"fields": {**SEEN_FIELDS, "yaw": {"slope": "x", "window": "1s"}}}),
         "is a slope",

@@ -90,6 +90,11 @@ def _refuse(system: System, mapped: dict[int, TopicMap]) -> None:
                 f"{named} has no stamp and is `transient_local`: what somebody published long ago "
                 "would count as measured when it comes"
             )
+        if not inward and m.qos.depth == 0:
+            problems.append(
+                f"{named} goes out with all of its history: a reader that stopped would hold up "
+                "what the others read"
+            )
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
 
