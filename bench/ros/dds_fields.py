@@ -84,7 +84,7 @@ def code(key: str, *, cpp: bool) -> str:
     """Functions `fill_KEY(m, k)` and `check_KEY(m, k)`: NULL, or the name of what is misread."""
     name = TYPES[key]
     found = fields(name, definitions(name))
-    parts = [p for p in (*name.split("/")[:2], "dds_", f"{name.split('/')[2]}_")]
+    parts = (*name.split("/")[:2], "dds_", f"{name.split('/')[2]}_")
     kind = "::".join(parts) if cpp else "_".join(parts)
     fill, check = [], []
     for f in found:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from dds_fields import TYPES, definitions, fields, mapping, numbered, write_code
+from bench.ros.dds_fields import TYPES, definitions, fields, mapping, numbered, write_code
 
 HERE = Path(__file__).resolve().parent
 NEEDED = ("idlc", "fastddsgen", "g++", "gcc", "pkg-config", "make")
@@ -39,7 +39,8 @@ def missing() -> str:
 
 
 def _run(*words: str | Path, where: Path | None = None) -> None:
-    told = subprocess.run([str(w) for w in words], cwd=where, capture_output=True, text=True)
+    text = [str(w) for w in words]
+    told = subprocess.run(text, cwd=where, capture_output=True, text=True, check=False)
     if told.returncode != 0:
         sys.exit(f"{words[0]} failed:\n{told.stdout[-2000:]}{told.stderr[-4000:]}")
 
@@ -56,10 +57,12 @@ class Place:
 
     @property
     def package(self) -> Path:
+        """What `soter build` wrote."""
         return self.folder / "package"
 
     @property
     def environment(self) -> dict[str, str]:
+        """Loopback, and a domain of its own."""
         return {
             **os.environ,
             "ROS_DOMAIN_ID": str(self.domain),
@@ -84,14 +87,20 @@ class Place:
         self._harness()
         made = ["-I", str(HERE), "-I", str(self.folder)]
         build = self.package / "build"
-        _run("gcc", "-O1", *made, "-I", build, "-o", self.folder / "wire", HERE / "dds_wire.c",
-             build / "dds_fields_messages.c", "-lddsc")  # fmt: skip
+        messages = build / "dds_fields_messages.c"
+        own: tuple[str | Path, ...] = ("-o", self.folder / "wire", HERE / "dds_wire.c", messages)
+        _run("gcc", "-O1", *made, "-I", build, *own, "-lddsc")
         idl = self.folder / "fast"
         idl.mkdir(exist_ok=True)
         shutil.copy(self.package / "idl" / "dds_fields_messages.idl", idl)
         _run("fastddsgen", "-replace", "-cs", "dds_fields_messages.idl", where=idl)
-        _run("g++", "-O1", *made, "-I", idl, "-o", self.folder / "fast_peer",
-             HERE / "dds_fast_peer.cpp", *sorted(idl.glob("*.cxx")), "-lfastrtps", "-lfastcdr")  # fmt: skip
+        own = (
+            "-o",
+            self.folder / "fast_peer",
+            HERE / "dds_fast_peer.cpp",
+            *sorted(idl.glob("*.cxx")),
+        )
+        _run("g++", "-O1", *made, "-I", idl, *own, "-lfastrtps", "-lfastcdr")
 
     def _harness(self) -> None:
         source = (self.package / "src" / "dds_fields_bridge.c").read_text(encoding="utf-8")
@@ -103,7 +112,9 @@ class Place:
         lines += [_of_value("odom", "odom"), _of_value("scan", "scan"), _fill_echo()]
         (self.folder / "harness_code.h").write_text("\n".join(lines), encoding="utf-8")
         trusted = self.package / "trusted"
-        sources = [trusted / n for n in ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")]
+        sources = [
+            trusted / n for n in ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
+        ]
         _run("gcc", "-O1", "-I", HERE, "-I", self.folder, "-I", trusted, "-o",
              self.folder / "harness", HERE / "dds_harness.c", *sources, "-pthread")  # fmt: skip
 
@@ -175,7 +186,7 @@ class Running:
             if self.process.poll() is not None:
                 break
             time.sleep(0.01)
-        sys.exit(f"{self.process.args} did not say `{text}`: {''.join(self.said)}")
+        sys.exit(f"{self.process.args!r} did not say `{text}`: {''.join(self.said)}")
 
     def told(self) -> dict[str, Any]:
         """The last line of what it says at its end, as JSON."""
@@ -183,7 +194,7 @@ class Running:
         lines = self.process.stdout.read().strip().splitlines()
         self.process.wait()
         if not lines:
-            sys.exit(f"{self.process.args} said nothing: {''.join(self.said)}")
+            sys.exit(f"{self.process.args!r} said nothing: {''.join(self.said)}")
         told = json.loads(lines[-1])
         assert isinstance(told, dict)
         return told

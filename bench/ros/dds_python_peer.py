@@ -3,9 +3,11 @@
 Purpose: sends the k-th sample on one topic, waits for the answer with k on another and checks every
 field of it; or is a peer of another type. Words: KEY bridged|plain FROM COUNT SEND HEAR ANSWER_KEY
 FILE, or other NAME|STRUCTURE TOPIC, or numbers TOPIC FILE.
-Non-goals: counting for others. FILE: the definitions of rosbags, as JSON.
+FILE: the definitions of rosbags, as JSON.
+Non-goals: counting for others.
 """
 
+# ruff: noqa: ANN401
 from __future__ import annotations
 
 import json
@@ -15,18 +17,18 @@ import time
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent))
-from dds_fields import COUNTERS, TYPES, Field, fields, value
-
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from bench.ros.dds_fields import COUNTERS, TYPES, Field, fields, value
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
-from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl import types as t
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
+IDL: Any = t
 PRIMITIVES = {
     "bool": bool,
     "byte": t.byte,
@@ -58,7 +60,7 @@ def _member(kind: Any, given: dict[str, Any], made: dict[str, type]) -> Any:
         return type_of(kind[1], given, made)
     element, size = kind[1]
     inner = _member(element, given, made)
-    return t.array[inner, size] if kind[0] == 3 else t.sequence[inner]
+    return IDL.array[inner, size] if kind[0] == 3 else IDL.sequence[inner]
 
 
 def made_of(key: str, k: int, found: list[Field], kinds: dict[str, type], given: Any) -> Any:
@@ -114,8 +116,8 @@ def exchange(words: list[str]) -> dict[str, object]:
     sent, heard = (type_of(TYPES[n], given, kinds) for n in (key, answer_key))
     found = {n: fields(TYPES[n], given) for n in (key, answer_key)}
     own = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
-    w = DataWriter(own, Topic(own, to, sent), qos=RELIABLE)
-    r = DataReader(own, Topic(own, at, heard), qos=RELIABLE)
+    w: DataWriter[Any] = DataWriter(own, Topic(own, to, sent), qos=RELIABLE)
+    r: DataReader[Any] = DataReader(own, Topic(own, at, heard), qos=RELIABLE)
     counter = tuple(COUNTERS[answer_key].split("."))
     told = {"sent": int(count), "answered": 0, "refused": 0, "lost": 0, "misread": 0, "unasked": 0}
     first, off, warm, tries, k = "", 0, False, 0, int(begin)
@@ -161,9 +163,9 @@ def other(words: list[str]) -> dict[str, object]:
     what, topic = words
     members = {"x_": t.float64, "y_": t.float64}
     names = {"name": "std_msgs.msg.dds_.Other_", "structure": "nav_msgs.msg.dds_.Odometry_"}
-    kind = make_idl_struct(names[what].split(".")[-1], names[what], members)
+    kind: Any = make_idl_struct(names[what].split(".")[-1], names[what], members)
     own = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
-    w: DataWriter[IdlStruct] = DataWriter(own, Topic(own, topic, kind), qos=RELIABLE)
+    w: DataWriter[Any] = DataWriter(own, Topic(own, topic, kind), qos=RELIABLE)
     for i in range(150):
         w.write(kind(x_=float(i), y_=1.0))
         time.sleep(0.01)
@@ -178,7 +180,7 @@ def numbers(words: list[str]) -> dict[str, object]:
     kind = type_of(TYPES["odom"], given, kinds)
     found = fields(TYPES["odom"], given)
     own = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
-    w = DataWriter(own, Topic(own, topic, kind), qos=RELIABLE)
+    w: DataWriter[Any] = DataWriter(own, Topic(own, topic, kind), qos=RELIABLE)
     end = time.monotonic() + 10.0
     while not w.get_matched_subscriptions() and time.monotonic() < end:
         time.sleep(0.02)
@@ -187,7 +189,9 @@ def numbers(words: list[str]) -> dict[str, object]:
         m = made_of("odom", 1, found, kinds, given)
         stamp(m)
         m.child_frame_id_ = "body"
-        m.pose_.pose_.position_.x_, m.pose_.pose_.position_.y_ = (float.fromhex(x) for x in line.split())
+        m.pose_.pose_.position_.x_, m.pose_.pose_.position_.y_ = (
+            float.fromhex(x) for x in line.split()
+        )
         w.write(m)
         print("sent", flush=True)
         sys.stdin.readline()

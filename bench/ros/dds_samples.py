@@ -21,8 +21,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from dds_fields import TYPES
-from dds_peers import Place, missing
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from bench.ros.dds_fields import TYPES
+from bench.ros.dds_peers import Place, missing
 
 PEERS = ("Fast DDS", "cyclonedds-python")
 ODOM = "nav_msgs::msg::dds_::Odometry_"
@@ -54,7 +55,9 @@ def over_the_types(place: Place, which: str, samples: int) -> dict[str, Any]:
     wire = place.start(place.folder / "wire")
     wire.wait_for("wire runs")
     told = {
-        key: place.peer(which, key, "plain", "1", str(samples), f"rt/{key}_in", f"rt/{key}_out", key)
+        key: place.peer(
+            which, key, "plain", "1", str(samples), f"rt/{key}_in", f"rt/{key}_out", key
+        )
         for key in TYPES
     }
     return {"peer": which, **told, "wire": wire.end()}
@@ -90,7 +93,7 @@ def hostile(place: Place) -> dict[str, Any]:
     told: dict[str, Any] = {}
     told["other name"] = _python(place, "other", "name", "rt/odom")
     told["other structure"] = _python(place, "other", "structure", "rt/odom")
-    payloads = _payloads(random.Random(1))
+    payloads = _payloads(random.Random(1))  # noqa: S311
     file = place.folder / "payloads"
     file.write_bytes(b"".join(struct.pack("<I", len(p)) + p for p in payloads))
     told["payloads"] = place.peer("Fast DDS", "raw", ODOM, "rt/odom", str(file))
@@ -126,7 +129,8 @@ def numbers(place: Place) -> dict[str, Any]:
 
 def _python(place: Place, *words: str) -> dict[str, Any]:
     script = Path(__file__).parent / "dds_python_peer.py"
-    return place.start(place.python, script, *words).told()
+    told: dict[str, Any] = place.start(place.python, script, *words).told()
+    return told
 
 
 def main() -> None:
@@ -163,6 +167,32 @@ def main() -> None:
     print(text)
     if asked.json:
         asked.json.write_text(text + "\n", encoding="utf-8")
+    wrong = _wrong(told)
+    print(f"{len(wrong)} of it wrong: {'; '.join(wrong)}" if wrong else "all as it should be")
+    sys.exit(1 if wrong else 0)
+
+
+def _wrong(told: dict[str, Any]) -> list[str]:
+    """What is not as the table has it."""
+    found = []
+    for run in (*told.get("bridge", ()), *told.get("types", ())):
+        for key in TYPES:
+            of = run[key]
+            done = of["answered"] + of["refused"]
+            if of["lost"] or of["misread"] or of["unasked"] or done != of["sent"]:
+                found.append(f"{run['peer']}, {key}: {of}")
+        behind = [run["harness"]] if "harness" in run else [run["wire"][key] for key in TYPES]
+        found += [f"{run['peer']}: {b}" for b in behind if b["misread"]]
+    if "hostile" in told:
+        odom = told["hostile"]["bridge"][0]
+        refused = odom["of_another_size"] + odom["not_readable"]
+        if odom["taken"] != 2 or refused < told["hostile"]["sent"] - 3:
+            found.append(f"payloads: {odom}")  # taken: the good one, and its bytes as XCDR2
+        if odom["peers_of_another_type"] < 2:
+            found.append("peers of another type were not counted")
+    if not all(told.get("numbers", {}).get("same_bits", {}).values()):
+        found.append(f"numbers: {told['numbers']['same_bits']}")
+    return found
 
 
 if __name__ == "__main__":

@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from soter.mapping.frames import FRAMES, turn_between
 from soter.mapping.leaf_reader import LeafReader
-from soter.mapping.message_types import HEADER_STAMP, INTEGERS, NUMBERS, NoSuchFieldError, UnknownMessageError
+from soter.mapping.message_types import (
+    HEADER_STAMP,
+    INTEGERS,
+    NUMBERS,
+    NoSuchFieldError,
+    UnknownMessageError,
+)
 from soter.mapping.quality_of_service import read_qos
 from soter.mapping.topic_mapping import GAP_NS, SignalSource, StampSource, TopicMap
 from soter.mapping.units import TIME_UNITS
@@ -27,7 +33,8 @@ if TYPE_CHECKING:
     from soter.mapping.problems import MappingProblems
 
 TOPIC_KEYS = (
-    "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set", "qos",
+    "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set",
+    "qos",
 )  # fmt: skip
 ARRIVAL = "arrival"
 

@@ -14,8 +14,17 @@ import numpy as np
 import pytest
 
 import processes
-from dds_machine import DOMAIN, ENVIRONMENT, LOOPBACK, Channel, bridge, compiled, floats, missing
-from dds_programs import PROGRAM, mapping, package
+from generators.dds_machine import (
+    DOMAIN,
+    ENVIRONMENT,
+    LOOPBACK,
+    Channel,
+    bridge,
+    compiled,
+    floats,
+    missing,
+)
+from generators.dds_programs import PROGRAM, mapping, package
 from soter.api import load
 from soter.language.front_end import check_file, system_of
 from soter.mapping.read_mapping import mapping_of
@@ -42,8 +51,13 @@ pytestmark = [
     pytest.mark.long,
     pytest.mark.skipif(bool(missing()), reason=missing() or "-"),
 ]
-STORE = get_typestore(Stores.ROS2_JAZZY)
-ODOM, SCAN, TWIST = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan", "geometry_msgs/msg/TwistStamped"
+STORE: Any = get_typestore(Stores.ROS2_JAZZY)
+IDL: Any = types
+ODOM, SCAN, TWIST = (
+    "nav_msgs/msg/Odometry",
+    "sensor_msgs/msg/LaserScan",
+    "geometry_msgs/msg/TwistStamped",
+)
 SEEN_SIZE = 40
 RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=5)), Policy.History.KeepAll)
 QOS = {"reliability": "reliable", "depth": "all"}
@@ -66,7 +80,7 @@ def _member(kind: Any) -> Any:
     if kind[0] == 2:
         return type_of(kind[1])
     inner = _member(kind[1][0])
-    return types.array[inner, kind[1][1]] if kind[0] == 3 else types.sequence[inner]
+    return IDL.array[inner, kind[1][1]] if kind[0] == 3 else IDL.sequence[inner]
 
 
 def sample(name: str, values: dict[str, Any], path: str = "") -> Any:
@@ -128,7 +142,9 @@ def seen_of(value: bytes) -> tuple[float, ...]:
     return struct.unpack("<4di", value[:36])
 
 
-def sent_until_heard(w: Any, made: Callable[[], Any], channel: Channel, b: Any) -> tuple[int, bytes]:
+def sent_until_heard(
+    w: Any, made: Callable[[], Any], channel: Channel, b: Any
+) -> tuple[int, bytes]:
     """Sends anew until one comes through: discovery ends when it ends."""
     got: list[tuple[int, bytes]] = []
 
@@ -146,7 +162,7 @@ def sent_until_heard(w: Any, made: Callable[[], Any], channel: Channel, b: Any) 
 def test_a_recorded_flight_gives_the_bits_that_monitor_reads_from_its_log(
     built: Path, tmp_path: Path, peer: DomainParticipant, channels: Callable[..., Channel]
 ) -> None:
-    rng = random.Random(7)
+    rng = random.Random(7)  # noqa: S311
     begun = time.time_ns() - 10**12
     flight = [
         {
@@ -165,7 +181,7 @@ def test_a_recorded_flight_gives_the_bits_that_monitor_reads_from_its_log(
             cdr = STORE.serialize_cdr(_of_rosbags(ODOM, values), ODOM)
             bag.write(connection, begun + k * 10**7 + 10**6, cdr)
     (tmp_path / "p.soter").write_text(PROGRAM)
-    system = system_of(check_file(tmp_path / "p.soter"), "Robot")
+    system = system_of(check_file(str(tmp_path / "p.soter")), "Robot")
     only = {"topics": {"seen": mapping()["topics"]["seen"]}}
     declared = mapping_of(only, system)
     read = samples_of(log, declared, read_columns(log, declared))[0].values
@@ -237,7 +253,13 @@ def test_stamps_and_frames_and_elements_are_judged_and_counted(
         s.write(sample(SCAN, {**stamp(time.time_ns()), "ranges": [1.0, 2.0], "intensities": []}))
         b.wait_for("rt/scan: a sample has no such element")
         counted = b.end()
-    names = ("without_a_stamp", "later_than_now", "backwards", "in_another_frame", "without_a_value")
+    names = (
+        "without_a_stamp",
+        "later_than_now",
+        "backwards",
+        "in_another_frame",
+        "without_a_value",
+    )
     assert {n: counted["rt/odom"][n] for n in names} == dict.fromkeys(names, 1)
     assert counted["rt/scan"]["without_a_value"] == 1
 
@@ -256,8 +278,8 @@ def test_a_second_writer_is_not_heard_until_the_first_is_gone(
             return "a second writer" in b.said
 
         processes.until(refused, b.process)
-        while (value := channel.read()) is not None:
-            assert seen_of(value[1])[0] == 0.1 * 1.0 + 0.3
+        while (held := channel.read()) is not None:
+            assert seen_of(held[1])[0] == 0.1 * 1.0 + 0.3
         del first
         _, value = sent_until_heard(second, lambda: odometry(time.time_ns(), 2.0), channel, b)
         assert seen_of(value)[0] == 0.1 * 2.0 + 0.3
@@ -381,7 +403,8 @@ def test_arguments_that_make_no_sense_are_told(
 
 
 def test_a_signal_asks_for_the_counters(built: Path, tmp_path: Path) -> None:
-    words = [built / "build" / "robot_bridge", "--channels", tmp_path, "--status", "text"]
+    program = built / "build" / "robot_bridge"
+    words: list[str | Path] = [program, "--channels", tmp_path, "--status", "text"]
     out = tmp_path / "out"
     with (
         out.open("w") as file,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from dds_programs import PROGRAM, SEEN_FIELDS, mapping, package
+from generators.dds_programs import PROGRAM, SEEN_FIELDS, mapping, package
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 
@@ -90,7 +90,8 @@ def test_the_qos_of_what_comes_in_is_that_of_sensors_and_of_what_goes_out_the_de
 def test_the_mapping_says_another_qos(tmp_path: Path) -> None:
     asked = {"reliability": "reliable", "depth": "all", "durability": "transient_local"}
     source = bridge(
-        tmp_path, mapping(seen={"qos": asked}, push={"qos": {"reliability": "best_effort", "depth": 1}})
+        tmp_path,
+        mapping(seen={"qos": asked}, push={"qos": {"reliability": "best_effort", "depth": 1}}),
     )
     assert row(source, "seen").endswith("{true, true, 0}")
     assert row(source, "push").endswith("{false, false, 1}")

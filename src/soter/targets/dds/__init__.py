@@ -1,4 +1,4 @@
-"""Target `dds`: a bridge to DDS, with the names, types and QoS of ROS 2, around a real-time program.
+"""Target `dds`: a bridge to DDS, as ROS 2 speaks it, beside a program in real time.
 
 `dds_package` puts it together: the trusted part and the actuators are those of target `posix` and
 know nothing of DDS; `message_idl` writes the types as ROS 2 does; `bridge_source` the C that says

@@ -51,7 +51,7 @@ CC ?= cc
 IDLC ?= idlc
 # -std=gnu99: headers of Cyclone DDS have assembler; the rest belongs to the meaning of the program
 CFLAGS ?= -O2
-FLAGS = -std=gnu99 {" ".join(MEANING)} -Wall -Wextra -D_GNU_SOURCE
+FLAGS = -std=gnu99 {" ".join(MEANING)} -Wall -Wextra -D_GNU_SOURCE -I{TRUSTED} -Isrc -Ibuild
 DDS_FLAGS := $(shell pkg-config --cflags CycloneDDS)
 DDS_LIBS := $(shell pkg-config --libs CycloneDDS)
 MESSAGES = build/{p.name}_messages
@@ -63,13 +63,12 @@ all: trusted build/{p.name}_bridge
 trusted:
 	$(MAKE) -C {TRUSTED}
 
-$(MESSAGES).c $(MESSAGES).h &: idl/{p.name}_messages.idl
+$(MESSAGES).c: idl/{p.name}_messages.idl
 	mkdir -p build
 	$(IDLC) -f case-sensitive -o build $<
 
 build/{p.name}_bridge: {sources} $(MESSAGES).c
-	$(CC) $(FLAGS) $(CFLAGS) -I{TRUSTED} -Isrc -Ibuild $(DDS_FLAGS) -o $@ $^ $(DDS_LIBS) \\
-	  -pthread
+	$(CC) $(FLAGS) $(CFLAGS) $(DDS_FLAGS) -o $@ $^ $(DDS_LIBS) -pthread
 
 clean:
 	rm -rf build

@@ -83,7 +83,9 @@ def _refuse(system: System, mapped: dict[int, TopicMap]) -> None:
             problems.append(f"{named}: `{m.channel[:40]}...` is longer than {LONGEST} bytes")
         other = channels.setdefault(m.channel, m.topic.name)
         if other != m.topic.name:
-            problems.append(f"{named} and `{other}` are both on `{m.channel}`: a topic has one type")
+            problems.append(
+                f"{named} and `{other}` are both on `{m.channel}`: a topic has one type"
+            )
         inward = system.topics[m.topic.index].driver == "input"
         if inward and m.stamp is None and m.qos.durability == "transient_local":
             problems.append(

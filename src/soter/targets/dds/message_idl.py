@@ -26,15 +26,16 @@ PRIMITIVES = {
     "float64": "double",
     **{f"{u}int{n}": f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)},
 }
-KEYWORDS = frozenset(
-    """abstract alias any attribute bitfield bitmask bitset boolean case char component connector
-    const consumes context custom default double eventtype emits enum exception factory false
-    finder fixed float getraises home import in inout int8 int16 int32 int64 interface local long
-    manages map mirrorport module multiple native object octet oneway out port porttype primarykey
-    private provides public publishes raises readonly sequence setraises short string struct
-    supports switch true truncatable typedef typeid typename typeprefix uint8 uint16 uint32 uint64
-    union unsigned uses valuebase valuetype void wchar wstring""".split()
-)
+_WORDS = """
+abstract alias any attribute bitfield bitmask bitset boolean case char component connector const
+consumes context custom default double eventtype emits enum exception factory false finder fixed
+float getraises home import in inout int8 int16 int32 int64 interface local long manages map
+mirrorport module multiple native object octet oneway out port porttype primarykey private provides
+public publishes raises readonly sequence setraises short string struct supports switch true
+truncatable typedef typeid typename typeprefix uint8 uint16 uint32 uint64 union unsigned uses
+valuebase valuetype void wchar wstring
+"""
+KEYWORDS = frozenset(_WORDS.split())
 """Of IDL, in any case: no module is called so."""
 
 
@@ -69,8 +70,8 @@ def _add(message: MessageType, name: str, done: dict[str, str], inside: tuple[st
         raise unmappable(f"`{name}` of {message.ros2} holds itself, which no IDL says")
     if name not in definitions:
         raise unmappable(
-            f"`{name}` of {message.ros2} is not known: wide strings have no IDL, and types of one's "
-            "own are named under `[messages]`"
+            f"`{name}` of {message.ros2} is not known: wide strings have no IDL here, and types of "
+            "one's own are named under `[messages]`"
         )
     members = definitions[name][1]
     for _, kind in members:

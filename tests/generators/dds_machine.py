@@ -46,12 +46,20 @@ def missing() -> str:
 
 def compiled(package: Path) -> None:
     """Build it, and a library of its channels beside it."""
-    done = processes.run(["make", "-C", package], capture_output=True, text=True)
+    done = processes.run(["make", "-C", str(package)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "warning" not in done.stderr, done.stderr
     trusted = package / "trusted"
     names = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
-    words = ["cc", "-shared", "-fPIC", "-std=gnu99", "-I", trusted, *(trusted / n for n in names)]
+    words: list[str | Path] = [
+        "cc",
+        "-shared",
+        "-fPIC",
+        "-std=gnu99",
+        "-I",
+        trusted,
+        *(trusted / n for n in names),
+    ]
     done = processes.run([*words, "-o", package / "channels.so"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
@@ -149,7 +157,7 @@ def bridge(package: Path, folder: Path, *more: str) -> Iterator[Bridge]:
     """Started over the channels of a folder; it runs."""
     program = next((package / "build").glob("*_bridge"))
     said = folder / "said"
-    words = [program, "--channels", folder, "--status", "json", *more]
+    words: list[str | Path] = [program, "--channels", folder, "--status", "json", *more]
     with (
         said.open("w") as errors,
         processes.started(
