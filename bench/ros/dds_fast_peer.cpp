@@ -200,7 +200,7 @@ static int raw(const char* type, const char* topic, const char* file) {
   DomainParticipant* const in = participant();
   DataWriter* const w = writer(in, TypeSupport(new Raw(type)), topic);
   const bool met = matched(w);
-  std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  std::this_thread::sleep_for(std::chrono::seconds(2)); /* both sides have to know it */
   std::ifstream given(file, std::ios::binary);
   const std::vector<unsigned char> all((std::istreambuf_iterator<char>(given)), {});
   unsigned long sent = 0;

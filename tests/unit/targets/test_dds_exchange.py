@@ -308,6 +308,27 @@ def test_another_type_is_not_matched_and_is_said(
     assert counted["taken"] == counted["not_readable"] == 0
 
 
+def test_a_sample_longer_than_its_type_is_refused_where_names_alone_are_compared(
+    built: Path, tmp_path: Path, peer: DomainParticipant, channels: Callable[..., Channel]
+) -> None:
+    members = {f"{m}_": _member(kind) for m, kind in STORE.fielddefs[ODOM][1]}
+    name = "nav_msgs.msg.dds_.Odometry_"
+    longer = make_idl_struct("Odometry_", name, {**members, "more_": types.float64})
+    with bridge(built, tmp_path, "--types", "named") as b:
+        w = writer(peer, "rt/odom", longer)
+
+        def said() -> bool:
+            m = odometry(time.time_ns(), 1.0)
+            w.write(longer(m.header_, m.child_frame_id_, m.pose_, m.twist_, 1.0))
+            return "rt/odom: a sample is longer than its type says" in b.said
+
+        processes.until(said, b.process)
+        assert channels("seen", SEEN_SIZE).read() is None
+        counted = b.end()["rt/odom"]
+    assert counted["taken"] == 0
+    assert counted["of_another_size"] >= 1
+
+
 def test_a_qos_that_does_not_match_is_said(
     built: Path, tmp_path: Path, peer: DomainParticipant
 ) -> None:
