@@ -95,7 +95,8 @@ def test_the_c_has_no_heap_and_no_mutable_globals(room: str) -> None:
     for path in files_below(ROOT / "src" / "soter" / room, "*.[ch]"):
         text = path.read_text(encoding="utf-8")
         explorer = room.startswith("explore")  # never deployed: it keeps every world
-        assert explorer or not re.search(r"\b(malloc|calloc|realloc|free|alloca)\s*\(", text), (
+        bridge = path.parent.name == "dds"  # not trusted, and DDS below it allocates as it likes
+        assert explorer or bridge or not re.search(r"\b(malloc|calloc|realloc|free|alloca)\s*\(", text), (
             path.name
         )
         for line in text.splitlines():
