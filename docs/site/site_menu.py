@@ -31,6 +31,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("deploy.md", "In your firmware"),
             ("real-time.md", "Real time"),
             ("ros.md", "On ROS 1"),
+            ("dds.md", "On the wire of ROS 2"),
             ("real-logs.md", "Somebody else's logs"),
             ("monitor.md", "The model monitor"),
             ("editor.md", "In your editor"),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.targets.c99 import c99_package
+from soter.targets.dds.dds_package import dds_package
 from soter.targets.posix import posix_package
 from soter.targets.ros.ros_packages import ros1_package, ros2_package
 
@@ -30,11 +31,12 @@ TARGETS: dict[str, Maker] = {
     "posix": posix_package,
     "ros1": ros1_package,
     "ros2": ros2_package,
+    "dds": dds_package,
 }
 """The default first."""
-MAPPED = frozenset(("ros1", "ros2"))
+MAPPED = frozenset(("ros1", "ros2", "dds"))
 """What speaks with a middleware: a mapping says which topic is which of its messages."""
-COMING = ("cortex-m", "dds", "mavlink")
+COMING = ("cortex-m", "mavlink")
 
 
 def build_package(
