@@ -12,7 +12,6 @@ import re
 import shutil
 import signal
 import struct
-import subprocess
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +39,7 @@ def missing() -> str:
     for program in ("idlc", "make", "pkg-config", "cc"):
         if shutil.which(program) is None:
             return f"{program} is not installed"
-    told = subprocess.run(["pkg-config", "--exists", "CycloneDDS"], check=False)
+    told = processes.run(["pkg-config", "--exists", "CycloneDDS"])
     return "" if told.returncode == 0 else "Cyclone DDS is not installed: cyclonedds-dev"
 
 

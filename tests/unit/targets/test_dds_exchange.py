@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from soter.monitor.logs.read_columns import read_columns
+from soter.monitor.logs.files.read_columns import read_columns
 
 import processes
 from generators.dds_machine import (

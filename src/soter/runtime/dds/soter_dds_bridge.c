@@ -25,7 +25,6 @@
 #define LOOK_NS 100000000
 #define DOMAIN_MOST 232
 #define ERROR_MOST_S 1.0
-#define LINE_MOST 512 /* a pipe that can be written takes as much at once */
 
 static const char help[] =
     "  --channels FOLDER        where the trusted part's channels are (needed)\n"
@@ -46,65 +45,22 @@ typedef struct {
   bool json;
 } options;
 
-static volatile sig_atomic_t ending = 0, asked = 0;
-
-bool soter_dds_ending(void) {
-  return ending != 0;
-}
+static volatile sig_atomic_t asked = 0;
 
 static void on_signal(int number) {
   if (number == SIGUSR1) {
     asked = 1;
   } else {
-    ending = 1;
+    soter_dds_end();
   }
-}
-
-static int64_t on_clock(clockid_t clock) {
-  struct timespec t = {0, 0};
-  (void)clock_gettime(clock, &t);
-  return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
-}
-
-int64_t soter_dds_monotonic_ns(void) {
-  return on_clock(CLOCK_MONOTONIC);
-}
-int64_t soter_dds_wall_ns(void) {
-  return on_clock(CLOCK_REALTIME);
 }
 
 /* ------------------------------------------------------------------ what is said */
 
-/* A line on standard error; none where whoever reads that end does not: a topic waits for nobody.
- */
-static void say(const soter_dds_bridge* bridge, const char* about, const char* what) {
-  char line[LINE_MOST];
-  struct pollfd out = {.fd = STDERR_FILENO, .events = POLLOUT};
-  (void)snprintf(line, sizeof line - 1, "%s: %s%s%s", bridge->system->program, about,
-                 about[0] != '\0' ? ": " : "", what);
-  (void)strcat(line, "\n");
-  if (poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0) {
-    const ssize_t written = write(STDERR_FILENO, line, strlen(line));
-    (void)written;
-  }
-}
-
-void soter_dds_count(soter_dds_topic* topic, int what, const char* why) {
-  (void)pthread_mutex_lock(&topic->held);
-  const uint64_t many = ++topic->count[what];
-  if (why != NULL) {
-    (void)snprintf(topic->why, sizeof topic->why, "%s", why);
-  }
-  (void)pthread_mutex_unlock(&topic->held);
-  if (why != NULL && (many & (many - 1)) == 0) { /* the first, the second, the fourth ... */
-    say(topic->bridge, topic->topic, why);
-  }
-}
-
 /* What Cyclone DDS says: a payload that it cannot read is counted with its topic. */
 static void on_log(void* given, const dds_log_data_t* log) {
   soter_dds_bridge* const bridge = given;
-  char text[LINE_MOST / 2];
+  char text[SOTER_DDS_LINE / 2];
   (void)snprintf(text, sizeof text, "%.*s",
                  (int)(log->size < sizeof text ? log->size : sizeof text), log->message);
   text[strcspn(text, "\n")] = '\0';
@@ -116,7 +72,7 @@ static void on_log(void* given, const dds_log_data_t* log) {
       return;
     }
   }
-  say(bridge, "Cyclone DDS", text);
+  soter_dds_say(bridge, "Cyclone DDS", text);
 }
 
 /* ------------------------------------------------------------------ arguments */
@@ -161,17 +117,18 @@ static int read_arguments(soter_dds_bridge* bridge, options* o, int count, char*
       return 0;
     }
     if (i + 1 >= count || !option(bridge, o, words[i], words[i + 1])) {
-      say(bridge, words[i], "no such option, or no value of it; --help says which there are");
+      soter_dds_say(bridge, words[i],
+                    "no such option, or no value of it; --help says which there are");
       return 2;
     }
   }
   if (o->channels == NULL) {
-    say(bridge, "", "--channels is needed: the folder of the trusted part's channels");
+    soter_dds_say(bridge, "", "--channels is needed: the folder of the trusted part's channels");
     return 2;
   }
   if (domain != NULL && domain[0] != '\0' &&
       (!number(domain, 0.0, DOMAIN_MOST, &id) || id != (double)(uint32_t)id)) {
-    say(bridge, "$ROS_DOMAIN_ID", "no number from 0 to 232");
+    soter_dds_say(bridge, "$ROS_DOMAIN_ID", "no number from 0 to 232");
     return 2;
   }
   bridge->domain = (uint32_t)id;
@@ -202,18 +159,18 @@ static bool make_topics(soter_dds_bridge* bridge) {
 static bool open_all(soter_dds_bridge* bridge, const char* folder) {
   bridge->participant = dds_create_participant(bridge->domain, NULL, NULL);
   if (bridge->participant < 0) {
-    say(bridge, "", "DDS makes no participant: no network, or a wrong $CYCLONEDDS_URI");
+    soter_dds_say(bridge, "", "DDS makes no participant: no network, or a wrong $CYCLONEDDS_URI");
     return false;
   }
   const char* wrong = soter_dds_open_peers(bridge);
   if (wrong != NULL) {
-    say(bridge, "", wrong);
+    soter_dds_say(bridge, "", wrong);
     return false;
   }
   for (size_t k = 0; k < bridge->topics; k++) {
     wrong = soter_dds_open_topic(&bridge->topic[k], folder);
     if (wrong != NULL) {
-      say(bridge, bridge->topic[k].topic, wrong);
+      soter_dds_say(bridge, bridge->topic[k].topic, wrong);
       return false;
     }
   }
@@ -227,13 +184,13 @@ static void run(soter_dds_bridge* bridge, const options* o) {
     soter_dds_topic* const t = &bridge->topic[begun];
     if (pthread_create(&t->thread, NULL,
                        t->in != NULL ? soter_dds_serve_inward : soter_dds_serve_outward, t) != 0) {
-      say(bridge, t->topic, "there is no thread for it");
-      ending = 1;
+      soter_dds_say(bridge, t->topic, "there is no thread for it");
+      soter_dds_end();
       break;
     }
   }
-  say(bridge, "", "it runs");
-  while (ending == 0) {
+  soter_dds_say(bridge, "", "it runs");
+  while (!soter_dds_ending()) {
     soter_dds_look(bridge);
     if (asked != 0) {
       asked = 0;
@@ -264,7 +221,7 @@ int soter_dds_main(const soter_dds_system* system, int count, char** words) {
   (void)sigaction(SIGTERM, &action, NULL);
   (void)sigaction(SIGUSR1, &action, NULL);
   if (!make_topics(&bridge)) {
-    say(&bridge, "", "there is no memory");
+    soter_dds_say(&bridge, "", "there is no memory");
     return 1;
   }
   dds_set_log_sink(on_log, &bridge);

@@ -77,9 +77,14 @@ int64_t soter_dds_wall_ns(void);
 
 /* Whether somebody asked it to end. */
 bool soter_dds_ending(void);
+void soter_dds_end(void); /* may be called in a signal handler */
 
 /* Counts it, says it on standard error the first time, and keeps why. */
 void soter_dds_count(soter_dds_topic* topic, int what, const char* why);
+
+/* A line on standard error; none where whoever reads that end does not. */
+#define SOTER_DDS_LINE 512 /* a pipe that can be written takes as much at once */
+void soter_dds_say(const soter_dds_bridge* bridge, const char* about, const char* what);
 
 /* ---- soter_dds_samples.c: NULL, or what is wrong; what `pthread_create` runs */
 const char* soter_dds_open_topic(soter_dds_topic* topic, const char* folder);

@@ -15,7 +15,13 @@ from soter.targets.package import PackageFile
 TRUSTED = "trusted"
 """The folder of what knows nothing of DDS."""
 SOURCES = (
-    *("soter_dds_bridge.c", "soter_dds_samples.c", "soter_dds_peers.c", "soter_dds_report.c"),
+    *(
+        "soter_dds_common.c",
+        "soter_dds_bridge.c",
+        "soter_dds_samples.c",
+        "soter_dds_peers.c",
+        "soter_dds_report.c",
+    ),
 )
 HEADERS = ("soter_dds_bridge.h", "soter_dds_topics.h")
 LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
