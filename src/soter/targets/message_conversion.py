@@ -15,7 +15,7 @@ from soter.codegen.c.names import field_name
 from soter.core.layout import scalar, storage_range
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType, leaves
-from soter.mapping.topic_mapping import ConstantSource, SignalSource
+from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -74,6 +74,8 @@ class MessageConverter:
         t = self.types[path]
         if isinstance(leaf, ConstantSource):
             return [f"{to} = {self._constant(t, leaf.value)};"]
+        if isinstance(leaf, NearestSource):
+            return [*self._nearest_in(leaf, to)]
         if not isinstance(leaf, SignalSource):
             what = "is a slope, which `monitor` can take and a robot in flight cannot: map a speed"
             raise unmappable(f"`{self.mapped.name_of(path)}` {what}")
@@ -86,6 +88,13 @@ class MessageConverter:
             return [*self._enum_in(t, what, to)]
         assert isinstance(t, (IntType, DurationType)), t
         return [*self._int_in(path, t, what, kind, to)]
+
+    def _nearest_in(self, leaf: NearestSource, to: str) -> Iterator[str]:
+        """A call of soter_scan.hpp."""
+        limits = f"{leaf.most!r}, {leaf.unseen}U"
+        yield f"if (!soter::nearest_{leaf.what}({self.message}, {limits}, &{to})) {{"
+        yield "  return false;"
+        yield "}"
 
     def _enum_in(self, t: EnumType, what: str, to: str) -> Iterator[str]:
         for k, member in enumerate(t.members):
@@ -139,6 +148,8 @@ class MessageConverter:
         """Statements that fill a message from a value."""
         lines = []
         for path, leaf in self.mapped.leaves.items():
+            if isinstance(leaf, NearestSource):
+                raise unmappable(f"`{self.mapped.name_of(path)}` goes out, and no scan is made of it")
             if isinstance(leaf, SignalSource):
                 lines += self._leaf_out(path, leaf, f"{value}{self._member(path)}")
         for name, constant in self.mapped.constants.items():

@@ -59,6 +59,7 @@ class NodeSources:
 
 #include "{self.unit.prefix}.h"
 {law}#include "soter_messages.hpp"
+#include "soter_scan.hpp"
 
 {includes}
 #include <cstring>

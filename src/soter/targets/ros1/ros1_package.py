@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap, TopicMap
 
-BRIDGE, SIMULATION, MESSAGES = "soter_bridge.hpp", "soter_simulation.hpp", "soter_messages.hpp"
+BRIDGE, SIMULATION = "soter_bridge.hpp", "soter_simulation.hpp"
+MESSAGES, SCAN = "soter_messages.hpp", "soter_scan.hpp"
 TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 """What a topic of ROS 1 may be called."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
@@ -73,7 +74,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     package.files += [
         PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
         PackageFile(f"src/{name}_simulation.cpp", nodes.simulation()),
-        *(_shipped(n) for n in (MESSAGES, SIMULATION)),
+        *(_shipped(n) for n in (MESSAGES, SCAN, SIMULATION)),
         *catkin_files(about),
     ]
     if system.externals:
