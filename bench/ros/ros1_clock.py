@@ -1,4 +1,4 @@
-"""ROS 1 under /clock: is the trace that of `soter run`?
+"""ROS 1 under /clock: whether the trace is that of `soter run`.
 
     .venv/bin/python bench/ros/ros1_clock.py
 

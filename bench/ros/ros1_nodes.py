@@ -76,6 +76,7 @@ class Nodes:
             "ROS_HOME": str(folder / "home"),
         }
         self.running: dict[str, subprocess.Popen[str]] = {}
+        self.readers: dict[str, threading.Thread] = {}
         self.heard: dict[str, list[str]] = {}
 
     def start(self, name: str, *words: str | Path) -> subprocess.Popen[str]:
@@ -90,8 +91,9 @@ class Nodes:
         )
         lines = self.heard.setdefault(name, [])
         assert process.stdout is not None
-        threading.Thread(target=lines.extend, args=(process.stdout,), daemon=True).start()
-        self.running[name] = process
+        reader = threading.Thread(target=lines.extend, args=(process.stdout,), daemon=True)
+        reader.start()
+        self.running[name], self.readers[name] = process, reader
         return process
 
     def tell(self, name: str, number: signal.Signals) -> int:
@@ -105,10 +107,14 @@ class Nodes:
         process = self.running.pop(name)
         process.send_signal(number)
         try:
-            return process.wait(10)
+            code = process.wait(10)
         except subprocess.TimeoutExpired:
             process.kill()
-            return process.wait()
+            code = process.wait()
+        self.readers.pop(name).join(10)
+        assert process.stdout is not None
+        process.stdout.close()
+        return code
 
 
 @contextmanager

@@ -63,6 +63,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("semantics.md", "Semantics"),
             ("prelude.md", "The prelude"),
             ("commands.md", "The command line"),
+            ("mapping.md", "The mapping"),
             ("json.md", "JSON documents"),
             ("benchmarks.md", "Benchmarks"),
         ),

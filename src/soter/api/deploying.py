@@ -112,19 +112,28 @@ def build(
     `SoterError` as of `deployed`, and of `build_package`.
     """
     require_mapping(target, given=mapping is not None)
-    if mapping is not None:  # before anything takes long
-        read = read_mapping(Path(mapping)) if isinstance(mapping, (str, Path)) else mapping
-        mapping_of(read, fresh)
+    read, beside = _read(mapping)
+    if read is not None:  # before anything takes long
+        mapping_of(read, fresh, folder=beside)
     inherits = deployed(fresh, cert, progress)
     flat, computed = completed()
     flat.certificate = inherits.certificate
     bindings = bound(flat)
-    fits = None if mapping is None else mapping_of(read, bindings.system)
+    fits = None if read is None else mapping_of(read, bindings.system, folder=beside)
     package = build_package(target, bindings.system, bindings.core, output, fits, inherits.files)
     told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
     package.notes += [*told, *computed, *(_not_carried(bindings) if target == "c" else ())]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
+
+
+def _read(
+    mapping: str | Path | Mapping[str, Any] | None,
+) -> tuple[Mapping[str, Any] | None, Path | None]:
+    """What a mapping says, and the folder from which it names files."""
+    if isinstance(mapping, (str, Path)):
+        return read_mapping(Path(mapping)), Path(mapping).parent
+    return mapping, None
 
 
 def _not_carried(bindings: Bindings) -> list[str]:

@@ -35,7 +35,7 @@ def parser() -> CommandParser:
     """The command line."""
     made = CommandParser("build", "Write C99, or a package for a target.", EXAMPLES)
     add_file(made)
-    default = TARGETS[0]
+    default = next(iter(TARGETS))
     names = " or ".join(f"{t} (the default)" if t == default else t for t in TARGETS)
     made.add_argument("--target", metavar="T", default=default, help=names)
     made.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")

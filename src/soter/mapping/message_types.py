@@ -217,7 +217,7 @@ class MessageTypes:
         found = MessageType(match[1], match[2], self.definitions)
         if not any(found.known_in(v) for v in self.definitions):
             known = {n.replace("/msg/", "/") for d in self.definitions.values() for n in d}
-            near = closest(found.ros1, sorted(known))
+            near = closest(found.ros1, sorted(known), 0.8)
             own = "types of one's own are read from `.msg` files, named under `[messages]`"
             raise UnknownMessageError(f"did you mean `{near[0]}`?" if near else own)
         return found

@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from soter.mapping.frames import FRAMES, turn_between
 from soter.mapping.leaf_reader import LeafReader
-from soter.mapping.message_types import HEADER_STAMP, INTEGERS, NUMBERS, NoSuchFieldError, UnknownMessageError
+from soter.mapping.message_types import (
+    HEADER_STAMP,
+    INTEGERS,
+    NUMBERS,
+    NoSuchFieldError,
+    UnknownMessageError,
+)
 from soter.mapping.topic_mapping import GAP_NS, SignalSource, StampSource, TopicMap
 from soter.mapping.units import TIME_UNITS
 

@@ -146,7 +146,19 @@ const uint32_t soter_app_lease_count = {len(self.granted)};
      .name = "{self.names[t.index]}",
      .hash = UINT64_C({_number(t):#018x}),
      .max_age_ns = INT64_C({age}),
-     .inward = {"true" if t.driver == "input" else "false"}}},"""
+     .inward = {"true" if t.driver == "input" else "false"},
+     .awaited = {"true" if self._awaited(t) else "false"}}},"""
+
+    def _awaited(self, t: Topic) -> bool:
+        """Whether anybody but ACs reads it: only then is a start without it one without a proof."""
+        readers = {
+            x.role
+            for x in self.system.components
+            if x.node is not None
+            and t.index in (x.scope.topics[s.topic] for s in x.node.subscribes)
+        }
+        of_dms = any(t.index in m.inputs for m in self.system.modules)
+        return t.driver == "input" and (of_dms or readers != {"ac"})
 
     def _functions(self, g: LeasedModule) -> str:
         fields = [

@@ -200,7 +200,9 @@ def test_another_target_is_called_by_its_own_name(
         return package
 
     monkeypatch.setitem(TARGETS, "toy", toy)
-    assert "c (the default) or posix or toy" in " ".join(soter("build", "--help").out.split())
+    assert "c (the default) or posix or ros1 or toy" in " ".join(
+        soter("build", "--help").out.split()
+    )
     assert "target toy" in soter("build", "cart.soter", "--target", "toy", "-o", "out").out
     assert (here / "out" / "TOY.txt").read_text() == "a toy"
     done = soter("build", "cart.soter", "--target", "toy", "-o", "out", "--json")

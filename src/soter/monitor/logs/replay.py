@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.statements import Evaluator
-from soter.monitor.logs.log_columns import unusable
+from soter.monitor.logs.files.log_columns import unusable
 from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
 from soter.monitor.logs.result import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
 from soter.semantics.configuration import NEVER

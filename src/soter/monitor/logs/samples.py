@@ -28,7 +28,7 @@ from soter.language.model.types import (
 from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource, SlopeSource
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
-from soter.monitor.logs.log_columns import unusable
+from soter.monitor.logs.files.log_columns import unusable
 from soter.report.recorded_run import RecordedRun
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System, Topic
     from soter.language.model.types import Type, Value
     from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
-    from soter.monitor.logs.log_columns import Columns
+    from soter.monitor.logs.files.log_columns import Columns
 
 TRUTHS = {"true": True, "false": False, "1": True, "0": False}
 

@@ -42,6 +42,7 @@ typedef struct {
   uint64_t hash;      /* of its layout */
   int64_t max_age_ns; /* -1: it has none */
   bool inward;        /* somebody else publishes it */
+  bool awaited;       /* at the start: not what only ACs read, of whom nothing is asked */
 } soter_posix_topic;
 
 /* How old a topic may be where a component reads it: older no proof speaks of. */

@@ -70,7 +70,7 @@ void soter_posix_hear(soter_posix* d) {
   const struct timespec nap = {0, NAP_NS};
   const int64_t end_ns = soter_posix_clock() + d->options.wait_ns;
   for (uint32_t k = 0; k < soter_app_outside_count; k++) {
-    if (!soter_app_outside[k].inward) {
+    if (!soter_app_outside[k].inward || !soter_app_outside[k].awaited) {
       continue;
     }
     bool found = heard(d, k);

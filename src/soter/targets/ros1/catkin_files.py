@@ -105,6 +105,7 @@ set(CMAKE_CXX_FLAGS_RELEASE "-O2")
 if(CATKIN_TOPLEVEL OR DEFINED CATKIN_DEVEL_PREFIX) # in a workspace
   find_package(catkin REQUIRED COMPONENTS {packages})
   catkin_package()
+  set(PROGRAMS ${{CATKIN_DEVEL_PREFIX}}/${{CATKIN_PACKAGE_BIN_DESTINATION}})
   set(ROS_INCLUDES ${{catkin_INCLUDE_DIRS}})
   set(ROS_LIBRARIES ${{catkin_LIBRARIES}})
 else()
@@ -113,6 +114,7 @@ else()
   set(ROS_INCLUDES ${{ROS1_INCLUDE_DIRS}})
   set(ROS_LIBRARIES ${{ROS1_LINK_LIBRARIES}} ${{ROS1_LDFLAGS_OTHER}})
   set(CATKIN_PACKAGE_BIN_DESTINATION bin)
+  set(PROGRAMS ${{CMAKE_BINARY_DIR}})
   set(CATKIN_PACKAGE_SHARE_DESTINATION share/{p.name})
 endif()
 
@@ -181,7 +183,7 @@ def _launch(p: CatkinPackage) -> str:
 def _simulation(p: CatkinPackage) -> str:
     return f"""\
 <launch>
-  <!-- the same program under /clock: Gazebo, or `rosbag play --clock` -->
+  <!-- the same program under /clock: Gazebo, or a bag that is played -->
   <arg name="seed" default="1"/>
   <param name="use_sim_time" value="true"/>
   <node pkg="{p.name}" type="{p.name}_simulation" name="{p.name}" output="screen">
@@ -192,6 +194,8 @@ def _simulation(p: CatkinPackage) -> str:
 
 
 IN_CHANNELS = """\
+file(COPY scripts/in_channels DESTINATION ${PROGRAMS}
+  FILE_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE)
 install(PROGRAMS scripts/in_channels DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 """
 
@@ -217,11 +221,5 @@ for word in "$@"; do
   esac
 done
 here=$(dirname "$(readlink -f "$0")")
-for place in "$here" "$here/../build"; do
-  if [ -x "$place/$program" ]; then
-    exec "$place/$program" --channels "$folder" "$@"
-  fi
-done
-echo "in_channels: no $program beside $here: build the package first" >&2
-exit 1
+exec "$here/$program" --channels "$folder" "$@"
 """

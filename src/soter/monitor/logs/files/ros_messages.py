@@ -17,6 +17,8 @@ from soter.mapping.message_types import (
     EMPTY_MEMBER,
     NAMED,
     SEQUENCE,
+    TIMES,
+    Definitions,
     MessageTypes,
     require_ros_package,
 )
@@ -24,7 +26,7 @@ from soter.mapping.message_types import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.mapping.message_types import Definitions, MessageType
+    from soter.mapping.message_types import MessageType
 
 Format = Literal["msg", "idl"]
 TYPE_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)+", re.ASCII)
@@ -32,8 +34,13 @@ FIELD_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 DEFINITION_MAX = 1 << 20
 """Characters of a definition."""
 PARTS_MAX = 100_000
-"""Primitives of a message, with all elements of arrays of messages."""
+"""Primitives and messages of a message, with all elements of arrays of messages."""
 TYPES_MAX = 1000
+TIMES_OF_ROS1: Definitions = {
+    name: ([], [("sec", (BASE, ("int32", 0))), ("nanosec", (BASE, ("uint32", 0)))])
+    for name in TIMES
+}
+"""Primitives in ROS 1: its definitions do not say what they are."""
 IDL_SEPARATOR = "=" * 80 + "\n"
 
 
@@ -75,7 +82,7 @@ def definitions_in(text: str, name: str, form: Format) -> Definitions:
             found = {n: d for part in _idl_files(text) for n, d in get_types_from_idl(part).items()}
     except Exception as error:
         raise UndecodableError(f"the definition of `{name[:80]}` cannot be read") from error
-    return found
+    return {**TIMES_OF_ROS1, **found}
 
 
 def _idl_files(text: str) -> list[str]:
@@ -128,14 +135,14 @@ def _measure(
     sizes: dict[str, tuple[int, int]],
     inside: tuple[str, ...],
 ) -> tuple[int, int]:
-    """Primitives of a type, and the least bytes of a message of it."""
+    """Primitives and messages of a type, and the least bytes of a message of it."""
     if name in sizes:
         return sizes[name]
     if name not in definitions or not TYPE_NAME.fullmatch(name):
         raise UndecodableError(f"the type `{name[:80]}` is not defined")
     if name in inside or len(inside) > 64 or len(sizes) > TYPES_MAX:
         raise UndecodableError(f"the definition of `{name[:80]}` has no end")
-    parts, least = 0, 0
+    parts, least = 1, 0
     for field, kind in definitions[name][1]:
         if field == EMPTY_MEMBER:
             continue

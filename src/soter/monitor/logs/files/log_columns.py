@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LogMap, StampSource
 
 
+FIGURES_NS = 10**15
+"""Beyond, nine figures of a time in seconds are not all that matters of it."""
+
+
 @dataclass
 class Columns:
     """Rows of a CSV, or messages of a channel: `cells[name][i]` belongs to `times_ns[i]`.
@@ -99,8 +103,8 @@ def add_row(
         kind = "stands still" if time_ns == into.times_ns[-1] else "goes back"
         raise unusable(
             path,
-            f"time {kind} in {where(at)}, from {into.times_ns[-1] / 1e9:.9g} s to "
-            f"{time_ns / 1e9:.9g} s",
+            f"time {kind} in {where(at)}, from {_seconds(into.times_ns[-1])} s to "
+            f"{_seconds(time_ns)} s",
             "`where` chooses the rows of one flight; `time` its column and unit",
         )
     into.times_ns.append(time_ns)
@@ -109,6 +113,13 @@ def add_row(
         column.append(cells[name])
     for source, stamp_column in into.stamps_ns.items():
         stamp_column.append(stamps[source])
+
+
+def _seconds(time_ns: int) -> str:
+    """A time in s; of one since 1970 every digit."""
+    if abs(time_ns) < FIGURES_NS:
+        return f"{time_ns / 1e9:.9g}"
+    return f"{time_ns // 10**9}.{time_ns % 10**9:09d}"
 
 
 def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:

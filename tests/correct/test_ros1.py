@@ -1,0 +1,59 @@
+"""The nodes of a ROS 1 package, built with roscpp and run beside a master of their own.
+
+Needs Debian's ROS 1 (`libroscpp-dev`, `python3-rosmaster`, cmake) and says so where it is not.
+Non-goals: how quickly they are (`bench/ros/`); conversions (`tests/unit/targets/`).
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+
+from bench.ros import ros1_bad_input, ros1_clock
+from bench.ros.ros1_nodes import ROOT, built_node, built_package, missing, nodes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+pytestmark = pytest.mark.skipif(bool(missing()), reason=f"ROS 1 is not here: {missing()}")
+
+
+@pytest.fixture(scope="module")
+def clock(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return built_node("ros1_clock", tmp_path_factory.mktemp("clock"))
+
+
+@pytest.mark.parametrize("back", [(), ("3.0",)], ids=["forth", "back once"])
+def test_under_clock_the_trace_is_that_of_soter_run(
+    tmp_path: Path, clock: Path, back: tuple[str, ...]
+) -> None:
+    path, system, topic, kind, fields, step = ros1_clock.PROGRAMS["cart"]
+    entry = {"channel": f"/{topic}", "type": kind, "fields": fields}
+    (tmp_path / "map.json").write_text(json.dumps({"topics": {topic: entry}}))
+    build = built_package(ROOT / path, system, tmp_path / "map.json", tmp_path / "package")
+    told = ros1_clock.under_clock(build, "cart", clock, step, *back)
+    assert told == ros1_clock.run_hash(ROOT / path, system)
+
+
+@pytest.fixture(scope="module")
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    mapping = ros1_bad_input.EXAMPLE.with_suffix(".toml")
+    folder = tmp_path_factory.mktemp("stack") / "package"
+    build = built_package(ros1_bad_input.EXAMPLE, "Vehicle", mapping, folder)
+    with nodes() as all_:
+        yield lambda case: ros1_bad_input.one(all_, build, case)
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("case", list(ros1_bad_input.CASES))
+def test_what_is_wrong_on_the_wire_commands_nothing(stack: Any, case: str) -> None:
+    commands, told = stack(case)
+    assert {*commands} <= ros1_bad_input.RIGHT
+    assert told["ended", ""] == ""
+    name, key = ros1_bad_input.CASES[case]
+    assert (told["of roscpp", "log"] if not key else told[name, key]) not in ("", "0")

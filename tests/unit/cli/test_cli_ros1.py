@@ -1,0 +1,150 @@
+"""`soter build --target ros1`: what is written, and what is refused before anything is.
+
+Non-goals: nodes that run (`tests/correct/test_ros1.py`).
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
+
+import pytest
+
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Soter = Callable[..., Any]
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "ros"
+POSITION = {
+    "channel": "/odom",
+    "type": "nav_msgs/Odometry",
+    "frame_id": "odom",
+    "fields": {"value": "pose.pose.position.x"},
+}
+WISH = {"channel": "/wish", "type": "std_msgs/Float64", "fields": {"value": "data"}}
+SPEED = {"channel": "/cmd_vel", "type": "geometry_msgs/Twist", "fields": {"value": "linear.x"}}
+ALL = {"position": POSITION, "wish": WISH, "speed": SPEED}
+SHUTTLE = ("shuttle_ros.soter", "--system", "Vehicle", "--target", "ros1", "-o", "out")
+
+
+@pytest.fixture
+def shuttle(here: Path) -> Path:
+    for name in ("shuttle_ros.soter", "shuttle_ros.toml"):
+        shutil.copy(EXAMPLES / name, here / name)
+    return here
+
+
+def built(soter: Soter, folder: Path, topics: dict[str, Any], **more: Any) -> Any:
+    (folder / "map.json").write_text(json.dumps({"topics": topics, **more}))
+    return soter("build", *SHUTTLE, "--map", "map.json", "--json")
+
+
+def test_a_package_has_what_catkin_wants_and_the_trusted_part_knows_no_ros(
+    soter: Soter, shuttle: Path
+) -> None:
+    done = soter("build", *SHUTTLE, "--map", "shuttle_ros.toml", "--json")
+    assert done.exit == 0, done.out
+    assert done.document["target"] == "ros1"
+    package = ET.parse(shuttle / "out" / "package.xml").getroot()  # noqa: S314 - our own
+    depends = {x.text for x in package.iter("depend")}
+    assert {"roscpp", "nav_msgs", "geometry_msgs", "std_msgs", "diagnostic_msgs"} <= depends
+    for file in (shuttle / "out" / "launch").iterdir():
+        ET.parse(file)  # noqa: S314 - the same
+    trusted = list((shuttle / "out" / "trusted").rglob("*.[ch]"))
+    assert len(trusted) > 20
+    assert not [p for p in trusted if "ros::" in p.read_text() or "ros/ros.h" in p.read_text()]
+    assert (shuttle / "out" / "scripts" / "in_channels").exists()
+
+
+def test_what_the_mapping_leaves_out_is_said(soter: Soter, shuttle: Path) -> None:
+    done = built(soter, shuttle, {"position": POSITION, "wish": WISH})
+    assert done.exit == 0
+    assert any("not published in ROS" in n and "speed" in n for n in done.document["notes"])
+
+
+def test_a_system_with_its_plants_has_the_simulation_alone(soter: Soter, shuttle: Path) -> None:
+    (shuttle / "map.json").write_text(json.dumps({"topics": {"position": POSITION}}))
+    words = ["shuttle_ros.soter", "--system", "Track", "--target", "ros1", "-o", "out"]
+    assert soter("build", *words, "--map", "map.json", "--json").exit == 0
+    names = {p.name for p in (shuttle / "out" / "src").iterdir()}
+    assert "shuttle_ros_simulation.cpp" in names
+    assert "shuttle_ros_bridge.cpp" not in names
+    assert not (shuttle / "out" / "trusted").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("--target", "ros1"), "U001"),
+        (("--target", "c", "--map", "shuttle_ros.toml"), "U001"),
+        (("--target", "posix", "--map", "shuttle_ros.toml"), "U001"),
+        (("--target", "ros1", "--map", "none.toml"), "D015"),
+        (("--target", "ros1", "--map", "shuttle_ros.soter"), "D015"),
+    ],
+)
+def test_a_mapping_is_where_it_is_needed_and_nowhere_else(
+    soter: Soter, shuttle: Path, words: tuple[str, ...], code: str
+) -> None:
+    done = soter("build", "shuttle_ros.soter", "--system", "Vehicle", "-o", "out", *words, "--json")
+    assert done.codes == [code]
+    assert not (shuttle / "out").exists()
+
+
+def changed(topic: str, **entries: Any) -> dict[str, Any]:
+    """The mapping with other entries of a topic; None takes one away."""
+    entry = {**ALL[topic], **entries}
+    return {**ALL, topic: {k: v for k, v in entry.items() if v is not None}}
+
+
+@pytest.mark.parametrize(
+    ("topics", "said"),
+    [
+        ({"position": POSITION, "speed": SPEED}, "`wish` comes from the world"),
+        (changed("position", channel=None), "has no `channel`"),
+        (changed("position", type=None), "has no `type`"),
+        (changed("position", type="nav_msgs/Odometri"), "Odometri"),
+        (changed("position", type="String"), "String"),
+        (changed("position", channel="/odom one"), "no name of a topic of ROS"),
+        (changed("position", channel='/odom"; x'), "no name of a topic of ROS"),
+        (changed("position", channel="//odom"), "no name of a topic of ROS"),
+        (changed("position", fields={"value": "pose.position.x"}), "position"),
+        (changed("position", fields={"value": "pose.pose.position"}), "position"),
+        (changed("position", fields={"value": "child_frame_id"}), "child_frame_id"),
+        (changed("position", fields={"value": "twist.twist.linear.x"}), "m/s"),
+        (changed("position", fields={"value": {"from": "pose.pose.position.x", "unit": "cm"}}), ""),
+        (changed("position", fields={"value": {"slope": "value", "window": "1s"}}), "slope"),
+        (changed("position", fields={"value": "pose.covariance.36"}), "36"),
+        (changed("position", fields={}), "missing"),
+        (changed("position", stamp="pose.pose"), "pose"),
+        (changed("position", stamp={"from": "pose.pose.position.x"}), "there are s"),
+        (changed("wish", frame_id="odom"), "header"),
+        (changed("position", frame="NED"), "turns nothing"),
+        (changed("position", frame="UP"), "UP"),
+        (changed("speed", fields={"value": {"from": "linear.x", "scale": 0}}), "`scale`"),
+        (changed("speed", set={"linear.x": 1.0}), "linear.x"),
+        (changed("speed", set={"linear.q": 1.0}), "linear"),
+        (changed("speed", set={"linear.y": "fast"}), "linear.y"),
+        ({**ALL, "ghost": WISH}, "ghost"),
+        ({**ALL, "wish": "x"}, "no table"),
+    ],
+)
+def test_a_mapping_that_does_not_fit_is_d015_before_anything_is_written(
+    soter: Soter, shuttle: Path, topics: Any, said: str
+) -> None:
+    done = built(soter, shuttle, topics)
+    assert done.exit == 1
+    assert set(done.codes) == {"D015"}, done.codes
+    assert said in " ".join(d["message"] for d in done.document["diagnostics"])
+    assert not (shuttle / "out").exists()
+
+
+def test_a_type_that_ros_1_does_not_have_is_refused(soter: Soter, shuttle: Path) -> None:
+    topics = changed("wish", type="rcl_interfaces/Log", fields={"value": "level"})
+    done = built(soter, shuttle, topics)
+    assert (done.exit, done.codes) == (1, ["D015"])
