@@ -3,15 +3,16 @@
  * Purpose: the distance and the bearing that a mapping asks for (`nearest = "distance"`), from rays
  * of which, after REP 117, +inf saw nothing, -inf saw something too near to be measured, and NaN is
  * no measurement; many drivers write 0 for that, too. A scan that leaves out a sector is refused: a
- * robot that turns has no side that it need not see.
+ * robot that turns has no side that it need not see. And when it was measured.
  * Non-goals: what lies between two rays, which is part of the error that the program declares
- * (docs/ground-robot.md); when it was measured. C++11.
+ * (docs/ground-robot.md). C++11.
  */
 #ifndef SOTER_SCAN_HPP
 #define SOTER_SCAN_HPP
 
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 
 namespace soter {
 
@@ -64,6 +65,23 @@ template <class Scan>
 inline bool nearest_bearing(const Scan& scan, double most, std::size_t unseen, double* bearing) {
   double distance = 0.0;
   return nearest_in(scan, most, unseen, &distance, bearing);
+}
+
+/* When the last ray was measured: the stamp of a scan is that of its first ray. A scan that does not
+ * say how long its rays take, or says more than a second, keeps the stamp, which is the older one. */
+template <class Scan>
+inline auto last_ray(const Scan& scan) -> decltype(scan.header.stamp) {
+  const uint32_t LAST_S = 4000000000U; /* a time of ROS holds hardly more */
+  auto stamp = scan.header.stamp;
+  const double rays = static_cast<double>(scan.ranges.size());
+  const double sweep_s = (rays - 1.0) * static_cast<double>(scan.time_increment);
+  if (!(sweep_s > 0.0 && sweep_s <= 1.0) || stamp.sec == 0U || stamp.sec > LAST_S) {
+    return stamp;
+  }
+  const uint64_t ns = stamp.nsec + static_cast<uint64_t>(sweep_s * 1e9);
+  stamp.sec += static_cast<uint32_t>(ns / 1000000000U);
+  stamp.nsec = static_cast<uint32_t>(ns % 1000000000U);
+  return stamp;
 }
 
 } // namespace soter
