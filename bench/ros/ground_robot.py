@@ -2,8 +2,8 @@
 
 Purpose: `examples/ros/ground_robot_hall.soter`, with the proved module, with a stop zone without
 timing (that of Nav2's tutorial, ahead, and one all around), and with AC alone, from the same seeds:
-collisions, the least distance to the hull, what was driven, and for how long the robot stood although
-it was wished away from what was nearest.
+collisions, the least distance to the hull, what was driven, and for how long the robot stood
+although it was wished away from what was nearest.
 Non-goals: real time and ROS itself (`ros1_kills.py`); what is proved (`soter verify`).
 
     python bench/ros/ground_robot.py            500 runs of 60 s each way
@@ -59,7 +59,11 @@ def one_run(program: soter.Program, way: str, kind: int, seed: int) -> Tally:
     """A minute in the hall."""
     system, params = WAYS[way]
     run = program.simulate(
-        system=system, seed=seed, params={"KIND": kind, **params}, trace=["who.account"], sha256=False
+        system=system,
+        seed=seed,
+        params={"KIND": kind, **params},
+        trace=["who.account"],
+        sha256=False,
     )
     last = run.topic("who.account")[-1]
     touches = int(last["touches"])

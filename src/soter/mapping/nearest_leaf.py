@@ -2,7 +2,7 @@
 
 Purpose: the one reduction of a mapping, because no topic can hold what a LaserScan is: rays in any
 number, of which NaN, infinity and 0 each mean something.
-Non-goals: the reduction itself (`runtime/ros1/soter_scan.hpp`), the other leaves (`leaf_reader.py`).
+Non-goals: the reduction itself (`runtime/ros1/soter_scan.hpp`), other leaves (`leaf_reader.py`).
 """
 
 from __future__ import annotations
@@ -35,13 +35,15 @@ def nearest_source(
     """The leaf `name`; None, and told, where it is none."""
     before = len(problems.told)
     problems.only(what, NEAREST_KEYS, f"`{name}`")
-    kind, most, unseen = what["nearest"], what.get("most"), what.get("unseen", 0)
+    kind, most, unseen = what["nearest"], what.get("most", 0), what.get("unseen", 0)
     if kind not in ("distance", "bearing"):
         problems.add(f"`nearest` of `{name}` is distance or bearing, not {kind!r}")
     if not is_number(most) or most <= 0:
         problems.add(f"`{name}` needs `most`, in m: what is farther counts as so far")
     if not isinstance(unseen, int) or isinstance(unseen, bool) or not 0 <= unseen <= UNSEEN_MAX:
-        problems.add(f"`unseen` of `{name}` is no number of rays from 0 to {UNSEEN_MAX}: {unseen!r}")
+        problems.add(
+            f"`unseen` of `{name}` is no number of rays from 0 to {UNSEEN_MAX}: {unseen!r}"
+        )
     if not isinstance(t, FloatType):
         problems.add(f"`{name}` is `{t}`, and what is nearest in a scan a float")
     if message is None or message.ros1 != SCAN:

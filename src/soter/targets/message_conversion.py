@@ -149,7 +149,9 @@ class MessageConverter:
         lines = []
         for path, leaf in self.mapped.leaves.items():
             if isinstance(leaf, NearestSource):
-                raise unmappable(f"`{self.mapped.name_of(path)}` goes out, and no scan is made of it")
+                raise unmappable(
+                    f"`{self.mapped.name_of(path)}` goes out, and no scan is made of it"
+                )
             if isinstance(leaf, SignalSource):
                 lines += self._leaf_out(path, leaf, f"{value}{self._member(path)}")
         for name, constant in self.mapped.constants.items():
