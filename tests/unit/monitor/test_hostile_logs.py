@@ -18,7 +18,7 @@ pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not install
 
 from generators.robot_logs import KINDS, T0, Recorded, changed_bag2, flight, judge, refused, written
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.files import bounded_unpack
+from soter.monitor.logs.files import bounded_unpack, rosbag_files
 from soter.monitor.logs.files.ros_messages import UndecodableError, decoder, definitions_in
 
 # ---------------------------------------------------------------- definitions that mean harm
@@ -40,12 +40,75 @@ def doubling(levels: int, last: str) -> str:
         "p/E[] all\n" + "=" * 80 + "\nMSG: p/E\n",
         "p/E[4000000000] all\n" + "=" * 80 + "\nMSG: p/E\nuint8 x\n",
         "p/A a\n" + "=" * 80 + "\nMSG: p/A\np/B b\n" + "=" * 80 + "\nMSG: p/B\np/A a\n",
-        "float64 x\n" * 200_000,
+        "".join(f"float64 x{k}\n" for k in range(6000)),
     ],
 )
 def test_a_definition_larger_than_its_messages_is_refused(text: str) -> None:
     with pytest.raises(UndecodableError):
         decoder("p/Root", definitions_in(text, "p/Root", "msg"), "ros1")
+
+
+def test_a_definition_longer_than_any_is_not_even_parsed() -> None:
+    with pytest.raises(UndecodableError, match="is too long"):
+        definitions_in("#" * 300_000, "p/Root", "msg")
+
+
+WRITTEN_BY_ROS = """
+// generated from rosidl_adapter/resource/msg.idl.em
+#include "geometry_msgs/msg/Point.idl"
+
+module p {
+  module msg {
+    typedef double double__36[36];
+    module Root_Constants {
+      const int8 LEFT = -1;
+      const double SMALL = 1.5e-3;
+      const string NAME = "a (b) << \\"c\\"";
+    };
+    @verbatim (language="comment", text=
+      "Where it is (in m)." "\\n" "And * how far.")
+    struct Root {
+      @unit (value="m")
+      @default (value=-2.0)
+      double x;
+      double__36 covariance;
+      sequence<double, 3> few;
+      sequence<string> names;
+    };
+  };
+};
+"""
+
+
+def test_idl_as_ros_writes_it_is_read() -> None:
+    definitions = definitions_in(WRITTEN_BY_ROS, "p/msg/Root", "idl")
+    fields = [name for name, _ in definitions["p/msg/Root"][1]]
+    assert fields == ["x", "covariance", "few", "names"]
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["((1))", "1 << 99999999999", "9 * 9", "1+1", "1 + 1", "2-1", "7 % 2", "~1", '"', "'\"("],
+)
+def test_idl_that_calculates_is_not_parsed(value: str) -> None:
+    text = f"module p {{ module msg {{ const long X = {value}; struct Root {{ double x; }}; }}; }};"
+    with pytest.raises(UndecodableError, match="is none that ROS writes"):
+        definitions_in(text, "p/msg/Root", "idl")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sequence<" * 30 + "double" + ">" * 30,
+        "@a(b=1) " * 3000,
+        "@a(" + "b=1," * 3000 + "b=1)",
+        'const string X = "a\\"' + "(" * 40,
+        "/* " + "(" * 40,
+    ],
+)
+def test_idl_that_would_take_for_ever_is_not_parsed(text: str) -> None:
+    with pytest.raises(UndecodableError, match="is none that ROS writes"):
+        definitions_in(text, "p/msg/Root", "idl")
 
 
 @pytest.mark.parametrize("name", ["a/msg/B\nimport os", "a/../b", "", "/a/b", "a/b'c", "Odometry"])
@@ -95,6 +158,15 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, sql: str) 
     connection.executescript(sql)
     connection.close()
     assert "that no bag has" in refused(bag)
+
+
+def test_a_database_that_takes_too_many_steps_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rosbag_files, "STEPS_AT_ONCE", 10)
+    monkeypatch.setattr(rosbag_files, "STEPS_MIN", 20)
+    monkeypatch.setattr(rosbag_files, "STEPS_PER_BYTE", 0)
+    assert "it is no bag of ROS, or damaged" in refused(written(tmp_path, "ros2_plain"))
 
 
 # ---------------------------------------------------------------- much of nothing

@@ -2,7 +2,7 @@
 
 Purpose: the text around the nodes. It builds with catkin, and with plain CMake where ROS comes from
 the distribution (pkg-config), as on Debian.
-Non-goals: the nodes (`bridge_source.py`), the trusted part (`targets/posix.py`).
+Non-goals: the nodes (`node_sources.py`), the trusted part (`targets/posix.py`).
 """
 
 from __future__ import annotations

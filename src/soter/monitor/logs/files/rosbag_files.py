@@ -85,7 +85,10 @@ def ros1_messages(
 def sqlite_messages(
     path: Path, wanted: dict[str, Wanted], there: dict[str, int], *, packed: bool
 ) -> Iterator[tuple[int, str, Any]]:
-    """The same of one SQLite file of ROS 2; `packed`: its messages are, by zstd."""
+    """The same of one SQLite file of ROS 2; `packed`: its messages are, by zstd.
+
+    Raises UndecodableError where its database or its messages are none of a bag.
+    """
     _require_tables(path)
     size = path.stat().st_size
     unpacking = BoundedUnpacking(size)
