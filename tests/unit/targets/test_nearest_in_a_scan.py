@@ -16,15 +16,18 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 import processes
 from generators.message_headers import write_headers
+from generators.robot_logs import as_bag1, flight
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of
 from soter.mapping.topic_mapping import NearestSource
+from soter.monitor.logs.files.read_columns import read_columns
 from soter.native.build import RUNTIME
 from soter.targets.message_conversion import CPP, MessageConverter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
 PROGRAM = """soter 1;
 type Nearest = { distance: float, bearing: float };
@@ -245,3 +248,11 @@ def test_no_scan_is_made_of_what_goes_out(system: Any) -> None:
     with pytest.raises(SoterError, match="no scan is made of it") as error:
         MessageConverter(mapped(system, topic="out"), 1, CPP, "m").outward("(*from)")
     assert error.value.diagnostics[0].code == "D015"
+
+
+def test_a_log_cannot_give_it_and_says_so(system: Any, tmp_path: Path) -> None:
+    wanted = mapping_of({"topics": {"nearest": {**SCAN, "fields": LEAVES}}}, system)
+    as_bag1(tmp_path / "drive.bag", flight())
+    with pytest.raises(SoterError, match="`nearest.distance` is what is nearest in a scan") as told:
+        read_columns(tmp_path / "drive.bag", wanted)
+    assert told.value.diagnostics[0].code == "D016"

@@ -26,7 +26,7 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.mapping.message_types import HEADER_FRAME
-from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource, SlopeSource
+from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
 from soter.monitor.logs.files.log_columns import unusable
 from soter.report.recorded_run import RecordedRun
@@ -125,10 +125,6 @@ def samples_of(
     first = min(c.times_ns[0] for c in columns.values())
     samples = []
     for t in mapping.topics:
-        scanned = [p for p, x in t.leaves.items() if isinstance(x, NearestSource)]
-        if scanned:
-            what = "is what is nearest in a scan, which a robot takes and a log cannot give yet"
-            raise unusable(path, f"`{t.name_of(scanned[0])}` {what}")
         of = columns.get(t.channel, columns.get(None))
         samples.append(_always(t) if not t.names else _of_rows(path, t, of, first))  # type: ignore[arg-type]
     return samples
