@@ -29,6 +29,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("campaigns.md", "Fly for a hundred hours"),
             ("timing.md", "Execution times"),
             ("deploy.md", "In your firmware"),
+            ("ground-robot.md", "A ground robot"),
             ("real-time.md", "Real time"),
             ("real-logs.md", "Somebody else's logs"),
             ("monitor.md", "The model monitor"),
