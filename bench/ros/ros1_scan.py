@@ -11,16 +11,20 @@ from __future__ import annotations
 
 import math
 import sys
+from typing import TYPE_CHECKING
 
 import rospy
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 RAYS = 360
 RATE_HZ = 50
 PHASE_TICKS = 2 * RATE_HZ
-CASES = {
+CASES: dict[str, Callable[[int], float]] = {
     "near ahead": lambda i: 0.3 if i < 5 else math.inf,
     "near behind": lambda i: 0.3 if 178 < i < 183 else math.inf,
     "far": lambda _: math.inf,
@@ -29,14 +33,15 @@ CASES = {
     "zeros": lambda _: 0.0,
     "too near": lambda i: -math.inf if i == 7 else 3.0,
 }
-last = {"command": None, "phase": "far"}
+last = {"command": math.nan}
+phase = {"now": "far"}
 
 
 def hear(message: Twist) -> None:
     """A command."""
     if message.linear.x != last["command"]:
         last["command"] = message.linear.x
-        print(f"cmd {last['phase']} {message.linear.x!r}", flush=True)
+        print(f"cmd {phase['now']} {message.linear.x!r}", flush=True)
 
 
 def scan(case: str) -> LaserScan:
@@ -70,7 +75,7 @@ def main() -> None:
         if k == RATE_HZ and connected:
             print("ready", flush=True)
         ticks = k - 2 * PHASE_TICKS  # the trusted part starts when all is far
-        last["phase"] = case if ticks >= PHASE_TICKS else "far"
+        phase["now"] = case if ticks >= PHASE_TICKS else "far"
         if ticks >= 2 * PHASE_TICKS:
             return
         odometry = Odometry()
@@ -78,7 +83,7 @@ def main() -> None:
         out["odom"].publish(odometry)
         out["wish"].publish(wish)
         if k % (RATE_HZ // 10) == 0:
-            out["scan"].publish(scan(last["phase"]))
+            out["scan"].publish(scan(phase["now"]))
         rate.sleep()
 
 

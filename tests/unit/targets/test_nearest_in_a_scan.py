@@ -152,6 +152,23 @@ def test_what_is_nearest(seen: Any, ranges: list[float], distance: float, ray: i
 
 
 @pytest.mark.parametrize(
+    ("first", "step", "bearing"),
+    [
+        (-math.pi, STEP, -math.pi / 2.0),
+        (-math.pi / 2.0, STEP, 0.0),
+        (0.0, -STEP, -math.pi / 2.0),
+        (math.pi, STEP, -math.pi / 2.0),
+        (20.0 * math.pi, STEP, math.pi / 2.0),
+    ],
+)
+def test_bearings_begin_where_the_scan_says(
+    seen: Any, first: float, step: float, bearing: float
+) -> None:
+    ranges = [1.0, 1.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0]
+    assert seen(ranges, first, step)[2] == pytest.approx(bearing, abs=1e-4)
+
+
+@pytest.mark.parametrize(
     "ranges",
     [
         [NAN] * 8,
