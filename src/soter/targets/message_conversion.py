@@ -145,7 +145,7 @@ class MessageConverter:
     # ------------------------------------------------------------ out
 
     def outward(self, value: str) -> list[str]:
-        """Statements that fill a message from a value."""
+        """Statements that fill a message from a value; SoterError D015 of a scan."""
         lines = []
         for path, leaf in self.mapped.leaves.items():
             if isinstance(leaf, NearestSource):
