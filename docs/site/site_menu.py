@@ -29,6 +29,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("campaigns.md", "Fly for a hundred hours"),
             ("timing.md", "Execution times"),
             ("deploy.md", "In your firmware"),
+            ("ground-robot.md", "A ground robot"),
             ("real-time.md", "Real time"),
             ("ros.md", "On ROS 1"),
             ("dds.md", "On the wire of ROS 2"),

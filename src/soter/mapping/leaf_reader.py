@@ -22,6 +22,7 @@ from soter.language.model.types import (
 )
 from soter.mapping.frames import SAME
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
+from soter.mapping.nearest_leaf import NEAREST_KEYS, nearest_source
 from soter.mapping.problems import is_number, unknown
 from soter.mapping.standard_units import standard_unit
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from soter.mapping.problems import MappingProblems
     from soter.mapping.topic_mapping import Leaf, LeafPath
 
-LEAF_KEYS = ("from", "scale", "offset", "unit", "constant", "slope", "window")
+LEAF_KEYS = ("from", "scale", "offset", "unit", "constant", "slope", "window", *NEAREST_KEYS)
 VECTOR_KEYS = ("from", "scale", "unit")
 VALUE = "value"
 """What the one field of a topic without fields is called."""
@@ -136,10 +137,12 @@ class LeafReader:
             self.problems.add(f"`{name}` is neither the name of a column nor a table: {what!r}")
             return None
         self.problems.only(what, LEAF_KEYS, f"`{name}`")
-        kinds = [k for k in ("from", "constant", "slope") if k in what]
+        kinds = [k for k in ("from", "constant", "slope", "nearest") if k in what]
         if len(kinds) != 1:
-            self.problems.add(f"`{name}` needs one of `from`, `constant`, `slope`")
+            self.problems.add(f"`{name}` needs one of `from`, `constant`, `slope`, `nearest`")
             return None
+        if "nearest" in what:
+            return nearest_source(name, t, what, self.message, self.problems)
         if "constant" in what:
             return self._constant(name, t, what["constant"])
         if "slope" in what:

@@ -51,7 +51,20 @@ class SlopeSource:
     window_ns: int
 
 
-Leaf = SignalSource | ConstantSource | SlopeSource
+@dataclass(frozen=True)
+class NearestSource:
+    """Of a sensor_msgs/LaserScan: how far away what is nearest is, or in which direction.
+
+    `most`: what is farther counts as so far. `unseen`: so many rays in a row may have measured
+    nothing; a message with more is not taken.
+    """
+
+    what: Literal["distance", "bearing"]
+    most: float
+    unseen: int
+
+
+Leaf = SignalSource | ConstantSource | SlopeSource | NearestSource
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from soter.core.layout import scalar, storage_range
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType, leaves
 from soter.mapping.message_paths import steps_of, text_bound
-from soter.mapping.topic_mapping import ConstantSource, SignalSource
+from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -92,6 +92,8 @@ class MessageConverter:
         t = self.types[path]
         if isinstance(leaf, ConstantSource):
             return [f"{to} = {self._constant(t, leaf.value)};"]
+        if isinstance(leaf, NearestSource):
+            return [*self._nearest_in(path, leaf, to)]
         if not isinstance(leaf, SignalSource):
             what = "is a slope, which `monitor` can take and a robot in flight cannot: map a speed"
             raise unmappable(f"`{self.mapped.name_of(path)}` {what}")
@@ -104,6 +106,16 @@ class MessageConverter:
             return [*self._enum_in(t, what, to)]
         assert isinstance(t, (IntType, DurationType)), t
         return [*self._int_in(path, t, what, kind, to)]
+
+    def _nearest_in(self, path: LeafPath, leaf: NearestSource, to: str) -> Iterator[str]:
+        """A call of soter_scan.hpp, which is C++."""
+        if self.dialect is not CPP:
+            what = "is what is nearest in a scan, which only the bridges of ROS can tell"
+            raise unmappable(f"`{self.mapped.name_of(path)}` {what}")
+        limits = f"{leaf.most!r}, {leaf.unseen}U"
+        yield f"if (!soter::nearest_{leaf.what}({self.message}, {limits}, &{to})) {{"
+        yield "  return false;"
+        yield "}"
 
     def _enum_in(self, t: EnumType, what: str, to: str) -> Iterator[str]:
         for k, member in enumerate(t.members):
@@ -154,9 +166,13 @@ class MessageConverter:
     # ------------------------------------------------------------ out
 
     def outward(self, value: str) -> list[str]:
-        """Statements that fill a message from a value."""
+        """Statements that fill a message from a value; SoterError D015 of a scan."""
         lines = []
         for path, leaf in self.mapped.leaves.items():
+            if isinstance(leaf, NearestSource):
+                raise unmappable(
+                    f"`{self.mapped.name_of(path)}` goes out, and no scan is made of it"
+                )
             if isinstance(leaf, SignalSource):
                 lines += self._leaf_out(path, leaf, f"{value}{self._member(path)}")
         for name, constant in self.mapped.constants.items():

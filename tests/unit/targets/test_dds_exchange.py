@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from soter.monitor.logs.files.read_columns import read_columns
 
 import processes
 from generators.dds_machine import (
@@ -29,6 +28,7 @@ from generators.dds_programs import PROGRAM, mapping, package
 from soter.api import load
 from soter.language.front_end import check_file, system_of
 from soter.mapping.read_mapping import mapping_of
+from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.samples import samples_of
 
 if TYPE_CHECKING:

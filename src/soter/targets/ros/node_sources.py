@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name
+from soter.mapping.message_types import HEADER_STAMP
+from soter.mapping.topic_mapping import NearestSource
 from soter.targets.message_conversion import CPP, MessageConverter, text_literal, unmappable
 
 if TYPE_CHECKING:
@@ -93,6 +95,7 @@ class NodeSources:
 
 #include "{self.unit.prefix}.h"
 {law}#include "soter_messages.hpp"
+#include "soter_scan.hpp"
 
 {includes}
 #include <cstring>
@@ -188,7 +191,8 @@ struct {self._named(index)} {{
             if mapped.frame_id is None
             else f"m.header.frame_id == {text_literal(mapped.frame_id)}"
         )
-        stamp = _stamp(mapped.stamp)
+        scanned = any(isinstance(x, NearestSource) for x in mapped.leaves.values())
+        stamp = _stamp(mapped.stamp, scanned=scanned)
         return f"""\
   static const char* publisher() {{ return {text_literal(mapped.publisher or "")}; }}
   static bool frame(const Message& m) {{
@@ -241,10 +245,15 @@ struct {self._named(index)} {{
     return true;"""
 
 
-def _stamp(stamp: StampSource | None) -> str:
-    """The C++ expression of when, in ns, a message says that it was measured."""
+def _stamp(stamp: StampSource | None, *, scanned: bool) -> str:
+    """The C++ expression of when, in ns, a message says that it was measured.
+
+    A scan is stamped with its first ray, and what is nearest in it is as old as the last one.
+    """
     if stamp is None:
         return "0"
+    if scanned and stamp.path == HEADER_STAMP:
+        return "soter::last_ray_ns(m, soter::ns_of(m.header.stamp))"
     if stamp.kind == "time":
         return f"soter::ns_of(m.{stamp.path})"
     unit = stamp.unit_ns

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LogMap
 
 CORE = "soter_bridge_core.hpp"
-BRIDGE, SIMULATION, MESSAGES = "soter_bridge.hpp", "soter_simulation.hpp", "soter_messages.hpp"
+BRIDGE, SIMULATION = "soter_bridge.hpp", "soter_simulation.hpp"
+MESSAGES, SCAN = "soter_messages.hpp", "soter_scan.hpp"
 TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 """What a topic of ROS 1 may be called."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
@@ -78,6 +79,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
         PackageFile(f"src/{name}_simulation.cpp", nodes.simulation()),
         *(_shipped(n) for n in (MESSAGES, SIMULATION)),
+        _shipped(SCAN, "bridge"),
         *catkin_files(about),
     ]
     if system.externals:
@@ -124,7 +126,7 @@ def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
         PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
         *(_shipped(n, "ros2") for n in (MESSAGES, BRIDGE)),
-        _shipped(CORE, "bridge"),
+        *(_shipped(n, "bridge") for n in (CORE, SCAN)),
         *ament_files(about),
     ]
     package.trusted = TRUSTED

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.mapping.topic_mapping import NearestSource
 from soter.monitor.logs.files.csv_log import is_table, read_csv
-from soter.monitor.logs.files.log_columns import wanted_columns
+from soter.monitor.logs.files.log_columns import unusable, wanted_columns
 from soter.monitor.logs.files.message_log import read_messages
 
 if TYPE_CHECKING:
@@ -21,6 +22,11 @@ if TYPE_CHECKING:
 
 def read_columns(path: Path, mapping: LogMap) -> dict[str | None, Columns]:
     """What each channel of a mapping holds; a CSV is the channel None. SoterError D016, D007."""
+    for t in mapping.topics:
+        for leaf_path, leaf in t.leaves.items():
+            if isinstance(leaf, NearestSource):
+                what = "is what is nearest in a scan, which a robot can take and a log cannot give"
+                raise unusable(path, f"`{t.name_of(leaf_path)}` {what}")
     table = is_table(path)
     wanted = wanted_columns(path, mapping, table=table)
     if table:
