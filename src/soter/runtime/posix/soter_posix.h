@@ -227,6 +227,7 @@ typedef struct {
   uint64_t misses_allowed;
   int64_t early_ns; /* to wake before an instant, and spin until it */
   bool json, quiet, live;
+  bool end_with_leases; /* once none is given any more: whoever starts it anew gets it in SC */
   const char* log;
   const char* channels; /* the folder of what meets the world; NULL: nothing does */
   const char* states;   /* the state after every instant, one after the other */
@@ -289,6 +290,7 @@ typedef struct {
   uint32_t note_count;
   char digest[65];
   bool log_failed, silent_seen, began, done;
+  bool leases_over; /* it ended as no lease is given any more */
   uint64_t lines_lost;
 } soter_posix;
 
@@ -311,8 +313,9 @@ void soter_posix_await(soter_posix* d);
 void soter_posix_release(soter_posix* d); /* at the end: no process is left */
 
 /* soter_posix_world.c: what meets the world: topics from outside, commands with their leases. */
-bool soter_posix_open(soter_posix* d);   /* before the start: channels; false: one cannot be had */
-void soter_posix_hear(soter_posix* d);   /* waits, bounded, until sensors speak */
+bool soter_posix_open(soter_posix* d); /* before the start: channels; false: one cannot be had */
+bool soter_posix_hear(soter_posix* d); /* waits until sensors speak; false: it is to end */
+bool soter_posix_leases_over(const soter_posix* d);
 void soter_posix_begin(soter_posix* d);  /* the calendar's origin is known */
 void soter_posix_listen(soter_posix* d); /* an instant has begun: what came is published */
 /* a component that was released has run, from `start` to `end`, CLOCK_MONOTONIC */

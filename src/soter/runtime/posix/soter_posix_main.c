@@ -4,7 +4,8 @@
  * Non-goals: being on any path that has to be on time.
  *
  * Exits 0 safe, 1 it cannot run here, 2 usage, 3 a property was violated, 4 none was, but the
- * trusted part missed more than --misses allows, 70 a check failed, 130 stopped by a signal.
+ * trusted part missed more than --misses allows, or gives no lease any more (--end-with-leases), 70
+ * a check failed, 130 stopped by a signal.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
@@ -33,7 +34,7 @@ static const char* const USAGE =
     "  [--json] [--quiet [--live]] [--worker NAME=COMMAND]\n"
     "  [--bare SECONDS] [--restarts N] [--again SECONDS] [--patience SECONDS] [--wait SECONDS] "
     "[--worker-memory MIB]\n"
-    "  [--worker-user UID] [--channels FOLDER]\n";
+    "  [--worker-user UID] [--channels FOLDER] [--end-with-leases]\n";
 
 /* ------------------------------------------------------------------ options */
 
@@ -190,6 +191,8 @@ static bool parse(soter_posix* d, int count, char** words) {
       d->options.quiet = true;
     } else if (strcmp(words[i], "--live") == 0) {
       d->options.live = true;
+    } else if (strcmp(words[i], "--end-with-leases") == 0) {
+      d->options.end_with_leases = true;
     } else if (i + 1 < count && option(d, words[i], words[i + 1])) {
       i++;
     } else {
@@ -223,13 +226,13 @@ static int finish(const soter_posix* d) {
   if (fflush(stdout) != 0) {
     return EXIT_FAILURE;
   }
-  if (d->stop != 0) {
+  if (d->stop != 0 && !d->leases_over) {
     return EXIT_STOPPED;
   }
   if (d->state.header.violations > 0U) {
     return EXIT_VIOLATED;
   }
-  return d->missed > d->options.misses_allowed ? EXIT_LATE : EXIT_SUCCESS;
+  return d->leases_over || d->missed > d->options.misses_allowed ? EXIT_LATE : EXIT_SUCCESS;
 }
 
 /* Signals only ever arrive here: every thread blocks them. */
@@ -239,6 +242,9 @@ static void wait_for_end(soter_posix* d, const sigset_t* ending) {
     const int signal = sigtimedwait(ending, NULL, &nap);
     if (signal > 0) {
       __atomic_store_n(&d->stop, signal, __ATOMIC_RELEASE);
+    } else if (d->options.end_with_leases && soter_posix_leases_over(d)) {
+      d->leases_over = true;
+      __atomic_store_n(&d->stop, SIGTERM, __ATOMIC_RELEASE);
     }
   }
 }
@@ -300,6 +306,9 @@ int main(int count, char** words) {
   }
   soter_posix_workers(d, words[0]);
   soter_posix_await(d);
-  soter_posix_hear(d);
+  if (!soter_posix_hear(d)) {
+    soter_posix_release(d);
+    return EXIT_STOPPED;
+  }
   return go(d, &ending);
 }

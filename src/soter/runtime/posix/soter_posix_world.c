@@ -12,6 +12,7 @@
 
 #include "soter_posix.h"
 
+#include <signal.h>
 #include <string.h>
 #include <time.h>
 
@@ -50,6 +51,7 @@ bool soter_posix_open(soter_posix* d) {
   for (uint32_t k = 0; k < soter_app_lease_count; k++) {
     const soter_posix_lease* const l = &soter_app_leases[k];
     SOTER_CHECK(l->size == sizeof(soter_posix_lease_head) + l->lease->size);
+    d->lease[k].ended_ns = -1; /* nothing has begun, and nothing has ended */
     fine = fine && opened(d, &d->lease[k].channel, l->channel, l->hash, l->size, true);
   }
   return fine && soter_posix_status_open(d);
@@ -66,7 +68,16 @@ static bool heard(soter_posix* d, uint32_t k) {
   return found && (t->max_age_ns < 0 || soter_posix_clock() - time_ns <= t->max_age_ns);
 }
 
-void soter_posix_hear(soter_posix* d) {
+/* Signals are blocked until the trusted thread runs, and wait. */
+static bool asked_to_end(void) {
+  sigset_t waiting;
+  (void)sigemptyset(&waiting);
+  (void)sigpending(&waiting);
+  return sigismember(&waiting, SIGINT) == 1 || sigismember(&waiting, SIGTERM) == 1 ||
+         sigismember(&waiting, SIGHUP) == 1;
+}
+
+bool soter_posix_hear(soter_posix* d) {
   const struct timespec nap = {0, NAP_NS};
   const int64_t end_ns = soter_posix_clock() + d->options.wait_ns;
   for (uint32_t k = 0; k < soter_app_outside_count; k++) {
@@ -74,7 +85,7 @@ void soter_posix_hear(soter_posix* d) {
       continue;
     }
     bool found = heard(d, k);
-    while (!found && soter_posix_clock() < end_ns) {
+    while (!found && soter_posix_clock() < end_ns && !asked_to_end()) {
       (void)nanosleep(&nap, NULL);
       found = heard(d, k);
     }
@@ -85,6 +96,15 @@ void soter_posix_hear(soter_posix* d) {
                        soter_app_outside[k].name);
     }
   }
+  return !asked_to_end();
+}
+
+bool soter_posix_leases_over(const soter_posix* d) {
+  bool over = false;
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    over = over || __atomic_load_n(&d->lease[k].ended_ns, __ATOMIC_ACQUIRE) >= 0;
+  }
+  return over;
 }
 
 void soter_posix_begin(soter_posix* d) {
@@ -160,7 +180,7 @@ static void give(soter_posix* d, uint32_t k) {
   const int64_t now = soter_posix_clock();
   if (!soter_grant_lease(&t->grant, now, &head.stamp, &head.expiry)) {
     if (t->grant.broken && t->ended_ns < 0) {
-      t->ended_ns = soter_header_of(&d->state)->ct;
+      __atomic_store_n(&t->ended_ns, soter_header_of(&d->state)->ct, __ATOMIC_RELEASE);
     }
     return;
   }

@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING
 
 from soter.native.compiler import MEANING
 from soter.targets.package import PackageFile
-from soter.targets.ros.catkin_files import START, TRUSTED, bridge_sources, described
+from soter.targets.ros.catkin_files import (
+    FOR_EVER_S,
+    TRUSTED,
+    bridge_sources,
+    described,
+    script_files,
+)
 
 if TYPE_CHECKING:
     from soter.targets.ros.catkin_files import RosPackage
@@ -26,8 +32,8 @@ def ament_files(p: RosPackage) -> list[PackageFile]:
         PackageFile("package.xml", _manifest(p, packages)),
         PackageFile("CMakeLists.txt", _cmake(p, packages)),
         PackageFile(f"launch/{p.name}.launch.py", _launch(p)),
-        PackageFile("config/parameters.yaml", _parameters(p)),
-        PackageFile("scripts/in_channels", START),
+        PackageFile("config/parameters.yaml", _parameters(p), yours=True),
+        *script_files(p),
         PackageFile(f"test/test_{p.name}.py", _test(p)),
     ]
 
@@ -89,7 +95,7 @@ target_include_directories({p.name}_bridge PRIVATE {TRUSTED} src)
 ament_target_dependencies({p.name}_bridge {" ".join(packages)})
 
 install(TARGETS {" ".join([*p.programs, f"{p.name}_bridge"])} DESTINATION lib/{p.name})
-install(PROGRAMS scripts/in_channels DESTINATION lib/{p.name})
+install(PROGRAMS {" ".join(f.path for f in script_files(p))} DESTINATION lib/{p.name})
 install(DIRECTORY launch config DESTINATION share/{p.name})
 
 if(BUILD_TESTING)
@@ -101,10 +107,11 @@ ament_package()
 
 
 def _launch(p: RosPackage) -> str:
-    actuators = ""
+    actuators = ending = ""
     if p.actuated:
+        ending = ', "--end-with-leases"'
         actuators = f"""\
-            # obeys leases, and holds the fail-safe law without one; kill -USR1 arms it again
+            # obeys leases, and holds the fail-safe law without one: `ros2 run {p.name} arm`
             ExecuteProcess(
                 cmd=[start, "{p.command}_actuator", channels], on_exit=Shutdown(), output="screen"
             ),
@@ -124,11 +131,12 @@ def generate_launch_description():
     channels = LaunchConfiguration("channels")
     start = PathJoinSubstitution([FindPackagePrefix("{p.name}"), "lib", "{p.name}", "in_channels"])
     parameters = PathJoinSubstitution([FindPackageShare("{p.name}"), "config", "parameters.yaml"])
+    options = ["--misses", LaunchConfiguration("misses"){ending}]
     return LaunchDescription(
         [
             # the folder of the channels; give it a user of its own
             DeclareLaunchArgument("channels", default_value="/dev/shm/{p.name}"),
-            # how often the trusted part may be late: 0 with real-time permissions
+            # how many late releases are no failure of the run; a lease ends with the first one
             DeclareLaunchArgument("misses", default_value="0"),
 {actuators}            Node(
                 package="{p.name}",
@@ -137,9 +145,10 @@ def generate_launch_description():
                 respawn=True,
                 output="screen",
             ),
-            # after a restart it is in SC, and not obeyed before somebody arms the actuators
+            # waits for its sensors; ends when it gives no lease any more, and is started anew: in
+            # SC, and not obeyed before somebody arms the actuators
             ExecuteProcess(
-                cmd=[start, "{p.command}", channels, "--misses", LaunchConfiguration("misses")],
+                cmd=[start, "{p.command}", channels, "--wait", "{FOR_EVER_S}", *options],
                 respawn=True,
                 output="screen",
             ),

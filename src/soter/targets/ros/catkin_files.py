@@ -54,12 +54,12 @@ def catkin_files(p: RosPackage) -> list[PackageFile]:
     files = [
         PackageFile("package.xml", _manifest(p)),
         PackageFile("CMakeLists.txt", _cmake(p)),
-        PackageFile("config/parameters.yaml", PARAMETERS),
+        PackageFile("config/parameters.yaml", PARAMETERS, yours=True),
         PackageFile(f"launch/{p.name}_simulation.launch", _simulation(p)),
     ]
     if p.programs:
         files.append(PackageFile(f"launch/{p.name}.launch", _launch(p)))
-        files.append(PackageFile("scripts/in_channels", START))
+        files += script_files(p)
     return files
 
 
@@ -101,7 +101,7 @@ def _cmake(p: RosPackage) -> str:
     packages = " ".join(_packages(p))
     bridge = _bridge(p) if p.programs else ""
     names = [*p.programs, *([f"{p.name}_bridge"] if p.programs else []), f"{p.name}_simulation"]
-    scripts = IN_CHANNELS if p.programs else ""
+    scripts = _scripts(p) if p.programs else ""
     return f"""\
 # Written by soter. In a catkin workspace, or by itself where ROS comes from the distribution:
 #   cmake -S . -B build && cmake --build build
@@ -167,10 +167,12 @@ target_link_libraries({p.name}_bridge PRIVATE ${{ROS_LIBRARIES}} pthread)
 
 
 def _launch(p: RosPackage) -> str:
-    actuators = ""
+    actuators = ending = ""
     if p.actuated:
+        ending = " --end-with-leases"
         actuators = f"""
-  <!-- obeys leases, and holds the fail-safe law without one; kill -USR1 arms it again -->
+  <!-- obeys leases, and holds the fail-safe law without one, until somebody arms it again:
+       rosrun {p.name} arm -->
   <node pkg="{p.name}" type="in_channels" name="{p.name}_actuator" required="true"
         args="{p.command}_actuator $(arg channels)"/>
 """
@@ -178,7 +180,7 @@ def _launch(p: RosPackage) -> str:
 <launch>
   <!-- the folder of the channels; give it a user of its own -->
   <arg name="channels" default="/dev/shm/{p.name}"/>
-  <!-- how often the trusted part may be late: 0 on a machine with real-time permissions -->
+  <!-- how many late releases are no failure of the run; a lease ends with the first one -->
   <arg name="misses" default="0"/>
 {actuators}
   <node pkg="{p.name}" type="{p.name}_bridge" name="{p.name}_bridge" respawn="true" output="screen">
@@ -186,9 +188,10 @@ def _launch(p: RosPackage) -> str:
     <rosparam command="load" file="$(find {p.name})/config/parameters.yaml"/>
   </node>
 
-  <!-- after a restart it is in SC, and the actuators do not obey it before somebody arms them -->
+  <!-- waits until its sensors speak; ends when it gives no lease any more, and is started anew: in
+       SC, and not obeyed before somebody arms the actuators -->
   <node pkg="{p.name}" type="in_channels" name="{p.name}" respawn="true" output="screen"
-        args="{p.command} $(arg channels) --misses $(arg misses)"/>
+        args="{p.command} $(arg channels) --wait {FOR_EVER_S} --misses $(arg misses){ending}"/>
 </launch>
 """
 
@@ -206,16 +209,46 @@ def _simulation(p: RosPackage) -> str:
 """
 
 
-IN_CHANNELS = """\
-file(COPY scripts/in_channels DESTINATION ${PROGRAMS}
-  FILE_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE)
-install(PROGRAMS scripts/in_channels DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+def _scripts(p: RosPackage) -> str:
+    names = " ".join(f.path for f in script_files(p))
+    return f"""\
+file(COPY {names} DESTINATION ${{PROGRAMS}} FILE_PERMISSIONS {SCRIPTS_MODE})
+install(PROGRAMS {names} DESTINATION ${{CATKIN_PACKAGE_BIN_DESTINATION}})
 """
+
 
 PARAMETERS = """\
 # How far the clocks of who stamps messages and of this machine may be apart, s: 0 on one machine.
 # Messages count as so much older, and as from the future only beyond it.
 clock_error: 0.0
+"""
+
+
+def script_files(p: RosPackage) -> list[PackageFile]:
+    """What starts the programs of the trusted folder, and what arms the actuators."""
+    files = [PackageFile("scripts/in_channels", START)]
+    if p.actuated:
+        files.append(PackageFile("scripts/arm", ARM.format(name=p.name, command=p.command)))
+    return files
+
+
+FOR_EVER_S = 1_000_000_000
+SCRIPTS_MODE = "OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE"
+ARM = """\
+#!/bin/sh
+# arm [FOLDER]: arms the actuators of this package again, those whose channels are in FOLDER.
+set -eu
+folder=${{1:-/dev/shm/{name}}}
+pids=$(pgrep -f -- "/{command}_actuator --channels $folder( |\$)") || {{
+  echo "arm: no {command}_actuator runs with its channels in $folder" >&2
+  exit 1
+}}
+for pid in $pids; do
+  if [ "$(readlink "/proc/$pid/exe" | sed 's|.*/||')" = "{command}_actuator" ]; then
+    kill -USR1 "$pid"
+    echo "armed: process $pid, channels in $folder"
+  fi
+done
 """
 
 START = """\
