@@ -55,6 +55,7 @@ class Channel:
     """One topic's file; `writes`: as its only writer, of those that ask here."""
 
     def __init__(self, folder: Path, name: str, number: int, size: int, *, writes: bool) -> None:
+        self._c: Any = None
         self._ffi, self._lib = compiled()
         self._name, self._size = name, size
         self._lock = Lock()
@@ -113,6 +114,10 @@ class Channel:
             self._c.place[0] = self._ffi.NULL
             if self._held is not None:
                 os.close(self._held)
+
+    def __del__(self) -> None:
+        if self._c is not None:
+            self.close()
 
     def _require_open(self) -> None:
         if self._c.place[0] == self._ffi.NULL:

@@ -87,7 +87,7 @@ class Robot:
         return None if newest is None else _reading(t, newest)
 
     def every(self, *topics: str, timeout: float | str | None = None) -> Iterator[Observation]:
-        """An observation whenever somebody has written the first topic since the last.
+        """An observation whenever somebody has written the first topic: since this call, then anew.
 
         The others are as new as they are; the first observation waits until each has a value. A
         policy that is slower than its sensor misses values and never falls behind. TimeoutError
@@ -97,30 +97,30 @@ class Robot:
         if not wanted:
             raise SoterError((Diagnostic("U001", "`every` needs the name of a topic"),))
         limit_ns = None if timeout is None else _positive_ns("timeout", timeout)
-        return self._observations(wanted, limit_ns)
+        own = {name: self._opened(t, writes=False) for name, t in wanted.items()}
+        own[topics[0]].read()  # what was written before anybody asked is no news
+        return self._observations(wanted, own, limit_ns)
 
     def _observations(
-        self, wanted: dict[str, Topic], limit_ns: int | None
+        self, wanted: dict[str, Topic], own: dict[str, Channel], limit_ns: int | None
     ) -> Iterator[Observation]:
-        own: dict[str, Channel] = {}
+        first = next(iter(own))
         newest: dict[str, tuple[int, bytes]] = {}
+        heard_ns, due = time.monotonic_ns(), False
+        slice_ns = SLICE_NS if limit_ns is None else min(SLICE_NS, limit_ns)
         try:
-            for name, t in wanted.items():
-                own[name] = self._opened(t, writes=False)
-            first = next(iter(own.values()))
-            first.read()  # what was written before anybody asked is no news
-            heard_ns = time.monotonic_ns()
             while not self._closed:
                 fresh = {n: v for n, c in own.items() if (v := c.read()) is not None}
                 newest |= fresh
-                if own.keys() == newest.keys() and next(iter(own)) in fresh:
+                due = due or first in fresh
+                if due and own.keys() == newest.keys():
                     yield Observation({n: _reading(t, newest[n]) for n, t in wanted.items()})
-                    heard_ns = time.monotonic_ns()
-                    continue
-                if limit_ns is not None and time.monotonic_ns() - heard_ns > limit_ns:
-                    silent = next((n for n in wanted if n not in newest), next(iter(wanted)))
+                    heard_ns, due = time.monotonic_ns(), False
+                elif limit_ns is not None and time.monotonic_ns() - heard_ns > limit_ns:
+                    silent = next((n for n in wanted if n not in newest), first)
                     raise TimeoutError(f"nobody wrote `{silent}` for {limit_ns / SECOND_NS} s")
-                first.wait(SLICE_NS if limit_ns is None else min(SLICE_NS, limit_ns))
+                else:
+                    own[first].wait(slice_ns)
         finally:
             for channel in own.values():
                 channel.close()

@@ -172,7 +172,7 @@ def parsed(document: object, where: str) -> Topics:
             raise _no_document(where)
         topics = [_topic(t) for t in whole["topics"]]
         system = str(whole["system"])
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise _no_document(where) from error
     if not topics:
         message = f"system `{system}` has no channels: no `external topic` is declared in it"
