@@ -7,13 +7,20 @@ Non-goals: packages (`topics.py` reads what they say), which need none of what i
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from soter.language.front_end import check_file, system_of
 from soter.targets.channel_document import channel_document
 
 if TYPE_CHECKING:
-    from soter.remote.topics import Declared
+    from soter.language.model.system import System
+
+
+class Declared(Protocol):
+    """What `soter.load` gives: a program and its systems."""
+
+    def declared(self, system: str | None = None) -> System:
+        """A system of it; SoterError."""
 
 
 def document_of(program: str | Path | Declared, system: str | None) -> dict[str, object]:

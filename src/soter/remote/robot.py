@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from soter.remote.topics import Declared, Topic, Topics
+    from soter.remote.program_topics import Declared
+    from soter.remote.topics import Topic, Topics
 
 SLICE_NS = 50_000_000
 """So often somebody who waits looks whether the connection was closed."""
@@ -91,7 +92,8 @@ class Robot:
 
         The others are as new as they are; the first observation waits until each has a value. A
         policy that is slower than its sensor misses values and never falls behind. TimeoutError
-        where the first topic is not written for `timeout` (`"1s"`, or seconds).
+        where the first topic is not written for `timeout` (`"1s"`, or seconds); SoterError U001,
+        X013.
         """
         wanted = {name: self._topics.find(name) for name in topics}
         if not wanted:

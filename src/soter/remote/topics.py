@@ -11,7 +11,7 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from soter.core.layout import INT_KINDS, decode_from, encode_into, size_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -35,8 +35,8 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.language.model.system import System
     from soter.language.model.types import Type, Value
+    from soter.remote.program_topics import Declared
 
     Ends = tuple[float, float] | None
 
@@ -46,15 +46,6 @@ TRUSTED = "trusted"
 SCHEMA = 1
 INTS = {c_type: IntType(low, high) for _, _, low, high, c_type, _ in INT_KINDS}
 ENUM_STORAGE = {1: "uint8_t", 2: "uint16_t"}
-
-
-class Declared(Protocol):
-    """What `soter.load` gives: a program, its path, its systems."""
-
-    path: str
-
-    def declared(self, system: str | None = None) -> System:
-        """A system of it; SoterError."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +110,7 @@ class Topics:
         return found
 
     def to_publish(self, name: str) -> Topic:
-        """The same, of one that comes from outside."""
+        """The same of one that comes from outside; SoterError U001 where it does not."""
         topic = self.find(name)
         if not topic.writable:
             open_ = _listed([t for t in self.all if t.writable])
