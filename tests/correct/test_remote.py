@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import random
 import re
+import shutil
 import struct
 import sys
+import threading
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 import processes
@@ -25,8 +29,11 @@ from generators.seeded_choices import Seeded
 from soter.codegen.c.names import field_name
 from soter.core.layout import encode_into, size_of
 from soter.language.model.python_values import to_python
-from soter.language.model.types import INT_MIN, ArrayType, FloatType, ListType, RecordType
+from soter.language.model.types import FLOAT, INT_MIN, ArrayType, FloatType, ListType, RecordType
 from soter.native.compiler import WARNINGS, find
+from soter.remote.channel import Channel
+from soter.targets.channel_document import number_of_layout
+from soter.targets.firmware import described
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -39,6 +46,8 @@ ROOT = Path(__file__).resolve().parents[2]
 REMOTE = ROOT / "examples" / "wall" / "remote.soter"
 POLICY = ROOT / "examples" / "wall" / "remote_policy.py"
 TOPICS = 8
+NUMBER_OF_A_FLOAT = number_of_layout(described(FLOAT))
+FORGIVING = ("--misses", "1000000", "--late", "1000000")
 
 # ---------------------------------------------------------------- Python against C, leaf by leaf
 
@@ -182,6 +191,53 @@ def compiled(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+# ---------------------------------------------------------------- the page
+
+
+@contextmanager
+def measuring(channels: Path) -> Iterator[None]:
+    """Somebody who measures positions, again and again, until the block is left."""
+    ended = threading.Event()
+
+    def measure() -> None:
+        with soter.remote.connect(REMOTE, system="Vehicle", channels=channels) as robot:
+            x = 9.0
+            while not ended.wait(0.002):
+                x = x + 0.01 if x < 9.5 else 9.0
+                robot.publish("position", x)
+
+    thread = threading.Thread(target=measure)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def test_the_page_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(REMOTE, tmp_path)
+    (tmp_path / "channels").mkdir()
+    speed = Channel(tmp_path / "channels", "speed", NUMBER_OF_A_FLOAT, 8, writes=True)
+    speed.write(time.monotonic_ns(), struct.pack("<d", 0.5))
+    page = (ROOT / "docs" / "remote.md").read_text(encoding="utf-8")
+    page_blocks = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert len(page_blocks) == 4
+    names: dict[str, object] = {"np": np, "soter": soter, "time": time}
+    with measuring(tmp_path / "channels"):
+        for number, text in enumerate(page_blocks):
+            exec(compile(text, f"docs/remote.md, block {number + 1}", "exec"), names)  # noqa: S102
+
+
+def test_plants_beside_a_robot_share_its_folder(programs: Programs, tmp_path: Path) -> None:
+    for program in (programs.trusted, programs.world, programs.trusted):
+        options = ["--channels", tmp_path, "--until", "0.01", "--wait", "0", *FORGIVING]
+        command: list[str | Path] = [program, *options]
+        done = processes.run(command, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+
 # ---------------------------------------------------------------- a robot that runs
 
 
@@ -203,9 +259,6 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> Programs:
         assert done.returncode == 0, done.stdout + done.stderr
     trusted = folder / "Vehicle" / "remote"
     return Programs(trusted, trusted.with_name("remote_actuator"), folder / "World" / "remote")
-
-
-FORGIVING = ("--misses", "1000000", "--late", "1000000")
 
 
 @pytest.mark.real_time
