@@ -232,8 +232,8 @@ def test_the_page_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_plants_beside_a_robot_share_its_folder(programs: Programs, tmp_path: Path) -> None:
     for program in (programs.trusted, programs.world, programs.trusted):
-        options = ["--channels", tmp_path, "--until", "0.01", "--wait", "0", *FORGIVING]
-        command: list[str | Path] = [program, *options]
+        briefly = ("--until", "0.01", "--wait", "0", *FORGIVING)
+        command: list[str | Path] = [program, "--channels", tmp_path, *briefly]
         done = processes.run(command, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 

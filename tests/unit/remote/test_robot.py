@@ -171,6 +171,22 @@ def test_a_topic_that_nobody_writes_ends_the_loop_with_its_name(robot: Robot) ->
         next(observations)
 
 
+def test_what_was_written_before_anybody_asked_is_no_news(robot: Robot) -> None:
+    robot.publish("position", 1.0)
+    with pytest.raises(TimeoutError, match="nobody wrote `position`"):
+        next(robot.every("position", timeout="1ms"))
+
+
+def test_news_of_another_topic_than_the_first_is_no_observation(robot: Robot) -> None:
+    observations = robot.every("position", "goal", timeout="1ms")
+    robot.publish("position", 1.0)
+    robot.publish("goal", {"x": 1.0, "y": 2.0})
+    next(observations)
+    robot.publish("goal", {"x": 3.0, "y": 4.0})
+    with pytest.raises(TimeoutError, match="nobody wrote `position`"):
+        next(observations)
+
+
 def test_a_closed_connection_ends_the_loop(program: Path, folder: Path) -> None:
     robot = soter.remote.connect(program, system="Robot", channels=folder)
     observations = robot.every("position")
