@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.language.model.system import System
+
     Floats = npt.NDArray[np.float64]
 
 Seen: TypeAlias = dict[str, tuple[float, float]]
@@ -50,6 +52,8 @@ PARTS = 32
 """Instants within a step at which bounds are taken; in between they are Lipschitz."""
 SLABS = 32
 SLOPES = tuple(k / 200.0 for k in range(-16, 17))
+DIGITS = 1e4
+"""What is printed are multiples of 1 / DIGITS m/s^2."""
 OUTWARD = 1.0 + 1e-12
 """Far more than a hundred roundings of doubles."""
 
@@ -160,7 +164,9 @@ class Loop:
             max((abs(self.pulses[i, k]).upper() for i in range(STATES)), key=float)
             for k in range(STEPS)
         ]
-        return sum(sizes, arb(0)) * share / (1 - share)
+        # x_0 is nothing, u is 1 then: `power` turns x_k into x_(k + STEPS) from k = 1 on
+        first = norm(step * arb_mat([[self.pulses[i, STEPS - 1]] for i in range(STATES + 1)]))
+        return (first + sum(sizes, arb(0)) * share) / (1 - share)
 
     def responses(self, of: Callable[..., list[arb]], t: arb) -> tuple[list[list[arb]], list[arb]]:
         """The pulse responses of some outputs at t within a step, and what lies beyond them."""
@@ -268,6 +274,8 @@ class Bound:
 
     place: str
     constants: dict[str, Any]
+    asked: Floats
+    """The same by the axes of the topic that carries them, (3,)."""
     bound: Floats
     frames: Floats
     """(N, 3, 3): the axes on which RESIDUAL is counted on, as rows."""
@@ -304,17 +312,23 @@ class Bound:
 @cache
 def derived(place: str, folder: Path = DRONE) -> Bound:
     """The bounds of laps or of corridors, all constants out of the program."""
-    program = check_file(str(folder / PLACES[place])).program
+    checked = check_file(str(folder / PLACES[place]))
+    program = checked.program
     assert program is not None
     known = {n: c.value for n, c in program.consts.items()}
+    asked = gate(system_of(checked, "Protected"))
     reach = reach_of(Loop(known))
     if place == "corridors":
-        bound = np.array([known["U"], known["U"], known["U_UP"]])
-        return Bound(place, known, bound, np.eye(3)[None], reach)
+        return Bound(place, known, asked, asked, np.eye(3)[None], reach)
     frames = np.array([[t[1], t[2], t[3]] for t in known["city.TUBES"]])
-    own = np.array([known["U_ALONG"], known["U_SIDE"], known["U_UP"]])
-    turned = np.einsum("nij,i->nj", np.abs(frames), own).max(axis=0) * OUTWARD
-    return Bound(place, known, turned, frames, reach)
+    turned = np.einsum("nij,i->nj", np.abs(frames), asked).max(axis=0) * OUTWARD
+    return Bound(place, known, asked, turned, frames, reach)
+
+
+def gate(system: System) -> Floats:
+    """The most that a set-point may have on each of its axes, (3,): the set of the gated topic."""
+    (control,) = (t for t in system.topics if t.name.rsplit(".", 1)[-1] == "control")
+    return np.array([max(-b.low, b.high) if b else np.inf for b in control.bounds])
 
 
 FLIGHTS = {
@@ -399,6 +413,17 @@ def flown(bound: Bound, seeds: range, seconds: int, file: Path, name: str) -> Se
     return extremes
 
 
+def told(bounds: Sequence[Bound]) -> str:
+    """The table of what is derived: a bound rounded up, and what is left of RESIDUAL down."""
+    rows = []
+    for b in bounds:
+        for i, most in enumerate(b.counted):
+            up = np.ceil(most * DIGITS) / DIGITS
+            left = np.floor(b.left[i] * DIGITS) / DIGITS
+            rows.append((b.place, "xyz"[i], f"{up:.4f}", f"{b.residual:.4f}", f"{left:.4f}"))
+    return table(("", "axis", "linear part", "RESIDUAL", "left for the rest"), rows)
+
+
 def main() -> int:
     """Derive, print, fly; exit code 1 where nothing is left or a flight is beyond a bound."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -406,15 +431,11 @@ def main() -> int:
     parser.add_argument("--seconds", type=int, default=60, help="of a flight (60)")
     chosen = parser.parse_args()
     bounds = [derived(place) for place in PLACES]
-    rows: list[tuple[str, ...]] = [
-        (b.place, "xyz"[i], f"{b.counted[i]:.4f}", f"{b.residual:.4f}", f"{b.left[i]:.4f}")
-        for b in bounds
-        for i in range(3)
-    ]
-    print(table(("", "axis", "linear part", "RESIDUAL", "left for the rest"), rows))
+    print(told(bounds))
     print("\nm/s^2, for every sequence of set-points within the gate\n")
     seeds = range(FIRST_SEED, FIRST_SEED + chosen.flights)
-    rows, beyond = [], 0
+    rows: list[tuple[str, ...]] = []
+    beyond = 0
     for b in bounds:
         file, systems = FLIGHTS[b.place]
         each = [flown(b, seeds, chosen.seconds, DRONE / file, name) for name in systems]

@@ -97,11 +97,10 @@ def place(name: str) -> Place:
     """Laps or corridors, every constant out of the program."""
     bound: Bound = derived(name)
     known = bound.constants
-    asked = ("U", "U", "U_UP") if name == "corridors" else ("U_ALONG", "U_SIDE", "U_UP")
     return Place(
         name,
         compiled(name),
-        tuple(float(known[u]) for u in asked),
+        tuple(float(u) for u in bound.asked),
         bound.stepped,
         float(known["D"]) - bound.residual,
         (bound.residual,) * AXES + tuple(float(x) for x in bound.left),

@@ -90,7 +90,8 @@ def one(all_: Nodes, build: Path, case: str) -> tuple[list[str], dict[tuple[str,
             all_.start("beside", SYSTEM_PYTHON, HOSTILE, case)
         driver.wait(60)
         time.sleep(1.2)
-        ended = [n for n in ("bridge", "trusted", "actuator") if all_.running[n].poll() is not None]
+        codes = {n: all_.running[n].poll() for n in ("bridge", "trusted", "actuator")}
+        ended = [f"{n} with {code}" for n, code in codes.items() if code is not None]
         for name in [n for n in all_.running if n != "master"]:
             all_.end(name)
         told = counters("".join(all_.heard.pop("diagnostics")))

@@ -190,15 +190,20 @@ def _induction(number: int, rng: random.Random) -> str:
     return text
 
 
-def examples() -> list[Path]:
-    """Those that have a default system with modules whose DM switches."""
+def examples(only: list[str]) -> list[Path]:
+    """Those that have a default system with modules whose DM switches, and that runs by itself.
+
+    `only`: whose path has one of these in it; all where there is none.
+    """
     paths = []
     for path in sorted((ROOT / "examples").rglob("*.soter")):
+        if only and not any(name in path.as_posix() for name in only):
+            continue
         try:
             flat = system_to_prove(check_file(str(path)), None)
         except SoterError:
             continue
-        if flat.modules and all(m.forced is None for m in flat.modules):
+        if flat.until_ns and flat.modules and all(m.forced is None for m in flat.modules):
             paths.append(path)
     return paths
 
@@ -307,14 +312,17 @@ def main() -> int:
     parser.add_argument("--stiff", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=int, default=60, help="for one module")
-    parser.add_argument("--examples", action="store_true", help="the examples in place of these")
+    parser.add_argument(
+        "--examples", nargs="*", metavar="NAME", help="the examples in place of these, or some"
+    )
     parser.add_argument("--folder", type=Path, help="where programs that contradict are left")
     options = parser.parse_args()
     signal.signal(signal.SIGALRM, _too_long)
     began, verdicts, kinds = time.perf_counter(), Counter[str](), Counter[str]()
     shown = 0
     text: str | Path
-    todo = examples() if options.examples else range(options.modules + options.stiff)
+    random = range(options.modules + options.stiff)
+    todo = random if options.examples is None else examples(options.examples)
     for k in todo:
         if isinstance(k, Path):
             kind, text, number = k.relative_to(ROOT / "examples").as_posix(), k, 0

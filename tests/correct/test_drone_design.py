@@ -5,6 +5,7 @@ Non-goals: the laps (`bench/drone/laps.py`), proofs (`soter verify`).
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +35,17 @@ def constants() -> dict[str, Any]:
 def run_of(file: str, system: str, seed: int, seconds: int, **params: int) -> Any:
     program = NativeProgram(system_of(check_file(str(DRONE / file)), system, params))
     return program.run(seconds * 10**9, seed, keep_trace=True)
+
+
+def test_the_page_says_the_times_that_are_declared() -> None:
+    text = (DRONE / "motion_primitive.soter").read_text(encoding="utf-8")
+    page = (DRONE.parents[1] / "docs" / "drone.md").read_text(encoding="utf-8")
+    for word, named in (("late", "a lateness of"), ("response", "responses? of")):
+        (line,) = re.findall(rf"^ *{word} (dm .*);", text, re.MULTILINE)
+        declared = {x.split()[1] for x in line.split(", ")}
+        told = re.findall(rf"{named}\s(\d+) µs", page)
+        assert len(told) > 1
+        assert declared == {f"{n}us" for n in told}, (word, line, told)
 
 
 # ---------------------------------------------------------------- geometry

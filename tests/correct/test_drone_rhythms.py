@@ -78,3 +78,35 @@ def test_a_search_breeds_rhythms_that_are_followed_worse() -> None:
     random = search.flown(where, search.drawn(rng, 400)).max(axis=0)
     for aim in (2, 3):
         assert search.search((where, aim, 6_400, 1)).missed[aim] > 1.02 * random[aim]
+
+
+WORST = {
+    ("laps", 0): (0.115, "-0.97 0.72 0.51 0.23, +0.21 1.06 0.96 0.19, -2.24 0.25", (0, 1, 2.43)),
+    ("corridors", 1): (0.111, "-0.93 0.75 0.52, +1.24 0.99 0.19, -2.25 0.24", (0, 0, 0.0)),
+}
+"""By place and axis |d| without wind, m/s^2, that climbs from outside came to, and their rhythm."""
+BETWEEN = 0.005
+"""s before an instant of the pilot: so no rounding moves a change to the next one."""
+
+
+@pytest.mark.parametrize(("name", "axis"), WORST)
+def test_the_worst_rhythms_that_are_known_stay_within_D(  # noqa: N802 - its name
+    name: str, axis: int
+) -> None:
+    least, spelled, legs = WORST[name, axis]
+    row = np.full((1, search.COLUMNS + search.LEGS), 9.0)
+    axes = row[:, : search.COLUMNS].reshape(search.AXES, 1 + search.SPELLS)
+    for own, text in zip(axes, spelled.split(", "), strict=True):
+        first, *others = text[1:].split()
+        own[0] = 1.0 if text[0] == "+" else -1.0
+        own[1 : 2 + len(others)] = [float(first) - BETWEEN, *map(float, others)]
+    row[:, search.COLUMNS :] = legs
+    row[:, -1] -= BETWEEN
+    where = search.place(name)
+    found = search.flown(where, row)[0][axis]
+    assert least < found < where.bounds[axis]
+    page = (DRONE.parents[1] / "docs" / "drone.md").read_text(encoding="utf-8")
+    assert spelled in page.replace("\n", " ")
+    assert (
+        f"{(found + where.wind) / (where.bounds[axis] + where.wind):.1%}".replace("%", " %") in page
+    )

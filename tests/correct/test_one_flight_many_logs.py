@@ -18,7 +18,7 @@ pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not install
 from generators.robot_logs import CHANNEL, WRITERS, Recorded, odometry
 from soter.api import load
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.logs.read_columns import read_columns
+from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.samples import samples_of
 
 if TYPE_CHECKING:
@@ -111,8 +111,12 @@ def test_every_kind_of_log_gives_the_same_verdict(
 def test_ages_count_from_stamps_and_where_nobody_says_so_from_arrival(
     flight: list[Recorded], tmp_path: Path
 ) -> None:
-    (stamped,) = judged(flight, tmp_path, "cdr.mcap").modules
-    (arrived,) = judged(flight, tmp_path, "cdr.mcap", stamp="arrival").modules
+    by_stamp = judged(flight, tmp_path, "cdr.mcap")
+    by_arrival = judged(flight, tmp_path, "cdr.mcap", stamp="arrival")
+    said = "ages count from stamps, in the clock of the log: `motion` (`header.stamp`)"
+    assert said in by_stamp.assumptions
+    assert said not in by_arrival.assumptions
+    (stamped,), (arrived,) = by_stamp.modules, by_arrival.modules
     assert arrived.stale == 0
     assert stamped.stale >= 3  # for 200 ms, at 50 ms a step
 

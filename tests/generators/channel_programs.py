@@ -93,6 +93,7 @@ def programs(folder: Path) -> Programs:
 class _Channel(ctypes.Structure):
     _fields_ = (
         ("place", ctypes.c_void_p * 2),
+        ("bell", ctypes.c_void_p),
         ("room", ctypes.c_void_p),
         ("size", ctypes.c_size_t),
         ("hash", ctypes.c_uint64),
@@ -131,6 +132,9 @@ class Number:
         )
         self._last = None if writes else float("nan")
         self.fresh = False
+
+    def wait(self, most_ns: int) -> None:
+        self._code.soter_outside_wait(ctypes.byref(self._channel), ctypes.c_int64(most_ns))
 
     def write(self, value: float, behind_ns: int = 0) -> None:
         measured = ctypes.c_int64(time.monotonic_ns() - behind_ns)

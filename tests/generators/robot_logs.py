@@ -1,8 +1,9 @@
 """One flight, written into every kind of log that `soter monitor --map` reads.
 
 Purpose: messages of ROS as plain dictionaries, and writers of CSV, MCAP (JSON, cdr, ros1,
-protobuf), bags of ROS 1 and 2, packed and not, by the packages of those formats.
-Non-goals: which flight it is.
+protobuf), bags of ROS 1 and 2, packed and not, by the packages of those formats; the cart's module
+judged on them.
+Non-goals: what is asked of these logs.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ import csv
 import json
 import shutil
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, json_format, message_factory
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
@@ -23,15 +26,24 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_typestore
 
+from soter.api import load
+from soter.diagnostics.diagnostic import SoterError
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from rosbags.typesys.store import Typestore
+
+    from soter.monitor.logs.result import LogJudgement
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 CHANNEL = "/odom"
 BASE, NAMED, ARRAY, SEQUENCE = 1, 2, 3, 4
+CART = Path(__file__).resolve().parents[2] / "examples" / "wall" / "cart.soter"
+T0 = 1_700_000_000 * 10**9
+MS = 10**6
+FIELDS = {"x": "pose.pose.position.x", "v": "twist.twist.linear.x"}
+TYPED: dict[str, Any] = {"channel": CHANNEL, "type": "nav_msgs/Odometry", "fields": FIELDS}
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -297,3 +309,48 @@ WRITERS: dict[str, Callable[[Path, list[Recorded]], None]] = {
     "ros2_mcap": lambda path, flight: as_bag2(path, flight, "NONE", "MCAP"),
 }
 """Every kind of log, by the name of its file or folder."""
+KINDS = [name for name in WRITERS if name != "flight.csv"]
+"""Those of messages."""
+
+
+# ---------------------------------------------------------------- judged
+
+
+def flight(n: int = 40) -> list[Recorded]:
+    """A hundred messages a second, each a millisecond late, as fast as nothing."""
+    return [
+        Recorded(T0 + k * 10 * MS, odometry(T0 + k * 10 * MS - MS, 0.01 * k, 0.1)) for k in range(n)
+    ]
+
+
+def judge(log: Path, **motion: Any) -> LogJudgement:
+    """The cart's module on a log, with other keys for its topic; None takes one away."""
+    given = {k: v for k, v in {**TYPED, **motion}.items() if v is not None}
+    return load(CART).judge_log(log, {"topics": {"motion": given}}, system="Protected")
+
+
+def refused(log: Path, code: str = "D016", **motion: Any) -> str:
+    """What is said of a log that is not judged."""
+    with pytest.raises(SoterError) as error:
+        judge(log, **motion)
+    (problem,) = error.value.diagnostics
+    assert problem.code == code, problem
+    return " ".join((problem.message, *problem.helps))
+
+
+def written(folder: Path, name: str, recorded: list[Recorded] | None = None) -> Path:
+    """The path of a log of this kind."""
+    WRITERS[name](folder / name, flight() if recorded is None else recorded)
+    return folder / name
+
+
+def changed_bag2(folder: Path, **changes: tuple[str, str]) -> Path:
+    """A bag, with texts of its metadata replaced."""
+    bag = written(folder, "ros2_plain")
+    metadata = bag / "metadata.yaml"
+    text = metadata.read_text()
+    for before, after in changes.values():
+        assert before in text
+        text = text.replace(before, after)
+    metadata.write_text(text)
+    return bag

@@ -15,7 +15,7 @@ from soter.api.arguments import chosen_modules
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
 from soter.monitor.logs.decidable_modules import decidable
-from soter.monitor.logs.read_columns import read_columns
+from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.replay import replay
 from soter.monitor.logs.samples import recorded as of_samples
 from soter.monitor.logs.samples import samples_of

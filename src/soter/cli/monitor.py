@@ -37,6 +37,7 @@ EXAMPLES = """\
   soter monitor drone.soter --emit watch.soter     the monitor as a trusted node
   soter monitor drone.soter px4.csv --map px4.toml      a log of somebody else: when would each
                                                         module have switched, how near it came
+  soter monitor drone.soter flight.bag --map ros.toml   the same: bags of ROS 1 and 2, any MCAP
   soter monitor drone.soter px4.csv --map px4.toml --estimates    whether the model explains it
 
 exit codes: 0 every step is explained, 3 an alarm: the model is false, 1 diagnostics, 2 usage;
@@ -48,7 +49,12 @@ def parser() -> CommandParser:
     """The command line."""
     made = CommandParser("monitor", "Does the verified model explain a recorded run?", EXAMPLES)
     add_file(made)
-    made.add_argument("log", nargs="?", metavar="LOG", help="an MCAP log; by default a fresh run")
+    made.add_argument(
+        "log",
+        nargs="?",
+        metavar="LOG",
+        help="an MCAP log, with --map others; by default a fresh run",
+    )
     made.add_argument("--map", metavar="FILE", help="TOML or JSON: which topic is what in the LOG")
     made.add_argument(
         "--where",

@@ -127,5 +127,5 @@ def damaged(error: Exception) -> str:
 
 def unreadable(path: Path, why: str) -> SoterError:
     """Of a log that cannot be read as one of `soter run --log`."""
-    helps = ("a log of somebody else, or a CSV, needs `--map FILE`: docs/real-logs.md",)
+    helps = ("a log of somebody else, a CSV or a bag needs `--map FILE`: docs/real-logs.md",)
     return SoterError((Diagnostic("D006", f"cannot read the log `{path}`: {why}", helps=helps),))

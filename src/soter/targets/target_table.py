@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.targets.c99 import c99_package
+from soter.targets.dds.dds_package import dds_package
 from soter.targets.posix import posix_package
-from soter.targets.ros1.ros1_package import ros1_package
+from soter.targets.ros.ros_packages import ros1_package, ros2_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,11 +26,17 @@ if TYPE_CHECKING:
     Maker = Callable[..., Package]
     """(system, core, folder), and the mapping where the target is in MAPPED."""
 
-TARGETS: dict[str, Maker] = {"c": c99_package, "posix": posix_package, "ros1": ros1_package}
+TARGETS: dict[str, Maker] = {
+    "c": c99_package,
+    "posix": posix_package,
+    "ros1": ros1_package,
+    "ros2": ros2_package,
+    "dds": dds_package,
+}
 """The default first."""
-MAPPED = frozenset(("ros1",))
+MAPPED = frozenset(("ros1", "ros2", "dds"))
 """What speaks with a middleware: a mapping says which topic is which of its messages."""
-COMING = ("cortex-m", "ros2", "dds", "mavlink")
+COMING = ("cortex-m", "mavlink")
 
 
 def build_package(

@@ -11,7 +11,7 @@ import pytest
 from soter.api.assurance.replayed_flights import read_flights
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.load.bounded_read import ReadError, read_bytes
-from soter.monitor.logs import bounded_gzip
+from soter.monitor.logs.files import bounded_gzip
 from soter.native.cache import limit
 from soter.targets.package import Package, PackageFile
 

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 from fractions import Fraction
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -17,13 +19,11 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.frames import turn_between
-from soter.mapping.read_mapping import mapping_of
+from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.mapping.topic_mapping import SignalSource, StampSource
 from soter.mapping.units import UNITS, factor_between
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from soter.mapping.topic_mapping import TopicMap
 
 PROGRAM = """soter 1;
@@ -366,3 +366,51 @@ def test_without_the_package_a_type_says_how_to_install_it(
     assert problem.code == "D007"
     assert "pip install 'soter[ros]'" in problem.helps[0]
     assert read(system, "wind", {"fields": {"value": ["a", "b", "c"]}}).message is None
+
+
+# ---------------------------------------------------------------- the page
+
+PAGE_PROGRAM = """soter 1;
+type Vector = { x: float, y: float, z: float };
+type Motion = { p: Vector unit "m", v: Vector unit "m/s", gust: float };
+topic motion: Motion;
+topic command: float unit "m/s" in [-1.0, 1.0];
+plant P period 10ms {
+  drives motion = { p: { x: x, y: x, z: x }, v: { x: x, y: x, z: x }, gust: x };
+  state x: float;
+}
+node A period 10ms { publishes command; step { publish command = 0.0; } }
+node B period 10ms { publishes command; step { publish command = 0.0; } }
+rta M {
+  ac A; sc B; period 100ms;
+  safe motion.p.x < 9.0; ttf motion.p.x > 5.0; safer motion.p.x < 4.0;
+}
+system Protected { p: P; module M; }
+"""
+
+
+def test_the_mapping_of_the_page_is_one(tmp_path: Path) -> None:
+    pytest.importorskip("tomllib", reason="TOML needs Python 3.11")
+    page = (Path(__file__).resolve().parents[3] / "docs" / "mapping.md").read_text("utf-8")
+    blocks = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "p.soter").write_text(PAGE_PROGRAM)
+    (tmp_path / "msg").mkdir()
+    (tmp_path / "msg" / "Gust.msg").write_text("float64 speed\n")
+    (tmp_path / "map.toml").write_text(blocks[0])
+    system = load(tmp_path / "p.soter").flat()
+    given = read_mapping(tmp_path / "map.toml")
+    motion, command = mapping_of(given, system, folder=tmp_path).topics
+    assert motion.leaves["p", "z"] == SignalSource("pose.pose.position.z", -1.0)
+    assert command.constants == {"header.frame_id": "base_link"}
+    (stamps,) = (b for b in blocks if b.startswith("stamp ="))
+    (of_logs,) = (b for b in blocks if b.startswith("[time]"))
+    for said in (*stamps.splitlines(), of_logs):
+        (tmp_path / "part.toml").write_text(said)
+        assert read_mapping(tmp_path / "part.toml")
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_the_page_names_every_unit(unit: str) -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs" / "mapping.md").read_text("utf-8")
+    (units,) = re.findall(r"is that of the message: (.*?)\. The number", page, re.DOTALL)
+    assert unit in re.split(r",\s+", units)

@@ -7,6 +7,7 @@ import random
 import signal
 import struct
 import sys
+import threading
 import time
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,8 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is f
 
 POSIX = RUNTIME / "posix"
 KILLS = 40
+BELL_BYTES = 64
+FOR_EVER_NS = 10**18
 WRITER = """\
 #include "soter_outside.h"
 int main(int count, char** words) {
@@ -104,7 +107,7 @@ def test_a_place_in_the_making_hides_nothing(code: ctypes.CDLL, tmp_path: Path) 
     writer.write(1.0)
     writer.write(2.0)
     data = bytearray((tmp_path / "x").read_bytes())
-    half = len(data) // 2
+    half = (len(data) - BELL_BYTES) // 2
     newest = max((0, half), key=lambda at: struct.unpack_from("<Q", data, at + 24)[0])
     (sequence,) = struct.unpack_from("<Q", data, newest)
     struct.pack_into("<Q", data, newest, sequence | 1)
@@ -126,6 +129,34 @@ def test_what_was_scribbled_is_not_read(code: ctypes.CDLL, tmp_path: Path) -> No
         read.append(Number(code, tmp_path, "x", 7, writes=False).read())
     assert set(read) == {1.0, 2.0}, "the other place, or a byte that belongs to neither"
     assert read.count(1.0) >= 60, "every byte of the newest value counts"
+
+
+def test_who_waits_is_woken_by_the_next_value(code: ctypes.CDLL, tmp_path: Path) -> None:
+    """It would wait for thirty years, and a writer that comes later ends it."""
+    reader = Number(code, tmp_path, "x", 7, writes=False)
+    writer = Number(code, tmp_path, "x", 7, writes=True)
+    waits = threading.Thread(target=reader.wait, args=(FOR_EVER_NS,), daemon=True)
+    waits.start()
+    bell = (tmp_path / "x").stat().st_size - BELL_BYTES
+    while struct.unpack_from("<I", (tmp_path / "x").read_bytes(), bell + 4)[0] == 0:
+        time.sleep(0.001)
+    writer.write(1.0)
+    waits.join(processes.TIMEOUT_S)
+    assert not waits.is_alive()
+    assert reader.read() == 1.0
+
+
+def test_nobody_waits_for_what_is_there_or_for_longer_than_said(
+    code: ctypes.CDLL, tmp_path: Path
+) -> None:
+    reader = Number(code, tmp_path, "x", 7, writes=False)
+    writer = Number(code, tmp_path, "x", 7, writes=True)
+    writer.write(1.0)
+    reader.wait(FOR_EVER_NS)
+    assert reader.read() == 1.0
+    reader.wait(1_000_000)
+    reader.read()
+    assert reader.fresh is False
 
 
 def test_a_reader_takes_every_value_once(code: ctypes.CDLL, tmp_path: Path) -> None:

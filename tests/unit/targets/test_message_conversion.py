@@ -24,7 +24,7 @@ from soter.codegen.unit import generate
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.logs.read_columns import read_columns
+from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.samples import samples_of
 from soter.native.compiler import MEANING
 from soter.targets.message_conversion import CPP, MessageConverter, text_literal
@@ -74,7 +74,7 @@ struct Motion {
     %(motion)s
   }
 };
-static bool ranges(const sensor_msgs::LaserScan& m, double (*to)[2]) {
+static bool ranges(const sensor_msgs::LaserScan& m, %(pair)s* to) {
   %(ranges)s
 }
 int main() {
@@ -91,10 +91,11 @@ int main() {
     std::memset(&value, 0, sizeof value);
     sensor_msgs::LaserScan scan;
     scan.ranges.resize(elements, 1.5F);
-    double two[2] = {0.0, 0.0};
+    %(pair)s two;
+    std::memset(&two, 0, sizeof two);
     const bool fine = Motion::convert(m, &value), seen = ranges(scan, &two);
     std::printf("%%d %%a %%a %%a %%u %%u %%a %%d %%a\\n", fine, value.x, value.v, value.c,
-                unsigned(value.n), unsigned(value.gear), value.still, seen, two[1]);
+                unsigned(value.n), unsigned(value.gear), value.still, seen, two.at[1]);
   }
 }
 """
@@ -133,6 +134,7 @@ def convert(system: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
         shutil.copy(_runtime() / name, folder / name)
     text = MAIN % {
         "type": unit.topics[motion.topic.index][0],
+        "pair": unit.topics[scan.topic.index][0],
         "motion": "\n    ".join(MessageConverter(motion, 1, CPP, "m").inward("(*to)")),
         "ranges": "\n  ".join(MessageConverter(scan, 1, CPP, "m").inward("(*to)")),
     }

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.statements import Evaluator
-from soter.monitor.logs.log_columns import unusable
+from soter.monitor.logs.files.log_columns import unusable
 from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
 from soter.monitor.logs.result import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
 from soter.semantics.configuration import NEVER
@@ -76,6 +76,7 @@ def replay(
         derived=[d for s in samples for d in s.derived],
         constants=tuple(n for s in samples for n in s.constants),
         forced=forced,
+        stamps={s.topic.name: s.stamp for s in samples if s.stamp},
         left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
     )
     watches = {}

@@ -112,8 +112,9 @@ class LogJudgement:
 
     `from_s`, `to_s`: what was judged, from when every mapped topic is known. `nodes`: nodes of the
     program that were run for what it reads; `faulted`: those that faulted. `forced`: modules whose
-    mode the system forces. `left_out`, `refused`:
-    by topic how many samples had no usable value, or lay outside the topic's set, and the first.
+    mode the system forces. `stamps`: by topic the field that says when it was measured.
+    `left_out`, `refused`: by topic how many samples had no usable value, or lay outside the
+    topic's set, and the first.
     """
 
     log: str
@@ -125,6 +126,7 @@ class LogJudgement:
     derived: list[DerivedValue] = field(default_factory=list)
     constants: tuple[str, ...] = ()
     forced: tuple[str, ...] = ()
+    stamps: dict[str, str] = field(default_factory=dict)
     left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
     refused: dict[str, tuple[int, str]] = field(default_factory=dict)
     faulted: dict[str, str] = field(default_factory=dict)
@@ -139,6 +141,9 @@ class LogJudgement:
         if self.forced:
             names = ", ".join(f"`{n}`" for n in self.forced)
             assumptions.append(f"the system forces the mode of {names}; judged as if it did not")
+        if self.stamps:
+            names = ", ".join(f"`{n}` (`{path}`)" for n, path in self.stamps.items())
+            assumptions.append(f"ages count from stamps, in the clock of the log: {names}")
         if self.derived:
             assumptions.append(
                 "what is derived is not what the estimator said at that time (see its error)"

@@ -28,16 +28,17 @@ from soter.language.model.types import (
 from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
-from soter.monitor.logs.log_columns import unusable
+from soter.monitor.logs.files.log_columns import unusable
 from soter.report.recorded_run import RecordedRun
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from soter.language.model.system import System, Topic
     from soter.language.model.types import Type, Value
     from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
-    from soter.monitor.logs.log_columns import Columns
+    from soter.monitor.logs.files.log_columns import Columns
 
 TRUTHS = {"true": True, "false": False, "1": True, "0": False}
 
@@ -55,7 +56,7 @@ class DerivedValue:
 class TopicSamples:
     """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
 
-    `stamps_ns[i]`: when it was measured, of what says so; else the same as `times_ns`.
+    `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the same as `times_ns`.
     `left_out`: rows without a usable value, and `first_left_out` why.
     """
 
@@ -67,6 +68,7 @@ class TopicSamples:
     left_out: int = 0
     first_left_out: str = ""
     stamps_ns: list[int] = field(default_factory=list)
+    stamp: str = ""
     derived: list[DerivedValue] = field(default_factory=list)
     constants: list[str] = field(default_factory=list)
 
@@ -141,7 +143,9 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
     read: dict[LeafPath, list[Any]] = {
         p: [] for p, x in t.leaves.items() if isinstance(x, SignalSource)
     }
-    stamps = columns.times_ns if t.stamp is None else columns.stamps_ns[t.stamp]
+    stamps: Sequence[int | None] = columns.times_ns
+    if t.stamp is not None:
+        stamps, made.stamp = columns.stamps_ns[t.stamp], t.stamp.path
     for i, now in enumerate(columns.times_ns):
         why = _foreign(t, columns, i)
         if t.stamp is not None and not why:
@@ -179,8 +183,10 @@ def _foreign(t: TopicMap, columns: Columns, i: int) -> str:
 
 def _ill_stamped(stamp: int | None, now: int, made: TopicSamples, first_ns: int) -> str:
     """Why a stamp says no time at which a sample can have been measured; "" where it does."""
-    if stamp is None or stamp <= 0:
-        return "it has no stamp" if stamp is None else "its stamp is 0, or before it"
+    if stamp is None:
+        return "it has no stamp"
+    if stamp <= 0:
+        return "its stamp is 0" if stamp == 0 else "its stamp lies before 0"
     if stamp > now:
         return f"its stamp lies {show_ns(stamp - now)} after its arrival"
     if made.stamps_ns and stamp - first_ns <= made.stamps_ns[-1]:

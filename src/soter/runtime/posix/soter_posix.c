@@ -365,16 +365,6 @@ static void steps(soter_posix* d) {
   }
 }
 
-static uint32_t modes_of(soter_posix* d) {
-  const soter_module* const m = soter_modules_of(APP_PROGRAM, &d->state);
-  uint32_t modes = 0;
-  for (uint32_t i = 0; i < APP_PROGRAM->modules && i < 32U; i++) {
-    SOTER_CHECK(m[i].mode == SOTER_AC || m[i].mode == SOTER_SC);
-    modes |= m[i].mode == SOTER_AC ? 1U << i : 0U;
-  }
-  return modes;
-}
-
 /* The instant at ct is complete: its properties are judged, the logger gets it. */
 static void end_instant(soter_posix* d, soter_instant_times* times) {
   uint32_t due = 0;
@@ -384,7 +374,7 @@ static void end_instant(soter_posix* d, soter_instant_times* times) {
   const soter_status status = soter_instant(APP_PROGRAM, &d->state, &due);
   SOTER_CHECK(status == SOTER_INSTANT_DONE); /* whoever was due has stepped or was asked */
   (void)status;
-  times->modes = modes_of(d);
+  times->modes = soter_posix_modes(d);
   soter_posix_status(d, times->modes);
   (void)soter_ring_put(&d->ring, times, &d->state);
 }

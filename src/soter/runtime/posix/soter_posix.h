@@ -277,7 +277,7 @@ typedef struct {
   soter_lease_times lease[APP_LEASES > 0 ? APP_LEASES : 1];
   soter_outside status_channel;
   uint64_t said[SOTER_STATUS_WORDS(APP_MODULES, APP_LEASES, APP_OUTSIDE)]; /* soter_status.h */
-  int64_t said_ns; /* CLOCK_MONOTONIC */
+  int64_t said_ns;                                                         /* CLOCK_MONOTONIC */
   uint32_t said_modes;
   /* others */
   soter_worker workers[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
@@ -319,8 +319,9 @@ void soter_posix_listen(soter_posix* d); /* an instant has begun: what came is p
 void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int64_t end_ns);
 void soter_posix_tell(soter_posix* d); /* what goes out, as it is now */
 
-/* soter_posix_status.c: what the trusted part says of itself. `modes`: a bit a module, 1: AC. */
+/* soter_posix_status.c: what the trusted part says of itself; a bit a module, 1: AC. */
 bool soter_posix_status_open(soter_posix* d);
+uint32_t soter_posix_modes(soter_posix* d);
 void soter_posix_status(soter_posix* d, uint32_t modes);
 
 /* soter_posix.c: the trusted thread. */

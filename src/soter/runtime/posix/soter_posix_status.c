@@ -25,6 +25,16 @@ bool soter_posix_status_open(soter_posix* d) {
   return wrong == NULL;
 }
 
+uint32_t soter_posix_modes(soter_posix* d) {
+  const soter_module* const m = soter_modules_of(APP_PROGRAM, &d->state);
+  uint32_t modes = 0;
+  for (uint32_t i = 0; i < APP_PROGRAM->modules && i < 32U; i++) {
+    SOTER_CHECK(m[i].mode == SOTER_AC || m[i].mode == SOTER_SC);
+    modes |= m[i].mode == SOTER_AC ? 1U << i : 0U;
+  }
+  return modes;
+}
+
 static uint64_t* of_modules(const soter_posix* d, uint64_t* to, uint32_t modes) {
   for (uint32_t k = 0; k < APP_PROGRAM->modules; k++) {
     to[SOTER_STATUS_MODE] = k < 32U ? (modes >> k) & 1U : 0U;

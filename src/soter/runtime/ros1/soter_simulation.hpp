@@ -12,6 +12,7 @@
 #define SOTER_SIMULATION_HPP
 
 #include "soter_app.h"
+#include "soter_messages.hpp"
 #include "soter_sha256.h"
 
 #include <diagnostic_msgs/DiagnosticArray.h>
@@ -39,12 +40,7 @@ class Simulated {
   virtual void begin() {}
 };
 
-inline ros::Time time_at(int64_t ns) {
-  ros::Time at;
-  return ns > 0 ? at.fromNSec(static_cast<uint64_t>(ns)) : at;
-}
-
-/* Traits as in soter_bridge.hpp, and index(): of the topic. */
+/* Traits as in soter_bridge_core.hpp, and index(): of the topic. */
 template <class T>
 class SimulatedIn : public Simulated {
  public:
@@ -79,7 +75,7 @@ class SimulatedIn : public Simulated {
       ROS_WARN_THROTTLE(1.0, "%s: a message was refused", T::topic());
       return;
     }
-    measured_ = T::stamped() ? static_cast<int64_t>(T::stamp(m).toNSec()) : -1;
+    measured_ = T::stamped() ? T::stamp_ns(m) : -1;
     value_ = value;
     heard_ = true;
   }
@@ -110,7 +106,7 @@ class SimulatedOut : public Simulated {
     const uint8_t* const bytes = reinterpret_cast<const uint8_t*>(state);
     (void)std::memcpy(&value, bytes + APP_PROGRAM->topic[T::index()].offset, sizeof value);
     typename T::Message message;
-    T::convert(value, time_at(origin + stamp), &message);
+    T::convert(value, origin + stamp, &message);
     publisher_.publish(message);
   }
 
@@ -223,7 +219,7 @@ class Simulation {
       return;
     }
     diagnostic_msgs::DiagnosticArray all;
-    all.header.stamp = time_at(origin_ + soter_header_of(&state_)->ct);
+    all.header.stamp = stamp_of(origin_ + soter_header_of(&state_)->ct);
     for (uint32_t i = 0; i < APP_PROGRAM->modules; i++) {
       diagnostic_msgs::DiagnosticStatus status;
       const bool ac = m[i].mode == SOTER_AC;

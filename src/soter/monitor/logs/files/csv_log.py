@@ -15,15 +15,15 @@ from typing import IO, TYPE_CHECKING, BinaryIO
 from soter.diagnostics.near import nearest_or_all
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
-from soter.monitor.logs.bounded_gzip import BoundedGzip
-from soter.monitor.logs.log_columns import add_row, moment, unusable
+from soter.monitor.logs.files.bounded_gzip import BoundedGzip
+from soter.monitor.logs.files.log_columns import add_row, moment, unusable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from soter.mapping.topic_mapping import LogMap, StampSource
-    from soter.monitor.logs.log_columns import Columns, Wanted
+    from soter.monitor.logs.files.log_columns import Columns, Wanted
 
 CELL_MAX = 1 << 20
 """Characters of a cell; a log has no longer ones."""

@@ -2,7 +2,7 @@
 
 Purpose: the text around the nodes. It builds with catkin, and with plain CMake where ROS comes from
 the distribution (pkg-config), as on Debian.
-Non-goals: the nodes (`bridge_source.py`), the trusted part (`targets/posix.py`).
+Non-goals: the nodes (`node_sources.py`), the trusted part (`targets/posix.py`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TRUSTED, SIMULATED = "trusted", "simulated"
 
 
 @dataclass(frozen=True)
-class CatkinPackage:
+class RosPackage:
     """What the files are about: `programs` of the trusted folder with their sources, by name."""
 
     system: System
@@ -39,8 +39,8 @@ class CatkinPackage:
 
     @property
     def message_packages(self) -> list[str]:
-        """Whose messages are used, and what every bridge needs."""
-        return sorted({*NEEDED, *(m.message.package for m in self.mapped if m.message)})
+        """Whose messages are used."""
+        return sorted({m.message.package for m in self.mapped if m.message})
 
 
 def package_name(prefix: str) -> str:
@@ -49,7 +49,7 @@ def package_name(prefix: str) -> str:
     return name if name[:1].isalpha() else f"soter_{name}"
 
 
-def catkin_files(p: CatkinPackage) -> list[PackageFile]:
+def catkin_files(p: RosPackage) -> list[PackageFile]:
     """All of them."""
     files = [
         PackageFile("package.xml", _manifest(p)),
@@ -63,15 +63,31 @@ def catkin_files(p: CatkinPackage) -> list[PackageFile]:
     return files
 
 
-def _manifest(p: CatkinPackage) -> str:
-    depends = "\n".join(f"  <depend>{name}</depend>" for name in p.message_packages)
-    about = escape(f"System {p.system.name}: a trusted part, its actuators and their bridge to ROS")
+def described(p: RosPackage) -> str:
+    """The package in a line, as XML has it."""
+    return escape(f"System {p.system.name}: a trusted part, its actuators and their bridge to ROS")
+
+
+def bridge_sources(p: RosPackage) -> str:
+    """What of the trusted folder is linked into the bridge."""
+    linked = ["soter_outside.c", "soter_channel.c", "soter_posix_check.c"]
+    linked += [f"{p.command}_lease.c"] * p.actuated
+    return " ".join(f"{TRUSTED}/{n}" for n in linked)
+
+
+def _packages(p: RosPackage) -> list[str]:
+    """Of ROS: whose messages are used, and what every bridge needs."""
+    return sorted({*NEEDED, *p.message_packages})
+
+
+def _manifest(p: RosPackage) -> str:
+    depends = "\n".join(f"  <depend>{name}</depend>" for name in _packages(p))
     return f"""\
 <?xml version="1.0"?>
 <package format="2">
   <name>{p.name}</name>
   <version>0.0.1</version>
-  <description>{about}. Written by soter.</description>
+  <description>{described(p)}. Written by soter.</description>
   <maintainer email="you@example.org">you</maintainer>
   <license>yours</license>
   <buildtool_depend>catkin</buildtool_depend>
@@ -81,8 +97,8 @@ def _manifest(p: CatkinPackage) -> str:
 """
 
 
-def _cmake(p: CatkinPackage) -> str:
-    packages = " ".join(p.message_packages)
+def _cmake(p: RosPackage) -> str:
+    packages = " ".join(_packages(p))
     bridge = _bridge(p) if p.programs else ""
     names = [*p.programs, *([f"{p.name}_bridge"] if p.programs else []), f"{p.name}_simulation"]
     scripts = IN_CHANNELS if p.programs else ""
@@ -129,7 +145,7 @@ install(TARGETS {" ".join(names)} RUNTIME DESTINATION ${{CATKIN_PACKAGE_BIN_DEST
 """
 
 
-def _bridge(p: CatkinPackage) -> str:
+def _bridge(p: RosPackage) -> str:
     """The rules of the trusted part, the actuators and the bridge."""
     programs = "".join(
         f"""
@@ -139,21 +155,18 @@ target_link_libraries({name} PRIVATE m pthread)
 """
         for name, sources in p.programs.items()
     )
-    linked = ["soter_outside.c", "soter_channel.c", "soter_posix_check.c"]
-    linked += [f"{p.command}_lease.c"] * p.actuated
-    sources = " ".join(f"{TRUSTED}/{n}" for n in linked)
     return f"""\
 # the trusted part and its actuators: C, and nothing of ROS
 {programs}
 # between ROS and their channels
-add_executable({p.name}_bridge src/{p.name}_bridge.cpp {sources})
+add_executable({p.name}_bridge src/{p.name}_bridge.cpp {bridge_sources(p)})
 target_include_directories({p.name}_bridge PRIVATE {TRUSTED} src SYSTEM ${{ROS_INCLUDES}})
 target_link_libraries({p.name}_bridge PRIVATE ${{ROS_LIBRARIES}} pthread)
 
 """
 
 
-def _launch(p: CatkinPackage) -> str:
+def _launch(p: RosPackage) -> str:
     actuators = ""
     if p.actuated:
         actuators = f"""
@@ -180,7 +193,7 @@ def _launch(p: CatkinPackage) -> str:
 """
 
 
-def _simulation(p: CatkinPackage) -> str:
+def _simulation(p: RosPackage) -> str:
     return f"""\
 <launch>
   <!-- the same program under /clock: Gazebo, or a bag that is played -->

@@ -11,17 +11,17 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.near import nearest_or_all
-from soter.monitor.logs.log_columns import add_row, moment, unusable
-from soter.monitor.logs.mcap_messages import mcap_messages
-from soter.monitor.logs.message_parts import NoPartError, NoTimeError, part_of, time_ns_of
-from soter.monitor.logs.ros_bags import bag_messages, is_bag
+from soter.monitor.logs.files.log_columns import add_row, moment, unusable
+from soter.monitor.logs.files.mcap_messages import mcap_messages
+from soter.monitor.logs.files.message_parts import NoPartError, NoTimeError, part_of, time_ns_of
+from soter.monitor.logs.files.ros_bags import bag_messages, is_bag
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from soter.mapping.topic_mapping import LogMap, StampSource
-    from soter.monitor.logs.log_columns import Columns, Wanted
+    from soter.monitor.logs.files.log_columns import Columns, Wanted
 
     Row = tuple[int, int, int, dict[str, Any], dict[StampSource, int | None]]
 

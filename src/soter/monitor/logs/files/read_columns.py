@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.monitor.logs.csv_log import is_table, read_csv
-from soter.monitor.logs.log_columns import wanted_columns
-from soter.monitor.logs.message_log import read_messages
+from soter.monitor.logs.files.csv_log import is_table, read_csv
+from soter.monitor.logs.files.log_columns import wanted_columns
+from soter.monitor.logs.files.message_log import read_messages
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.mapping.topic_mapping import LogMap
-    from soter.monitor.logs.log_columns import Columns
+    from soter.monitor.logs.files.log_columns import Columns
 
 
 def read_columns(path: Path, mapping: LogMap) -> dict[str | None, Columns]:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
-from soter.monitor.logs.bounded_unpack import CHUNK_MAX, BoundedUnpacking, TooLargeError
-from soter.monitor.logs.log_columns import unusable
-from soter.monitor.logs.ros_messages import (
+from soter.monitor.logs.files.bounded_unpack import CHUNK_MAX, BoundedUnpacking, TooLargeError
+from soter.monitor.logs.files.log_columns import unusable
+from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
     definitions_in,
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from soter.monitor.logs.log_columns import Wanted
-    from soter.monitor.logs.ros_messages import Format
+    from soter.monitor.logs.files.log_columns import Wanted
+    from soter.monitor.logs.files.ros_messages import Format
 
 RECORD_MAX = 1 << 30
 """Bytes of a record: of a chunk as it is packed, or of an attachment, which is stepped over."""

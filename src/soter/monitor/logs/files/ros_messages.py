@@ -22,6 +22,7 @@ from soter.mapping.message_types import (
     MessageTypes,
     require_ros_package,
 )
+from soter.monitor.logs.files.plain_idl import is_plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,8 +32,10 @@ if TYPE_CHECKING:
 Format = Literal["msg", "idl"]
 TYPE_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)+", re.ASCII)
 FIELD_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
-DEFINITION_MAX = 1 << 20
+DEFINITION_MAX = 1 << 18
 """Characters of a definition."""
+FIELDS_MAX = 5000
+"""Fields of a definition, which become code."""
 PARTS_MAX = 100_000
 """Primitives and messages of a message, with all elements of arrays of messages."""
 TYPES_MAX = 1000
@@ -41,6 +44,7 @@ TIMES_OF_ROS1: Definitions = {
     for name in TIMES
 }
 """Primitives in ROS 1: its definitions do not say what they are."""
+INCLUDE = re.compile(r"^[ \t]*#include[^\n]*$", re.MULTILINE)
 IDL_SEPARATOR = "=" * 80 + "\n"
 
 
@@ -67,7 +71,7 @@ def require_type(channel: str, name: str, wanted: MessageType | None) -> None:
 
 
 def definitions_in(text: str, name: str, form: Format) -> Definitions:
-    """What a log says of a type, and of those it is made of."""
+    """What a log says of a type, and of those it is made of; raises UndecodableError."""
     require_ros_package()
     from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 - an extra
 
@@ -75,6 +79,8 @@ def definitions_in(text: str, name: str, form: Format) -> Definitions:
         raise UndecodableError(f"the definition of `{name[:80]}` is too long")
     if not TYPE_NAME.fullmatch(name):
         raise UndecodableError(f"`{name[:80]}` is no name of a type")
+    if form == "idl" and not is_plain("\n".join(_idl_files(text))):
+        raise UndecodableError(f"the definition of `{name[:80]}` is none that ROS writes")
     try:
         if form == "msg":
             found = dict(get_types_from_msg(text, ros2_name(name)))
@@ -86,10 +92,11 @@ def definitions_in(text: str, name: str, form: Format) -> Definitions:
 
 
 def _idl_files(text: str) -> list[str]:
-    """The files of which the definition in an MCAP is made, without their heads."""
-    if not text.startswith(IDL_SEPARATOR):
-        return [text]
-    return [part.partition("\n")[2] for part in text.split(IDL_SEPARATOR)[1:]]
+    """The files of which a definition is made, without their heads and what they include."""
+    files = [text]
+    if text.startswith(IDL_SEPARATOR):
+        files = [part.partition("\n")[2] for part in text.split(IDL_SEPARATOR)[1:]]
+    return [INCLUDE.sub("", part) for part in files]
 
 
 def known_definitions(wanted: MessageType | None, ros: int) -> Definitions:
@@ -123,9 +130,14 @@ def decoder(
 
 
 def _needed(full: str, definitions: Definitions) -> Definitions:
-    """The types that a message is made of, without constants, once they are found harmless."""
+    """The types that a message is made of, without constants, once they are found harmless.
+
+    Raises UndecodableError where they are not.
+    """
     sizes: dict[str, tuple[int, int]] = {}
     _measure(full, definitions, sizes, ())
+    if sum(len(definitions[name][1]) for name in sizes) > FIELDS_MAX:
+        raise UndecodableError(f"messages of `{full[:80]}` have too many parts")
     return {name: ([], definitions[name][1]) for name in sizes}
 
 
@@ -135,7 +147,10 @@ def _measure(
     sizes: dict[str, tuple[int, int]],
     inside: tuple[str, ...],
 ) -> tuple[int, int]:
-    """Primitives and messages of a type, and the least bytes of a message of it."""
+    """Primitives and messages of a type, and the least bytes of a message of it.
+
+    Raises UndecodableError where it has no end, or a list that takes no bytes.
+    """
     if name in sizes:
         return sizes[name]
     if name not in definitions or not TYPE_NAME.fullmatch(name):

@@ -16,14 +16,14 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
-from soter.monitor.logs.bounded_unpack import unpack_file
-from soter.monitor.logs.log_columns import unusable
-from soter.monitor.logs.mcap_messages import mcap_messages
+from soter.monitor.logs.files.bounded_unpack import unpack_file
+from soter.monitor.logs.files.log_columns import unusable
+from soter.monitor.logs.files.mcap_messages import mcap_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.monitor.logs.log_columns import Wanted
+    from soter.monitor.logs.files.log_columns import Wanted
 
 METADATA = "metadata.yaml"
 METADATA_MAX = 4 << 20
@@ -54,7 +54,7 @@ def bag_messages(
     `there` counts the messages of the wanted channels, and knows the others. SoterError D016, D007.
     """
     require_ros_package()
-    from soter.monitor.logs.rosbag_files import ros1_messages  # noqa: PLC0415 - an extra
+    from soter.monitor.logs.files.rosbag_files import ros1_messages  # noqa: PLC0415 - an extra
 
     try:
         if path.suffix.lower() == ".bag" and not path.is_dir():
@@ -89,7 +89,7 @@ def _says_why(error: Exception) -> bool:
 def _of_folder(
     bag: _Bag2, wanted: dict[str, Wanted], there: dict[str, int]
 ) -> Iterator[tuple[int, str, Any]]:
-    from soter.monitor.logs.rosbag_files import sqlite_messages  # noqa: PLC0415 - an extra
+    from soter.monitor.logs.files.rosbag_files import sqlite_messages  # noqa: PLC0415 - an extra
 
     for file in bag.files:
         with TemporaryDirectory() as folder:

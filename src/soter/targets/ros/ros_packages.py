@@ -1,7 +1,8 @@
-"""Target `ros1`: the package.
+"""Targets `ros1` and `ros2`: the packages.
 
 Purpose: the package of target `posix` in a folder of its own, and around it the bridge and what
-catkin wants. Which topics may be bridged is decided here: those that meet the world, each mapped.
+catkin or ament wants; of ROS 1 the simulation, too. Which topics may be bridged is decided here:
+those that meet the world, each mapped.
 Non-goals: what a mapping may say (`soter.mapping`), compiling.
 """
 
@@ -14,17 +15,19 @@ from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import RUNTIME
 from soter.targets import c99
+from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
 from soter.targets.posix import nodes_of, posix_package
-from soter.targets.ros1.catkin_files import (
+from soter.targets.ros.ament_files import ament_files
+from soter.targets.ros.catkin_files import (
     SIMULATED,
     TRUSTED,
-    CatkinPackage,
+    RosPackage,
     catkin_files,
     package_name,
 )
-from soter.targets.ros1.node_sources import NodeSources
+from soter.targets.ros.node_sources import ROS2, NodeSources
 from soter.targets.world_interface import WorldTables
 
 if TYPE_CHECKING:
@@ -32,8 +35,9 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
-    from soter.mapping.topic_mapping import LogMap, TopicMap
+    from soter.mapping.topic_mapping import LogMap
 
+CORE = "soter_bridge_core.hpp"
 BRIDGE, SIMULATION, MESSAGES = "soter_bridge.hpp", "soter_simulation.hpp", "soter_messages.hpp"
 TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 """What a topic of ROS 1 may be called."""
@@ -46,7 +50,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     `mapping`: which topic is which message; of a system that meets the world all that comes in has
     to be there. Of one with its plants inside there is only the node under /clock.
     """
-    mapped = _mapped(system, mapping)
+    mapped = bridged_topics(system, mapping, "ROS", TOPIC)
     trusted = posix_package(system, core, folder) if system.externals else Package(folder)
     unit = generate(system, core, apart=frozenset(x.index for x in nodes_of(system)))
     world = WorldTables(system, unit)
@@ -57,7 +61,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         for f in simulated.files
         if f.path.endswith(".c") and f.path not in OTHER_MAINS
     ]
-    about = CatkinPackage(
+    about = RosPackage(
         system,
         name,
         c99.command_name(unit.prefix),
@@ -80,10 +84,11 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         package.files += [
             PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
             _shipped(BRIDGE),
+            _shipped(CORE, "bridge"),
         ]
     package.trusted = TRUSTED if system.externals else SIMULATED
     package.programs = {n: [_inside(w) for w in words] for n, words in trusted.programs.items()}
-    package.notes = [*(trusted.notes or simulated.notes), *_unsaid(system, mapped)]
+    package.notes = [*(trusted.notes or simulated.notes), *unsaid(system, mapped, "in ROS")]
     launch = name if system.externals else f"{name}_simulation"
     package.commands = [
         f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",
@@ -92,8 +97,49 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     return package
 
 
-def _shipped(name: str) -> PackageFile:
-    return PackageFile(f"src/{name}", (RUNTIME / "ros1" / name).read_text("utf-8"))
+def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
+    """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
+    if not system.externals:
+        what = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
+        helps = ("`system S deploys ... { external topic t; ... }` (docs/deploy.md)",)
+        raise SoterError((Diagnostic("U001", what, helps=helps),))
+    mapped = bridged_topics(system, mapping, "ROS", TOPIC)
+    trusted = posix_package(system, core, folder)
+    unit = generate(system, core, apart=frozenset(x.index for x in nodes_of(system)))
+    world = WorldTables(system, unit)
+    name = package_name(unit.prefix)
+    about = RosPackage(
+        system,
+        name,
+        c99.command_name(unit.prefix),
+        {n: _sources(words) for n, words in trusted.programs.items()},
+        [],
+        [*mapped.values()],
+        actuated=bool(world.granted),
+    )
+    nodes = NodeSources(system, unit, world, name, mapped, flavour=ROS2)
+    package = Package(folder)
+    package.files = [_in_folder(TRUSTED, f) for f in trusted.files]
+    package.files += [
+        PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
+        PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
+        *(_shipped(n, "ros2") for n in (MESSAGES, BRIDGE)),
+        _shipped(CORE, "bridge"),
+        *ament_files(about),
+    ]
+    package.trusted = TRUSTED
+    package.programs = {n: [_inside(w) for w in words] for n, words in trusted.programs.items()}
+    package.notes = [*trusted.notes, *unsaid(system, mapped, "in ROS")]
+    package.notes.append("the bridge was checked against interfaces of ROS 2, and run on none")
+    package.commands = [
+        f"colcon build --packages-select {name}   (in a workspace of ROS 2)",
+        f"ros2 launch {name} {name}.launch.py",
+    ]
+    return package
+
+
+def _shipped(name: str, folder: str = "ros1") -> PackageFile:
+    return PackageFile(f"src/{name}", (RUNTIME / folder / name).read_text("utf-8"))
 
 
 def _in_folder(folder: str, file: PackageFile) -> PackageFile:
@@ -103,44 +149,6 @@ def _in_folder(folder: str, file: PackageFile) -> PackageFile:
 def _is_code(file: PackageFile) -> bool:
     """What the simulation needs of the package of target `c`."""
     return file.path.endswith((".c", ".h")) and file.path not in OTHER_MAINS
-
-
-def _mapped(system: System, mapping: LogMap) -> dict[int, TopicMap]:
-    """The mapping by topic: D015 for what does not meet the world, or is not whole."""
-    outside = {e.topic for e in system.externals}
-    outside = outside or {t.index for t in system.topics if t.queue_of is None and not t.held}
-    problems = []
-    for m in mapping.topics:
-        named = f"`{m.topic.name}`"
-        if m.topic.index not in outside:
-            problems.append(f"{named} does not meet the world: nobody declares it `external topic`")
-        if m.channel is None:
-            problems.append(f"{named} has no `channel`: which topic of ROS is it?")
-        elif not TOPIC.fullmatch(m.channel):
-            problems.append(f"{named}: `{m.channel}` is no name of a topic of ROS")
-        if m.message is None:
-            problems.append(f"{named} has no `type`: which messages are its?")
-    given = {m.topic.index for m in mapping.topics}
-    for e in system.externals:
-        topic = system.topics[e.topic]
-        if topic.driver == "input" and e.topic not in given:
-            problems.append(
-                f"`{topic.name}` comes from the world, and the mapping does not say how"
-            )
-    if problems:
-        raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
-    return {m.topic.index: m for m in mapping.topics}
-
-
-def _unsaid(system: System, mapped: dict[int, TopicMap]) -> list[str]:
-    names = [
-        system.topics[e.topic].name
-        for e in system.externals
-        if e.topic not in mapped and system.topics[e.topic].driver != "input"
-    ]
-    return [f"not published in ROS, as the mapping does not name it: {', '.join(names)}"] * bool(
-        names
-    )
 
 
 def _sources(words: list[str]) -> list[str]:

@@ -18,8 +18,8 @@ from rosbags.rosbag1 import ReaderError as Reader1Error
 from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2 import Reader as Reader2
 
-from soter.monitor.logs.bounded_unpack import CHUNK_MAX, BoundedUnpacking
-from soter.monitor.logs.ros_messages import (
+from soter.monitor.logs.files.bounded_unpack import CHUNK_MAX, BoundedUnpacking
+from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
     definitions_in,
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from rosbags.rosbag1.reader import IndexData
     from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-    from soter.monitor.logs.log_columns import Wanted
-    from soter.monitor.logs.ros_messages import Format
+    from soter.monitor.logs.files.log_columns import Wanted
+    from soter.monitor.logs.files.ros_messages import Format
 
 STEPS_PER_BYTE, STEPS_MIN = 100, 10_000_000
 """Instructions that SQLite is given for a file: so many a byte, and so many at all."""
@@ -85,7 +85,10 @@ def ros1_messages(
 def sqlite_messages(
     path: Path, wanted: dict[str, Wanted], there: dict[str, int], *, packed: bool
 ) -> Iterator[tuple[int, str, Any]]:
-    """The same of one SQLite file of ROS 2; `packed`: its messages are, by zstd."""
+    """The same of one SQLite file of ROS 2; `packed`: its messages are, by zstd.
+
+    Raises UndecodableError where its database or its messages are none of a bag.
+    """
     _require_tables(path)
     size = path.stat().st_size
     unpacking = BoundedUnpacking(size)

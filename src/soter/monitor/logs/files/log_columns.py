@@ -68,7 +68,7 @@ def unusable(path: Path, why: str, *helps: str) -> SoterError:
 
 
 def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | None, Wanted]:
-    """What each channel of a mapping has to hold; a table is the one channel None."""
+    """What each channel of a mapping has to hold; a table is the channel None. SoterError D016."""
     by_channel: dict[str | None, Wanted] = {}
     for t in mapping.topics:
         if not t.names:
@@ -123,7 +123,7 @@ def _seconds(time_ns: int) -> str:
 
 
 def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
-    """A time in ns, exactly as it is written."""
+    """A time in ns, exactly as it is written; SoterError D016."""
     try:
         number = Decimal(str(given).strip())
     except InvalidOperation:

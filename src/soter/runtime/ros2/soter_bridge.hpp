@@ -1,0 +1,263 @@
+/* soter_bridge.hpp: the bridge in rclcpp.
+ *
+ * Purpose: subscriptions, publications, parameters and /diagnostics around soter_bridge_core.hpp,
+ * for a package that `soter build --target ros2` writes. Checked against the interfaces that rosidl
+ * generates and a stub of rclcpp: it was not run on ROS 2.
+ * Non-goals: what is judged (the core), simulated time. C++17.
+ */
+#ifndef SOTER_BRIDGE_HPP
+#define SOTER_BRIDGE_HPP
+
+#include "soter_bridge_core.hpp"
+#include "soter_messages.hpp"
+
+#include <diagnostic_msgs/msg/diagnostic_array.hpp>
+#include <rclcpp/rclcpp.hpp>
+
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <thread>
+
+namespace soter {
+
+/* Who publishes a topic: nodes by the identity that messages carry. */
+class Publishers {
+ public:
+  Publishers(rclcpp::Node* node, const std::string& topic) : node_(node), topic_(topic) {}
+
+  /* The full name of the node, or the identity in hex where the graph does not know it. */
+  std::string name_of(const rclcpp::MessageInfo& info) {
+    std::string id;
+    for (const uint8_t byte : info.get_rmw_message_info().publisher_gid.data) {
+      static const char* const digits = "0123456789abcdef";
+      id += digits[byte >> 4];
+      id += digits[byte & 15];
+    }
+    if (known_.count(id) == 0U) {
+      look();
+    }
+    const auto there = known_.find(id);
+    return there == known_.end() ? id : there->second;
+  }
+
+ private:
+  void look() {
+    known_.clear();
+    for (const auto& endpoint : node_->get_publishers_info_by_topic(topic_)) {
+      std::string id;
+      for (const uint8_t byte : endpoint.endpoint_gid()) {
+        static const char* const digits = "0123456789abcdef";
+        id += digits[byte >> 4];
+        id += digits[byte & 15];
+      }
+      known_[id] = name(endpoint);
+    }
+  }
+
+  static std::string name(const rclcpp::TopicEndpointInfo& endpoint) {
+    const std::string& space = endpoint.node_namespace();
+    return (space == "/" ? "" : space) + "/" + endpoint.node_name();
+  }
+
+  rclcpp::Node* const node_;
+  const std::string topic_;
+  std::map<std::string, std::string> known_;
+};
+
+/* A topic of ROS that is bridged, either way. */
+class Bridged {
+ public:
+  virtual ~Bridged() = default;
+  virtual const char* open(const std::string& folder) = 0;
+  virtual Status status() = 0;
+  /* Of one that goes out: until the end, on a thread of its own. */
+  virtual void serve() {}
+};
+
+template <class T>
+class BridgedIn : public Bridged {
+ public:
+  typedef typename T::Message Message;
+
+  BridgedIn(rclcpp::Node* node, int64_t clock_error_ns)
+      : node_(node), inward_(clock_error_ns), publishers_(node, T::topic()) {}
+
+  const char* open(const std::string& folder) override {
+    const char* const wrong = inward_.open(folder);
+    if (wrong == nullptr) {
+      rclcpp::SubscriptionOptions options; /* a flood on one topic is a flood on one thread */
+      options.callback_group =
+          node_->create_callback_group(rclcpp::CallbackGroupType::MutuallyExclusive);
+      subscription_ = node_->create_subscription<Message>(
+          T::topic(), rclcpp::SensorDataQoS().keep_last(1),
+          [this](std::shared_ptr<const Message> m, const rclcpp::MessageInfo& info) {
+            inward_.take(*m, publishers_.name_of(info), node_->now().nanoseconds());
+          },
+          options);
+    }
+    return wrong;
+  }
+
+  Status status() override { return inward_.status(); }
+
+ private:
+  rclcpp::Node* const node_;
+  Inward<T> inward_;
+  Publishers publishers_;
+  std::shared_ptr<rclcpp::Subscription<Message>> subscription_;
+};
+
+template <class T>
+class BridgedOut : public Bridged {
+ public:
+  typedef typename T::Message Message;
+
+  explicit BridgedOut(rclcpp::Node* node) : node_(node) {}
+
+  const char* open(const std::string& folder) override {
+    publisher_ = node_->create_publisher<Message>(T::topic(), rclcpp::QoS(1).reliable());
+    return outward_.open(folder);
+  }
+
+  void serve() override {
+    outward_.serve([] { return rclcpp::ok(); },
+                   [this](const typename T::Value& value, int64_t age_ns) {
+                     Message message;
+                     T::convert(value, node_->now().nanoseconds() - age_ns, &message);
+                     publisher_->publish(message);
+                   });
+  }
+
+  Status status() override {
+    std::string names;
+    for (const auto& endpoint : node_->get_publishers_info_by_topic(T::topic())) {
+      if (endpoint.node_name() != node_->get_name()) {
+        names += (names.empty() ? "" : ", ") + endpoint.node_name();
+      }
+    }
+    outward_.others(names);
+    return outward_.status();
+  }
+
+ private:
+  rclcpp::Node* const node_;
+  std::shared_ptr<rclcpp::Publisher<Message>> publisher_;
+  Outward<T> outward_;
+};
+
+class Bridge {
+ public:
+  static constexpr int64_t DIAGNOSTICS_NS = 1000000000;
+
+  Bridge(const std::string& name, const StatusNames& names)
+      : trusted_(names), node_(std::make_shared<rclcpp::Node>(name)) {}
+
+  /* False, and said, where it cannot run. */
+  bool begin() {
+    if (node_->get_parameter("use_sim_time").as_bool()) {
+      RCLCPP_FATAL(node_->get_logger(),
+                   "use_sim_time is set, and the trusted part runs on the machine's clock");
+      return false;
+    }
+    folder_ = node_->declare_parameter<std::string>("channels", "");
+    const double clock_error_s = node_->declare_parameter<double>("clock_error", 0.0);
+    if (folder_.empty()) {
+      RCLCPP_FATAL(node_->get_logger(),
+                   "the parameter channels is not set: the folder of the trusted part's channels");
+      return false;
+    }
+    if (!(clock_error_s >= 0.0 && clock_error_s <= 1.0)) {
+      RCLCPP_FATAL(node_->get_logger(), "the parameter clock_error is no time from 0 to 1 s");
+      return false;
+    }
+    clock_error_ns_ = std::llround(clock_error_s * 1e9);
+    diagnostics_ = node_->create_publisher<diagnostic_msgs::msg::DiagnosticArray>(
+        "/diagnostics", rclcpp::QoS(1).reliable());
+    return true;
+  }
+
+  template <class T>
+  void in() {
+    topics_.emplace_back(new BridgedIn<T>(node_.get(), clock_error_ns_));
+  }
+
+  template <class T>
+  void out() {
+    topics_.emplace_back(new BridgedOut<T>(node_.get()));
+  }
+
+  int run() {
+    const char* wrong = trusted_.open(folder_);
+    for (size_t k = 0; wrong == nullptr && k < topics_.size(); k++) {
+      wrong = topics_[k]->open(folder_);
+    }
+    if (wrong != nullptr) {
+      RCLCPP_FATAL(node_->get_logger(), "a channel in `%s` cannot be opened: %s", folder_.c_str(),
+                   wrong);
+      return 1;
+    }
+    std::vector<std::thread> threads;
+    threads.emplace_back(&Bridge::turns, this);
+    for (const std::unique_ptr<Bridged>& topic : topics_) {
+      threads.emplace_back(&Bridged::serve, topic.get());
+    }
+    rclcpp::executors::MultiThreadedExecutor executor;
+    executor.add_node(node_);
+    executor.spin();
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    return 0;
+  }
+
+ private:
+  void turns() {
+    int64_t told = monotonic_ns();
+    while (rclcpp::ok()) {
+      const bool changed = trusted_.hear();
+      const int64_t now = monotonic_ns();
+      if (changed || now - told >= DIAGNOSTICS_NS) {
+        diagnose();
+        told = now;
+      }
+    }
+  }
+
+  void diagnose() {
+    std::vector<Status> all = trusted_.statuses();
+    for (const std::unique_ptr<Bridged>& topic : topics_) {
+      all.push_back(topic->status());
+    }
+    diagnostic_msgs::msg::DiagnosticArray message;
+    message.header.stamp = stamp_of(node_->now().nanoseconds());
+    for (const Status& status : all) {
+      diagnostic_msgs::msg::DiagnosticStatus to;
+      to.level = static_cast<unsigned char>(status.level);
+      to.name = status.name;
+      to.message = status.message;
+      to.hardware_id = status.of;
+      for (const std::pair<std::string, std::string>& value : status.values) {
+        diagnostic_msgs::msg::KeyValue pair;
+        pair.key = value.first;
+        pair.value = value.second;
+        to.values.push_back(pair);
+      }
+      message.status.push_back(to);
+    }
+    diagnostics_->publish(message);
+  }
+
+  TrustedPart trusted_;
+  const std::shared_ptr<rclcpp::Node> node_;
+  std::string folder_;
+  int64_t clock_error_ns_ = 0;
+  std::shared_ptr<rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>> diagnostics_;
+  std::vector<std::unique_ptr<Bridged>> topics_;
+};
+
+} /* namespace soter */
+
+#endif

@@ -1,0 +1,203 @@
+"""What ament, `ros2 launch` and people want of a package of ROS 2.
+
+Purpose: the text around the bridge: manifest, CMake, launch file, parameters, a test that starts
+it.
+Non-goals: the bridge (`node_sources.py`), the trusted part (`targets/posix.py`); running it here.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.native.compiler import MEANING
+from soter.targets.package import PackageFile
+from soter.targets.ros.catkin_files import START, TRUSTED, bridge_sources, described
+
+if TYPE_CHECKING:
+    from soter.targets.ros.catkin_files import RosPackage
+
+NEEDED = ("rclcpp", "diagnostic_msgs", "builtin_interfaces")
+
+
+def ament_files(p: RosPackage) -> list[PackageFile]:
+    """All of them."""
+    packages = sorted({*NEEDED, *p.message_packages})
+    return [
+        PackageFile("package.xml", _manifest(p, packages)),
+        PackageFile("CMakeLists.txt", _cmake(p, packages)),
+        PackageFile(f"launch/{p.name}.launch.py", _launch(p)),
+        PackageFile("config/parameters.yaml", _parameters(p)),
+        PackageFile("scripts/in_channels", START),
+        PackageFile(f"test/test_{p.name}.py", _test(p)),
+    ]
+
+
+def _manifest(p: RosPackage, packages: list[str]) -> str:
+    depends = "\n".join(f"  <depend>{name}</depend>" for name in packages)
+    return f"""\
+<?xml version="1.0"?>
+<package format="3">
+  <name>{p.name}</name>
+  <version>0.0.1</version>
+  <description>{described(p)}. Written by soter.</description>
+  <maintainer email="you@example.org">you</maintainer>
+  <license>yours</license>
+  <buildtool_depend>ament_cmake</buildtool_depend>
+{depends}
+  <exec_depend>launch_ros</exec_depend>
+  <test_depend>launch_testing_ament_cmake</test_depend>
+  <export>
+    <build_type>ament_cmake</build_type>
+  </export>
+</package>
+"""
+
+
+def _cmake(p: RosPackage, packages: list[str]) -> str:
+    finds = "\n".join(f"find_package({name} REQUIRED)" for name in packages)
+    programs = "".join(
+        f"""
+add_executable({name} {" ".join(sources)})
+target_include_directories({name} PRIVATE {TRUSTED})
+target_link_libraries({name} PRIVATE m pthread)
+"""
+        for name, sources in p.programs.items()
+    )
+    return f"""\
+# Written by soter: `colcon build` in a workspace of ROS 2.
+cmake_minimum_required(VERSION 3.16)
+project({p.name} C CXX)
+
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release)
+endif()
+set(CMAKE_C_STANDARD 99)
+set(CMAKE_CXX_STANDARD 17)
+# these belong to the meaning of the program: one rounding an operation, on every compiler
+add_compile_options({" ".join(MEANING)})
+set(CMAKE_C_FLAGS_RELEASE "-O2")
+set(CMAKE_CXX_FLAGS_RELEASE "-O2")
+
+find_package(ament_cmake REQUIRED)
+{finds}
+
+# the trusted part and its actuators: C, and nothing of ROS
+{programs}
+# between ROS and their channels
+add_executable({p.name}_bridge src/{p.name}_bridge.cpp {bridge_sources(p)})
+target_include_directories({p.name}_bridge PRIVATE {TRUSTED} src)
+ament_target_dependencies({p.name}_bridge {" ".join(packages)})
+
+install(TARGETS {" ".join([*p.programs, f"{p.name}_bridge"])} DESTINATION lib/{p.name})
+install(PROGRAMS scripts/in_channels DESTINATION lib/{p.name})
+install(DIRECTORY launch config DESTINATION share/{p.name})
+
+if(BUILD_TESTING)
+  find_package(launch_testing_ament_cmake REQUIRED)
+  add_launch_test(test/test_{p.name}.py)
+endif()
+ament_package()
+"""
+
+
+def _launch(p: RosPackage) -> str:
+    actuators = ""
+    if p.actuated:
+        actuators = f"""\
+            # obeys leases, and holds the fail-safe law without one; kill -USR1 arms it again
+            ExecuteProcess(
+                cmd=[start, "{p.command}_actuator", channels], on_exit=Shutdown(), output="screen"
+            ),
+"""
+    return f'''\
+"""The trusted part, its actuators and their bridge; written by soter."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, Shutdown
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
+
+
+def generate_launch_description():
+    """What is started."""
+    channels = LaunchConfiguration("channels")
+    start = PathJoinSubstitution([FindPackagePrefix("{p.name}"), "lib", "{p.name}", "in_channels"])
+    parameters = PathJoinSubstitution([FindPackageShare("{p.name}"), "config", "parameters.yaml"])
+    return LaunchDescription(
+        [
+            # the folder of the channels; give it a user of its own
+            DeclareLaunchArgument("channels", default_value="/dev/shm/{p.name}"),
+            # how often the trusted part may be late: 0 with real-time permissions
+            DeclareLaunchArgument("misses", default_value="0"),
+{actuators}            Node(
+                package="{p.name}",
+                executable="{p.name}_bridge",
+                parameters=[parameters, {{"channels": channels}}],
+                respawn=True,
+                output="screen",
+            ),
+            # after a restart it is in SC, and not obeyed before somebody arms the actuators
+            ExecuteProcess(
+                cmd=[start, "{p.command}", channels, "--misses", LaunchConfiguration("misses")],
+                respawn=True,
+                output="screen",
+            ),
+        ]
+    )
+'''
+
+
+def _parameters(p: RosPackage) -> str:
+    return f"""\
+{p.name}_bridge:
+  ros__parameters:
+    # How far the clocks of who stamps messages and of this machine may be apart, s. Messages count
+    # as so much older, and as from the future only beyond it.
+    clock_error: 0.0
+"""
+
+
+def _test(p: RosPackage) -> str:
+    return f'''\
+"""The package starts, and its trusted part is heard on /diagnostics; written by soter."""
+
+import time
+import unittest
+
+import launch_testing.actions
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from launch import LaunchDescription
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import PathJoinSubstitution
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_test_description():
+    """The launch file of the package."""
+    path = PathJoinSubstitution([FindPackageShare("{p.name}"), "launch", "{p.name}.launch.py"])
+    return LaunchDescription(
+        [
+            IncludeLaunchDescription(PythonLaunchDescriptionSource([path])),
+            launch_testing.actions.ReadyToTest(),
+        ]
+    )
+
+
+class TestDiagnostics(unittest.TestCase):
+    """What is said within ten seconds."""
+
+    def test_the_bridge_says_how_its_modules_are(self):
+        rclpy.init()
+        node = rclpy.create_node("listener")
+        heard = []
+        node.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
+        end = time.monotonic() + 10.0
+        while not heard and time.monotonic() < end:
+            rclpy.spin_once(node, timeout_sec=0.1)
+        node.destroy_node()
+        rclpy.shutdown()
+        self.assertTrue(any(s.name.startswith("soter: ") for m in heard for s in m.status))
+'''

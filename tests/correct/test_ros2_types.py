@@ -1,0 +1,144 @@
+"""The bridge for ROS 2 against the interfaces that rosidl generates, and a stub of rclcpp.
+
+Needs Debian's rosidl (`rosidl-tools`, `rosidl-generator-c-cpp`, `librosidl-runtime-c-cpp-dev`,
+`python3-ament-index`) and says so where it is not. Nothing of ROS 2 runs here.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+
+import processes
+from soter.api import load
+from soter.mapping.message_types import MessageTypes
+
+if TYPE_CHECKING:
+    from soter.mapping.message_types import MessageType
+
+HERE = Path(__file__).resolve().parents[1]
+EXAMPLE = HERE.parent / "examples" / "ros" / "shuttle_ros.soter"
+STUB = HERE / "generators" / "rclcpp_stub.hpp"
+RUNTIME = Path("/usr/include")
+NEEDED = (
+    shutil.which("rosidl"),
+    shutil.which("g++"),
+    (RUNTIME / "rosidl_runtime_cpp").exists() or None,
+)
+BASE, NAMED, ARRAY, SEQUENCE = 1, 2, 3, 4
+MAPPING = {
+    "topics": {
+        "position": {
+            "channel": "/odom", "type": "nav_msgs/msg/Odometry", "frame_id": "odom",
+            "fields": {"value": {"from": "pose.pose.position.x", "unit": "m", "scale": 2.0}},
+        },
+        "wish": {
+            "channel": "/scan", "type": "sensor_msgs/LaserScan", "stamp": "arrival",
+            "fields": {"value": {"from": "intensities.3", "unit": "m/s"}},
+        },
+        "speed": {
+            "channel": "/cmd_vel", "type": "geometry_msgs/TwistStamped",
+            "fields": {"value": "twist.linear.x"}, "set": {"header.frame_id": "base_link"},
+        },
+    }
+}  # fmt: skip
+
+pytestmark = pytest.mark.skipif(
+    None in NEEDED, reason="rosidl of ROS 2 (Debian: rosidl-tools and its generator) is not here"
+)
+
+
+def write_definitions(name: str, types: MessageType, folder: Path, done: set[str]) -> None:
+    """`package/msg/Name.msg` of a type and all that it has."""
+    if name in done:
+        return
+    done.add(name)
+    lines = []
+    for field, kind in types.definitions[2][name][1]:
+        lines.append(f"{written(kind, types, folder, done)} {field}")
+    package, _, short = name.partition("/msg/")
+    path = folder / package / "msg" / f"{short}.msg"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines) + "\n")
+
+
+def written(kind: Any, types: MessageType, folder: Path, done: set[str]) -> str:
+    if kind[0] == BASE:
+        return {"octet": "byte"}.get(kind[1][0], str(kind[1][0]))
+    if kind[0] == NAMED:
+        write_definitions(kind[1], types, folder, done)
+        return str(kind[1]).replace("/msg/", "/")
+    element, size = kind[1]
+    return f"{written(element, types, folder, done)}[{size if kind[0] == ARRAY else ''}]"
+
+
+@pytest.fixture(scope="module")
+def interfaces(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The headers that rosidl makes of what the mapping and the bridge use."""
+    folder = tmp_path_factory.mktemp("interfaces")
+    types, done = MessageTypes(), set[str]()
+    wanted = [t["type"] for t in MAPPING["topics"].values()]
+    for name in [*wanted, "diagnostic_msgs/DiagnosticArray", "builtin_interfaces/Time"]:
+        message = types.named(str(name))
+        write_definitions(message.ros2, message, folder / "msg", done)
+    for package in sorted(p.name for p in (folder / "msg").iterdir()):
+        files = sorted(f"msg/{p.name}" for p in (folder / "msg" / package / "msg").iterdir())
+        out = folder / "include" / package / package
+        command = ["rosidl", "generate", "-o", out, "-t", "cpp", "-I", folder / "msg", package]
+        done_ = processes.run(
+            [*command, *files], cwd=folder / "msg" / package, capture_output=True, text=True,
+            env={"PATH": "/usr/bin:/bin"},
+        )  # fmt: skip
+        assert done_.returncode == 0, done_.stderr
+    return folder / "include"
+
+
+def checked(package: Path, interfaces: Path, stub: Path) -> processes.Done:
+    """The bridge of a package as the compiler sees it."""
+    includes = [f"-I{p}" for p in interfaces.iterdir()]
+    includes += [f"-I{p}" for p in RUNTIME.glob("rosidl_*")]
+    words = ["g++", "-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-Werror"]
+    words += [f"-I{package / 'trusted'}", f"-I{package / 'src'}", f"-I{stub}", *includes]
+    (bridge,) = (package / "src").glob("*_bridge.cpp")
+    return processes.run([*words, bridge], capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def stub(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("stub")
+    (folder / "rclcpp").mkdir()
+    shutil.copy(STUB, folder / "rclcpp" / "rclcpp.hpp")
+    return folder
+
+
+def test_the_bridge_fits_the_interfaces(interfaces: Path, stub: Path, tmp_path: Path) -> None:
+    load(EXAMPLE).build("ros2", tmp_path / "out", "Vehicle", mapping=MAPPING)
+    done = checked(tmp_path / "out", interfaces, stub)
+    assert done.returncode == 0, done.stderr[-3000:]
+    for path in (tmp_path / "out").rglob("*.py"):
+        ast.parse(path.read_text())
+
+
+def test_a_field_that_the_interface_does_not_have_is_seen(
+    interfaces: Path, stub: Path, tmp_path: Path
+) -> None:
+    load(EXAMPLE).build("ros2", tmp_path / "out", "Vehicle", mapping=MAPPING)
+    (topics,) = (tmp_path / "out" / "src").glob("*_topics.hpp")
+    topics.write_text(topics.read_text().replace("pose.pose.position.x", "pose.position.x"))
+    assert "position" in checked(tmp_path / "out", interfaces, stub).stderr
+
+
+def test_a_system_with_its_plants_is_none_for_ros_2(tmp_path: Path) -> None:
+    from soter.diagnostics.diagnostic import SoterError
+
+    mapping = json.loads(json.dumps({"topics": {"position": MAPPING["topics"]["position"]}}))
+    with pytest.raises(SoterError) as error:
+        load(EXAMPLE).build("ros2", tmp_path / "out", "Track", mapping=mapping)
+    assert error.value.diagnostics[0].code == "U001"

@@ -1,0 +1,112 @@
+/* rclcpp_stub.hpp: what of rclcpp a generated bridge uses, declared as rclcpp (Humble) declares it.
+ *
+ * Purpose: bridges for ROS 2 are type-checked where no rclcpp is; nothing of it runs.
+ * Non-goals: everything else.
+ */
+#ifndef RCLCPP_STUB_HPP
+#define RCLCPP_STUB_HPP
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#define RMW_GID_STORAGE_SIZE 16U
+struct rmw_gid_t {
+  const char* implementation_identifier;
+  uint8_t data[RMW_GID_STORAGE_SIZE];
+};
+struct rmw_message_info_t {
+  rmw_gid_t publisher_gid;
+};
+
+namespace rclcpp {
+
+void init(int argc, char const* const* argv);
+bool ok();
+
+class MessageInfo {
+ public:
+  const rmw_message_info_t& get_rmw_message_info() const;
+};
+
+class TopicEndpointInfo {
+ public:
+  const std::string& node_name() const;
+  const std::string& node_namespace() const;
+  const std::array<uint8_t, RMW_GID_STORAGE_SIZE>& endpoint_gid() const;
+};
+
+class QoS {
+ public:
+  explicit QoS(size_t depth);
+  QoS& keep_last(size_t depth);
+  QoS& reliable();
+};
+class SensorDataQoS : public QoS {
+ public:
+  SensorDataQoS();
+};
+
+enum class CallbackGroupType { MutuallyExclusive, Reentrant };
+class CallbackGroup;
+struct SubscriptionOptions {
+  std::shared_ptr<CallbackGroup> callback_group;
+};
+
+template <class M>
+class Subscription {};
+template <class M>
+class Publisher {
+ public:
+  void publish(const M& message);
+};
+
+class Time {
+ public:
+  int64_t nanoseconds() const;
+};
+class Parameter {
+ public:
+  bool as_bool() const;
+};
+class Logger {};
+template <class... Arguments>
+void stub_log(const Logger&, const char*, Arguments...);
+#define RCLCPP_FATAL(logger, ...) rclcpp::stub_log(logger, __VA_ARGS__)
+
+class Node {
+ public:
+  explicit Node(const std::string& name);
+  const char* get_name() const;
+  Logger get_logger() const;
+  Time now() const;
+  Parameter get_parameter(const std::string& name) const;
+  template <class T>
+  auto declare_parameter(const std::string& name, const T& value) -> T;
+  std::vector<TopicEndpointInfo> get_publishers_info_by_topic(const std::string& topic,
+                                                              bool no_mangle = false) const;
+  std::shared_ptr<CallbackGroup> create_callback_group(
+      CallbackGroupType type, bool automatically_add_to_executor_with_node = true);
+  template <class M>
+  std::shared_ptr<Publisher<M>> create_publisher(const std::string& topic, const QoS& qos);
+  template <class M>
+  std::shared_ptr<Subscription<M>> create_subscription(
+      const std::string& topic, const QoS& qos,
+      std::function<void(std::shared_ptr<const M>, const MessageInfo&)> callback,
+      const SubscriptionOptions& options = SubscriptionOptions());
+};
+
+namespace executors {
+class MultiThreadedExecutor {
+ public:
+  void add_node(std::shared_ptr<Node> node);
+  void spin();
+};
+} /* namespace executors */
+
+} /* namespace rclcpp */
+
+#endif
