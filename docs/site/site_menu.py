@@ -31,6 +31,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("deploy.md", "In your firmware"),
             ("ground-robot.md", "A ground robot"),
             ("real-time.md", "Real time"),
+            ("remote.md", "A policy in another process"),
             ("ros.md", "On ROS 1"),
             ("dds.md", "On the wire of ROS 2"),
             ("real-logs.md", "Somebody else's logs"),

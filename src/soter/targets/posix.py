@@ -21,6 +21,7 @@ from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets import c99
+from soter.targets.channel_document import channel_document_files
 from soter.targets.firmware import RUNTIME_FILES
 from soter.targets.lateness_limits import limits_of, takeovers
 from soter.targets.leases import FILES as LEASES
@@ -96,7 +97,7 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
         *(lease_files(system, unit.prefix) if world.granted else ()),
     ]
     trusted = [f.path for f in package.files if f.path.endswith(".c")]
-    package.files += world.channel_files()
+    package.files += [*world.channel_files(), *channel_document_files(system)]
     linked = [s for s in unit.c_sources if s != c99.STUBS]
     package.files += (files := c99.extern_files(linked))
     trusted += [f.path for f in files if f.path.endswith(".c")]
@@ -406,5 +407,6 @@ Where nobody was late its `trace_sha256` is that of `soter run` with the same se
 | `soter_posix*.c`, `soter_channel.c` | the real-time driver |
 | `soter_check.h`, `soter_posix_check.c` | what must be so, and what happens where it is not |
 | `soter_outside.*` | values from and to other programs (`{name}_channels.h`, where there are any) |
+| `channels.json` | the same channels for programs that are no C: `soter.remote` |
 | `soter_worker.c`, `worker_*/` | the processes of extern nodes |
 {actuators}"""

@@ -9,14 +9,13 @@ Non-goals: the driver and the actuators themselves (`runtime/posix/`), laws (`le
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name
 from soter.core.layout import size_of
 from soter.language.model.durations import show_ns
+from soter.targets.channel_document import lasting, layout_number, number_of_layout
 from soter.targets.firmware import described, topic_names
 from soter.targets.lateness_limits import AgeLimit, ages_of
 from soter.targets.leases import lease_names, lease_times, leased
@@ -71,10 +70,9 @@ class WorldTables:
         times = lease_times(self.system, module)
         of = {x.name: x for x in self.system.components}
         parts = [of[b.name] for b in times.budgets]
-        lasting = [x.name for x in parts if x.held is not None]
-        if lasting:
+        if slow := lasting(self.system, module):
             self.notes.append(
-                f"{module.name}: no leases in real time: a step of {', '.join(lasting)} takes time"
+                f"{module.name}: no leases in real time: a step of {', '.join(slow)} takes time"
             )
             return
         name = self.lease_names[module.index]
@@ -109,14 +107,16 @@ class WorldTables:
     @staticmethod
     def number(topic: Topic) -> int:
         """Of the layout of a topic's value: what the head of its channel says."""
-        return _number(topic)
+        return layout_number(topic)
 
     @property
     def status_number(self) -> int:
         """Of the layout of what the trusted part says of itself."""
         modules = [m.name for m in self.system.modules]
         leases = [g.module.name for g in self.granted]
-        return _hashed({"status": [modules, leases, [self.names[t.index] for t in self.topics]]})
+        return number_of_layout(
+            {"status": [modules, leases, [self.names[t.index] for t in self.topics]]}
+        )
 
     def include(self) -> str:
         """The header of the laws, where there are any."""
@@ -144,7 +144,7 @@ const uint32_t soter_app_lease_count = {len(self.granted)};
         return f"""\
     {{.topic = {t.index}U,
      .name = "{self.names[t.index]}",
-     .hash = UINT64_C({_number(t):#018x}),
+     .hash = UINT64_C({layout_number(t):#018x}),
      .max_age_ns = INT64_C({age}),
      .inward = {"true" if t.driver == "input" else "false"},
      .awaited = {"true" if self._awaited(t) else "false"}}},"""
@@ -222,7 +222,7 @@ static const soter_posix_age ages_{index}[] = {{{ages}}};
 
     def _message_number(self, g: LeasedModule) -> int:
         topics = [self.system.topics[i] for i in g.module.outputs]
-        return _hashed({"lease": g.channel, "of": [described(t.type) for t in topics]})
+        return number_of_layout({"lease": g.channel, "of": [described(t.type) for t in topics]})
 
     # ------------------------------------------------------------ the actuators
 
@@ -292,7 +292,7 @@ const uint32_t soter_actuator_count = {len(self.granted)};
             rows.append(
                 f"""\
     {{.name = "{self.names[i]}",
-     .hash = UINT64_C({_number(t):#018x}),
+     .hash = UINT64_C({layout_number(t):#018x}),
      .offset = offsetof({g.name}_command, {field}),
      .size = sizeof((({g.name}_command*)0)->{field})}},"""
             )
@@ -359,7 +359,7 @@ void soter_actuate(uint32_t module, const void* command, bool obeys) {{
         name = self.names[t.index]
         what = "you write" if inward else "you read"
         kind = self.unit.topics[t.index][0]
-        number, writes = f"UINT64_C({_number(t):#018x})", "true" if inward else "false"
+        number, writes = f"UINT64_C({layout_number(t):#018x})", "true" if inward else "false"
         parameters = "soter_outside* channel, const char* folder"
         return f"""\
 /* {t.name}: a `{kind}`, which {what} */
@@ -371,13 +371,3 @@ SOTER_INLINE const char* {self.unit.prefix}_open_{name}({parameters}) {{
 
 def _padded(size: int) -> int:
     return (size + 7) // 8 * 8
-
-
-def _number(t: Topic) -> int:
-    """Of the layout of a topic's value."""
-    return _hashed(described(t.type))
-
-
-def _hashed(what: object) -> int:
-    text = json.dumps(what, sort_keys=True, separators=(",", ":"))
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")

@@ -28,7 +28,7 @@ from soter.language.model.types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from soter.language.model.types import Value
 
@@ -48,15 +48,16 @@ class ValueShapeError(Exception):
 # ---------------------------------------------------------------- Soter -> Python
 
 
-def to_python(t: Type, value: Value) -> Any:  # noqa: ANN401  any type of Soter
-    """The value as a Python programmer wants it.
+def to_python(t: Type, value: Value, record: Callable[..., Any] = SimpleNamespace) -> Any:  # noqa: ANN401
+    """The value as a Python programmer wants it; any type of Soter.
 
-    Records become namespaces, arrays and lists of (arrays of) floats NumPy arrays, other arrays
-    and lists Python lists, enums the name of the member, durations ns.
+    Records become namespaces, or what `record` makes of their fields; arrays and lists of (arrays
+    of) floats NumPy arrays, other arrays and lists Python lists, enums the name of the member,
+    durations ns.
     """
     if isinstance(t, RecordType):
         fields = zip(t.fields, value, strict=True)
-        return SimpleNamespace(**{n: to_python(f, v) for (n, f), v in fields})
+        return record(**{n: to_python(f, v, record) for (n, f), v in fields})
     if isinstance(t, EnumType):
         return t.members[value]
     if isinstance(t, (ArrayType, ListType)):
@@ -67,7 +68,7 @@ def to_python(t: Type, value: Value) -> Any:  # noqa: ANN401  any type of Soter
                 doubles = np.frombuffer(value.packed, dtype="<f8").astype(np.float64)
                 return doubles.reshape(len(value), *_shape(t.element))
             return np.array(value, dtype=np.float64).reshape(len(value), *_shape(t.element))
-        return [to_python(t.element, v) for v in value]
+        return [to_python(t.element, v, record) for v in value]
     return value
 
 

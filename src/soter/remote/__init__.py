@@ -1,0 +1,17 @@
+"""A policy in a process of its own: read what a robot measures, publish what a policy wants.
+
+    with soter.remote.connect("robot.soter", system="Vehicle", channels="/dev/shm/robot") as robot:
+        for observation in robot.every("position"):
+            robot.publish("wish", policy(observation), measured=observation.measured)
+
+Purpose: Python on the other side of the channels of target `posix` (docs/remote.md). Values are
+judged here to say early what is wrong; the gate judges them again and takes nobody's word for it.
+Non-goals: other machines; learning; anything that has to be on time.
+"""
+
+from __future__ import annotations
+
+from soter.remote.observations import Observation, Reading
+from soter.remote.robot import Robot, connect
+
+__all__ = ["Observation", "Reading", "Robot", "connect"]

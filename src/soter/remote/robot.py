@@ -1,0 +1,244 @@
+"""The connection: what a policy calls.
+
+Purpose: `connect`, and of a `Robot` `read`, `every`, `publish`, `publish_chunk`.
+Non-goals: layouts and sets (`topics.py`), shared memory (`channel.py`), times of chunks
+(`chunks.py`). Nothing here is on time, and nothing on the robot waits for it.
+"""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.model.durations import WrongTextError, duration_ns
+from soter.remote.channel import Channel, compiled
+from soter.remote.chunks import SECOND_NS, Chunk, Player
+from soter.remote.observations import Observation, Reading
+from soter.remote.topics import topics_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+    from soter.remote.program_topics import Declared
+    from soter.remote.topics import Topic, Topics
+
+SLICE_NS = 50_000_000
+"""So often somebody who waits looks whether the connection was closed."""
+
+
+def connect(
+    program: str | Path | Declared, *, channels: str | Path, system: str | None = None
+) -> Robot:
+    """A robot whose trusted part has its channels in the folder `channels`.
+
+    `program`: a file, what `soter.load` gave, the folder of a built package, or its
+    `channels.json`. `system`: of a program; by default the only one, or the `default`.
+    SoterError X013, U002 and those of the program; X004, X005 where no C compiles here.
+    """
+    topics = topics_of(program, system)
+    folder = Path(channels)
+    if not folder.is_dir():
+        start = f"make it, and start the robot with `--channels {folder}`"
+        message = f"there is no folder `{folder}`: {start}"
+        raise SoterError((Diagnostic("X013", message),))
+    compiled()  # here, and not before the first action
+    return Robot(topics, folder)
+
+
+class Robot:
+    """A connection, to be used with `with`; its methods may be called by several threads."""
+
+    def __init__(self, topics: Topics, folder: Path) -> None:
+        self._topics = topics
+        self._folder = folder
+        self._lock = Lock()
+        self._closed = False
+        self._written: dict[str, Channel] = {}
+        self._read: dict[str, Channel] = {}
+        self._newest: dict[str, tuple[int, bytes]] = {}
+        self._player = Player(time.monotonic_ns)
+
+    def __repr__(self) -> str:
+        return f"<soter.remote.Robot {self._topics.system} in {self._folder}>"
+
+    @property
+    def topics(self) -> dict[str, Topic]:
+        """Every topic with a channel, by name: its type, its set (`ends`), who may write it."""
+        return {t.name: t for t in self._topics.all}
+
+    # ------------------------------------------------------------ reading
+
+    def read(self, topic: str) -> Reading | None:
+        """The newest value, whether or not it was read before; None before the first."""
+        t = self._topics.find(topic)
+        with self._lock:
+            if t.name not in self._read:
+                self._read[t.name] = self._opened(t, writes=False)
+            fresh = self._read[t.name].read()
+            if fresh is not None:
+                self._newest[t.name] = fresh
+            newest = self._newest.get(t.name)
+        return None if newest is None else _reading(t, newest)
+
+    def every(self, *topics: str, timeout: float | str | None = None) -> Iterator[Observation]:
+        """An observation whenever somebody has written the first topic: since this call, then anew.
+
+        The others are as new as they are; the first observation waits until each has a value. A
+        policy that is slower than its sensor misses values and never falls behind. TimeoutError
+        where the first topic is not written for `timeout` (`"1s"`, or seconds); SoterError U001,
+        X013.
+        """
+        wanted = {name: self._topics.find(name) for name in topics}
+        if not wanted:
+            raise SoterError((Diagnostic("U001", "`every` needs the name of a topic"),))
+        limit_ns = None if timeout is None else _positive_ns("timeout", timeout)
+        own = {name: self._opened(t, writes=False) for name, t in wanted.items()}
+        own[topics[0]].read()  # what was written before anybody asked is no news
+        return self._observations(wanted, own, limit_ns)
+
+    def _observations(
+        self, wanted: dict[str, Topic], own: dict[str, Channel], limit_ns: int | None
+    ) -> Iterator[Observation]:
+        first = next(iter(own))
+        newest: dict[str, tuple[int, bytes]] = {}
+        heard_ns, due = time.monotonic_ns(), False
+        slice_ns = SLICE_NS if limit_ns is None else min(SLICE_NS, limit_ns)
+        try:
+            while not self._closed:
+                fresh = {n: v for n, c in own.items() if (v := c.read()) is not None}
+                newest |= fresh
+                due = due or first in fresh
+                if due and own.keys() == newest.keys():
+                    yield Observation({n: _reading(t, newest[n]) for n, t in wanted.items()})
+                    heard_ns, due = time.monotonic_ns(), False
+                elif limit_ns is not None and time.monotonic_ns() - heard_ns > limit_ns:
+                    silent = next((n for n in wanted if n not in newest), first)
+                    raise TimeoutError(f"nobody wrote `{silent}` for {limit_ns / SECOND_NS} s")
+                else:
+                    own[first].wait(slice_ns)
+        finally:
+            for channel in own.values():
+                channel.close()
+
+    # ------------------------------------------------------------ publishing
+
+    def publish(
+        self, topic: str, value: object, *, measured: int | None = None, clip: bool = False
+    ) -> None:
+        """Write a value; ends a chunk that is being played on this topic.
+
+        `measured`: when what it rests on was measured, ns on CLOCK_MONOTONIC (of a `Reading` its
+        `stamp`, of an `Observation` `measured`); by default now. `clip`: numbers outside the
+        topic's set are put at its ends. SoterError U012 where the topic cannot take the value, or
+        it was measured in the future; then nothing is written.
+        """
+        t = self._topics.to_publish(topic)
+        image, writer = t.image(value, clip=clip), self._writer(t)
+        now_ns = time.monotonic_ns()
+        stamp = now_ns if measured is None else _past(measured, now_ns)
+        self._player.instead(t.name, partial(writer.write, stamp, image))
+
+    def publish_chunk(
+        self,
+        topic: str,
+        actions: Any,  # noqa: ANN401 - a sequence or array, an action a row
+        *,
+        every: float | str,
+        start: int | None = None,
+        measured: int | None = None,
+        clip: bool = False,
+    ) -> None:
+        """Write `actions[k]` at `start + k every`, in a thread; replaces a chunk.
+
+        After the last action the topic is silent: its age grows. No actions: it is so at once.
+        `start`: ns on CLOCK_MONOTONIC, by default now; where it is that of the observation, actions
+        whose time has passed are left out. Action k is stamped with its own time, or, all of them,
+        with `measured`. SoterError as of `publish`, for any of them: then the chunk before goes on.
+        """
+        t = self._topics.to_publish(topic)
+        every_ns = _positive_ns("every", every)
+        rows = actions.tolist() if hasattr(actions, "tolist") else actions
+        if not isinstance(rows, (list, tuple)):
+            message = (
+                f"{t.name}: expected a sequence of actions, found a `{type(actions).__name__}`"
+            )
+            raise SoterError((Diagnostic("U012", message),))
+        images = [t.image(a, clip=clip, path=f"{t.name} {k}") for k, a in enumerate(rows)]
+        writer = self._writer(t)
+        now_ns = time.monotonic_ns()
+        stamp = None if measured is None else _past(measured, now_ns)
+        first_ns = now_ns if start is None else _time("start", start)
+        self._player.begin(t.name, Chunk(images, first_ns, every_ns, stamp), writer.write)
+
+    # ------------------------------------------------------------ end
+
+    def close(self) -> None:
+        """Ends chunks, gives channels free; what was written stays, and grows old."""
+        self._closed = True
+        self._player.end()
+        with self._lock:
+            for channel in (*self._written.values(), *self._read.values()):
+                channel.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # ------------------------------------------------------------ channels
+
+    def _writer(self, t: Topic) -> Channel:
+        with self._lock:
+            if t.name not in self._written:
+                self._written[t.name] = self._opened(t, writes=True)
+            return self._written[t.name]
+
+    def _opened(self, t: Topic, *, writes: bool) -> Channel:
+        if self._closed:
+            raise ValueError("the connection is closed")
+        return Channel(self._folder, t.channel, t.number, t.size, writes=writes)
+
+
+def _reading(t: Topic, newest: tuple[int, bytes]) -> Reading:
+    stamp, image = newest
+    return Reading(t.value(image), stamp, (time.monotonic_ns() - stamp) / SECOND_NS)
+
+
+def _positive_ns(what: str, given: float | str) -> int:
+    try:
+        ns = duration_ns(given)
+    except WrongTextError as error:
+        message = f"`{what}` cannot be `{str(given)[:40]}`: {error}"
+        raise SoterError((Diagnostic("U001", message),)) from error
+    if ns <= 0:
+        raise SoterError((Diagnostic("U001", f"`{what}` has to be longer than nothing"),))
+    return ns
+
+
+def _time(what: str, given: object) -> int:
+    if isinstance(given, bool) or not hasattr(given, "__index__"):
+        message = f"`{what}` is a time in ns as `time.monotonic_ns()` gives it, not {given!r}"
+        raise SoterError((Diagnostic("U001", message),))
+    return int(given.__index__())
+
+
+def _past(measured: object, now_ns: int) -> int:
+    stamp = _time("measured", measured)
+    if stamp > now_ns or stamp < 0:
+        late = f"{(stamp - now_ns) / SECOND_NS:.3f} s from now"
+        message = f"nothing was measured {late}: times are those of `time.monotonic_ns()`"
+        raise SoterError((Diagnostic("U012", message),))
+    return stamp

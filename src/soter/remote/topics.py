@@ -1,0 +1,274 @@
+"""The topics of a robot: which channel, which type, which set; values to bytes and back.
+
+Purpose: read `channels.json`, or make the same from a program; judge what is to be published as the
+gate would, in words, before anybody sees it.
+Non-goals: channels (`channel.py`). The gate judges again: it takes nobody's word for it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from soter.core.layout import INT_KINDS, decode_from, encode_into, size_of
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.near import likely
+from soter.diagnostics.os_error_text import reason
+from soter.language.model.python_values import ValueShapeError, from_python, to_python
+from soter.language.model.types import (
+    BOOL,
+    FLOAT,
+    INT,
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from soter.language.model.types import Type, Value
+    from soter.remote.program_topics import Declared
+
+    Ends = tuple[float, float] | None
+
+CHANNELS = "channels.json"
+TRUSTED = "trusted"
+"""The folder of the trusted part in a package of a target for a middleware."""
+SCHEMA = 1
+INTS = {c_type: IntType(low, high) for _, _, low, high, c_type, _ in INT_KINDS}
+ENUM_STORAGE = {1: "uint8_t", 2: "uint16_t"}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic with a channel. `number`: of its layout; `writable`: others than the robot write it.
+
+    `ends`: for each leaf of the type the least and the greatest value, None where all may be.
+    """
+
+    name: str
+    channel: str
+    number: int
+    writable: bool
+    max_age_ns: int | None
+    type: Type
+    ends: tuple[Ends, ...]
+
+    @property
+    def size(self) -> int:
+        """Bytes of a value."""
+        return size_of(self.type)
+
+    def image(self, given: object, *, clip: bool, path: str = "") -> bytes:
+        """The bytes of a value; SoterError U012 where the topic cannot take it."""
+        where = path or self.name
+        if not isinstance(self.type, (RecordType, ArrayType, ListType)):
+            given = _only_element(given)
+        try:
+            value = from_python(_widened(self.type), given, where)
+        except ValueShapeError as error:
+            raise _refused(str(error)) from error
+        fitting = _Fitting(self.ends, clip=clip).value(self.type, value, where)
+        buffer = bytearray(self.size)
+        encode_into(buffer, 0, self.type, fitting)
+        return bytes(buffer)
+
+    def value(self, image: bytes) -> Any:  # noqa: ANN401 - any type of Soter
+        """What the bytes mean, records as dicts; SoterError X013 where they are no such value."""
+        try:
+            return to_python(self.type, decode_from(image, 0, self.type), record=dict)
+        except (ValueError, IndexError) as error:
+            message = f"what stands in the channel `{self.channel}` is no `{self.type}`"
+            raise SoterError((Diagnostic("X013", message),)) from error
+
+
+class Topics:
+    """Topics by the name that the program gives them, or that of their channel."""
+
+    def __init__(self, system: str, topics: Sequence[Topic]) -> None:
+        self.system = system
+        self.all = tuple(topics)
+        self._known = {n: t for t in topics for n in (t.channel, t.name)}
+
+    def find(self, name: str) -> Topic:
+        """SoterError U001 where there is none."""
+        found = self._known.get(name)
+        if found is None:
+            near = likely(name, self._known)
+            listed = f"did you mean `{near}`?" if near else f"it has {_listed(self.all)}"
+            message = f"system `{self.system}` has no channel `{name}`: {listed}"
+            raise SoterError((Diagnostic("U001", message),))
+        return found
+
+    def to_publish(self, name: str) -> Topic:
+        """The same of one that comes from outside; SoterError U001 where it does not."""
+        topic = self.find(name)
+        if not topic.writable:
+            open_ = _listed([t for t in self.all if t.writable])
+            message = f"`{name}` is published by the robot itself; open to others: {open_}"
+            raise SoterError((Diagnostic("U001", message),))
+        return topic
+
+
+def _listed(topics: Sequence[Topic]) -> str:
+    return ", ".join(f"`{t.name}`" for t in topics) or "none"
+
+
+# ---------------------------------------------------------------- from a package, or a program
+
+
+def topics_of(program: str | Path | Declared, system: str | None) -> Topics:
+    """The topics of a package (its folder, its channels.json) or of a program (file or loaded)."""
+    if isinstance(program, (str, Path)):
+        path = Path(program)
+        if path.is_dir():
+            there = [f / CHANNELS for f in (path, path / TRUSTED)]
+            return _of_package(next((f for f in there if f.is_file()), there[0]), system)
+        if path.suffix == ".json":
+            return _of_package(path, system)
+    from soter.remote.program_topics import document_of  # noqa: PLC0415 - a package needs no checker
+
+    return parsed(document_of(program, system), "the program")
+
+
+def _of_package(path: Path, system: str | None) -> Topics:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        message = f"cannot read `{path}`: {reason(error)}; `soter build --target posix` writes it"
+        raise SoterError((Diagnostic("X013", message),)) from error
+    except (ValueError, RecursionError) as error:
+        raise _no_document(str(path)) from error
+    topics = parsed(document, str(path))
+    if system is not None and system not in (topics.system, topics.system.rpartition(".")[2]):
+        message = f"`{path}` is about system `{topics.system}`, not `{system}`"
+        raise SoterError((Diagnostic("X013", message),))
+    return topics
+
+
+def parsed(document: object, where: str) -> Topics:
+    """What `channels.json` says; SoterError X013 where it is none, or has no channels."""
+    try:
+        whole = cast("Mapping[str, Any]", document)
+        if whole["schema"] != SCHEMA:
+            raise _no_document(where)
+        topics = [_topic(t) for t in whole["topics"]]
+        system = str(whole["system"])
+    except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise _no_document(where) from error
+    if not topics:
+        message = f"system `{system}` has no channels: no `external topic` is declared in it"
+        raise SoterError((Diagnostic("X013", message),))
+    return Topics(system, topics)
+
+
+def _no_document(where: str) -> SoterError:
+    message = f"`{where}` is no channels.json of this version of soter: build the package anew"
+    return SoterError((Diagnostic("X013", message),))
+
+
+def _topic(t: Mapping[str, Any]) -> Topic:
+    made = _type(t["type"])
+    ends = tuple(None if e is None else (_number(e[0]), _number(e[1])) for e in t["set"])
+    if len(ends) != sum(1 for _ in leaves(made)) or size_of(made) != t["type"]["size"]:
+        raise ValueError(t["name"])
+    return Topic(
+        name=str(t["name"]),
+        channel=str(t["channel"]),
+        number=int(t["number"], 16),
+        writable=t["published"] == "outside",
+        max_age_ns=t["max_age_ns"],
+        type=made,
+        ends=ends,
+    )
+
+
+def _number(given: object) -> float:
+    if isinstance(given, bool) or not isinstance(given, (int, float)):
+        raise TypeError(given)
+    return given
+
+
+def _type(d: Mapping[str, Any]) -> Type:
+    """The type behind `described` (targets/firmware.py); of ints the storage, no names."""
+    kind = d["kind"]
+    if "members" in d:
+        made = EnumType("enum", tuple(map(str, d["members"])))
+        if ENUM_STORAGE.get(size_of(made)) != kind:
+            raise ValueError(kind)
+        return made
+    if kind == "record":
+        return RecordType(tuple((str(f["name"]), _type(f["type"])) for f in d["fields"]))
+    if kind == "array":
+        return ArrayType(_type(d["element"]), int(d["length"]))
+    if kind == "list":
+        return ListType(_type(d["element"]), int(d["capacity"]))
+    if kind == "double":
+        return FLOAT
+    return BOOL if d.get("bool") else INTS[kind]
+
+
+# ---------------------------------------------------------------- values
+
+
+def _only_element(given: object) -> object:
+    """The number of an array of one, which is what networks answer."""
+    if hasattr(given, "tolist") and hasattr(given, "ndim"):
+        given = cast("Any", given).tolist()
+    return given[0] if isinstance(given, (list, tuple)) and len(given) == 1 else given
+
+
+def _widened(t: Type) -> Type:
+    """The same with plain ints: whether one is in its set is another question."""
+    if isinstance(t, IntType):
+        return INT
+    if isinstance(t, RecordType):
+        return RecordType(tuple((n, _widened(f)) for n, f in t.fields), t.name)
+    if isinstance(t, ArrayType):
+        return ArrayType(_widened(t.element), t.size)
+    return ListType(_widened(t.element), t.capacity) if isinstance(t, ListType) else t
+
+
+class _Fitting:
+    """A value in its topic's set, or U012; `clip`: numbers are put at the ends of the set."""
+
+    def __init__(self, ends: Sequence[Ends], *, clip: bool) -> None:
+        self._ends = iter(ends)
+        self._clip = clip
+
+    def value(self, t: Type, given: Value, path: str) -> Value:
+        """Takes as many ends as the type has leaves."""
+        if isinstance(t, RecordType):
+            parts = zip(t.fields, given, strict=True)
+            return tuple([self.value(f, v, f"{path}.{n}") for (n, f), v in parts])
+        if isinstance(t, ArrayType):
+            return tuple([self.value(t.element, v, f"{path}[{i}]") for i, v in enumerate(given)])
+        if isinstance(t, ListType):
+            own = [next(self._ends) for _ in leaves(t.element)]
+            each = [(_Fitting(own, clip=self._clip), v) for v in given]
+            return tuple([f.value(t.element, v, f"{path}[{i}]") for i, (f, v) in enumerate(each)])
+        return self._leaf(t, given, next(self._ends), path)
+
+    def _leaf(self, t: Type, given: Value, ends: Ends, path: str) -> Value:
+        if isinstance(t, (BoolType, EnumType)):
+            return given
+        if isinstance(t, FloatType) and not math.isfinite(given):
+            raise _refused(f"{path}: {given} is no finite number")
+        if ends is None or ends[0] <= given <= ends[1]:
+            return given
+        if self._clip:
+            return type(given)(min(max(given, ends[0]), ends[1]))
+        raise _refused(f"{path}: {given} is not in [{ends[0]}, {ends[1]}] (clip=True clips it)")
+
+
+def _refused(message: str) -> SoterError:
+    return SoterError((Diagnostic("U012", message),))
