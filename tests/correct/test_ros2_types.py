@@ -91,7 +91,8 @@ def interfaces(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for package in sorted(p.name for p in (folder / "msg").iterdir()):
         files = sorted(f"msg/{p.name}" for p in (folder / "msg" / package / "msg").iterdir())
         out = folder / "include" / package / package
-        command = ["rosidl", "generate", "-o", out, "-t", "cpp", "-I", folder / "msg", package]
+        command: list[str | Path] = ["rosidl", "generate", "-o", out, "-t", "cpp"]
+        command += ["-I", folder / "msg", package]
         done_ = processes.run(
             [*command, *files], cwd=folder / "msg" / package, capture_output=True, text=True,
             env={"PATH": "/usr/bin:/bin"},

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import time
 from typing import TYPE_CHECKING, Any
@@ -39,7 +38,7 @@ def told(call: Callable[[], object]) -> tuple[str, str]:
 
 
 def test_importing_it_loads_nothing_heavy() -> None:
-    done = processes.run([sys.executable, "-c", LIGHT], stdout=subprocess.PIPE, text=True)
+    done = processes.run([sys.executable, "-c", LIGHT], stdout=processes.PIPE, text=True)
     assert done.stdout == "[]\n"
 
 

@@ -313,7 +313,7 @@ def test_a_sample_longer_than_its_type_is_refused_where_names_alone_are_compared
 ) -> None:
     members = {f"{m}_": _member(kind) for m, kind in STORE.fielddefs[ODOM][1]}
     name = "nav_msgs.msg.dds_.Odometry_"
-    longer = make_idl_struct("Odometry_", name, {**members, "more_": types.float64})
+    longer: Any = make_idl_struct("Odometry_", name, {**members, "more_": types.float64})
     with bridge(built, tmp_path, "--types", "named") as b:
         w = writer(peer, "rt/odom", longer)
 

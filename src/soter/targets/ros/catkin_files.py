@@ -239,7 +239,7 @@ ARM = """\
 # arm [FOLDER]: arms the actuators of this package again, those whose channels are in FOLDER.
 set -eu
 folder=${{1:-/dev/shm/{name}}}
-pids=$(pgrep -f -- "/{command}_actuator --channels $folder( |\$)") || {{
+pids=$(pgrep -f -- "/{command}_actuator --channels $folder( |\\$)") || {{
   echo "arm: no {command}_actuator runs with its channels in $folder" >&2
   exit 1
 }}
