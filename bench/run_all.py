@@ -570,6 +570,46 @@ BENCHMARKS = (
         "fork into sessions of their own; a compiler leaves its work to a child and never ends.",
     ),
     Benchmark(
+        "ROS 1 under /clock",
+        ("bench/ros/ros1_clock.py",),
+        "Systems with their plants inside, built as packages of ROS 1, beside a master and a node "
+        "that ticks; the hash is that of `soter run`.",
+    ),
+    Benchmark(
+        "ROS 1: who dies, and what the wheels are told",
+        ("bench/ros/ros1_kills.py",),
+        "rosmaster, a plant, AC, and of examples/ros/shuttle_ros.soter the trusted part, its "
+        "actuators and the bridge, on loopback, with SCHED_FIFO.",
+    ),
+    Benchmark(
+        "ROS 1: what is wrong on the wire",
+        ("bench/ros/ros1_bad_input.py",),
+        "The same programs without AC; right is SC's command, -0.25 m/s, or the law, 0.",
+    ),
+    Benchmark(
+        "ROS 1: the bridge beside a bare echo",
+        ("bench/ros/ros1_latency.py",),
+        "What comes between the two ways on a robot, the release that is waited for and the "
+        "actuators' turn of 0.5 ms, is the calendar's and not in it.",
+    ),
+    Benchmark(
+        "The wire of ROS 2: samples",
+        ("bench/ros/dds_samples.py", "--samples", "100000"),
+        "The bridge of a `dds` package and the package's code, against Fast DDS and PyPI's "
+        "cyclonedds, on loopback.",
+    ),
+    Benchmark(
+        "A ground robot among walls",
+        ("bench/ros/ground_robot.py",),
+        "examples/ros/ground_robot_hall.soter: 500 runs of 60 s of each column, five hostile "
+        "wishers, simulated.",
+    ),
+    Benchmark(
+        "A policy in another process",
+        ("bench/real_time/remote_policy.py",),
+        "From the observation in its channel to the action in its, a constant policy in Python.",
+    ),
+    Benchmark(
         "The playground, and what pages weigh",
         ("bench/newcomers/page_weights.py",),
         "Seconds from opening the file in headless Chromium, by the clock, on a machine that "
