@@ -68,6 +68,18 @@ class StampSource:
 
 
 @dataclass(frozen=True)
+class QualityOfService:
+    """What a mapping says of how messages go; None is what the middleware's convention is.
+
+    `depth`: of the history, 0 for all of it.
+    """
+
+    reliability: Literal["best_effort", "reliable"] | None = None
+    durability: Literal["volatile", "transient_local"] | None = None
+    depth: int | None = None
+
+
+@dataclass(frozen=True)
 class TopicMap:
     """A topic and where its leaves come from, or go, all of them, in declared order.
 
@@ -76,6 +88,7 @@ class TopicMap:
     `message`: the type of its messages, where the mapping says. `stamp`: None counts ages from
     arrival. `frame_id`: messages whose `header.frame_id` differs are not taken. `publisher`: the
     node that may publish, as written. `constants`: fields of a message that goes out, by path.
+    `qos`: of a topic of DDS; others have none.
     """
 
     topic: Topic
@@ -88,6 +101,7 @@ class TopicMap:
     frame_id: str | None = None
     publisher: str | None = None
     constants: Mapping[str, object] = field(default_factory=dict)
+    qos: QualityOfService = QualityOfService()
 
     @property
     def names(self) -> list[str]:

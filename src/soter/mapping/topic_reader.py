@@ -13,13 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.mapping.frames import FRAMES, turn_between
 from soter.mapping.leaf_reader import LeafReader
-from soter.mapping.message_types import (
-    HEADER_STAMP,
-    INTEGERS,
-    NUMBERS,
-    NoSuchFieldError,
-    UnknownMessageError,
-)
+from soter.mapping.message_types import HEADER_STAMP, INTEGERS, NUMBERS, NoSuchFieldError, UnknownMessageError
+from soter.mapping.quality_of_service import read_qos
 from soter.mapping.topic_mapping import GAP_NS, SignalSource, StampSource, TopicMap
 from soter.mapping.units import TIME_UNITS
 
@@ -32,7 +27,7 @@ if TYPE_CHECKING:
     from soter.mapping.problems import MappingProblems
 
 TOPIC_KEYS = (
-    "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set",
+    "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set", "qos",
 )  # fmt: skip
 ARRIVAL = "arrival"
 
@@ -71,6 +66,7 @@ class TopicReader:
             frame_id=self._frame_id(given, message),
             publisher=problems.name(given, "publisher", where),
             constants=self._constants(problems.table(given, "set", where), message),
+            qos=read_qos(problems.table(given, "qos", where), problems, f"`qos` of {where}"),
         )
         if "frame" in given and not leaf_reader.vectors:
             problems.add(

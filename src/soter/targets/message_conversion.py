@@ -15,10 +15,11 @@ from soter.codegen.c.names import field_name
 from soter.core.layout import scalar, storage_range
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType, leaves
+from soter.mapping.message_paths import steps_of, text_bound
 from soter.mapping.topic_mapping import ConstantSource, SignalSource
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from soter.language.model.types import Type, Value
     from soter.mapping.message_types import MessageType
@@ -30,22 +31,38 @@ INTEGERS = {
     "byte": (-128, 127),
     "char": (0, 255),
 }
-"""Least and greatest value of what ROS calls integers."""
+"""Least and greatest value of what ROS 1 calls integers."""
+UNSIGNED_BYTE = {"byte": (0, 255)}
+"""What ROS 2 counts otherwise."""
 FLOATS = ("float32", "float64")
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a language says it: `size` and `item` of a sequence, equality and setting of a text."""
+    """How a language says it: `size` and `item` of a sequence, equality and setting of a text.
+
+    `member` of a record; `set_bounded`: a text that has room for so many bytes.
+    """
 
     size: str
     item: str
     same_text: str
     set_text: str
+    member: str = "{0}.{1}"
+    set_bounded: str = ""
 
 
 CPP = Dialect("{0}.size()", "{0}[{1}]", "{0} == {1}", "{0} = {1}")
 """roscpp: std::vector and std::string."""
+CYCLONE = Dialect(
+    "{0}._length",
+    "{0}._buffer[{1}]",
+    "strcmp({0}, {1}) == 0",
+    "{0} = (char*){1}",
+    "{0}.{1}_",
+    "(void)strcpy({0}, {1})",
+)
+"""The C of Cyclone DDS, of the IDL that ROS 2 makes: names end in `_`."""
 
 
 class MessageConverter:
@@ -60,6 +77,7 @@ class MessageConverter:
         self.dialect = dialect
         self.message = message
         self.types = dict(leaves(mapped.topic.type))
+        self.integers = INTEGERS if ros == 1 else {**INTEGERS, **UNSIGNED_BYTE}
 
     # ------------------------------------------------------------ in
 
@@ -77,7 +95,7 @@ class MessageConverter:
         if not isinstance(leaf, SignalSource):
             what = "is a slope, which `monitor` can take and a robot in flight cannot: map a speed"
             raise unmappable(f"`{self.mapped.name_of(path)}` {what}")
-        what, kind = self._path(leaf.name), self.type.leaf(leaf.name, self.ros)
+        what, kind = self.path(leaf.name), self.type.leaf(leaf.name, self.ros)
         if isinstance(t, FloatType):
             return [f"{to} = {_scaled(f'(double){what}', leaf)};"]
         if isinstance(t, BoolType):
@@ -97,11 +115,11 @@ class MessageConverter:
         yield "}"
 
     def _int_in(self, path: LeafPath, t: Type, what: str, kind: str, to: str) -> Iterator[str]:
-        if kind not in INTEGERS:
+        if kind not in self.integers:
             raise unmappable(f"`{self.mapped.name_of(path)}` is `{t}`, the field a `{kind}`")
         s = scalar(t)
         assert s is not None
-        (low, high), (least, most) = storage_range(s), INTEGERS[kind]
+        (low, high), (least, most) = storage_range(s), self.integers[kind]
         tests = []
         if least < low:
             tests.append(f"(int64_t){what} < {_int(low)}")
@@ -130,7 +148,7 @@ class MessageConverter:
 
     def _there(self, sequence: tuple[str, int]) -> list[str]:
         name, most = sequence
-        size = self.dialect.size.format(f"{self.message}.{name}")
+        size = self.dialect.size.format(self.path(name))
         return [f"if ({size} <= {most}U) {{", "  return false;", "}"]
 
     # ------------------------------------------------------------ out
@@ -146,7 +164,7 @@ class MessageConverter:
         return lines
 
     def _leaf_out(self, path: LeafPath, leaf: SignalSource, what: str) -> list[str]:
-        t, to = self.types[path], self._path(leaf.name)
+        t, to = self.types[path], self.path(leaf.name)
         field = self.type.field(leaf.name, self.ros)
         named = f"`{self.mapped.name_of(path)}`"
         if field.through == "sequence":
@@ -159,36 +177,51 @@ class MessageConverter:
         if isinstance(t, EnumType) and field.type == "string":
             *first, last = [text_literal(m) for m in t.members]
             chain = "".join(f"{what} == {k}U ? {m} : " for k, m in enumerate(first))
-            return [f"{self.dialect.set_text.format(to, f'({chain}{last})')};"]
-        if isinstance(t, IntType) and field.type in INTEGERS:
-            low, high = INTEGERS[field.type]
+            return [self._set_text(leaf.name, t.members, f"({chain}{last})")]
+        if isinstance(t, IntType) and field.type in self.integers:
+            low, high = self.integers[field.type]
             if t.low < low or t.high > high:
                 raise unmappable(f"{named} is `{t}`, which a `{field.type}` cannot hold")
             return [f"{to} = {what};"]
         raise unmappable(f"{named} is `{t}`, and the field that it goes into a `{field.type}`")
 
     def _set(self, name: str, constant: object) -> str:
-        kind, to = self.type.leaf(name, self.ros), self._path(name)
+        kind, to = self.type.leaf(name, self.ros), self.path(name)
         if isinstance(constant, str) and kind == "string":
-            return f"{self.dialect.set_text.format(to, text_literal(constant))};"
+            return self._set_text(name, [constant], text_literal(constant))
         if isinstance(constant, bool) and kind in ("bool", "uint8"):
             return f"{to} = {'true' if constant else 'false'};"
         if isinstance(constant, (int, float)) and not isinstance(constant, bool):
             if kind in FLOATS:
                 return f"{to} = {float(constant)!r};"
-            low, high = INTEGERS.get(kind, (1, 0))
+            low, high = self.integers.get(kind, (1, 0))
             if isinstance(constant, int) and low <= constant <= high:
                 return f"{to} = {_int(constant, unsigned=low == 0)};"
         raise unmappable(f"`set` of `{self.mapped.topic.name}`: {constant!r} is no `{kind}`")
 
+    def _set_text(self, name: str, texts: Iterable[str], code: str) -> str:
+        """The statement that sets a text to `code`, which is one of `texts`."""
+        bound = text_bound(self.type, name, self.ros) if self.dialect.set_bounded else 0
+        long = [t for t in texts if bound and len(t.encode("utf-8", "surrogatepass")) > bound]
+        if long:
+            raise unmappable(f"`{name}` of {self.type.ros2} holds {bound} bytes, not {long[0]!r}")
+        form = self.dialect.set_bounded if bound else self.dialect.set_text
+        return f"{form.format(self.path(name), code)};"
+
     # ------------------------------------------------------------ names
 
-    def _path(self, name: str) -> str:
+    def path(self, name: str) -> str:
         """A field of the message."""
         code = self.message
-        for part in name.split("."):
-            code = self.dialect.item.format(code, part) if part.isdigit() else f"{code}.{part}"
+        for part, step in steps_of(self.type, name, self.ros):
+            form = {
+                "member": self.dialect.member,
+                "array": "{0}[{1}]",
+                "sequence": self.dialect.item,
+            }
+            code = form[step].format(code, part)
         return code
+
 
     @staticmethod
     def _member(path: LeafPath) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.targets.c99 import c99_package
+from soter.targets.dds.dds_package import dds_package
 from soter.targets.posix import posix_package
 from soter.targets.ros1.ros1_package import ros1_package
 
@@ -22,14 +23,15 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LogMap
     from soter.targets.package import Package, PackageFile
 
-    Maker = Callable[..., Package]
-    """(system, core, folder), and the mapping where the target is in MAPPED."""
+    Maker = Callable[[System, CoreSystem, Path], Package]
+    MappedMaker = Callable[[System, CoreSystem, Path, LogMap], Package]
 
-TARGETS: dict[str, Maker] = {"c": c99_package, "posix": posix_package, "ros1": ros1_package}
-"""The default first."""
-MAPPED = frozenset(("ros1",))
+PLAIN: dict[str, Maker] = {"c": c99_package, "posix": posix_package}
+MAPPED: dict[str, MappedMaker] = {"ros1": ros1_package, "dds": dds_package}
 """What speaks with a middleware: a mapping says which topic is which of its messages."""
-COMING = ("cortex-m", "ros2", "dds", "mavlink")
+TARGETS = (*PLAIN, *MAPPED)
+"""The default first."""
+COMING = ("cortex-m", "ros2", "mavlink")
 
 
 def build_package(
@@ -48,8 +50,10 @@ def build_package(
     else an extern is bound to does not leave this machine.
     """
     require_mapping(target, given=mapping is not None)
-    given = () if mapping is None else (mapping,)
-    package = TARGETS[target](system, core, folder, *given)
+    if mapping is not None:
+        package = MAPPED[target](system, core, folder, mapping)
+    else:
+        package = PLAIN[target](system, core, folder)
     package.target = target
     package.files += more
     return package.write()
@@ -64,7 +68,7 @@ def require_mapping(target: str, *, given: bool) -> None:
     if target in MAPPED and not given:
         what = f"the target `{target}` needs a mapping: which topic is which of its messages"
         raise _unusable(what, "--map FILE (docs/mapping.md)")
-    if target not in MAPPED and given:
+    if target in PLAIN and given:
         what = f"the target `{target}` speaks with no middleware: it has no use for a mapping"
         raise _unusable(what, "leave --map out")
 

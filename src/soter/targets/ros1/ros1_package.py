@@ -11,9 +11,9 @@ import re
 from typing import TYPE_CHECKING
 
 from soter.codegen.unit import generate
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import RUNTIME
 from soter.targets import c99
+from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
 from soter.targets.posix import nodes_of, posix_package
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
-    from soter.mapping.topic_mapping import LogMap, TopicMap
+    from soter.mapping.topic_mapping import LogMap
 
 BRIDGE, SIMULATION, MESSAGES = "soter_bridge.hpp", "soter_simulation.hpp", "soter_messages.hpp"
 TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
@@ -46,7 +46,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     `mapping`: which topic is which message; of a system that meets the world all that comes in has
     to be there. Of one with its plants inside there is only the node under /clock.
     """
-    mapped = _mapped(system, mapping)
+    mapped = bridged_topics(system, mapping, "ROS", TOPIC)
     trusted = posix_package(system, core, folder) if system.externals else Package(folder)
     unit = generate(system, core, apart=frozenset(x.index for x in nodes_of(system)))
     world = WorldTables(system, unit)
@@ -83,7 +83,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         ]
     package.trusted = TRUSTED if system.externals else SIMULATED
     package.programs = {n: [_inside(w) for w in words] for n, words in trusted.programs.items()}
-    package.notes = [*(trusted.notes or simulated.notes), *_unsaid(system, mapped)]
+    package.notes = [*(trusted.notes or simulated.notes), *unsaid(system, mapped, "in ROS")]
     launch = name if system.externals else f"{name}_simulation"
     package.commands = [
         f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",
@@ -103,44 +103,6 @@ def _in_folder(folder: str, file: PackageFile) -> PackageFile:
 def _is_code(file: PackageFile) -> bool:
     """What the simulation needs of the package of target `c`."""
     return file.path.endswith((".c", ".h")) and file.path not in OTHER_MAINS
-
-
-def _mapped(system: System, mapping: LogMap) -> dict[int, TopicMap]:
-    """The mapping by topic: D015 for what does not meet the world, or is not whole."""
-    outside = {e.topic for e in system.externals}
-    outside = outside or {t.index for t in system.topics if t.queue_of is None and not t.held}
-    problems = []
-    for m in mapping.topics:
-        named = f"`{m.topic.name}`"
-        if m.topic.index not in outside:
-            problems.append(f"{named} does not meet the world: nobody declares it `external topic`")
-        if m.channel is None:
-            problems.append(f"{named} has no `channel`: which topic of ROS is it?")
-        elif not TOPIC.fullmatch(m.channel):
-            problems.append(f"{named}: `{m.channel}` is no name of a topic of ROS")
-        if m.message is None:
-            problems.append(f"{named} has no `type`: which messages are its?")
-    given = {m.topic.index for m in mapping.topics}
-    for e in system.externals:
-        topic = system.topics[e.topic]
-        if topic.driver == "input" and e.topic not in given:
-            problems.append(
-                f"`{topic.name}` comes from the world, and the mapping does not say how"
-            )
-    if problems:
-        raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
-    return {m.topic.index: m for m in mapping.topics}
-
-
-def _unsaid(system: System, mapped: dict[int, TopicMap]) -> list[str]:
-    names = [
-        system.topics[e.topic].name
-        for e in system.externals
-        if e.topic not in mapped and system.topics[e.topic].driver != "input"
-    ]
-    return [f"not published in ROS, as the mapping does not name it: {', '.join(names)}"] * bool(
-        names
-    )
 
 
 def _sources(words: list[str]) -> list[str]:

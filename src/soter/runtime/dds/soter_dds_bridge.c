@@ -1,0 +1,284 @@
+/* soter_dds_bridge.c: the program around the topics of a bridge.
+ *
+ * Purpose: arguments, the participant, a thread a topic, and what is said (soter_dds_bridge.h).
+ * Non-goals: samples (soter_dds_samples.c), the others (soter_dds_peers.c).
+ */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
+#endif
+
+#include "soter_dds_bridge.h"
+
+#include "soter_dds_topics.h"
+
+#include "dds/ddsrt/log.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#define LOOK_NS 100000000
+#define DOMAIN_MOST 232
+#define ERROR_MOST_S 1.0
+#define LINE_MOST 512 /* a pipe that can be written takes as much at once */
+
+static const char help[] =
+    "  --channels FOLDER        where the trusted part's channels are (needed)\n"
+    "  --clock-error SECONDS    how far the clocks of who stamps samples and of this machine may "
+    "be\n"
+    "                           apart, 0 to 1; 0 where it is not said\n"
+    "  --types checked|named    checked: a writer whose type has the same name and another\n"
+    "                           structure is refused where it tells its structure; named: types\n"
+    "                           are compared by name alone, as ROS 2 does\n"
+    "  --status text|json       at the end, too, what was counted; on SIGUSR1 as text without it\n"
+    "The domain is $ROS_DOMAIN_ID (0 where it is not set). $CYCLONEDDS_URI configures Cyclone "
+    "DDS.\n"
+    "SIGINT and SIGTERM end it.\n";
+
+typedef struct {
+  const char* channels;
+  bool status;
+  bool json;
+} options;
+
+static volatile sig_atomic_t ending = 0, asked = 0;
+
+bool soter_dds_ending(void) {
+  return ending != 0;
+}
+
+static void on_signal(int number) {
+  if (number == SIGUSR1) {
+    asked = 1;
+  } else {
+    ending = 1;
+  }
+}
+
+static int64_t on_clock(clockid_t clock) {
+  struct timespec t = {0, 0};
+  (void)clock_gettime(clock, &t);
+  return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+}
+
+int64_t soter_dds_monotonic_ns(void) {
+  return on_clock(CLOCK_MONOTONIC);
+}
+int64_t soter_dds_wall_ns(void) {
+  return on_clock(CLOCK_REALTIME);
+}
+
+/* ------------------------------------------------------------------ what is said */
+
+/* A line on standard error; none where whoever reads that end does not: a topic waits for nobody.
+ */
+static void say(const soter_dds_bridge* bridge, const char* about, const char* what) {
+  char line[LINE_MOST];
+  struct pollfd out = {.fd = STDERR_FILENO, .events = POLLOUT};
+  (void)snprintf(line, sizeof line - 1, "%s: %s%s%s", bridge->system->program, about,
+                 about[0] != '\0' ? ": " : "", what);
+  (void)strcat(line, "\n");
+  if (poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0) {
+    const ssize_t written = write(STDERR_FILENO, line, strlen(line));
+    (void)written;
+  }
+}
+
+void soter_dds_count(soter_dds_topic* topic, int what, const char* why) {
+  (void)pthread_mutex_lock(&topic->held);
+  const uint64_t many = ++topic->count[what];
+  if (why != NULL) {
+    (void)snprintf(topic->why, sizeof topic->why, "%s", why);
+  }
+  (void)pthread_mutex_unlock(&topic->held);
+  if (why != NULL && (many & (many - 1)) == 0) { /* the first, the second, the fourth ... */
+    say(topic->bridge, topic->topic, why);
+  }
+}
+
+/* What Cyclone DDS says: a payload that it cannot read is counted with its topic. */
+static void on_log(void* given, const dds_log_data_t* log) {
+  soter_dds_bridge* const bridge = given;
+  char text[LINE_MOST / 2];
+  (void)snprintf(text, sizeof text, "%.*s",
+                 (int)(log->size < sizeof text ? log->size : sizeof text), log->message);
+  text[strcspn(text, "\n")] = '\0';
+  for (size_t k = 0; k < bridge->topics && strstr(text, "deserialization ") != NULL; k++) {
+    char named[SOTER_DDS_NAME + 2];
+    (void)snprintf(named, sizeof named, " %s/", bridge->topic[k].topic);
+    if (bridge->topic[k].in != NULL && strstr(text, named) != NULL) {
+      soter_dds_count(&bridge->topic[k], SOTER_DDS_UNREAD, "a sample is no value of its type");
+      return;
+    }
+  }
+  say(bridge, "Cyclone DDS", text);
+}
+
+/* ------------------------------------------------------------------ arguments */
+
+static bool number(const char* text, double least, double most, double* value) {
+  char* end = NULL;
+  errno = 0;
+  *value = strtod(text, &end);
+  return errno == 0 && end != text && *end == '\0' && *value >= least && *value <= most;
+}
+
+/* False where there is no such word. */
+static bool option(soter_dds_bridge* bridge, options* o, const char* name, const char* value) {
+  double seconds = 0.0;
+  if (strcmp(name, "--channels") == 0 && value[0] != '\0') {
+    o->channels = value;
+  } else if (strcmp(name, "--clock-error") == 0 && number(value, 0.0, ERROR_MOST_S, &seconds)) {
+    bridge->clock_error_ns = (int64_t)(seconds * 1e9 + 0.5);
+  } else if (strcmp(name, "--types") == 0 &&
+             (strcmp(value, "checked") == 0 || strcmp(value, "named") == 0)) {
+    bridge->types_checked = value[0] == 'c';
+  } else if (strcmp(name, "--status") == 0 &&
+             (strcmp(value, "text") == 0 || strcmp(value, "json") == 0)) {
+    o->status = true;
+    o->json = value[0] == 'j';
+  } else {
+    return false;
+  }
+  return true;
+}
+
+/* -1: it can begin; else the exit code. */
+static int read_arguments(soter_dds_bridge* bridge, options* o, int count, char** words) {
+  const char* const domain = getenv("ROS_DOMAIN_ID");
+  double id = 0.0;
+  for (int i = 1; i < count; i += 2) {
+    if (strcmp(words[i], "--help") == 0 || strcmp(words[i], "-h") == 0) {
+      (void)printf(
+          "%s --channels FOLDER [OPTIONS]: topics of DDS, named as ROS 2 does, to and from\n"
+          "the channels of the trusted part\n%s",
+          bridge->system->program, help);
+      return 0;
+    }
+    if (i + 1 >= count || !option(bridge, o, words[i], words[i + 1])) {
+      say(bridge, words[i], "no such option, or no value of it; --help says which there are");
+      return 2;
+    }
+  }
+  if (o->channels == NULL) {
+    say(bridge, "", "--channels is needed: the folder of the trusted part's channels");
+    return 2;
+  }
+  if (domain != NULL && domain[0] != '\0' &&
+      (!number(domain, 0.0, DOMAIN_MOST, &id) || id != (double)(uint32_t)id)) {
+    say(bridge, "$ROS_DOMAIN_ID", "no number from 0 to 232");
+    return 2;
+  }
+  bridge->domain = (uint32_t)id;
+  return -1;
+}
+
+/* ------------------------------------------------------------------ running */
+
+static bool make_topics(soter_dds_bridge* bridge) {
+  const soter_dds_system* const s = bridge->system;
+  bridge->topic = calloc(s->ins + s->outs + 1, sizeof *bridge->topic);
+  if (bridge->topic == NULL) {
+    return false;
+  }
+  for (size_t k = 0; k < s->ins + s->outs; k++) {
+    soter_dds_topic* const t = &bridge->topic[k];
+    t->in = k < s->ins ? &s->in[k] : NULL;
+    t->out = k < s->ins ? NULL : &s->out[k - s->ins];
+    t->topic = t->in != NULL ? t->in->topic : t->out->topic;
+    t->type = t->in != NULL ? t->in->type->m_typename : t->out->type->m_typename;
+    t->bridge = bridge;
+    (void)pthread_mutex_init(&t->held, NULL);
+  }
+  bridge->topics = s->ins + s->outs;
+  return true;
+}
+
+static bool open_all(soter_dds_bridge* bridge, const char* folder) {
+  bridge->participant = dds_create_participant(bridge->domain, NULL, NULL);
+  if (bridge->participant < 0) {
+    say(bridge, "", "DDS makes no participant: no network, or a wrong $CYCLONEDDS_URI");
+    return false;
+  }
+  const char* wrong = soter_dds_open_peers(bridge);
+  if (wrong != NULL) {
+    say(bridge, "", wrong);
+    return false;
+  }
+  for (size_t k = 0; k < bridge->topics; k++) {
+    wrong = soter_dds_open_topic(&bridge->topic[k], folder);
+    if (wrong != NULL) {
+      say(bridge, bridge->topic[k].topic, wrong);
+      return false;
+    }
+  }
+  return true;
+}
+
+static void run(soter_dds_bridge* bridge, const options* o) {
+  const struct timespec pause = {.tv_sec = 0, .tv_nsec = LOOK_NS};
+  size_t begun = 0;
+  for (; begun < bridge->topics; begun++) {
+    soter_dds_topic* const t = &bridge->topic[begun];
+    if (pthread_create(&t->thread, NULL,
+                       t->in != NULL ? soter_dds_serve_inward : soter_dds_serve_outward, t) != 0) {
+      say(bridge, t->topic, "there is no thread for it");
+      ending = 1;
+      break;
+    }
+  }
+  say(bridge, "", "it runs");
+  while (ending == 0) {
+    soter_dds_look(bridge);
+    if (asked != 0) {
+      asked = 0;
+      soter_dds_report(bridge, o->json);
+    }
+    (void)nanosleep(&pause, NULL); /* a signal ends it early */
+  }
+  for (size_t k = 0; k < begun; k++) {
+    (void)pthread_join(bridge->topic[k].thread, NULL);
+  }
+  soter_dds_look(bridge);
+  if (o->status) {
+    soter_dds_report(bridge, o->json);
+  }
+}
+
+int soter_dds_main(const soter_dds_system* system, int count, char** words) {
+  soter_dds_bridge bridge = {.system = system, .types_checked = true};
+  options o = {.channels = NULL, .status = false, .json = false};
+  const int wrong = read_arguments(&bridge, &o, count, words);
+  if (wrong >= 0) {
+    return wrong;
+  }
+  struct sigaction action;
+  (void)memset(&action, 0, sizeof action);
+  action.sa_handler = on_signal;
+  (void)sigaction(SIGINT, &action, NULL);
+  (void)sigaction(SIGTERM, &action, NULL);
+  (void)sigaction(SIGUSR1, &action, NULL);
+  if (!make_topics(&bridge)) {
+    say(&bridge, "", "there is no memory");
+    return 1;
+  }
+  dds_set_log_sink(on_log, &bridge);
+  const bool opened = open_all(&bridge, o.channels);
+  if (opened) {
+    run(&bridge, &o);
+  }
+  if (bridge.participant > 0) {
+    (void)dds_delete(bridge.participant);
+  }
+  dds_set_log_sink(NULL, NULL);
+  for (size_t k = 0; k < bridge.topics; k++) {
+    soter_dds_close_topic(&bridge.topic[k]);
+  }
+  free(bridge.topic);
+  return opened ? 0 : 1;
+}

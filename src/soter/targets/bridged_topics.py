@@ -1,0 +1,61 @@
+"""Which topics of a mapping a middleware may carry: those that meet the world, each mapped whole.
+
+Purpose: every mistake as D015, all of them at once.
+Non-goals: what a mapping may say (`soter.mapping`), the code (`ros1/`, `dds/`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+if TYPE_CHECKING:
+    import re
+
+    from soter.language.model.system import System
+    from soter.mapping.topic_mapping import LogMap, TopicMap
+
+
+def bridged_topics(
+    system: System, mapping: LogMap, middleware: str, name: re.Pattern[str]
+) -> dict[int, TopicMap]:
+    """The mapping by topic; SoterError D015 for what does not meet the world, or is not whole.
+
+    `name`: what a topic of the middleware may be called. Of a system without a world of its own,
+    which has its plants inside, every topic may be carried.
+    """
+    outside = {e.topic for e in system.externals}
+    outside = outside or {t.index for t in system.topics if t.queue_of is None and not t.held}
+    problems = []
+    for m in mapping.topics:
+        named = f"`{m.topic.name}`"
+        if m.topic.index not in outside:
+            problems.append(f"{named} does not meet the world: nobody declares it `external topic`")
+        if m.channel is None:
+            problems.append(f"{named} has no `channel`: which topic of {middleware} is it?")
+        elif not name.fullmatch(m.channel):
+            problems.append(f"{named}: `{m.channel}` is no name of a topic of {middleware}")
+        if m.message is None:
+            problems.append(f"{named} has no `type`: which messages are its?")
+    given = {m.topic.index for m in mapping.topics}
+    for e in system.externals:
+        topic = system.topics[e.topic]
+        if topic.driver == "input" and e.topic not in given:
+            problems.append(
+                f"`{topic.name}` comes from the world, and the mapping does not say how"
+            )
+    if problems:
+        raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
+    return {m.topic.index: m for m in mapping.topics}
+
+
+def unsaid(system: System, mapped: dict[int, TopicMap], where: str) -> list[str]:
+    """A note about what goes out and is not mapped."""
+    names = [
+        system.topics[e.topic].name
+        for e in system.externals
+        if e.topic not in mapped and system.topics[e.topic].driver != "input"
+    ]
+    text = f"not published {where}, as the mapping does not name it: {', '.join(names)}"
+    return [text] if names else []
