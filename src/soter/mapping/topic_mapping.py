@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Topic
     from soter.language.model.types import Value
+    from soter.mapping.mavlink_link import MavlinkLink
     from soter.mapping.message_types import MessageType
 
 GAP_NS = 10**9
@@ -128,10 +129,12 @@ class LogMap:
     """A mapping that fits its system.
 
     `time`: the column of time, None for the log time of an MCAP; `time_ns`: its unit. `where`:
-    rows count where these columns hold these texts.
+    rows count where these columns hold these texts. `mavlink`: the link to an
+    autopilot.
     """
 
     topics: tuple[TopicMap, ...]
     time: str | None = None
     time_ns: Fraction = Fraction(10**9)
     where: dict[str, str] = field(default_factory=dict)
+    mavlink: MavlinkLink | None = None

@@ -222,7 +222,6 @@ class MessageConverter:
             code = form[step].format(code, part)
         return code
 
-
     @staticmethod
     def _member(path: LeafPath) -> str:
         """A leaf of the value."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.targets.c99 import c99_package
 from soter.targets.dds.dds_package import dds_package
+from soter.targets.mavlink.mavlink_package import mavlink_package
 from soter.targets.posix import posix_package
 from soter.targets.ros1.ros1_package import ros1_package
 
@@ -27,11 +28,15 @@ if TYPE_CHECKING:
     MappedMaker = Callable[[System, CoreSystem, Path, LogMap], Package]
 
 PLAIN: dict[str, Maker] = {"c": c99_package, "posix": posix_package}
-MAPPED: dict[str, MappedMaker] = {"ros1": ros1_package, "dds": dds_package}
+MAPPED: dict[str, MappedMaker] = {
+    "ros1": ros1_package,
+    "dds": dds_package,
+    "mavlink": mavlink_package,
+}
 """What speaks with a middleware: a mapping says which topic is which of its messages."""
 TARGETS = (*PLAIN, *MAPPED)
 """The default first."""
-COMING = ("cortex-m", "ros2", "mavlink")
+COMING = ("cortex-m", "ros2")
 
 
 def build_package(
