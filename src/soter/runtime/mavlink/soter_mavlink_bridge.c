@@ -176,14 +176,13 @@ static void beat(soter_mavlink_bridge* bridge) {
   (void)soter_mavlink_send(bridge, &m);
 }
 
+/* To whomever it concerns: an answer is known by its ts1, which is a time of this computer. */
 static void synchronise(soter_mavlink_bridge* bridge, int64_t tc1, int64_t ts1) {
   mavlink_message_t m;
   mavlink_timesync_t timesync;
   (void)memset(&timesync, 0, sizeof timesync);
   timesync.tc1 = tc1;
   timesync.ts1 = ts1;
-  timesync.target_system = bridge->system->sources[0].system;
-  timesync.target_component = bridge->system->sources[0].component;
   (void)mavlink_msg_timesync_encode_status(bridge->system->own.system,
                                            bridge->system->own.component, &bridge->sending, &m,
                                            &timesync);
@@ -193,11 +192,6 @@ static void synchronise(soter_mavlink_bridge* bridge, int64_t tc1, int64_t ts1) 
 static void on_timesync(soter_mavlink_bridge* bridge, const mavlink_message_t* m) {
   mavlink_timesync_t t;
   mavlink_msg_timesync_decode(m, &t);
-  const soter_mavlink_id own = bridge->system->own;
-  if ((t.target_system != 0 && t.target_system != own.system) ||
-      (t.target_component != 0 && t.target_component != own.component)) {
-    return;
-  }
   const int64_t now = soter_mavlink_now();
   if (t.tc1 == 0) {
     synchronise(bridge, now, t.ts1);
