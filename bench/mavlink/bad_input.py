@@ -210,7 +210,9 @@ def _flood(w: Wire) -> Callable[[], None]:
 def _timesync(w: Wire) -> Callable[[], None]:
     def bad() -> bytes:
         hour = 3_600_000_000_000
-        return w.packed(mavlink.MAVLink_timesync_message(w.boot_ns() + hour, w.draw.getrandbits(62)))
+        return w.packed(
+            mavlink.MAVLink_timesync_message(w.boot_ns() + hour, w.draw.getrandbits(62))
+        )
 
     return _both(w, bad)
 
