@@ -50,7 +50,7 @@ class Wire:
         self.link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self.link.robust_parsing = True
         self.commands: list[tuple[float, float, float]] = []
-        self.draw = random.Random(SEED)
+        self.draw = random.Random(SEED)  # noqa: S311 - damage
         self.answers = True
         self.recorded: list[bytes] = []
 
@@ -73,7 +73,9 @@ class Wire:
         message = mavlink.MAVLink_local_position_ned_message(ms, **fields)
         return self.packed(message)
 
-    def packed(self, message: Any, link: Any = None) -> bytes:
+    def packed(
+        self, message: mavlink.MAVLink_message, link: mavlink.MAVLink | None = None
+    ) -> bytes:
         """A frame."""
         sender = link or self.link
         frame = bytes(message.pack(sender))
@@ -118,7 +120,7 @@ class Wire:
             time.sleep(0.001)
 
 
-def _as(system: int, component: int) -> Any:
+def _as(system: int, component: int) -> mavlink.MAVLink:
     return mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
 
 

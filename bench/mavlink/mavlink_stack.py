@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 EXAMPLE = ROOT / "examples" / "mavlink" / "geofence.soter"
 MAPPING = EXAMPLE.with_suffix(".toml")
+SHARED = Path("/dev/shm")  # noqa: S108 - where channels belong
 PATIENCE_S = 20
 
 
@@ -32,8 +33,8 @@ def missing() -> str:
     """What this machine lacks; "": nothing."""
     if find_spec("pymavlink") is None:
         return "pymavlink (pip install 'soter[mavlink]')"
-    if not Path("/dev/shm").is_dir():  # noqa: S108 - where channels belong
-        return "/dev/shm"
+    if not SHARED.is_dir():
+        return str(SHARED)
     return "" if shutil.which("make") and shutil.which("cc") else "make and cc"
 
 
@@ -119,7 +120,7 @@ class Stack:
 @contextmanager
 def stack(package: Path) -> Iterator[Stack]:
     """A folder of channels; everything ends with it."""
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as channels:  # noqa: S108 - the same
+    with tempfile.TemporaryDirectory(dir=SHARED) as channels:
         made = Stack(package, Path(channels))
         try:
             yield made

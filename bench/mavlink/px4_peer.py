@@ -1,4 +1,4 @@
-"""An autopilot as PX4's documentation describes its mode OFFBOARD, over UDP, for tests and benchmarks.
+"""An autopilot as PX4's documentation describes OFFBOARD, over UDP, for tests and benchmarks.
 
     .venv/bin/python bench/mavlink/px4_peer.py PORT [--loss SECONDS] [--no-timesync] [--boot SECONDS]
 

@@ -16,6 +16,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.near import closest
@@ -151,8 +152,10 @@ def _with_included(path: Path) -> list[Any]:
     found: dict[Path, Any] = {}
 
     def read(at: Path) -> None:
-        at.read_bytes()  # OSError is the caller's
+        text = at.read_bytes()  # OSError is the caller's
         try:
+            if ET.fromstring(text).tag != "mavlink":  # noqa: S314 - whoever builds wrote it
+                raise ValueError("its root is no `mavlink`")
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
                 xml = mavparse.MAVXML(str(at), mavparse.PROTOCOL_2_0)
         except (Exception, SystemExit) as error:  # it raises whatever expat and it come upon
