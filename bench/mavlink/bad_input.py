@@ -18,6 +18,7 @@ import struct
 import sys
 import tempfile
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,11 @@ class Wire:
         self.draw = random.Random(SEED)  # noqa: S311 - damage
         self.answers = True
         self.recorded: list[bytes] = []
+
+    def close(self) -> None:
+        """Both sockets."""
+        self.socket.close()
+        self.other.close()
 
     @staticmethod
     def _socket(port: int) -> socket.socket:
@@ -271,8 +277,7 @@ def counted(report: dict[str, Any], trusted: str, key: str) -> int:
 def one(package: Path, case: str) -> tuple[set[float], int, str]:
     """The commands eastward, how often the case was counted, and who ended."""
     make, key = CASES[case]
-    with stack(package) as all_:
-        wire = begun(all_)
+    with stack(package) as all_, closing(begun(all_)) as wire:
         wire.during(3 * SECONDS, wire.good)
         before = len(wire.commands)
         wire.during(SECONDS, make(wire))

@@ -128,8 +128,11 @@ def bridge_dies(flight: Flight) -> tuple[float | None, str]:
     later = [x for x in flight.set_points(since) if x[0] - since > 1e6 * PEER_LOOKS_MS]
     left = [at for at, mode in flight.modes(since) if mode == "HOLD"]
     flight.all.bridge()
-    time.sleep(0.5)
-    flight.arm()  # without a sensor no lease was given
+    flight.all.end("trusted")  # it was without a sensor, and gives no lease any more
+    time.sleep(0.3)
+    flight.all.trusted()
+    time.sleep(0.3)
+    flight.arm()
     return (left[0] - since) / 1e6 if left else None, f"{len(later)} set-points more" * bool(later)
 
 

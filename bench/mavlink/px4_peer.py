@@ -1,6 +1,6 @@
 """An autopilot as PX4's documentation describes OFFBOARD, over UDP, for tests and benchmarks.
 
-    .venv/bin/python bench/mavlink/px4_peer.py PORT [--loss SECONDS] [--no-timesync] [--boot SECONDS]
+    .venv/bin/python bench/mavlink/px4_peer.py PORT [--loss SECONDS] [--no-timesync] [--boot S]
 
 It streams HEARTBEAT (1 Hz) and LOCAL_POSITION_NED (50 Hz, with its own clock since boot), answers
 TIMESYNC, and moves as the set-points say: velocities, with a lag. It enters OFFBOARD once
