@@ -138,8 +138,12 @@ def _both(w: Wire, bad: Callable[[], bytes]) -> Callable[[], None]:
     return turn
 
 
-def _field(**fields: float) -> Callable[[Wire], Callable[[], None]]:
-    return lambda w: lambda: w.send(w.place(**fields))
+def _field(ahead_ms: int = 0, **fields: float) -> Callable[[Wire], Callable[[], None]]:
+    return lambda w: lambda: w.send(w.place(fields.get("east", EAST), ahead_ms, **_rest(fields)))
+
+
+def _rest(fields: dict[str, float]) -> dict[str, float]:
+    return {k: v for k, v in fields.items() if k != "east"}
 
 
 def _garbage(w: Wire) -> Callable[[], None]:
@@ -186,7 +190,11 @@ def _replayed(w: Wire) -> Callable[[], None]:
 
 
 def _recorded(w: Wire) -> Callable[[], None]:
-    return lambda: [w.send(frame) for frame in w.recorded[-20:]] and None
+    def turn() -> None:
+        for frame in w.recorded[-20:]:
+            w.send(frame)
+
+    return turn
 
 
 def _signed(w: Wire) -> Callable[[], None]:

@@ -30,6 +30,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("timing.md", "Execution times"),
             ("deploy.md", "In your firmware"),
             ("real-time.md", "Real time"),
+            ("mavlink.md", "MAVLink"),
             ("real-logs.md", "Somebody else's logs"),
             ("monitor.md", "The model monitor"),
             ("editor.md", "In your editor"),

@@ -20,6 +20,7 @@ pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
 
 from bench.mavlink import bad_input, peer_loss
 from bench.mavlink.mavlink_stack import MAPPING, built_package, missing, stack
+from pymavlink.dialects.v20 import common as mavlink
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -159,7 +160,7 @@ def test_the_bridge_beats_answers_timesync_and_says_when_the_law_is_its_own(
         all_.bridge()
         running(all_)
         wire = wires(all_.port)
-        wire.send(wire.packed(bad_input.mavlink.MAVLink_timesync_message(0, 4711)))
+        wire.send(wire.packed(mavlink.MAVLink_timesync_message(0, 4711)))
         beats, answers = [], []
 
         def listen() -> None:
@@ -183,6 +184,8 @@ def test_the_bridge_beats_answers_timesync_and_says_when_the_law_is_its_own(
         all_.end("actuator", signal.SIGKILL)
         turns(2.5)
         assert beats[-1].system_status == 5  # the actuators are gone: MAV_STATE_CRITICAL
+        (command,) = [t for t in taken(all_)["topics"] if t["way"] == "out"]
+        assert command["the_law_in_a_silence"] > 10
 
 
 def test_a_serial_line_carries_both_ways(package: Path, wires: Any) -> None:
@@ -204,7 +207,7 @@ def test_a_serial_line_carries_both_ways(package: Path, wires: Any) -> None:
                 for m in wire.link.parse_buffer(os.read(controller, 4096)) or []:
                     heard.append(m.get_type())
                     if m.get_type() == "TIMESYNC" and m.tc1 == 0:
-                        answer = bad_input.mavlink.MAVLink_timesync_message(wire.boot_ns(), m.ts1)
+                        answer = mavlink.MAVLink_timesync_message(wire.boot_ns(), m.ts1)
                         os.write(controller, wire.packed(answer))
             time.sleep(0.01)
         told = taken(all_)

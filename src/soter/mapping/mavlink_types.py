@@ -21,7 +21,7 @@ from xml.etree import ElementTree as ET
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.near import closest
 from soter.mapping.message_types import ARRAY, BASE, MessageType, UnknownMessageError
-from soter.mapping.topic_mapping import StampSource
+from soter.mapping.stamp_source import StampSource
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -154,8 +154,7 @@ def _with_included(path: Path) -> list[Any]:
     def read(at: Path) -> None:
         text = at.read_bytes()  # OSError is the caller's
         try:
-            if ET.fromstring(text).tag != "mavlink":  # noqa: S314 - whoever builds wrote it
-                raise ValueError("its root is no `mavlink`")
+            _require_root(text)
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
                 xml = mavparse.MAVXML(str(at), mavparse.PROTOCOL_2_0)
         except (Exception, SystemExit) as error:  # it raises whatever expat and it come upon
@@ -172,6 +171,12 @@ def _with_included(path: Path) -> list[Any]:
 
     read(path)
     return [x for x in found.values() if x is not None]
+
+
+def _require_root(text: bytes) -> None:
+    """What pymavlink would read a long way into, and leave open."""
+    if ET.fromstring(text).tag != "mavlink":  # noqa: S314 - whoever builds wrote it
+        raise ValueError("its root is no `mavlink`")
 
 
 def _message(m: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without types

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.near import closest, nearest_or_all
-from soter.mapping.topic_mapping import StampSource
+from soter.mapping.stamp_source import StampSource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

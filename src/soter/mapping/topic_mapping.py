@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.mapping.mavlink_link import MavlinkLink
     from soter.mapping.message_types import MessageType
+    from soter.mapping.stamp_source import StampSource
 
 GAP_NS = 10**9
 """Between samples further apart nothing is interpolated, unless the mapping says otherwise."""
@@ -53,19 +54,6 @@ class SlopeSource:
 
 
 Leaf = SignalSource | ConstantSource | SlopeSource
-
-
-@dataclass(frozen=True)
-class StampSource:
-    """The field that says when a message was measured, in the clock of its arrival.
-
-    `kind`: "time", a ROS time (of JSON and protobuf its members `sec` and `nanosec` or `nanos`), or
-    "number", in units of `unit_ns`.
-    """
-
-    path: str
-    kind: Literal["time", "number"] = "time"
-    unit_ns: Fraction = Fraction(1)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from soter.mapping.frames import FRAMES, turn_between
 from soter.mapping.leaf_reader import LeafReader
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError, UnknownMessageError
 from soter.mapping.quality_of_service import read_qos
-from soter.mapping.topic_mapping import GAP_NS, SignalSource, StampSource, TopicMap
+from soter.mapping.stamp_source import StampSource
+from soter.mapping.topic_mapping import GAP_NS, SignalSource, TopicMap
 from soter.mapping.units import TIME_UNITS
 
 if TYPE_CHECKING:

@@ -74,7 +74,7 @@ def make(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 @pytest.mark.parametrize("ppm", [-100, 0, 100])
 def test_what_was_measured_lies_between_earliest_and_latest(make: Any, ppm: int) -> None:
-    draw = random.Random(ppm)
+    draw = random.Random(ppm)  # noqa: S311 - delays
     clock, offset = make(), 37 * S
 
     def remote_at(ns: int) -> int:

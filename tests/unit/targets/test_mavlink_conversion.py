@@ -10,27 +10,27 @@ import math
 import random
 import shutil
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
 
-import processes
 from pymavlink.dialects.v20 import common as mavlink
+
+import processes
 from soter.api import load
 from soter.core.steps import lower
 from soter.mapping.read_mapping import mapping_of
 from soter.native.compiler import MEANING
 from soter.targets.mavlink.mavlink_package import mavlink_package
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 PROGRAM = """soter 1;
 type Place = { x: float unit "m", y: float unit "m", z: float unit "m" };
 type Attitude = { w: float, x: float, turn: float unit "deg/s" };
-type Battery = { first: float unit "V", third: float unit "V", current: float unit "A", left: int };
+type Battery = {
+  first: float unit "V", third: float unit "V", current: float unit "A", left: int
+};
 type Beat = { mode: int, armed: int };
 topic place: Place;
 topic attitude: Attitude;
@@ -156,7 +156,7 @@ def converted(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return run
 
 
-def bits(*values: float | int) -> list[str]:
+def bits(*values: float) -> list[str]:
     """As the C prints them: whole numbers as they lie in memory, too."""
     words = [struct.pack("<d", v) if isinstance(v, float) else struct.pack("<q", v) for v in values]
     return [f"{int.from_bytes(w, 'little'):016x}" for w in words]
@@ -178,7 +178,7 @@ def sent_and_read(message: Any) -> Any:
 
 
 def test_positions_have_the_bits_that_pymavlink_decodes(converted: Any) -> None:
-    draw = random.Random(1)
+    draw = random.Random(1)  # noqa: S311 - any floats
     messages = [
         mavlink.MAVLink_local_position_ned_message(
             draw.getrandbits(32), *(float32(draw) for _ in range(6))

@@ -21,8 +21,9 @@
 #define TURN_MS 10
 #define HEARTBEAT_NS INT64_C(1000000000)
 #define TIMESYNC_NS INT64_C(100000000)
-#define BOUND_NS INT64_C(3000000000) /* a source that was silent for so long may be elsewhere now */
-#define LINE_MOST 512                /* a pipe that can be written takes as much at once */
+#define BOUND_NS                                                                   \
+  INT64_C(3000000000) /* a source that was silent for so long may be elsewhere now \
+                       */
 
 static const char help[] =
     "  --channels FOLDER     where the trusted part's channels are (needed)\n"
@@ -40,54 +41,13 @@ typedef struct {
   bool status, json;
 } options;
 
-static volatile sig_atomic_t ending = 0, asked = 0;
-
-bool soter_mavlink_ending(void) {
-  return ending != 0;
-}
+static volatile sig_atomic_t asked = 0;
 
 static void on_signal(int number) {
   if (number == SIGUSR1) {
     asked = 1;
   } else {
-    ending = 1;
-  }
-}
-
-int64_t soter_mavlink_now(void) {
-  struct timespec t = {0, 0};
-  (void)clock_gettime(CLOCK_MONOTONIC, &t);
-  return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
-}
-
-/* ------------------------------------------------------------------ what is said */
-
-/* A line on standard error; none where whoever reads that end does not. */
-void soter_mavlink_say(soter_mavlink_bridge* bridge, const char* about, const char* what) {
-  char line[LINE_MOST];
-  struct pollfd out = {.fd = STDERR_FILENO, .events = POLLOUT, .revents = 0};
-  (void)snprintf(line, sizeof line - 1, "%s: %s%s%s", bridge->system->program, about,
-                 about[0] != '\0' ? ": " : "", what);
-  (void)strcat(line, "\n");
-  if (poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0) {
-    const ssize_t written = write(STDERR_FILENO, line, strlen(line));
-    (void)written;
-  }
-}
-
-/* The first, the second, the fourth ... time. */
-static void say_of(soter_mavlink_bridge* bridge, uint64_t many, const char* about,
-                   const char* why) {
-  (void)snprintf(bridge->why, sizeof bridge->why, "%s: %s", about, why);
-  if ((many & (many - 1)) == 0) {
-    soter_mavlink_say(bridge, about, why);
-  }
-}
-
-void soter_mavlink_count(soter_mavlink_topic* topic, int what, const char* why) {
-  const uint64_t many = ++topic->count[what];
-  if (why != NULL) {
-    say_of(topic->bridge, many, topic->in != NULL ? topic->in->name : topic->out->name, why);
+    soter_mavlink_end(1);
   }
 }
 
@@ -118,7 +78,8 @@ static soter_mavlink_source* speaker(soter_mavlink_bridge* bridge, const mavlink
       s->sequence = (uint8_t)(m->seq - 1);
     } else if (!soter_mavlink_same_address(&s->address, from)) {
       s->elsewhere++;
-      say_of(bridge, s->elsewhere, "a source", "somebody speaks in its name from elsewhere");
+      soter_mavlink_say_of(bridge, s->elsewhere, "a source",
+                           "somebody speaks in its name from elsewhere");
       return NULL;
     }
     const uint8_t ahead = (uint8_t)(m->seq - s->sequence);
@@ -136,25 +97,10 @@ static soter_mavlink_source* speaker(soter_mavlink_bridge* bridge, const mavlink
   bridge->stranger_system = m->sysid;
   bridge->stranger_component = m->compid;
   if (m->sysid != bridge->system->own.system || m->compid != bridge->system->own.component) {
-    say_of(bridge, bridge->strangers, "a stranger", "a message of nobody whom the mapping names");
+    soter_mavlink_say_of(bridge, bridge->strangers, "a stranger",
+                         "a message of nobody whom the mapping names");
   }
   return NULL;
-}
-
-bool soter_mavlink_send(soter_mavlink_bridge* bridge, const mavlink_message_t* m) {
-  const soter_mavlink_source* const autopilot = &bridge->source[0];
-  if (autopilot->bound) {
-    soter_mavlink_link_send(&bridge->link[autopilot->address.link], &autopilot->address, m);
-    return true;
-  }
-  bool sent = false;
-  for (size_t k = 0; k < bridge->links; k++) {
-    if (bridge->link[k].speaks_first) {
-      soter_mavlink_link_send(&bridge->link[k], NULL, m);
-      sent = true;
-    }
-  }
-  return sent;
 }
 
 /* ------------------------------------------------------------------ HEARTBEAT, TIMESYNC */
@@ -170,9 +116,8 @@ static void beat(soter_mavlink_bridge* bridge) {
   for (size_t k = 0; k < bridge->topics; k++) {
     heartbeat.system_status = bridge->topic[k].silent ? 5 : heartbeat.system_status;
   } /* MAV_STATE_CRITICAL: the law is held from here, or nothing is */
-  (void)mavlink_msg_heartbeat_encode_status(bridge->system->own.system,
-                                            bridge->system->own.component, &bridge->sending, &m,
-                                            &heartbeat);
+  (void)mavlink_msg_heartbeat_encode_status(
+      bridge->system->own.system, bridge->system->own.component, &bridge->sending, &m, &heartbeat);
   (void)soter_mavlink_send(bridge, &m);
 }
 
@@ -183,9 +128,8 @@ static void synchronise(soter_mavlink_bridge* bridge, int64_t tc1, int64_t ts1) 
   (void)memset(&timesync, 0, sizeof timesync);
   timesync.tc1 = tc1;
   timesync.ts1 = ts1;
-  (void)mavlink_msg_timesync_encode_status(bridge->system->own.system,
-                                           bridge->system->own.component, &bridge->sending, &m,
-                                           &timesync);
+  (void)mavlink_msg_timesync_encode_status(
+      bridge->system->own.system, bridge->system->own.component, &bridge->sending, &m, &timesync);
   (void)soter_mavlink_send(bridge, &m);
 }
 
@@ -201,7 +145,8 @@ static void on_timesync(soter_mavlink_bridge* bridge, const mavlink_message_t* m
   (void)soter_mavlink_clock_hear(&bridge->clock, now, t.ts1, t.tc1);
   if (bridge->clock.jumps != jumps) {
     forget_stamps(bridge, 0);
-    say_of(bridge, bridge->clock.jumps, "TIMESYNC", "the autopilot's clock jumped: it began anew?");
+    soter_mavlink_say_of(bridge, bridge->clock.jumps, "TIMESYNC",
+                         "the autopilot's clock jumped: it began anew?");
   }
 }
 
@@ -274,7 +219,8 @@ static int read_arguments(soter_mavlink_bridge* bridge, options* o, int count, c
     }
   }
   if (o->channels == NULL) {
-    soter_mavlink_say(bridge, "", "--channels is needed: the folder of the trusted part's channels");
+    soter_mavlink_say(bridge, "",
+                      "--channels is needed: the folder of the trusted part's channels");
     return 2;
   }
   for (; o->links == 0 && bridge->links < bridge->system->links; bridge->links++) {
@@ -288,17 +234,19 @@ static int read_arguments(soter_mavlink_bridge* bridge, options* o, int count, c
 
 static bool make_topics(soter_mavlink_bridge* bridge) {
   const soter_mavlink_system* const s = bridge->system;
-  bridge->topic = calloc(s->ins + s->outs + 1, sizeof *bridge->topic);
-  for (size_t k = 0; bridge->topic != NULL && k < s->ins + s->outs; k++) {
-    bridge->topic[k].in = k < s->ins ? &s->in[k] : NULL;
-    bridge->topic[k].out = k < s->ins ? NULL : &s->out[k - s->ins];
-    bridge->topic[k].bridge = bridge;
-    bridge->topics++;
+  if (s->ins + s->outs > SOTER_MAVLINK_TOPICS || s->source_count > SOTER_MAVLINK_SOURCES) {
+    return false;
+  }
+  for (; bridge->topics < s->ins + s->outs; bridge->topics++) {
+    soter_mavlink_topic* const t = &bridge->topic[bridge->topics];
+    t->in = bridge->topics < s->ins ? &s->in[bridge->topics] : NULL;
+    t->out = t->in != NULL ? NULL : &s->out[bridge->topics - s->ins];
+    t->bridge = bridge;
   }
   for (size_t k = 0; k < s->source_count; k++) {
     bridge->source[k].id = s->sources[k];
   }
-  return bridge->topic != NULL;
+  return true;
 }
 
 static bool open_all(soter_mavlink_bridge* bridge, const options* o) {
@@ -337,7 +285,7 @@ static void hear(soter_mavlink_bridge* bridge) {
     if (files[k].revents != 0 &&
         !soter_mavlink_link_read(&bridge->link[k], k, on_message, bridge)) {
       soter_mavlink_say(bridge, bridge->link[k].url, "the link has ended, and so does the bridge");
-      ending = 2; /* whoever starts it again opens it anew */
+      soter_mavlink_end(2); /* whoever starts it again opens it anew */
     }
   }
   (void)pthread_mutex_unlock(&bridge->held);
@@ -346,7 +294,7 @@ static void hear(soter_mavlink_bridge* bridge) {
 static void turns(soter_mavlink_bridge* bridge, const options* o) {
   int64_t beaten = 0;
   int64_t synchronised = 0;
-  while (ending == 0) {
+  while (soter_mavlink_ending() == 0) {
     hear(bridge);
     const int64_t now = soter_mavlink_now();
     (void)pthread_mutex_lock(&bridge->held);
@@ -374,7 +322,7 @@ static void run(soter_mavlink_bridge* bridge, const options* o) {
     if (pthread_create(&bridge->topic[begun].thread, NULL, soter_mavlink_serve,
                        &bridge->topic[begun]) != 0) {
       soter_mavlink_say(bridge, "", "there is no thread for a topic");
-      ending = 2;
+      soter_mavlink_end(2);
       break;
     }
   }
@@ -406,7 +354,7 @@ int soter_mavlink_main(const soter_mavlink_system* system, int count, char** wor
   (void)sigaction(SIGUSR1, &action, NULL);
   (void)pthread_mutex_init(&bridge.held, NULL);
   if (!make_topics(&bridge)) {
-    soter_mavlink_say(&bridge, "", "there is no memory");
+    soter_mavlink_say(&bridge, "", "it has more topics or sources than a bridge can carry");
     return 1;
   }
   const bool opened = open_all(&bridge, &o);
@@ -416,9 +364,5 @@ int soter_mavlink_main(const soter_mavlink_system* system, int count, char** wor
   for (size_t k = 0; k < bridge.links; k++) {
     soter_mavlink_link_close(&bridge.link[k]);
   }
-  for (size_t k = 0; k < bridge.topics; k++) {
-    soter_mavlink_topic_close(&bridge.topic[k]);
-  }
-  free(bridge.topic);
-  return opened && ending != 2 ? 0 : 1;
+  return opened && soter_mavlink_ending() != 2 ? 0 : 1;
 }

@@ -1,15 +1,15 @@
 /* soter_mavlink_bridge.h: between messages of MAVLink and the channels of a trusted part.
  *
- * Purpose: the MAVLink side of a package that `soter build --target mavlink` writes, for a companion
- * computer. Messages that the mapping names are judged (whose, from where, when measured),
- * converted and written into the channel of their topic; what the actuators hold goes to the
- * autopilot. The trusted part is another process, which knows nothing of MAVLink: it judges values,
- * ages and sets by itself, so that nothing here is trusted to be right, or alive.
- * Non-goals: the trusted part and the actuators (soter_posix.h, soter_actuator.h); routing, signing,
- * missions, parameters; arming and changing modes, which a person does.
+ * Purpose: the MAVLink side of a package that `soter build --target mavlink` writes, for a
+ * companion computer. Messages that the mapping names are judged (whose, from where, when
+ * measured), converted and written into the channel of their topic; what the actuators hold goes to
+ * the autopilot. The trusted part is another process, which knows nothing of MAVLink: it judges
+ * values, ages and sets by itself, so that nothing here is trusted to be right, or alive.
+ * Non-goals: the trusted part and the actuators (soter_posix.h, soter_actuator.h); routing,
+ * signing, missions, parameters; arming and changing modes, which a person does.
  *
- * Stamps of messages are on the autopilot's clock, channels on CLOCK_MONOTONIC (soter_mavlink_clock.h
- * says what lies between). C99 and POSIX threads.
+ * Stamps of messages are on the autopilot's clock, channels on CLOCK_MONOTONIC
+ * (soter_mavlink_clock.h says what lies between). C99 and POSIX threads.
  */
 #ifndef SOTER_MAVLINK_BRIDGE_H
 #define SOTER_MAVLINK_BRIDGE_H
@@ -37,6 +37,7 @@ typedef struct {
   /* ns on the autopilot's clock at which it was measured; below 0: none */
   int64_t (*stamp)(const mavlink_message_t* m);
   bool (*convert)(const mavlink_message_t* m, void* value); /* false: a value is not there */
+  void* value;                                              /* room for one */
 } soter_mavlink_inward;
 
 /* Who writes to whom. */
@@ -55,6 +56,8 @@ typedef struct {
   void (*convert)(const void* value, const soter_mavlink_envelope* envelope, mavlink_message_t* m);
   bool (*law)(void* value); /* the fail-safe law; false: it has none, silence follows silence */
   int64_t silent_ns;        /* without a value for so long, whoever writes the channel is gone */
+  void* value;              /* room for one */
+  void* last;               /* and for the one before */
 } soter_mavlink_outward;
 
 typedef struct {

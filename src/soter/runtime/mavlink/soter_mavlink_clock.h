@@ -1,7 +1,7 @@
 /* soter_mavlink_clock.h: what a stamp of the autopilot is on CLOCK_MONOTONIC.
  *
- * Purpose: MAVLink's TIMESYNC. A request leaves at `sent`, its answer, which says `remote`, comes at
- * `received`: the autopilot's clock showed `remote` somewhere between. What it stamped s was
+ * Purpose: MAVLink's TIMESYNC. A request leaves at `sent`, its answer, which says `remote`, comes
+ * at `received`: the autopilot's clock showed `remote` somewhere between. What it stamped s was
  * measured at sent + (s - remote) at the earliest, and that counts: half a round trip, and what two
  * crystals drift apart, make a message older and never newer.
  * Non-goals: the messages (soter_mavlink_bridge.c). Not shared between threads.
@@ -16,7 +16,7 @@
 
 #define SOTER_MAVLINK_EXCHANGES 16
 #define SOTER_MAVLINK_PENDING 8
-#define SOTER_MAVLINK_DRIFT_PPM 200           /* of two clocks against each other, at most */
+#define SOTER_MAVLINK_DRIFT_PPM 200              /* of two clocks against each other, at most */
 #define SOTER_MAVLINK_ROUND_NS INT64_C(50000000) /* a longer round trip tells too little */
 #define SOTER_MAVLINK_LASTS_NS INT64_C(5000000000)
 

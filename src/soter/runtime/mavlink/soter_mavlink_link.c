@@ -188,8 +188,8 @@ bool soter_mavlink_link_read(soter_mavlink_link* link, uint32_t index, soter_mav
   }
   for (int k = 0; k < DATAGRAMS_AT_ONCE; k++) {
     from.size = sizeof from.address;
-    const ssize_t many = recvfrom(link->file, bytes, sizeof bytes, 0,
-                                  (struct sockaddr*)&from.address, &from.size);
+    const ssize_t many =
+        recvfrom(link->file, bytes, sizeof bytes, 0, (struct sockaddr*)&from.address, &from.size);
     if (many < 0) {
       if (errno == ECONNREFUSED || errno == EINTR) {
         continue; /* nobody is there yet */

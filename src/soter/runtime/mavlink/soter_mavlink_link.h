@@ -1,8 +1,8 @@
 /* soter_mavlink_link.h: bytes in and out, over UDP or a serial line.
  *
- * Purpose: a link by its URL: udpin://ADDRESS:PORT waits there, udpout://ADDRESS:PORT speaks first and
- * hears that address alone, serial:///dev/NAME:BAUD. What is read is frames with a right checksum.
- * Non-goals: who may speak (soter_mavlink_bridge.c).
+ * Purpose: a link by its URL: udpin://ADDRESS:PORT waits there, udpout://ADDRESS:PORT speaks first
+ * and hears that address alone, serial:///dev/NAME:BAUD. What is read is frames with a right
+ * checksum. Non-goals: who may speak (soter_mavlink_bridge.c).
  */
 #ifndef SOTER_MAVLINK_LINK_H
 #define SOTER_MAVLINK_LINK_H

@@ -9,7 +9,6 @@
 
 #include "soter_mavlink_topics.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #define WAIT_NS INT64_C(5000000)
@@ -17,21 +16,11 @@
 const char* soter_mavlink_topic_open(soter_mavlink_topic* topic, const char* folder) {
   const bool inward = topic->in != NULL;
   const size_t size = inward ? topic->in->size : topic->out->size;
-  topic->value = calloc(1, size);
-  topic->last_value = calloc(1, size);
   topic->last_stamp = -1;
   topic->last_measured = INT64_MIN;
   topic->begun = soter_mavlink_now(); /* a channel may hold what somebody wrote long ago */
-  if (topic->value == NULL || topic->last_value == NULL) {
-    return "there is no memory";
-  }
   return soter_outside_open(&topic->channel, folder, inward ? topic->in->name : topic->out->name,
                             inward ? topic->in->hash : topic->out->hash, size, inward);
-}
-
-void soter_mavlink_topic_close(soter_mavlink_topic* topic) {
-  free(topic->value);
-  free(topic->last_value);
 }
 
 /* ------------------------------------------------------------------ in */
@@ -90,8 +79,8 @@ void soter_mavlink_judge(soter_mavlink_topic* topic, const mavlink_message_t* m)
                         "a message has other constants than the mapping: another frame?");
     return;
   }
-  (void)memset(topic->value, 0, in->size);
-  if (!in->convert(m, topic->value)) {
+  (void)memset(in->value, 0, in->size);
+  if (!in->convert(m, in->value)) {
     soter_mavlink_count(topic, SOTER_MAVLINK_ABSENT,
                         "a message says that a value is not known, or the topic cannot hold it");
     return;
@@ -102,7 +91,7 @@ void soter_mavlink_judge(soter_mavlink_topic* topic, const mavlink_message_t* m)
   /* both were measured no earlier than they say, and this one after the one before */
   measured = measured > topic->last_measured ? measured : topic->last_measured;
   topic->last_measured = measured;
-  soter_outside_write(&topic->channel, measured, topic->value);
+  soter_outside_write(&topic->channel, measured, in->value);
   soter_mavlink_count(topic, SOTER_MAVLINK_TAKEN, NULL);
 }
 
@@ -116,7 +105,7 @@ static void tell(soter_mavlink_topic* topic, int64_t now, int64_t written, bool 
   (void)memset(&m, 0, sizeof m);
   (void)pthread_mutex_lock(&bridge->held);
   topic->silent = law;
-  topic->out->convert(topic->last_value, &envelope, &m);
+  topic->out->convert(topic->out->last, &envelope, &m);
   if (soter_mavlink_send(bridge, &m)) {
     soter_mavlink_count(topic, SOTER_MAVLINK_SENT, NULL);
     topic->count[SOTER_MAVLINK_LAW] += law ? 1U : 0U;
@@ -129,10 +118,9 @@ static void turn(soter_mavlink_topic* topic, int64_t now) {
   const soter_mavlink_outward* const out = topic->out;
   const int64_t resend = topic->bridge->system->resend_ns;
   int64_t written = 0;
-  if (soter_outside_read(&topic->channel, &written, topic->value, NULL) &&
-      written >= topic->begun) {
-    const bool changed = memcmp(topic->value, topic->last_value, out->size) != 0;
-    (void)memcpy(topic->last_value, topic->value, out->size);
+  if (soter_outside_read(&topic->channel, &written, out->value, NULL) && written >= topic->begun) {
+    const bool changed = memcmp(out->value, out->last, out->size) != 0;
+    (void)memcpy(out->last, out->value, out->size);
     topic->heard = now;
     if (changed || now - topic->told >= resend) {
       tell(topic, now, written, false);
@@ -140,7 +128,7 @@ static void turn(soter_mavlink_topic* topic, int64_t now) {
   } else if (topic->heard > 0 && now - topic->heard > out->silent_ns &&
              now - topic->told >= resend) {
     /* nobody holds a lease, nobody holds the law: it is held from here */
-    if (out->law(topic->last_value)) {
+    if (out->law(out->last)) {
       tell(topic, now, now, true);
     } else {
       (void)pthread_mutex_lock(&topic->bridge->held);
@@ -152,7 +140,7 @@ static void turn(soter_mavlink_topic* topic, int64_t now) {
 
 void* soter_mavlink_serve(void* given) {
   soter_mavlink_topic* const topic = given;
-  while (!soter_mavlink_ending()) {
+  while (soter_mavlink_ending() == 0) {
     soter_outside_wait(&topic->channel, WAIT_NS);
     turn(topic, soter_mavlink_now());
   }

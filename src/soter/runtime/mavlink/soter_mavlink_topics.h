@@ -15,6 +15,7 @@
 
 #define SOTER_MAVLINK_LINKS 4
 #define SOTER_MAVLINK_SOURCES 16
+#define SOTER_MAVLINK_TOPICS 64
 
 /* What is counted of a topic; soter_mavlink_report.c has the words. */
 enum {
@@ -41,8 +42,6 @@ typedef struct {
   const soter_mavlink_outward* out;
   soter_mavlink_bridge* bridge;
   soter_outside channel;
-  void* value;
-  void* last_value;
   pthread_t thread;
   int64_t last_stamp;    /* in: of the autopilot; below 0: none yet */
   int64_t last_measured; /* in */
@@ -64,7 +63,7 @@ typedef struct {
 
 struct soter_mavlink_bridge {
   const soter_mavlink_system* system;
-  soter_mavlink_topic* topic; /* those that come in first */
+  soter_mavlink_topic topic[SOTER_MAVLINK_TOPICS]; /* those that come in first */
   size_t topics;
   int64_t delay_ns;
   pthread_mutex_t held; /* over all that follows */
@@ -83,19 +82,22 @@ struct soter_mavlink_bridge {
 
 int64_t soter_mavlink_now(void);
 
-/* Whether somebody asked it to end. */
-bool soter_mavlink_ending(void);
+/* ---- soter_mavlink_shared.c */
+/* 0: it goes on; 1: somebody asked it to end; 2: it cannot go on. */
+int soter_mavlink_ending(void);
+void soter_mavlink_end(int how);
 
 /* Counts it, says it on standard error the 1st, 2nd, 4th ... time, and keeps why; lock held. */
 void soter_mavlink_count(soter_mavlink_topic* topic, int what, const char* why);
 void soter_mavlink_say(soter_mavlink_bridge* bridge, const char* about, const char* what);
+void soter_mavlink_say_of(soter_mavlink_bridge* bridge, uint64_t many, const char* about,
+                          const char* why);
 
 /* Sends to the autopilot, as soon as somebody knows where it is; lock held. False: nobody does. */
 bool soter_mavlink_send(soter_mavlink_bridge* bridge, const mavlink_message_t* m);
 
 /* ---- soter_mavlink_topics.c: NULL, or what is wrong; what `pthread_create` runs */
 const char* soter_mavlink_topic_open(soter_mavlink_topic* topic, const char* folder);
-void soter_mavlink_topic_close(soter_mavlink_topic* topic);
 /* A message of its source; lock held. */
 void soter_mavlink_judge(soter_mavlink_topic* topic, const mavlink_message_t* m);
 void* soter_mavlink_serve(void* topic);

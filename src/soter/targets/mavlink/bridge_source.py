@@ -132,6 +132,8 @@ sizeof({self._value(index)}), {text(_message(mapped).name)}"""
         opened = _opened(message)
         return f"""\
 /* {mapped.topic.name}: {message.name} */
+static {self._value(index)} {name}_value;
+
 static bool {name}_fits(const mavlink_message_t* raw) {{
 {opened}  return {" && ".join(tests) or "true"};
 }}
@@ -153,7 +155,7 @@ static bool {name}_convert(const mavlink_message_t* raw, void* value) {{
         return f"""\
     {{{self._head(index, mapped)}, {message.id}U, {whose}U, \
 {"true" if mapped.stamp else "false"},
-     {name}_fits, {name}_stamp, {name}_convert}},
+     {name}_fits, {name}_stamp, {name}_convert, &{name}_value}},
 """
 
     # ------------------------------------------------------------ out
@@ -166,6 +168,8 @@ static bool {name}_convert(const mavlink_message_t* raw, void* value) {{
         low = message.name.lower()
         return f"""\
 /* {mapped.topic.name}: {message.name} */
+static {self._value(index)} {name}_value, {name}_last;
+
 static void {name}_convert(const void* value, const soter_mavlink_envelope* e,
                            mavlink_message_t* to) {{
   const {self._value(index)}* const from = value;
@@ -200,7 +204,7 @@ static bool {name}_law(void* to) {{
         name = self.world.names[index]
         return f"""\
     {{{self._head(index, mapped)},
-     {name}_convert, {name}_law, INT64_C({self.silent_ns(index)})}},
+     {name}_convert, {name}_law, INT64_C({self.silent_ns(index)}), &{name}_value, &{name}_last}},
 """
 
 

@@ -36,14 +36,14 @@ TRUSTED = "trusted"
 """The folder of what knows nothing of MAVLink."""
 SOURCES = (
     *("soter_mavlink_bridge.c", "soter_mavlink_topics.c", "soter_mavlink_link.c"),
-    *("soter_mavlink_clock.c", "soter_mavlink_report.c"),
+    *("soter_mavlink_clock.c", "soter_mavlink_report.c", "soter_mavlink_shared.c"),
 )
 HEADERS = (
     *("soter_mavlink_bridge.h", "soter_mavlink_topics.h", "soter_mavlink_link.h"),
     "soter_mavlink_clock.h",
 )
 LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
-SOURCES_MAX = 16
+SOURCES_MAX, TOPICS_MAX = 16, 64
 
 
 def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
@@ -113,6 +113,8 @@ def _refuse(source: BridgeSource) -> None:
             problems.append(f"`{m.topic.name}`: {message} is the bridge's own")
     if len(source.sources) > SOURCES_MAX:
         problems.append(f"the mapping names more than {SOURCES_MAX} publishers")
+    if len(source.inward) + len(source.outward) > TOPICS_MAX:
+        problems.append(f"the mapping names more than {TOPICS_MAX} topics")
     problems += _too_late(source)
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
