@@ -49,7 +49,9 @@ plant P period 10ms {
   state x: float = 0.0;
   der x = out.x;
 }
-node N period 10ms { subscribes place, attitude, battery, beat, far; publishes out; step { publish out = place; } }
+node N period 10ms {
+  subscribes place, attitude, battery, beat, far; publishes out; step { publish out = place; }
+}
 system S default { p: P; node N; until 1s; }
 system W deploys S {
   external topic place every 10ms; external topic attitude every 10ms;
