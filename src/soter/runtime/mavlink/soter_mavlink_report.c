@@ -40,6 +40,18 @@ static void number(const char* key, uint64_t value, bool json) {
   (void)printf(json ? ",\"%s\":%llu" : " %s %llu", key, (unsigned long long)value);
 }
 
+static void truth(const char* key, bool value, bool json) {
+  (void)printf(json ? ",\"%s\":%s" : " %s %s", key, value ? "true" : "false");
+}
+
+static void end(bool json) {
+  (void)printf(json ? "}" : "\n");
+}
+
+static void between(size_t k, bool json) {
+  (void)printf("%s", json && k > 0 ? "," : "");
+}
+
 static void topic(const soter_mavlink_topic* t, bool json) {
   const bool in = t->in != NULL;
   (void)printf(json ? "{\"topic\":\"%s\",\"message\":\"%s\",\"way\":\"%s\"" : "%s %s %s:",
@@ -52,10 +64,9 @@ static void topic(const soter_mavlink_topic* t, bool json) {
     }
   }
   if (!in) {
-    (void)printf(json ? ",\"channel_silent\":%s" : " channel_silent %s",
-                 t->silent ? "true" : "false");
+    truth("channel_silent", t->silent, json);
   }
-  (void)printf(json ? "}" : "\n");
+  end(json);
 }
 
 static void source(const soter_mavlink_source* s, bool json) {
@@ -65,7 +76,7 @@ static void source(const soter_mavlink_source* s, bool json) {
   number("repeated", s->repeated, json);
   number("from_elsewhere", s->elsewhere, json);
   number("bindings", s->bindings, json);
-  (void)printf(json ? "}" : "\n");
+  end(json);
 }
 
 static void link_of(const soter_mavlink_link* l, bool json) {
@@ -76,19 +87,18 @@ static void link_of(const soter_mavlink_link* l, bool json) {
   number("signed", l->is_signed, json);
   number("short", l->short_, json);
   number("unsent", l->unsent, json);
-  (void)printf(json ? "}" : "\n");
+  end(json);
 }
 
 static void autopilot(const soter_mavlink_bridge* bridge, bool json) {
   const int64_t now = soter_mavlink_now();
   const bool runs = soter_mavlink_clock_runs(&bridge->clock, now);
   const bool offboard = ((bridge->custom_mode >> 16U) & 255U) == PX4_OFFBOARD;
-  (void)printf(json ? "\"autopilot\":{\"heard\":%s" : "autopilot: heard %s",
-               bridge->autopilot_told ? "true" : "false");
-  (void)printf(json ? ",\"armed\":%s" : " armed %s",
-               (bridge->base_mode & ARMED) != 0U ? "true" : "false");
-  (void)printf(json ? ",\"offboard\":%s" : " offboard %s", offboard ? "true" : "false");
-  number("custom_mode", bridge->custom_mode, json);
+  (void)printf(json ? "\"autopilot\":{\"custom_mode\":%u" : "autopilot: custom_mode %u",
+               (unsigned)bridge->custom_mode);
+  truth("heard", bridge->autopilot_told, json);
+  truth("armed", (bridge->base_mode & ARMED) != 0U, json);
+  truth("offboard", offboard, json);
   (void)printf(json ? "},\"clock\":{\"runs\":%s" : "\nclock: runs %s", runs ? "true" : "false");
   number("error_ns", runs ? (uint64_t)clock_error(bridge, now) : 0U, json);
   number("requests", bridge->clock.requests, json);
@@ -96,7 +106,21 @@ static void autopilot(const soter_mavlink_bridge* bridge, bool json) {
   number("slow", bridge->clock.slow, json);
   number("unasked", bridge->clock.unasked, json);
   number("jumps", bridge->clock.jumps, json);
-  (void)printf(json ? "}" : "\n");
+  end(json);
+}
+
+static void topics(const soter_mavlink_bridge* bridge, bool json) {
+  for (size_t k = 0; k < bridge->topics; k++) {
+    between(k, json);
+    topic(&bridge->topic[k], json);
+  }
+}
+
+static void sources(const soter_mavlink_bridge* bridge, bool json) {
+  for (size_t k = 0; k < bridge->system->source_count; k++) {
+    between(k, json);
+    source(&bridge->source[k], json);
+  }
 }
 
 void soter_mavlink_report(soter_mavlink_bridge* bridge, bool json) {
@@ -104,18 +128,12 @@ void soter_mavlink_report(soter_mavlink_bridge* bridge, bool json) {
   autopilot(bridge, json);
   (void)printf(json ? ",\"strangers\":%llu,\"topics\":[" : "strangers %llu\n",
                (unsigned long long)bridge->strangers);
-  for (size_t k = 0; k < bridge->topics; k++) {
-    (void)printf("%s", json && k > 0 ? "," : "");
-    topic(&bridge->topic[k], json);
-  }
+  topics(bridge, json);
   (void)printf(json ? "],\"sources\":[" : "");
-  for (size_t k = 0; k < bridge->system->source_count; k++) {
-    (void)printf("%s", json && k > 0 ? "," : "");
-    source(&bridge->source[k], json);
-  }
+  sources(bridge, json);
   (void)printf(json ? "],\"links\":[" : "");
   for (size_t k = 0; k < bridge->links; k++) {
-    (void)printf("%s", json && k > 0 ? "," : "");
+    between(k, json);
     link_of(&bridge->link[k], json);
   }
   (void)printf(json ? "]}\n" : "last: %s\n", bridge->why);
