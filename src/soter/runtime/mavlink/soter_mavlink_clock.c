@@ -21,16 +21,20 @@ void soter_mavlink_clock_ask(soter_mavlink_clock* clock, int64_t now) {
   clock->pending[clock->requests++ % SOTER_MAVLINK_PENDING] = now;
 }
 
-bool soter_mavlink_clock_hear(soter_mavlink_clock* clock, int64_t now, int64_t ts1,
-                              int64_t remote) {
-  bool asked = false;
+/* Whether a request with this in it waits for an answer, and now no longer does. */
+static bool was_asked(soter_mavlink_clock* clock, int64_t ts1) {
   for (size_t k = 0; k < SOTER_MAVLINK_PENDING; k++) {
     if (ts1 > 0 && clock->pending[k] == ts1) {
       clock->pending[k] = 0;
-      asked = true;
+      return true;
     }
   }
-  if (!asked || remote <= 0 || remote > FAR || ts1 > now) {
+  return false;
+}
+
+bool soter_mavlink_clock_hear(soter_mavlink_clock* clock, int64_t now, int64_t ts1,
+                              int64_t remote) {
+  if (!was_asked(clock, ts1) || remote <= 0 || remote > FAR || ts1 > now) {
     clock->unasked++;
     return false;
   }

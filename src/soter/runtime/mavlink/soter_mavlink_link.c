@@ -21,6 +21,9 @@
 
 /* ------------------------------------------------------------------ opening */
 
+static const char no_url[] =
+    "it is no udpin://ADDRESS:PORT, udpout://ADDRESS:PORT or serial:///dev/NAME:BAUD";
+
 static const struct {
   long baud;
   speed_t speed;
@@ -99,38 +102,45 @@ static const char* open_udp(soter_mavlink_link* link, const char* host, long por
   return told == 0 ? NULL : strerror(errno);
 }
 
+/* "HOST:NUMBER" taken apart where it stands; false: it is none. */
+static bool parts(char* text, char** host, long* number) {
+  char* end = NULL;
+  char* const colon = strrchr(text, ':');
+  if (colon == NULL) {
+    return false;
+  }
+  *colon = '\0';
+  *number = strtol(colon + 1, &end, 10);
+  *host = text;
+  if (text[0] == '[' && colon > text + 1 && colon[-1] == ']') {
+    colon[-1] = '\0';
+    *host = text + 1;
+  }
+  return end != colon + 1 && *end == '\0';
+}
+
 const char* soter_mavlink_link_open(soter_mavlink_link* link, const char* url) {
   char text[128];
-  char* end = NULL;
+  char* host = NULL;
+  long number = 0;
   (void)memset(link, 0, sizeof *link);
   link->url = url;
   link->file = -1;
   const char* const rest = strstr(url, "://");
   if (rest == NULL || strlen(rest + 3) >= sizeof text) {
-    return "it is no udpin://ADDRESS:PORT, udpout://ADDRESS:PORT or serial:///dev/NAME:BAUD";
+    return no_url;
   }
   (void)strcpy(text, rest + 3);
-  char* const colon = strrchr(text, ':');
-  if (colon == NULL) {
+  if (!parts(text, &host, &number)) {
     return "it has no port, or no speed, at its end";
-  }
-  *colon = '\0';
-  const long number = strtol(colon + 1, &end, 10);
-  if (end == colon + 1 || *end != '\0') {
-    return "it has no port, or no speed, at its end";
-  }
-  char* host = text;
-  if (host[0] == '[' && colon > text + 1 && colon[-1] == ']') {
-    colon[-1] = '\0';
-    host++;
   }
   if (strncmp(url, "serial://", 9) == 0) {
-    return open_serial(link, text, number);
+    return open_serial(link, host, number);
   }
   if (strncmp(url, "udpin://", 8) == 0 || strncmp(url, "udpout://", 9) == 0) {
     return open_udp(link, host, number, url[3] == 'o');
   }
-  return "it is no udpin://ADDRESS:PORT, udpout://ADDRESS:PORT or serial:///dev/NAME:BAUD";
+  return no_url;
 }
 
 void soter_mavlink_link_close(soter_mavlink_link* link) {
