@@ -34,6 +34,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("remote.md", "A policy in another process"),
             ("ros.md", "On ROS 1"),
             ("dds.md", "On the wire of ROS 2"),
+            ("mavlink.md", "MAVLink"),
             ("real-logs.md", "Somebody else's logs"),
             ("monitor.md", "The model monitor"),
             ("editor.md", "In your editor"),

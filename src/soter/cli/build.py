@@ -48,7 +48,7 @@ def parser() -> CommandParser:
     made.add_argument(
         "--map",
         metavar="FILE",
-        help="of ros1, ros2 and dds: which topic is which of its messages (docs/mapping.md)",
+        help="of ros1, ros2, dds, mavlink: which topic is which of its messages (docs/mapping.md)",
     )
     add_settings(made)
     return made

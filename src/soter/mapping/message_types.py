@@ -11,10 +11,11 @@ import re
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.near import closest, nearest_or_all
+from soter.mapping.stamp_source import StampSource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -81,11 +82,12 @@ class MessageType:
 
     def known_in(self, ros: int) -> bool:
         """Whether ROS 1, or 2, has it."""
-        return self.ros2 in self.definitions[ros]
+        return self.ros2 in self.definitions.get(ros, {})
 
     def field(self, path: str, ros: int | None = None) -> MessageField:
         """What stands at `a.b.0` of it, in ROS 1, in ROS 2 or in any; raises NoSuchFieldError."""
-        versions = [v for v in ([ros] if ros else [2, 1]) if self.known_in(v)]
+        families = [ros] if ros else sorted(self.definitions, reverse=True)
+        versions = [v for v in families if self.known_in(v)]
         if not versions:
             raise NoSuchFieldError(f"ROS {ros} has no `{self.ros1}`")
         problem = NoSuchFieldError()
@@ -102,8 +104,8 @@ class MessageType:
 
     def fields(self, ros: int | None = None) -> dict[str, MessageField]:
         """Every primitive of it in declared order, an element of a list or array as `*`."""
-        version = ros or (2 if self.known_in(2) else 1)
-        found = self._walk((self.ros2,), "", "", self.definitions[version])
+        definitions = self.definitions[ros] if ros else self._newest
+        found = self._walk((self.ros2,), "", "", definitions)
         return {f.path: f for f in found}
 
     def owners(self, path: str) -> Iterator[tuple[str, str]]:
@@ -111,7 +113,7 @@ class MessageType:
 
         Types are written as in ROS 1; the path has to be one of `field`.
         """
-        definitions = self.definitions[2 if self.known_in(2) else 1]
+        definitions = self._newest
         kind: Any = (NAMED, self.ros2)
         parts = path.split(".")
         for i, part in enumerate(parts):
@@ -126,8 +128,21 @@ class MessageType:
     @property
     def has_header(self) -> bool:
         """Whether its field `header` is a std_msgs/Header."""
-        definitions = self.definitions[2 if self.known_in(2) else 1]
-        return dict(definitions[self.ros2][1]).get("header") == (NAMED, HEADER)
+        return dict(self._newest[self.ros2][1]).get("header") == (NAMED, HEADER)
+
+    @property
+    def default_stamp(self) -> StampSource | None:
+        """The field that says when it was measured, where every message of the type has it."""
+        return StampSource(HEADER_STAMP) if self.has_header else None
+
+    def unit(self, _path: str) -> str | None:
+        """What a field is in, where the definition itself says it, which none of ROS does."""
+        return None
+
+    @property
+    def _newest(self) -> Definitions:
+        """The definitions of the newest family that knows it."""
+        return self.definitions[max(v for v in self.definitions if self.known_in(v))]
 
     def _field(self, path: str, definitions: Definitions) -> MessageField:
         kind: Any = (NAMED, self.ros2)
@@ -194,6 +209,13 @@ def _members(definitions: Definitions, name: str) -> dict[str, Any]:
     members = dict(definitions.get(name, ([], []))[1])
     members.pop(EMPTY_MEMBER, None)
     return members
+
+
+class KnownTypes(Protocol):
+    """Whoever knows types of messages by their names."""
+
+    def named(self, name: str) -> MessageType:
+        """The type; raises UnknownMessageError."""
 
 
 class MessageTypes:

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.mapping.frames import WORLD
+from soter.mapping.mavlink_link import read_link
+from soter.mapping.mavlink_types import is_mavlink
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
 from soter.mapping.problems import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.topic_mapping import LogMap
@@ -27,12 +29,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.language.model.system import System
+    from soter.mapping.mavlink_link import MavlinkLink
+    from soter.mapping.message_types import KnownTypes, MessageType
     from soter.mapping.topic_mapping import TopicMap
 
 TIME_MIN, TIME_MAX = 1e-12, 1e12
 DEFINITION_MAX = 1 << 20
 """Bytes of a `.msg` file."""
-KEYS = ("system", "frame", "time", "where", "messages", "topics")
+KEYS = ("system", "frame", "time", "where", "messages", "mavlink", "topics")
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -85,6 +89,25 @@ def _toml(text: str) -> Any:  # noqa: ANN401 - what a file says
     return importlib.import_module("tomllib" if there else "tomli").loads(text)
 
 
+def _type_names(topics: Mapping[str, Any]) -> list[object]:
+    return [t["type"] for t in topics.values() if isinstance(t, dict) and "type" in t]
+
+
+class _Families:
+    """Types of ROS and of MAVLink, each as far as a mapping needs it."""
+
+    def __init__(self, ros: MessageTypes | None, link: MavlinkLink | None) -> None:
+        self.ros, self.link = ros, link
+
+    def named(self, name: str) -> MessageType:
+        """The type; raises UnknownMessageError."""
+        if self.link is not None and is_mavlink(name):
+            return self.link.dialect.named(name)
+        if self.ros is None:
+            raise UnknownMessageError("a type is written as `nav_msgs/Odometry`")
+        return self.ros.named(name)
+
+
 class _MappingReader:
     """Reads on after a mistake, so that all of them are told."""
 
@@ -107,12 +130,13 @@ class _MappingReader:
         topics = problems.table(given, "topics", "the mapping")
         if not topics and not problems.told:
             problems.add("the mapping names no topics: `[topics.NAME]`")
-        types = self._types(problems.table(given, "messages", "the mapping"), topics)
+        link = self._link(given, topics)
+        types = self._types(problems.table(given, "messages", "the mapping"), topics, link)
         maps = [self._topic(name, given_, frame, types) for name, given_ in topics.items()]
-        return LogMap(tuple(t for t in maps if t is not None), time, unit, where)
+        return LogMap(tuple(t for t in maps if t is not None), time, unit, where, link)
 
     def _topic(
-        self, name: str, given: object, frame: str, types: MessageTypes | None
+        self, name: str, given: object, frame: str, types: KnownTypes | None
     ) -> TopicMap | None:
         topic = self.known.get(name)
         if topic is None:
@@ -123,10 +147,21 @@ class _MappingReader:
             return None
         return TopicReader(topic, self.problems, types, frame).read(given)
 
-    def _types(self, messages: Mapping[str, Any], topics: Mapping[str, Any]) -> MessageTypes | None:
-        """The types of ROS messages; None where the mapping names none."""
-        if not messages and not any(isinstance(t, dict) and "type" in t for t in topics.values()):
+    def _link(self, given: Mapping[str, Any], topics: Mapping[str, Any]) -> MavlinkLink | None:
+        """The table `mavlink`, which messages of MAVLink need."""
+        table = self.problems.table(given, "mavlink", "the mapping")
+        if not table and not any(is_mavlink(name) for name in _type_names(topics)):
             return None
+        return read_link(table, self.folder, self.problems)
+
+    def _types(
+        self, messages: Mapping[str, Any], topics: Mapping[str, Any], link: MavlinkLink | None
+    ) -> KnownTypes | None:
+        """The types of messages; None where the mapping names none."""
+        names = _type_names(topics)
+        of_ros = bool(messages) or any(not is_mavlink(name) for name in names)
+        if not of_ros:
+            return _Families(None, link) if names else None
         texts = {name: self._definition(name, path) for name, path in messages.items()}
         types = MessageTypes()
         for name, text in texts.items():
@@ -135,7 +170,7 @@ class _MappingReader:
                     types.add(name, text)
                 except UnknownMessageError as error:
                     self.problems.add(str(error))
-        return types
+        return _Families(types, link)
 
     def _definition(self, name: str, path: object) -> str | None:
         if not isinstance(path, str) or not path:

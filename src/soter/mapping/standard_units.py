@@ -11,6 +11,8 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
+from soter.mapping.units import UNITS
+
 if TYPE_CHECKING:
     from soter.mapping.message_types import MessageType
 
@@ -42,6 +44,9 @@ STANDARD_UNITS = {
 
 def standard_unit(message: MessageType, path: str) -> str | None:
     """The unit of a field, from the outermost type that says it; None where none does."""
+    said = message.unit(path)
+    if said is not None:
+        return said if said in UNITS else None
     for owner, rest in message.owners(path):
         for pattern, unit in STANDARD_UNITS.get(owner, {}).items():
             if fnmatchcase(rest, pattern):

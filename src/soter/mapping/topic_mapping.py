@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Topic
     from soter.language.model.types import Value
+    from soter.mapping.mavlink_link import MavlinkLink
     from soter.mapping.message_types import MessageType
+    from soter.mapping.stamp_source import StampSource
 
 GAP_NS = 10**9
 """Between samples further apart nothing is interpolated, unless the mapping says otherwise."""
@@ -65,19 +67,6 @@ class NearestSource:
 
 
 Leaf = SignalSource | ConstantSource | SlopeSource | NearestSource
-
-
-@dataclass(frozen=True)
-class StampSource:
-    """The field that says when a message was measured, in the clock of its arrival.
-
-    `kind`: "time", a ROS time (of JSON and protobuf its members `sec` and `nanosec` or `nanos`), or
-    "number", in units of `unit_ns`.
-    """
-
-    path: str
-    kind: Literal["time", "number"] = "time"
-    unit_ns: Fraction = Fraction(1)
 
 
 @dataclass(frozen=True)
@@ -141,10 +130,12 @@ class LogMap:
     """A mapping that fits its system.
 
     `time`: the column of time, None for the log time of an MCAP; `time_ns`: its unit. `where`:
-    rows count where these columns hold these texts.
+    rows count where these columns hold these texts. `mavlink`: the link to an
+    autopilot.
     """
 
     topics: tuple[TopicMap, ...]
     time: str | None = None
     time_ns: Fraction = Fraction(10**9)
     where: dict[str, str] = field(default_factory=dict)
+    mavlink: MavlinkLink | None = None

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 from soter.mapping.frames import FRAMES, turn_between
 from soter.mapping.leaf_reader import LeafReader
 from soter.mapping.message_types import (
-    HEADER_STAMP,
     INTEGERS,
     NUMBERS,
     NoSuchFieldError,
     UnknownMessageError,
 )
 from soter.mapping.quality_of_service import read_qos
-from soter.mapping.topic_mapping import GAP_NS, SignalSource, StampSource, TopicMap
+from soter.mapping.stamp_source import StampSource
+from soter.mapping.topic_mapping import GAP_NS, SignalSource, TopicMap
 from soter.mapping.units import TIME_UNITS
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Topic
     from soter.mapping.frames import Turn
-    from soter.mapping.message_types import MessageType, MessageTypes
+    from soter.mapping.message_types import KnownTypes, MessageType
     from soter.mapping.problems import MappingProblems
 
 TOPIC_KEYS = (
@@ -42,11 +42,11 @@ ARRIVAL = "arrival"
 class TopicReader:
     """Reads the table of a topic; what is wrong goes to `problems`.
 
-    `types`: those of ROS messages, None where the mapping names none; `frame`: the program's.
+    `types`: those of messages, None where the mapping names none; `frame`: the program's.
     """
 
     def __init__(
-        self, topic: Topic, problems: MappingProblems, types: MessageTypes | None, frame: str
+        self, topic: Topic, problems: MappingProblems, types: KnownTypes | None, frame: str
     ) -> None:
         self.topic, self.problems, self.types, self.frame = topic, problems, types, frame
         self.name = topic.name
@@ -120,7 +120,7 @@ class TopicReader:
     def _stamp(self, given: Mapping[str, Any], message: MessageType | None) -> StampSource | None:
         stamp = given.get("stamp")
         if stamp is None:
-            return StampSource(HEADER_STAMP) if message is not None and message.has_header else None
+            return message.default_stamp if message is not None else None
         if stamp == ARRIVAL:
             return None
         source = self._stamp_said(stamp)

@@ -13,27 +13,39 @@ TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 NUMBER, LENGTH, ANGLE = "a number", "a length", "an angle"
 SPEED, TURN, ACCELERATION = "a speed", "an angular speed", "an acceleration"
 _BY_DIMENSION = {
-    LENGTH: {"m": 1.0, "km": 1000.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048},
+    LENGTH: {"m": 1.0, "km": 1000.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "ft": 0.3048},
     SPEED: {
         "m/s": 1.0,
         "km/h": 1.0 / 3.6,
+        "dm/s": 0.1,
         "cm/s": 0.01,
         "mm/s": 0.001,
         "kn": 1852.0 / 3600.0,
         "ft/s": 0.3048,
     },
-    ACCELERATION: {"m/s^2": 1.0, "g": 9.80665},
-    ANGLE: {"rad": 1.0, "deg": math.pi / 180.0},
-    TURN: {"rad/s": 1.0, "deg/s": math.pi / 180.0},
-    NUMBER: {"%": 0.01, "1": 1.0},
+    ACCELERATION: {"m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3},
+    ANGLE: {
+        "rad": 1.0,
+        "deg": math.pi / 180.0,
+        "cdeg": math.pi / 18000.0,
+        "degE5": math.pi / 180.0e5,
+        "degE7": math.pi / 180.0e7,
+    },
+    TURN: {
+        "rad/s": 1.0,
+        "mrad/s": 1e-3,
+        "deg/s": math.pi / 180.0,
+        "ddeg/s": math.pi / 1800.0,
+    },
+    NUMBER: {"%": 0.01, "d%": 0.001, "c%": 0.0001, "1": 1.0},
     "a length of time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "an angular acceleration": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180.0},
     "a force": {"N": 1.0},
     "a torque": {"Nm": 1.0},
     "a mass": {"kg": 1.0},
     "a voltage": {"V": 1.0, "mV": 1e-3},
-    "a current": {"A": 1.0, "mA": 1e-3},
-    "a pressure": {"Pa": 1.0, "hPa": 100.0},
+    "a current": {"A": 1.0, "cA": 0.01, "mA": 1e-3},
+    "a pressure": {"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0},
     "a field strength": {"T": 1.0},
 }
 UNITS = {unit: factor for units in _BY_DIMENSION.values() for unit, factor in units.items()}

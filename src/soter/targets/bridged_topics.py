@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 def bridged_topics(
-    system: System, mapping: LogMap, middleware: str, name: re.Pattern[str]
+    system: System, mapping: LogMap, middleware: str, name: re.Pattern[str] | None
 ) -> dict[int, TopicMap]:
     """The mapping by topic; SoterError D015 for what does not meet the world, or is not whole.
 
-    `name`: what a topic of the middleware may be called. Of a system without a world of its own,
-    which has its plants inside, every topic may be carried.
+    `name`: what a topic of the middleware may be called; None: it has none. Of a system without a
+    world of its own, which has its plants inside, every topic may be carried.
     """
     outside = {e.topic for e in system.externals}
     outside = outside or {t.index for t in system.topics if t.queue_of is None and not t.held}
@@ -32,7 +32,9 @@ def bridged_topics(
         named = f"`{m.topic.name}`"
         if m.topic.index not in outside:
             problems.append(f"{named} does not meet the world: nobody declares it `external topic`")
-        if m.channel is None:
+        if name is None:
+            pass
+        elif m.channel is None:
             problems.append(f"{named} has no `channel`: which topic of {middleware} is it?")
         elif not name.fullmatch(m.channel):
             problems.append(f"{named}: `{m.channel}` is no name of a topic of {middleware}")

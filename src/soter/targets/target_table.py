@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.targets.c99 import c99_package
 from soter.targets.dds.dds_package import dds_package
+from soter.targets.mavlink.mavlink_package import mavlink_package
 from soter.targets.posix import posix_package
 from soter.targets.ros.ros_packages import ros1_package, ros2_package
 
@@ -32,11 +33,12 @@ TARGETS: dict[str, Maker] = {
     "ros1": ros1_package,
     "ros2": ros2_package,
     "dds": dds_package,
+    "mavlink": mavlink_package,
 }
 """The default first."""
-MAPPED = frozenset(("ros1", "ros2", "dds"))
+MAPPED = frozenset(("ros1", "ros2", "dds", "mavlink"))
 """What speaks with a middleware: a mapping says which topic is which of its messages."""
-COMING = ("cortex-m", "mavlink")
+COMING = ("cortex-m",)
 
 
 def build_package(

@@ -20,7 +20,8 @@ from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.frames import turn_between
 from soter.mapping.read_mapping import mapping_of, read_mapping
-from soter.mapping.topic_mapping import SignalSource, StampSource
+from soter.mapping.stamp_source import StampSource
+from soter.mapping.topic_mapping import SignalSource
 from soter.mapping.units import UNITS, factor_between
 
 if TYPE_CHECKING:

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from soter.codegen.unit import Unit
     from soter.language.model.system import System, Topic
     from soter.mapping.message_types import MessageType
-    from soter.mapping.topic_mapping import StampSource, TopicMap
+    from soter.mapping.stamp_source import StampSource
+    from soter.mapping.topic_mapping import TopicMap
     from soter.targets.world_interface import LeasedModule, WorldTables
 
 

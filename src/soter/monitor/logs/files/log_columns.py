@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.mapping.message_types import MessageType
-    from soter.mapping.topic_mapping import LogMap, StampSource
+    from soter.mapping.stamp_source import StampSource
+    from soter.mapping.topic_mapping import LogMap
 
 
 FIGURES_NS = 10**15

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from soter.mapping.topic_mapping import LogMap, StampSource
+    from soter.mapping.stamp_source import StampSource
+    from soter.mapping.topic_mapping import LogMap
     from soter.monitor.logs.files.log_columns import Columns, Wanted
 
     Row = tuple[int, int, int, dict[str, Any], dict[StampSource, int | None]]

@@ -1,0 +1,200 @@
+"""The messages of MAVLink: what a field such as `vx` of `mavlink/LOCAL_POSITION_NED` is.
+
+Purpose: the dialects that the package `pymavlink` brings, and a file of one's own, as types like
+those of ROS, with what MAVLink says besides: units, and which number means "not known".
+Non-goals: C for them (`targets/mavlink/`); frames on a wire.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.near import closest
+from soter.mapping.message_types import ARRAY, BASE, MessageType, UnknownMessageError
+from soter.mapping.stamp_source import StampSource
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+MAVLINK = 3
+"""The family of definitions, beside ROS 1 and ROS 2."""
+PACKAGE = "mavlink"
+NAME = re.compile(r"mavlink/([A-Z][A-Z0-9_]*)", re.ASCII)
+UNITS = {"m/s/s": "m/s^2", "mG": "mg", "g": "gram"}
+"""Where MAVLink writes a unit in another way, or with letters that mean something else here."""
+STAMPS = {("time_boot_ms", "uint32"): 10**6, ("time_usec", "uint64"): 10**3}
+"""Fields that say when a message was measured, on the autopilot's clock, and their unit in ns."""
+_KIND = {"float": "float32", "double": "float64", "char": "string"}
+
+
+@dataclass(frozen=True)
+class MavlinkMessage(MessageType):
+    """A message of a dialect. `invalid`: by field, the number that means that it is not known."""
+
+    id: int = 0
+    units: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
+    invalid: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
+    fields_in_order: tuple[str, ...] = ()
+
+    def unit(self, path: str) -> str | None:
+        """What a field is in, as MAVLink says."""
+        return self.units.get(path.partition(".")[0])
+
+    @property
+    def default_stamp(self) -> StampSource | None:
+        """The field that says when it was measured."""
+        for (name, kind), ns in STAMPS.items():
+            if name in self.fields_in_order and self.leaf(name) == kind:
+                return StampSource(name, "number", Fraction(ns))
+        return None
+
+
+@dataclass(frozen=True)
+class ChecksumEntry:
+    """What a parser has to know of any message: of its length and its checksum."""
+
+    id: int
+    extra: int
+    shortest: int
+    longest: int
+    flags: int
+    target_system: int
+    target_component: int
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """The messages of a dialect and of all that it includes; `path`: its XML."""
+
+    path: Path
+    messages: Mapping[str, MavlinkMessage]
+    checksums: tuple[ChecksumEntry, ...]
+
+    def named(self, name: str) -> MavlinkMessage:
+        """The type; raises UnknownMessageError."""
+        match = NAME.fullmatch(name)
+        if match is None:
+            raise UnknownMessageError("a message is written as `mavlink/LOCAL_POSITION_NED`")
+        found = self.messages.get(match[1])
+        if found is None:
+            near = closest(match[1], sorted(self.messages), 0.8)
+            hint = f"did you mean `mavlink/{near[0]}`?" if near else ""
+            raise UnknownMessageError(hint or f"the dialect {self.path.stem} has no such message")
+        return found
+
+
+def is_mavlink(name: object) -> bool:
+    """Whether a `type` of a mapping is meant as a message of MAVLink."""
+    return isinstance(name, str) and name.startswith(f"{PACKAGE}/")
+
+
+def require_mavlink_package() -> None:
+    """SoterError D007 where the package that knows MAVLink's dialects is not installed."""
+    if find_spec("pymavlink") is None:
+        text = "messages of MAVLink are known to the package `pymavlink`, which is not installed"
+        help_ = "install it: pip install 'soter[mavlink]'"
+        raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
+
+
+def standard_dialects() -> list[str]:
+    """The dialects that the package brings."""
+    return sorted(p.stem for p in _folder().glob("*.xml") if p.stem not in ("all", "test"))
+
+
+def dialect_path(name: str, folder: Path) -> Path:
+    """Of a dialect by its name, or of a file of one's own, beside the mapping."""
+    return folder / name if name.endswith(".xml") else _folder() / f"{name}.xml"
+
+
+@cache
+def read_dialect(path: Path) -> Dialect:
+    """The dialect; ValueError where the file is none, OSError where it cannot be read."""
+    messages: dict[str, MavlinkMessage] = {}
+    checksums: dict[int, ChecksumEntry] = {}
+    for xml in _with_included(path):
+        for m in xml.message:
+            messages[m.name] = _message(m)
+            checksums[m.id] = ChecksumEntry(
+                m.id,
+                m.crc_extra,
+                m.wire_min_length,
+                m.wire_length,
+                m.message_flags,
+                m.target_system_ofs,
+                m.target_component_ofs,
+            )
+    if not messages:
+        raise ValueError("it has no messages")
+    return Dialect(path, messages, tuple(checksums[i] for i in sorted(checksums)))
+
+
+def _folder() -> Path:
+    spec = find_spec("pymavlink")
+    assert spec is not None, "require_mavlink_package"
+    assert spec.origin is not None
+    return Path(spec.origin).parent / "dialects" / "v20"
+
+
+def _with_included(path: Path) -> list[Any]:
+    """The parsed files, the innermost first."""
+    from pymavlink.generator import mavparse  # noqa: PLC0415 - an extra
+
+    found: dict[Path, Any] = {}
+
+    def read(at: Path) -> None:
+        text = at.read_bytes()  # OSError is the caller's
+        try:
+            _require_root(text)
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                xml = mavparse.MAVXML(str(at), mavparse.PROTOCOL_2_0)
+        except (Exception, SystemExit) as error:  # it raises whatever expat and it come upon
+            raise ValueError(str(error)[:120].replace("\n", " ") or "it is no dialect") from error
+        if len(found) > 50:
+            raise ValueError("it includes more than 50 files")
+        found[at] = None
+        for name in xml.include:
+            inner = at.parent / name
+            if inner not in found:
+                read(inner)
+        del found[at]
+        found[at] = xml
+
+    read(path)
+    return [x for x in found.values() if x is not None]
+
+
+def _require_root(text: bytes) -> None:
+    """What pymavlink would read a long way into, and leave open."""
+    if ET.fromstring(text).tag != "mavlink":  # noqa: S314 - whoever builds wrote it
+        raise ValueError("its root is no `mavlink`")
+
+
+def _message(m: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without types
+    kinds: list[tuple[str, Any]] = []
+    for f in m.fields:
+        kind: Any = (BASE, (_KIND.get(f.type, f.type.removesuffix("_t")), 0))
+        if f.type == "char":
+            kind = (BASE, ("string", max(f.array_length, 1)))
+        elif f.array_length:
+            kind = (ARRAY, (kind, f.array_length))
+        kinds.append((f.name, kind))
+    units = {f.name: f.units.strip("[]") for f in m.fields if f.units and not f.multiplier}
+    return MavlinkMessage(
+        PACKAGE,
+        m.name,
+        {MAVLINK: {f"{PACKAGE}/msg/{m.name}": ([], kinds)}},
+        m.id,
+        {name: UNITS.get(unit, unit) for name, unit in units.items()},
+        {f.name: f.invalid for f in m.fields if f.invalid},
+        tuple(f.name for f in m.fields),
+    )

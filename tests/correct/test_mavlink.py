@@ -1,0 +1,228 @@
+"""The programs of a MAVLink package beside an autopilot that pymavlink plays.
+
+The peer behaves as PX4's documentation says of OFFBOARD; no autopilot is here. What rests on when
+this machine schedules whom is marked. Non-goals: how quickly (`bench/mavlink/peer_loss.py`);
+conversions (`tests/unit/targets/test_mavlink_conversion.py`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+
+import processes
+from bench.mavlink import bad_input, peer_loss
+from bench.mavlink.mavlink_stack import MAPPING, built_package, missing, stack
+from pymavlink.dialects.v20 import common as mavlink
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.skipif(bool(missing()), reason=f"not here: {missing()}")
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return built_package(tmp_path_factory.mktemp("stack") / "package")
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("case", list(bad_input.CASES))
+def test_what_is_wrong_on_the_wire_commands_nothing(package: Path, case: str) -> None:
+    heard, many, ended = bad_input.one(package, case)
+    assert heard <= bad_input.RIGHT
+    assert ended == ""
+    assert many != 0
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("who", list(peer_loss.KILLS))
+def test_after_a_death_the_autopilot_has_the_command_that_was_declared(
+    package: Path, who: str
+) -> None:
+    delays, wrong = peer_loss.measured(package, who, 1)
+    assert wrong == []
+    assert delays[0] is not None
+    assert delays[0] <= peer_loss.BOUNDS_MS[who]
+
+
+@pytest.fixture
+def wires() -> Any:
+    """Makes wires, and closes them."""
+    made: list[Any] = []
+
+    def make(port: int) -> Any:
+        made.append(bad_input.Wire(port))
+        return made[-1]
+
+    yield make
+    for wire in made:
+        wire.close()
+
+
+def running(all_: Any) -> None:
+    """Until the bridge hears."""
+    end = time.monotonic() + 30.0
+    while not any("it runs" in x for x in all_.heard.get("bridge", [])):
+        assert time.monotonic() < end, "the bridge does not begin"
+        time.sleep(0.01)
+
+
+def taken(all_: Any) -> dict[str, Any]:
+    """What the bridge says of motion, at its end."""
+    all_.end("bridge")
+    report = all_.report()
+    assert report["topics"][0]["topic"] == "motion"
+    return {**report, "motion": report["topics"][0]}
+
+
+def silent(wire: Any) -> Any:
+    """An autopilot that answers no TIMESYNC."""
+    wire.answers = False
+    return wire
+
+
+@pytest.fixture
+def without_delay(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("late")
+    lines = MAPPING.read_text().splitlines()
+    text = "\n".join(x for x in lines if not x.startswith("delay ="))
+    (folder / "geofence.toml").write_text(text)
+    return built_package(folder / "package", folder / "geofence.toml")
+
+
+def test_without_timesync_and_without_a_delay_nothing_that_has_a_stamp_is_taken(
+    without_delay: Path, wires: Any
+) -> None:
+    with stack(without_delay) as all_:
+        all_.bridge()
+        running(all_)
+        wire = silent(wires(all_.port))
+        wire.during(1.5, wire.good)
+        told = taken(all_)
+        assert told["motion"]["without_a_common_clock"] > 0
+        assert told["motion"]["taken"] == 0
+
+
+def test_without_timesync_messages_count_from_their_arrival_and_the_delay(
+    package: Path, wires: Any
+) -> None:
+    with stack(package) as all_:
+        all_.bridge()
+        running(all_)
+        wire = silent(wires(all_.port))
+        wire.during(1.5, wire.good)
+        told = taken(all_)
+        assert told["motion"]["taken"] == told["motion"]["by_arrival"] > 0
+        assert told["clock"]["exchanges"] == 0 < told["clock"]["requests"]
+
+
+def test_an_autopilot_that_began_anew_is_heard_again(package: Path, wires: Any) -> None:
+    with stack(package) as all_:
+        all_.bridge()
+        running(all_)
+        wire = wires(all_.port)
+        wire.during(1.5, wire.good)
+        wire.began = time.monotonic_ns()
+        wire.during(1.5, wire.good)
+        told = taken(all_)
+        assert told["clock"]["jumps"] == 1
+        assert told["motion"]["taken"] > 30
+
+
+def test_gaps_and_repetitions_of_a_sequence_are_counted(package: Path, wires: Any) -> None:
+    with stack(package) as all_:
+        all_.bridge()
+        running(all_)
+        wire = wires(all_.port)
+        wire.during(0.5, wire.good)
+        wire.link.seq = (wire.link.seq + 5) % 256
+        frame = wire.place()
+        for _ in range(3):
+            wire.send(frame)
+        wire.during(0.3, wire.good)
+        (autopilot, _) = taken(all_)["sources"]
+        assert (autopilot["lost"], autopilot["repeated"]) == (5, 2)
+
+
+def test_the_bridge_beats_answers_timesync_and_says_when_the_law_is_its_own(
+    package: Path, wires: Any
+) -> None:
+    with stack(package) as all_:
+        all_.actuator()
+        all_.bridge()
+        running(all_)
+        wire = wires(all_.port)
+        wire.send(wire.packed(mavlink.MAVLink_timesync_message(0, 4711)))
+        beats, answers = [], []
+
+        def listen() -> None:
+            wire.good()
+            with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+                for m in wire.link.parse_buffer(wire.socket.recv(4096)) or []:
+                    beats.extend([m] if m.get_type() == "HEARTBEAT" else [])
+                    answers.extend([m] if m.get_type() == "TIMESYNC" and m.tc1 else [])
+
+        def turns(seconds: float) -> None:
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                listen()
+                time.sleep(0.005)
+
+        turns(2.2)
+        assert {(m.type, m.autopilot, m.system_status) for m in beats} == {(18, 8, 4)}
+        assert {(m.get_srcSystem(), m.get_srcComponent()) for m in beats} == {(1, 191)}
+        assert 1 <= len(beats) <= 4
+        assert [m.ts1 for m in answers] == [4711]
+        all_.end("actuator", signal.SIGKILL)
+        turns(2.5)
+        assert beats[-1].system_status == 5  # the actuators are gone: MAV_STATE_CRITICAL
+        (command,) = [t for t in taken(all_)["topics"] if t["way"] == "out"]
+        assert command["the_law_in_a_silence"] > 10
+
+
+def test_a_serial_line_carries_both_ways(package: Path, wires: Any) -> None:
+    controller, line = pty.openpty()
+    with stack(package) as all_:
+        url = f"serial://{os.ttyname(line)}:57600"
+        program = package / "build" / "geofence_bridge"
+        words = ["--channels", str(all_.channels), "--url", url, "--status", "json"]
+        all_.start("bridge", program, *words)
+        running(all_)
+        os.set_blocking(controller, False)
+        wire = wires(all_.port)
+        heard = []
+        end = time.monotonic() + 3.0
+        os.write(controller, b"\xfd garbage \xfe")
+        while time.monotonic() < end:
+            os.write(controller, wire.place())
+            with contextlib.suppress(BlockingIOError):
+                for m in wire.link.parse_buffer(os.read(controller, 4096)) or []:
+                    heard.append(m.get_type())
+                    if m.get_type() == "TIMESYNC" and m.tc1 == 0:
+                        answer = mavlink.MAVLink_timesync_message(wire.boot_ns(), m.ts1)
+                        os.write(controller, wire.packed(answer))
+            time.sleep(0.01)
+        told = taken(all_)
+        assert {"HEARTBEAT", "TIMESYNC"} <= set(heard)
+        assert told["motion"]["taken"] > 50
+        assert told["clock"]["runs"]
+    os.close(controller)
+    os.close(line)
+
+
+def test_a_line_that_is_none_is_told(package: Path) -> None:
+    with stack(package) as all_:
+        program = package / "build" / "geofence_bridge"
+        for url in ("serial:///dev/null:57600", "udpin://256.0.0.1:1", "udpin://127.0.0.1:x", "x"):
+            process = all_.start("bridge", program, "--channels", all_.channels, "--url", url)
+            assert process.wait(processes.TIMEOUT_S) == 1
+            all_.end("bridge")
