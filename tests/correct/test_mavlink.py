@@ -18,10 +18,11 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
 
-import processes
 from bench.mavlink import bad_input, peer_loss
 from bench.mavlink.mavlink_stack import MAPPING, built_package, missing, stack
 from pymavlink.dialects.v20 import common as mavlink
+
+import processes
 
 if TYPE_CHECKING:
     from pathlib import Path
