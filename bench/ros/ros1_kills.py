@@ -60,12 +60,12 @@ class Bench:
         all_.start("plant", plant)
         all_.start("actuator", build / "shuttle_ros_actuator", "--channels", self.channels)
         all_.start("bridge", build / "shuttle_ros_bridge", f"_channels:={self.channels}")
-        self.by_law = 0
+        self.by_law = self.late = 0
         self.start_trusted()
 
     def start_trusted(self) -> None:
         """In SC."""
-        words = ["--channels", str(self.channels), "--misses", "1000000"]
+        words = ["--channels", str(self.channels), "--misses", "1000000", "--end-with-leases"]
         self.nodes.start("trusted", self.build / "shuttle_ros", *words)
 
     def commands(self) -> list[tuple[int, float]]:
@@ -74,10 +74,20 @@ class Bench:
         matches = [m for m in map(COMMAND.match, lines) if m]
         return [(int(m[1]), float(m[2])) for m in matches]
 
+    def revive(self) -> None:
+        """Start and arm anew where one late release ended the leases: this machine is no robot."""
+        if self.nodes.running["trusted"].poll() is not None:
+            self.late += 1
+            self.nodes.end("trusted")
+            self.start_trusted()
+            time.sleep(0.5)
+            self.nodes.tell("actuator", signal.SIGUSR1)
+
     def await_ac(self) -> None:
         """Until AC's wishes arrive for a while."""
         end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end:
+            self.revive()
             told = self.commands()
             if told and abs(told[-1][1]) == WISH and time.monotonic_ns() - told[-1][0] > 3e8:
                 return
@@ -171,6 +181,7 @@ def main() -> int:
     print(row("AC (killed, stopped): SC's command", ac, bound))
     print(row("trusted part (killed): the law", trusted, LEASE_MS))
     print(f"commands before the actuators were armed: {unarmed}; farthest {farthest:.3f} m of 10")
+    print(f"releases that were late, which ended the leases: {bench.late}")
     print(f"deaths of AC after which the actuators held the law, not SC's command: {by_law}")
     print(
         "bound of AC: " + " + ".join(f"{what} {ms:g}" for what, ms in AC_BOUND_MS.items()) + " ms"
