@@ -163,13 +163,35 @@ def main() -> None:
                 told["numbers"] = numbers(place)
         finally:
             place.end()
-    text = json.dumps(told, indent=1)
-    print(text)
     if asked.json:
-        asked.json.write_text(text + "\n", encoding="utf-8")
+        asked.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    _table(told)
     wrong = _wrong(told)
     print(f"{len(wrong)} of it wrong: {'; '.join(wrong)}" if wrong else "all as it should be")
     sys.exit(1 if wrong else 0)
+
+
+def _table(told: dict[str, Any]) -> None:
+    """What was counted, a line a peer and message."""
+    heads = ("sent", "answered", "refused", "lost", "misread")
+    print(f"{'':<44}" + "".join(f"{h:>10}" for h in heads))
+    for way, runs in (("bridge", "bridge"), ("no bridge", "types")):
+        for run in told.get(runs, ()):
+            for key in TYPES:
+                counts = "".join(f"{run[key][h]:>10}" for h in heads)
+                print(f"{run['peer'] + ', ' + way + ', ' + key:<44}{counts}")
+    if "hostile" in told:
+        h, odom = told["hostile"], told["hostile"]["bridge"][0]
+        matched = f"{h['other name']['matched']} and {h['other structure']['matched']}"
+        print(f"writers of another name, of another structure, that were matched: {matched}")
+        refused = f"{odom['not_readable']} not readable, {odom['of_another_size']} of another size"
+        print(
+            f"payloads that mean harm: {h['sent']}, of them {refused}, {odom['taken']} taken, two"
+        )
+        print("of which are whole: the good one, and its bytes once more as XCDR2")
+    if "numbers" in told:
+        same = told["numbers"]["same_bits"]
+        print(f"NaN, infinities, the ends of double: {sum(same.values())} of {len(same)} same bits")
 
 
 def _wrong(told: dict[str, Any]) -> list[str]:
