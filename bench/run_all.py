@@ -610,6 +610,17 @@ BENCHMARKS = (
         "From the observation in its channel to the action in its, a constant policy in Python.",
     ),
     Benchmark(
+        "MAVLink: who dies beside an autopilot's double",
+        ("bench/mavlink/peer_loss.py", "-n", "20"),
+        "The package of examples/mavlink/geofence.soter beside a pymavlink peer that behaves as "
+        "PX4's pages say of OFFBOARD; no autopilot.",
+    ),
+    Benchmark(
+        "MAVLink: what is wrong on the wire",
+        ("bench/mavlink/bad_input.py",),
+        "The same programs.",
+    ),
+    Benchmark(
         "The playground, and what pages weigh",
         ("bench/newcomers/page_weights.py",),
         "Seconds from opening the file in headless Chromium, by the clock, on a machine that "
