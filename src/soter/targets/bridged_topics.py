@@ -1,7 +1,7 @@
 """Which topics of a mapping a middleware may carry: those that meet the world, each mapped whole.
 
 Purpose: every mistake as D015, all of them at once.
-Non-goals: what a mapping may say (`soter.mapping`), the code (`ros1/`, `dds/`).
+Non-goals: what a mapping may say (`soter.mapping`), the code (`ros/`, `dds/`, `mavlink/`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
     import re
+    from collections.abc import Iterator
 
     from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap, TopicMap
@@ -47,9 +48,24 @@ def bridged_topics(
             problems.append(
                 f"`{topic.name}` comes from the world, and the mapping does not say how"
             )
+    problems += _shared(mapping)
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
     return {m.topic.index: m for m in mapping.topics}
+
+
+def _shared(mapping: LogMap) -> Iterator[str]:
+    """What is wrong with topics that share a channel: other messages, or its own way back in."""
+    by_channel: dict[str, TopicMap] = {}
+    for m in mapping.topics:
+        if m.channel is None:
+            continue
+        first = by_channel.setdefault(m.channel, m)
+        names = f"`{first.topic.name}` and `{m.topic.name}` share `{m.channel}`"
+        if first is not m and first.message != m.message:
+            yield f"{names}, with messages of two types"
+        elif first is not m and {first.topic.driver, m.topic.driver} != {"input"}:
+            yield f"{names}, and one of them goes out: nobody else may publish it"
 
 
 def unsaid(system: System, mapped: dict[int, TopicMap], where: str) -> list[str]:

@@ -131,6 +131,12 @@ def changed(topic: str, **entries: Any) -> dict[str, Any]:
         (changed("speed", set={"linear.q": 1.0}), "linear"),
         (changed("speed", set={"linear.y": "fast"}), "linear.y"),
         ({**ALL, "ghost": WISH}, "ghost"),
+        (changed("wish", channel="/odom"), "with messages of two types"),
+        (changed("wish", channel="/cmd_vel"), "with messages of two types"),
+        (
+            changed("wish", channel="/cmd_vel", type=SPEED["type"], fields=SPEED["fields"]),
+            "one of them goes out",
+        ),
         ({**ALL, "wish": "x"}, "no table"),
     ],
 )

@@ -166,6 +166,7 @@ def test_a_second_build_writes_the_same(tmp_path: Path) -> None:
 
 # ---------------------------------------------------------------- mappings that do not fit
 
+ALSO_ODOMETRY = {"channel": "/odom", "type": "nav_msgs/Odometry"}
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no channel": (mapping(seen={"channel": None}), "`seen` has no `channel`"),
     "no type": (mapping(seen={"type": None, "frame_id": None}), "`seen` has no `type`"),
@@ -176,7 +177,11 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "two underscores": (mapping(seen={"channel": "/a__b"}), "is no name of a topic of ROS 2"),
     "a quote": (mapping(seen={"channel": '/a"b'}), "is no name of a topic of ROS 2"),
     "too long": (mapping(seen={"channel": "/" + 300 * "a"}), "is longer than 240 bytes"),
-    "two topics on one": (mapping(near={"channel": "/odom"}), "are both on `/odom`"),
+    "two types on one": (mapping(near={"channel": "/odom"}), "with messages of two types"),
+    "two topics on one": (
+        mapping(near={**ALSO_ODOMETRY, "fields": {"value": "pose.pose.position.z"}}),
+        "are both on `/odom`",
+    ),
     "reliability": (
         mapping(seen={"qos": {"reliability": "exact"}}),
         "`reliability` in `qos` of `seen` is best_effort or reliable, not 'exact'",
