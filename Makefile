@@ -60,13 +60,13 @@ lint: $(VENV)/.dev  ## formatter, linter, strict types, import layers, C format
 	$(BIN)/ruff check $(LINTED)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/clang-format --dry-run -Werror $(shell find src/soter -name templates -prune -o -name "*.[ch]" -print)
+	$(BIN)/clang-format --dry-run -Werror $(shell find src/soter -name templates -prune -o \( -name "*.[ch]" -o -name "*.hpp" \) -print)
 	$(BIN)/soter fmt --check examples/*/*.soter src/soter/language/prelude/*.soter
 
 format: $(VENV)/.dev  ## put Python and C into the one format
 	$(BIN)/ruff format $(LINTED)
 	$(BIN)/ruff check --fix-only $(LINTED)
-	$(BIN)/clang-format -i $(shell find src/soter -name templates -prune -o -name "*.[ch]" -print)
+	$(BIN)/clang-format -i $(shell find src/soter -name templates -prune -o \( -name "*.[ch]" -o -name "*.hpp" \) -print)
 	$(BIN)/soter fmt examples/*/*.soter src/soter/language/prelude/*.soter
 
 playground: $(VENV)/.run  ## build/playground/index.html: Soter in a browser, offline; needs npm
