@@ -606,7 +606,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "A policy in another process",
-        ("bench/real_time/remote_policy.py",),
+        ("bench/real_time/remote_policy.py", "--seconds", "15"),
         "From the observation in its channel to the action in its, a constant policy in Python.",
     ),
     Benchmark(

@@ -47,11 +47,14 @@ CASES = {
     "NaN as a wish": (OF_WISH, "not finite, or outside its set"),
     "a wish beyond the set": (OF_WISH, "not finite, or outside its set"),
     "as another node": (OF_BRIDGE, "of another publisher"),
+    "as another commander": ("soter: /cmd_vel", "message"),
+    "the actuators are killed": ("soter: /cmd_vel", "message"),
     "as another type": ("", ""),
     "as torn bytes": ("", ""),
 }
 """Case, and whose counter tells of it ("": roscpp itself, on its own log)."""
-BESIDE = frozenset(("as another node", "as another type", "as torn bytes"))
+BESIDE = frozenset(("as another node", "as another commander", "as another type", "as torn bytes"))
+ACTUATORS = "the actuators are killed"
 COMMAND = re.compile(r"^cmd (.+)$")
 RIGHT = frozenset(("-0.25", "0.0", "-0.0"))
 
@@ -88,9 +91,14 @@ def one(all_: Nodes, build: Path, case: str) -> tuple[list[str], dict[tuple[str,
         all_.start("diagnostics", *echo)
         if case in BESIDE:
             all_.start("beside", SYSTEM_PYTHON, HOSTILE, case)
+        while case == ACTUATORS and "kill\n" not in all_.heard["driver"]:
+            time.sleep(0.01)
+        if case == ACTUATORS:
+            all_.running["actuator"].kill()
         driver.wait(60)
         time.sleep(1.2)
-        codes = {n: all_.running[n].poll() for n in ("bridge", "trusted", "actuator")}
+        watched = ["bridge", "trusted", *(["actuator"] if case != ACTUATORS else [])]
+        codes = {n: all_.running[n].poll() for n in watched}
         ended = [f"{n} with {code}" for n, code in codes.items() if code is not None]
         for name in [n for n in all_.running if n != "master"]:
             all_.end(name)
@@ -125,7 +133,7 @@ def main() -> int:
             if not key:
                 said = told["of roscpp", "log"]
                 shown = f"of roscpp, rospy: {said}"
-            silent += said in ("", "0")
+            silent += said in ("", "0", "published")
             shown = f"ENDED: {ended}" if ended else shown[:90]
             print(f"{case:<26} {', '.join(dict.fromkeys(commands)):<18} {shown}", flush=True)
     print(

@@ -72,6 +72,7 @@ BAD = {
     "stamped an hour ago": lambda: odometry(-3.0, ago(3600.0)),
     "stamped 1970": lambda: odometry(-3.0, rospy.Time(0, 1)),
 }
+ACTUATORS = "the actuators are killed"
 FLOOD = ("a flood of the good", "a flood of NaN")
 
 
@@ -93,6 +94,9 @@ def bad(case: str, publisher: rospy.Publisher) -> None:
         say(publisher, 1.0, lambda: odometry(value), 0.0)
     elif case == "silence":
         time.sleep(1.0)
+    elif case == ACTUATORS:
+        print("kill", flush=True)
+        say(publisher, 1.0, odometry)
     elif case == "a second publisher":
         rospy.loginfo("the other node speaks")
         say(publisher, 1.0, odometry)
@@ -119,6 +123,13 @@ def main() -> None:
         rospy.init_node("liar")
         publisher = rospy.Publisher("/odom", String, queue_size=1)
         say(publisher, 1.0, lambda: String("x"))
+        return
+    if case == "as another commander":
+        rospy.init_node("usurper")
+        publisher = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+        command = Twist()
+        command.linear.x = -GOOD
+        say(publisher, 8.0, lambda: command)
         return
     if case == "as torn bytes":
         rospy.init_node("torn")

@@ -90,7 +90,9 @@ def programs(folder: Path) -> Programs:
 # ---------------------------------------------------------------- a channel from Python
 
 
-class _Channel(ctypes.Structure):
+class Outside(ctypes.Structure):
+    """soter_outside of soter_outside.h."""
+
     _fields_ = (
         ("place", ctypes.c_void_p * 2),
         ("bell", ctypes.c_void_p),
@@ -121,7 +123,7 @@ class Number:
     def __init__(
         self, code: ctypes.CDLL, folder: Path, name: str, number: int, *, writes: bool
     ) -> None:
-        self._code, self._channel = code, _Channel()
+        self._code, self._channel = code, Outside()
         self.wrong = code.soter_outside_open(
             ctypes.byref(self._channel),
             str(folder).encode(),

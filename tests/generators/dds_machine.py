@@ -15,20 +15,15 @@ import struct
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from bench.ros.dds_peers import LOOPBACK
+
 import processes
+from generators.channel_programs import Outside
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-LOOPBACK = (
-    "<CycloneDDS><Domain>"
-    "<General><Interfaces><NetworkInterface name='lo'/></Interfaces></General>"
-    "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
-    "<MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>"
-    "<Peers><Peer address='localhost'/></Peers></Discovery>"
-    "</Domain></CycloneDDS>"
-)
 DOMAIN = os.getpid() % 200 + 1
 """One for each process of the tests: they do not hear each other."""
 ENVIRONMENT = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), "CYCLONEDDS_URI": LOOPBACK}
@@ -64,19 +59,6 @@ def compiled(package: Path) -> None:
 
 
 # ---------------------------------------------------------------- channels
-
-
-class Outside(ctypes.Structure):
-    """soter_outside of soter_outside.h."""
-
-    _fields_ = (
-        ("place", ctypes.c_void_p * 2),
-        ("bell", ctypes.c_void_p),
-        ("room", ctypes.c_void_p),
-        ("size", ctypes.c_size_t),
-        ("hash", ctypes.c_uint64),
-        ("number", ctypes.c_uint64),
-    )
 
 
 class Channel:

@@ -41,6 +41,8 @@ def bridged_topics(
             problems.append(f"{named}: `{m.channel}` is no name of a topic of {middleware}")
         if m.message is None:
             problems.append(f"{named} has no `type`: which messages are its?")
+        elif m.stamp is not None and m.message.field(m.stamp.path).through == "sequence":
+            problems.append(f"{named}: its `stamp` is in a list, which may be empty in a message")
     given = {m.topic.index for m in mapping.topics}
     for e in system.externals:
         topic = system.topics[e.topic]

@@ -122,6 +122,16 @@ def changed(topic: str, **entries: Any) -> dict[str, Any]:
         (changed("position", fields={"value": "pose.covariance.36"}), "36"),
         (changed("position", fields={}), "missing"),
         (changed("position", stamp="pose.pose"), "pose"),
+        (
+            changed(
+                "position",
+                type="tf2_msgs/TFMessage",
+                stamp="transforms.0.header.stamp",
+                frame_id=None,
+                fields={"value": "transforms.0.transform.translation.x"},
+            ),
+            "in a list, which may be empty",
+        ),
         (changed("position", stamp={"from": "pose.pose.position.x"}), "there are s"),
         (changed("wish", frame_id="odom"), "header"),
         (changed("position", frame="NED"), "turns nothing"),

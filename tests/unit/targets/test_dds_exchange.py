@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from bench.ros.dds_peers import LOOPBACK
 
 import processes
 from generators.dds_machine import (
     DOMAIN,
     ENVIRONMENT,
-    LOOPBACK,
     Channel,
     bridge,
     compiled,

@@ -164,6 +164,15 @@ def test_a_second_build_writes_the_same(tmp_path: Path) -> None:
     assert files == {p: p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file()}
 
 
+def test_flags_that_belong_to_the_meaning_come_last(tmp_path: Path) -> None:
+    """CFLAGS are anybody's: `make CFLAGS=-Ofast` must not change what a conversion computes."""
+    package(tmp_path, mapping())
+    lines = (tmp_path / "out" / "Makefile").read_text().splitlines()
+    compiles = [line for line in lines if "$(CC)" in line]
+    assert compiles
+    assert all(line.index("$(CFLAGS)") < line.index("$(FLAGS)") for line in compiles)
+
+
 # ---------------------------------------------------------------- mappings that do not fit
 
 ALSO_ODOMETRY = {"channel": "/odom", "type": "nav_msgs/Odometry"}

@@ -47,6 +47,24 @@ struct Status {
   }
 };
 
+/* The lines into a DiagnosticArray, which ROS 1 and ROS 2 lay out alike. */
+template <class Array>
+inline void fill(const std::vector<Status>& all, Array* to) {
+  for (const Status& status : all) {
+    to->status.emplace_back();
+    auto& line = to->status.back();
+    line.level = static_cast<decltype(line.level)>(status.level);
+    line.name = status.name;
+    line.message = status.message;
+    line.hardware_id = status.of;
+    for (const std::pair<std::string, std::string>& value : status.values) {
+      line.values.emplace_back();
+      line.values.back().key = value.first;
+      line.values.back().value = value.second;
+    }
+  }
+}
+
 /* ------------------------------------------------------------------ in */
 
 /* Traits `T` of a topic that comes in, generated:

@@ -178,20 +178,7 @@ class Bridge {
     }
     diagnostic_msgs::DiagnosticArray message;
     message.header.stamp = ros::Time::now();
-    for (const Status& status : all) {
-      diagnostic_msgs::DiagnosticStatus to;
-      to.level = static_cast<int8_t>(status.level);
-      to.name = status.name;
-      to.message = status.message;
-      to.hardware_id = status.of;
-      for (const std::pair<std::string, std::string>& value : status.values) {
-        diagnostic_msgs::KeyValue pair;
-        pair.key = value.first;
-        pair.value = value.second;
-        to.values.push_back(pair);
-      }
-      message.status.push_back(to);
-    }
+    fill(all, &message);
     diagnostics_.publish(message);
   }
 

@@ -233,20 +233,7 @@ class Bridge {
     }
     diagnostic_msgs::msg::DiagnosticArray message;
     message.header.stamp = stamp_of(node_->now().nanoseconds());
-    for (const Status& status : all) {
-      diagnostic_msgs::msg::DiagnosticStatus to;
-      to.level = static_cast<unsigned char>(status.level);
-      to.name = status.name;
-      to.message = status.message;
-      to.hardware_id = status.of;
-      for (const std::pair<std::string, std::string>& value : status.values) {
-        diagnostic_msgs::msg::KeyValue pair;
-        pair.key = value.first;
-        pair.value = value.second;
-        to.values.push_back(pair);
-      }
-      message.status.push_back(to);
-    }
+    fill(all, &message);
     diagnostics_->publish(message);
   }
 

@@ -5,6 +5,8 @@
 #ifndef SOTER_MESSAGES_HPP
 #define SOTER_MESSAGES_HPP
 
+#include "soter_stamp_numbers.hpp"
+
 #include <builtin_interfaces/msg/time.hpp>
 
 #include <cstdint>
@@ -22,13 +24,6 @@ inline builtin_interfaces::msg::Time stamp_of(int64_t ns) {
     t.nanosec = static_cast<uint32_t>(ns % 1000000000);
   }
   return t;
-}
-
-template <class Number>
-inline int64_t ns_of_number(Number number, int64_t numerator, int64_t denominator) {
-  const long double ns =
-      static_cast<long double>(number) * numerator / static_cast<long double>(denominator);
-  return ns > 0.0L && ns < 4.0e18L ? static_cast<int64_t>(ns) : 0; /* NaN is no time either */
 }
 
 } /* namespace soter */

@@ -8,12 +8,15 @@ Non-goals: the sources (`bridge_source.py`, `targets/posix.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from soter.native.compiler import MEANING
+from soter.targets.bridged_system import TRUSTED, cmake_programs
 from soter.targets.package import PackageFile
 
-TRUSTED = "trusted"
-"""The folder of what knows nothing of DDS."""
+if TYPE_CHECKING:
+    from soter.targets.bridged_system import BridgedSystem
+
 SOURCES = (
     *(
         "soter_dds_common.c",
@@ -24,24 +27,20 @@ SOURCES = (
     ),
 )
 HEADERS = ("soter_dds_bridge.h", "soter_dds_topics.h")
-LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
 
 
 @dataclass(frozen=True)
 class DdsPackage:
-    """What the files are about: `programs` of the trusted folder with their sources, by name."""
+    """What the files are about: a bridge, and the system that it is around."""
 
     name: str
-    command: str
-    programs: dict[str, list[str]]
-    actuated: bool
+    bridged: BridgedSystem
 
     @property
     def bridge_sources(self) -> list[str]:
         """Of the bridge, but for what is made of the IDL."""
-        linked = [*LINKED, *([f"{self.command}_lease.c"] * self.actuated)]
         own = [f"{self.name}_bridge.c", *SOURCES]
-        return [*(f"src/{n}" for n in own), *(f"{TRUSTED}/{n}" for n in linked)]
+        return [*(f"src/{n}" for n in own), *self.bridged.linked]
 
 
 def build_files(p: DdsPackage) -> list[PackageFile]:
@@ -74,7 +73,7 @@ $(MESSAGES).c: idl/{p.name}_messages.idl
 	$(IDLC) -f case-sensitive -o build $<
 
 build/{p.name}_bridge: {sources} $(MESSAGES).c
-	$(CC) $(FLAGS) $(CFLAGS) $(DDS_FLAGS) -o $@ $^ $(DDS_LIBS) -pthread
+	$(CC) $(CFLAGS) $(FLAGS) $(DDS_FLAGS) -o $@ $^ $(DDS_LIBS) -pthread
 
 clean:
 	rm -rf build
@@ -83,15 +82,7 @@ clean:
 
 
 def _cmake(p: DdsPackage) -> str:
-    programs = "".join(
-        f"""
-add_executable({name} {" ".join(sources)})
-target_include_directories({name} PRIVATE {TRUSTED})
-target_link_libraries({name} PRIVATE m pthread)
-"""
-        for name, sources in p.programs.items()
-    )
-    names = " ".join([*p.programs, f"{p.name}_bridge"])
+    names = " ".join([*p.bridged.sources, f"{p.name}_bridge"])
     return f"""\
 # Written by soter. Needs Cyclone DDS (Debian: cyclonedds-dev, cyclonedds-tools):
 #   cmake -S . -B build && cmake --build build
@@ -109,7 +100,7 @@ add_compile_options({" ".join(MEANING)})
 find_package(CycloneDDS REQUIRED)
 
 # the trusted part and its actuators: C, and nothing of DDS
-{programs}
+{cmake_programs(p.bridged.sources)}
 # the bridge between DDS and their channels; the types are those of ROS 2
 set(MESSAGES ${{CMAKE_CURRENT_BINARY_DIR}}/{p.name}_messages)
 add_custom_command(OUTPUT ${{MESSAGES}}.c ${{MESSAGES}}.h

@@ -8,22 +8,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.durations import show_ns
 from soter.mapping.mavlink_link import source_of
 from soter.mapping.mavlink_types import MavlinkMessage
 from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING
-from soter.targets import c99
+from soter.targets.bridged_system import TRUSTED, BridgedSystem, require_world, shipped
 from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.leases import lease_times
 from soter.targets.mavlink.bridge_source import BridgeSource
 from soter.targets.mavlink.dialect_headers import FOLDER, dialect_headers
 from soter.targets.mavlink.set_points import set_point_problems
 from soter.targets.package import Package, PackageFile
-from soter.targets.posix import nodes_of, posix_package
-from soter.targets.world_interface import WorldTables
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,8 +29,6 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap, TopicMap
 
-TRUSTED = "trusted"
-"""The folder of what knows nothing of MAVLink."""
 SOURCES = (
     *("soter_mavlink_bridge.c", "soter_mavlink_topics.c", "soter_mavlink_link.c"),
     *("soter_mavlink_clock.c", "soter_mavlink_report.c", "soter_mavlink_shared.c"),
@@ -42,39 +37,32 @@ HEADERS = (
     *("soter_mavlink_bridge.h", "soter_mavlink_topics.h", "soter_mavlink_link.h"),
     "soter_mavlink_clock.h",
 )
-LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
 SOURCES_MAX, TOPICS_MAX = 16, 64
 
 
 def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
     """The package; SoterError D015 where the mapping does not fit, or the system meets no world."""
-    if not system.externals:
-        what = f"`{system.name}` has its plants inside and meets no world"
-        help_ = "a system that `deploys` it says `external topic` (docs/deploy.md)"
-        raise SoterError((Diagnostic("D015", what, helps=(help_,)),))
+    require_world(system)
     mapped = bridged_topics(system, mapping, "MAVLink", None)
     link = mapping.mavlink
     if link is None:
         raise SoterError((Diagnostic("D015", "no topic of the mapping is a message of MAVLink"),))
-    trusted = posix_package(system, core, folder)
-    unit = generate(system, core, apart=frozenset(x.index for x in nodes_of(system)))
-    world = WorldTables(system, unit)
-    name = unit.prefix
-    source = BridgeSource(system, unit, world, name, mapped, link)
+    bridged = BridgedSystem(system, core, folder)
+    name = bridged.unit.prefix
+    source = BridgeSource(bridged, name, mapped, link)
     _refuse(source)
-    programs = {n: [_inside(w) for w in words] for n, words in trusted.programs.items()}
     used = {m.message.name for m in mapped.values() if m.message is not None}
     package = Package(folder)
-    package.files = [PackageFile(f"{TRUSTED}/{f.path}", f.text, f.yours) for f in trusted.files]
+    package.files = bridged.files()
     package.files += [
         PackageFile(f"src/{name}_bridge.c", source.text()),
-        *(_shipped(n) for n in (*HEADERS, *SOURCES)),
+        *(shipped(RUNTIME / "mavlink", n) for n in (*HEADERS, *SOURCES)),
         *dialect_headers(link.dialect, used),
-        PackageFile("Makefile", _makefile(name, c99.command_name(name), bool(world.granted))),
+        PackageFile("Makefile", _makefile(name, bridged.linked)),
     ]
     package.trusted = TRUSTED
-    package.programs = programs
-    package.notes = [*trusted.notes, *unsaid(system, mapped, "in MAVLink"), *_notes(source)]
+    package.programs = bridged.programs
+    package.notes = [*bridged.trusted.notes, *unsaid(system, mapped, "in MAVLink"), *_notes(source)]
     channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong
     package.commands = [
         f"make -C {folder}",
@@ -137,8 +125,8 @@ def _too_late(source: BridgeSource) -> list[str]:
     link = source.link
     problems = []
     for index, m in source.outward.items():
-        latest = source.silent_ns(index) + 2 * link.resend_ns
-        if index in source.leased and latest > link.offboard_loss_ns:
+        latest = source.bridged.silent_ns(index) + 2 * link.resend_ns
+        if index in source.bridged.leased and latest > link.offboard_loss_ns:
             problems.append(
                 f"`{m.topic.name}`: `offboard_loss` is {show_ns(link.offboard_loss_ns)}, and the "
                 f"law may come {show_ns(latest)} after the last set-point"
@@ -147,7 +135,7 @@ def _too_late(source: BridgeSource) -> list[str]:
 
 
 def _notes(source: BridgeSource) -> list[str]:
-    link, system = source.link, source.system
+    link, system = source.link, source.bridged.system
     loss = show_ns(link.offboard_loss_ns)
     text = (
         f"set COM_OF_LOSS_T to {loss}: where this computer or the bridge ends, the autopilot keeps "
@@ -156,11 +144,12 @@ def _notes(source: BridgeSource) -> list[str]:
     )
     notes = [text]
     for index, m in source.outward.items():
-        lease = source.leased.get(index)
+        lease = source.bridged.leased.get(index)
         if lease is None:
+            silent = show_ns(source.bridged.silent_ns(index))
             notes.append(
                 f"{m.topic.name}: no fail-safe law: where the trusted part is silent for "
-                f"{show_ns(source.silent_ns(index))}, set-points end, and the autopilot leaves "
+                f"{silent}, set-points end, and the autopilot leaves "
                 f"OFFBOARD {loss} after the last one"
             )
             continue
@@ -177,21 +166,8 @@ def _notes(source: BridgeSource) -> list[str]:
     return notes
 
 
-def _shipped(name: str) -> PackageFile:
-    return PackageFile(f"src/{name}", (RUNTIME / "mavlink" / name).read_text("utf-8"))
-
-
-def _inside(word: str) -> str:
-    """A flag or source of a program of the trusted folder, seen from the package."""
-    if word.startswith("-I"):
-        return f"-I{TRUSTED}/{word[2:]}" if word != "-I." else f"-I{TRUSTED}"
-    return f"{TRUSTED}/{word}" if word.endswith(".c") else word
-
-
-def _makefile(name: str, command: str, actuated: bool) -> str:
-    linked = [*LINKED, *([f"{command}_lease.c"] * actuated)]
-    sources = [*(f"src/{n}" for n in (f"{name}_bridge.c", *SOURCES))]
-    sources += [f"{TRUSTED}/{n}" for n in linked]
+def _makefile(name: str, linked: list[str]) -> str:
+    sources = [*(f"src/{n}" for n in (f"{name}_bridge.c", *SOURCES)), *linked]
     headers = " ".join(f"src/{n}" for n in HEADERS)
     return f"""\
 # Written by soter. Needs a C compiler for Linux.
@@ -210,7 +186,7 @@ trusted:
 # the headers of MAVLink are generated: their warnings are not yours
 build/{name}_bridge: {" ".join(sources)} {headers}
 	mkdir -p build
-	$(CC) $(FLAGS) $(CFLAGS) -I{TRUSTED} -Isrc -isystem {FOLDER} -o $@ $(filter %.c,$^) -pthread
+	$(CC) $(CFLAGS) $(FLAGS) -I{TRUSTED} -Isrc -isystem {FOLDER} -o $@ $(filter %.c,$^) -pthread
 
 clean:
 	rm -rf build

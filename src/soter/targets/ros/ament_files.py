@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.native.compiler import MEANING
+from soter.targets.bridged_system import TRUSTED
 from soter.targets.package import PackageFile
 from soter.targets.ros.catkin_files import (
     FOR_EVER_S,
-    TRUSTED,
-    bridge_sources,
+    compiled_alike,
     described,
+    programs_and_bridge,
     script_files,
 )
 
@@ -27,7 +27,7 @@ NEEDED = ("rclcpp", "diagnostic_msgs", "builtin_interfaces")
 
 def ament_files(p: RosPackage) -> list[PackageFile]:
     """All of them."""
-    packages = sorted({*NEEDED, *p.message_packages})
+    packages = p.packages(NEEDED)
     return [
         PackageFile("package.xml", _manifest(p, packages)),
         PackageFile("CMakeLists.txt", _cmake(p, packages)),
@@ -61,40 +61,18 @@ def _manifest(p: RosPackage, packages: list[str]) -> str:
 
 def _cmake(p: RosPackage, packages: list[str]) -> str:
     finds = "\n".join(f"find_package({name} REQUIRED)" for name in packages)
-    programs = "".join(
-        f"""
-add_executable({name} {" ".join(sources)})
-target_include_directories({name} PRIVATE {TRUSTED})
-target_link_libraries({name} PRIVATE m pthread)
-"""
-        for name, sources in p.programs.items()
-    )
     return f"""\
 # Written by soter: `colcon build` in a workspace of ROS 2.
 cmake_minimum_required(VERSION 3.16)
-project({p.name} C CXX)
-
-if(NOT CMAKE_BUILD_TYPE)
-  set(CMAKE_BUILD_TYPE Release)
-endif()
-set(CMAKE_C_STANDARD 99)
-set(CMAKE_CXX_STANDARD 17)
-# these belong to the meaning of the program: one rounding an operation, on every compiler
-add_compile_options({" ".join(MEANING)})
-set(CMAKE_C_FLAGS_RELEASE "-O2")
-set(CMAKE_CXX_FLAGS_RELEASE "-O2")
-
+{compiled_alike(p)}
 find_package(ament_cmake REQUIRED)
 {finds}
 
-# the trusted part and its actuators: C, and nothing of ROS
-{programs}
-# between ROS and their channels
-add_executable({p.name}_bridge src/{p.name}_bridge.cpp {bridge_sources(p)})
+{programs_and_bridge(p)}\
 target_include_directories({p.name}_bridge PRIVATE {TRUSTED} src)
 ament_target_dependencies({p.name}_bridge {" ".join(packages)})
 
-install(TARGETS {" ".join([*p.programs, f"{p.name}_bridge"])} DESTINATION lib/{p.name})
+install(TARGETS {" ".join([*p.bridged.programs, f"{p.name}_bridge"])} DESTINATION lib/{p.name})
 install(PROGRAMS {" ".join(f.path for f in script_files(p))} DESTINATION lib/{p.name})
 install(DIRECTORY launch config DESTINATION share/{p.name})
 
@@ -108,12 +86,13 @@ ament_package()
 
 def _launch(p: RosPackage) -> str:
     actuators = ending = ""
-    if p.actuated:
+    command = p.bridged.command
+    if p.bridged.actuated:
         ending = ', "--end-with-leases"'
         actuators = f"""\
             # obeys leases, and holds the fail-safe law without one: `ros2 run {p.name} arm`
             ExecuteProcess(
-                cmd=[start, "{p.command}_actuator", channels], on_exit=Shutdown(), output="screen"
+                cmd=[start, "{command}_actuator", channels], on_exit=Shutdown(), output="screen"
             ),
 """
     return f'''\
@@ -148,7 +127,7 @@ def generate_launch_description():
             # waits for its sensors; ends when it gives no lease any more, and is started anew: in
             # SC, and not obeyed before somebody arms the actuators
             ExecuteProcess(
-                cmd=[start, "{p.command}", channels, "--wait", "{FOR_EVER_S}", *options],
+                cmd=[start, "{command}", channels, "--wait", "{FOR_EVER_S}", *options],
                 respawn=True,
                 output="screen",
             ),

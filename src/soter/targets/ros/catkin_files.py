@@ -13,34 +13,30 @@ from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 from soter.native.compiler import MEANING
+from soter.targets.bridged_system import TRUSTED, cmake_programs
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
-    from soter.language.model.system import System
     from soter.mapping.topic_mapping import TopicMap
+    from soter.targets.bridged_system import BridgedSystem
 
 NEEDED = ("roscpp", "diagnostic_msgs", "rosgraph_msgs", "std_msgs")
-TRUSTED, SIMULATED = "trusted", "simulated"
-"""Folders of what knows nothing of ROS: in real time, and under /clock."""
+SIMULATED = "simulated"
+"""The folder of the program under /clock."""
 
 
 @dataclass(frozen=True)
 class RosPackage:
-    """What the files are about: `programs` of the trusted folder with their sources, by name."""
+    """What the files are about; `simulated`: sources of the simulation, beside its node."""
 
-    system: System
     name: str
-    command: str
-    programs: dict[str, list[str]]
+    bridged: BridgedSystem
     simulated: list[str]
-    """Sources of the simulation, beside its node."""
     mapped: list[TopicMap]
-    actuated: bool
 
-    @property
-    def message_packages(self) -> list[str]:
-        """Whose messages are used."""
-        return sorted({m.message.package for m in self.mapped if m.message})
+    def packages(self, needed: tuple[str, ...]) -> list[str]:
+        """Of ROS: whose messages are used, and what every bridge needs."""
+        return sorted({*needed, *(m.message.package for m in self.mapped if m.message)})
 
 
 def package_name(prefix: str) -> str:
@@ -57,7 +53,7 @@ def catkin_files(p: RosPackage) -> list[PackageFile]:
         PackageFile("config/parameters.yaml", PARAMETERS, yours=True),
         PackageFile(f"launch/{p.name}_simulation.launch", _simulation(p)),
     ]
-    if p.programs:
+    if p.bridged.programs:
         files.append(PackageFile(f"launch/{p.name}.launch", _launch(p)))
         files += script_files(p)
     return files
@@ -65,23 +61,40 @@ def catkin_files(p: RosPackage) -> list[PackageFile]:
 
 def described(p: RosPackage) -> str:
     """The package in a line, as XML has it."""
-    return escape(f"System {p.system.name}: a trusted part, its actuators and their bridge to ROS")
+    return escape(
+        f"System {p.bridged.system.name}: a trusted part, its actuators and their bridge to ROS"
+    )
 
 
-def bridge_sources(p: RosPackage) -> str:
-    """What of the trusted folder is linked into the bridge."""
-    linked = ["soter_outside.c", "soter_channel.c", "soter_posix_check.c"]
-    linked += [f"{p.command}_lease.c"] * p.actuated
-    return " ".join(f"{TRUSTED}/{n}" for n in linked)
+def compiled_alike(p: RosPackage) -> str:
+    """What CMake compiles with, whichever ROS it is."""
+    return f"""\
+project({p.name} C CXX)
+
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release)
+endif()
+set(CMAKE_C_STANDARD 99)
+set(CMAKE_CXX_STANDARD 17)
+# these belong to the meaning of the program: one rounding an operation, on every compiler
+add_compile_options({" ".join(MEANING)})
+set(CMAKE_C_FLAGS_RELEASE "-O2")
+set(CMAKE_CXX_FLAGS_RELEASE "-O2")
+"""
 
 
-def _packages(p: RosPackage) -> list[str]:
-    """Of ROS: whose messages are used, and what every bridge needs."""
-    return sorted({*NEEDED, *p.message_packages})
+def programs_and_bridge(p: RosPackage) -> str:
+    """CMake's rules of the trusted part and the actuators, and what the bridge is made of."""
+    return f"""\
+# the trusted part and its actuators: C, and nothing of ROS
+{cmake_programs(p.bridged.sources)}
+# between ROS and their channels
+add_executable({p.name}_bridge src/{p.name}_bridge.cpp {" ".join(p.bridged.linked)})
+"""
 
 
 def _manifest(p: RosPackage) -> str:
-    depends = "\n".join(f"  <depend>{name}</depend>" for name in _packages(p))
+    depends = "\n".join(f"  <depend>{name}</depend>" for name in p.packages(NEEDED))
     return f"""\
 <?xml version="1.0"?>
 <package format="2">
@@ -98,26 +111,19 @@ def _manifest(p: RosPackage) -> str:
 
 
 def _cmake(p: RosPackage) -> str:
-    packages = " ".join(_packages(p))
-    bridge = _bridge(p) if p.programs else ""
-    names = [*p.programs, *([f"{p.name}_bridge"] if p.programs else []), f"{p.name}_simulation"]
-    scripts = _scripts(p) if p.programs else ""
+    packages = " ".join(p.packages(NEEDED))
+    bridge = _bridge(p) if p.bridged.programs else ""
+    names = [
+        *p.bridged.programs,
+        *([f"{p.name}_bridge"] if p.bridged.programs else []),
+        f"{p.name}_simulation",
+    ]
+    scripts = _scripts(p) if p.bridged.programs else ""
     return f"""\
 # Written by soter. In a catkin workspace, or by itself where ROS comes from the distribution:
 #   cmake -S . -B build && cmake --build build
 cmake_minimum_required(VERSION 3.10)
-project({p.name} C CXX)
-
-if(NOT CMAKE_BUILD_TYPE)
-  set(CMAKE_BUILD_TYPE Release)
-endif()
-set(CMAKE_C_STANDARD 99)
-set(CMAKE_CXX_STANDARD 17)
-# these belong to the meaning of the program: one rounding an operation, on every compiler
-add_compile_options({" ".join(MEANING)})
-set(CMAKE_C_FLAGS_RELEASE "-O2")
-set(CMAKE_CXX_FLAGS_RELEASE "-O2")
-
+{compiled_alike(p)}
 if(CATKIN_TOPLEVEL OR DEFINED CATKIN_DEVEL_PREFIX) # in a workspace
   find_package(catkin REQUIRED COMPONENTS {packages})
   catkin_package()
@@ -147,19 +153,8 @@ install(TARGETS {" ".join(names)} RUNTIME DESTINATION ${{CATKIN_PACKAGE_BIN_DEST
 
 def _bridge(p: RosPackage) -> str:
     """The rules of the trusted part, the actuators and the bridge."""
-    programs = "".join(
-        f"""
-add_executable({name} {" ".join(sources)})
-target_include_directories({name} PRIVATE {TRUSTED})
-target_link_libraries({name} PRIVATE m pthread)
-"""
-        for name, sources in p.programs.items()
-    )
     return f"""\
-# the trusted part and its actuators: C, and nothing of ROS
-{programs}
-# between ROS and their channels
-add_executable({p.name}_bridge src/{p.name}_bridge.cpp {bridge_sources(p)})
+{programs_and_bridge(p)}\
 target_include_directories({p.name}_bridge PRIVATE {TRUSTED} src SYSTEM ${{ROS_INCLUDES}})
 target_link_libraries({p.name}_bridge PRIVATE ${{ROS_LIBRARIES}} pthread)
 
@@ -168,13 +163,14 @@ target_link_libraries({p.name}_bridge PRIVATE ${{ROS_LIBRARIES}} pthread)
 
 def _launch(p: RosPackage) -> str:
     actuators = ending = ""
-    if p.actuated:
+    command = p.bridged.command
+    if p.bridged.actuated:
         ending = " --end-with-leases"
         actuators = f"""
   <!-- obeys leases, and holds the fail-safe law without one, until somebody arms it again:
        rosrun {p.name} arm -->
   <node pkg="{p.name}" type="in_channels" name="{p.name}_actuator" required="true"
-        args="{p.command}_actuator $(arg channels)"/>
+        args="{command}_actuator $(arg channels)"/>
 """
     return f"""\
 <launch>
@@ -191,7 +187,7 @@ def _launch(p: RosPackage) -> str:
   <!-- waits until its sensors speak; ends when it gives no lease any more, and is started anew: in
        SC, and not obeyed before somebody arms the actuators -->
   <node pkg="{p.name}" type="in_channels" name="{p.name}" respawn="true" output="screen"
-        args="{p.command} $(arg channels) --wait {FOR_EVER_S} --misses $(arg misses){ending}"/>
+        args="{command} $(arg channels) --wait {FOR_EVER_S} --misses $(arg misses){ending}"/>
 </launch>
 """
 
@@ -227,8 +223,8 @@ clock_error: 0.0
 def script_files(p: RosPackage) -> list[PackageFile]:
     """What starts the programs of the trusted folder, and what arms the actuators."""
     files = [PackageFile("scripts/in_channels", START)]
-    if p.actuated:
-        files.append(PackageFile("scripts/arm", ARM.format(name=p.name, command=p.command)))
+    if p.bridged.actuated:
+        files.append(PackageFile("scripts/arm", ARM.format(name=p.name, command=p.bridged.command)))
     return files
 
 

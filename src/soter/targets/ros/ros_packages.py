@@ -11,24 +11,20 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import RUNTIME
-from soter.targets import c99
+from soter.targets.bridged_system import TRUSTED, BridgedSystem, in_folder, shipped
 from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
-from soter.targets.posix import nodes_of, posix_package
 from soter.targets.ros.ament_files import ament_files
 from soter.targets.ros.catkin_files import (
     SIMULATED,
-    TRUSTED,
     RosPackage,
     catkin_files,
     package_name,
 )
 from soter.targets.ros.node_sources import ROS2, NodeSources
-from soter.targets.world_interface import WorldTables
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,7 +35,7 @@ if TYPE_CHECKING:
 
 CORE = "soter_bridge_core.hpp"
 BRIDGE, SIMULATION = "soter_bridge.hpp", "soter_simulation.hpp"
-MESSAGES, SCAN = "soter_messages.hpp", "soter_scan.hpp"
+MESSAGES, SCAN, STAMPS = "soter_messages.hpp", "soter_scan.hpp", "soter_stamp_numbers.hpp"
 TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 """What a topic of ROS 1 may be called."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
@@ -52,45 +48,34 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     to be there. Of one with its plants inside there is only the node under /clock.
     """
     mapped = bridged_topics(system, mapping, "ROS", TOPIC)
-    trusted = posix_package(system, core, folder) if system.externals else Package(folder)
-    unit = generate(system, core, apart=frozenset(x.index for x in nodes_of(system)))
-    world = WorldTables(system, unit)
+    bridged = BridgedSystem(system, core, folder)
     simulated = c99_package(system, core, folder)
-    name = package_name(unit.prefix)
+    name = package_name(bridged.unit.prefix)
     sources = [
         f"{SIMULATED}/{f.path}"
         for f in simulated.files
         if f.path.endswith(".c") and f.path not in OTHER_MAINS
     ]
-    about = RosPackage(
-        system,
-        name,
-        c99.command_name(unit.prefix),
-        {n: _sources(words) for n, words in trusted.programs.items()},
-        sources,
-        [*mapped.values()],
-        actuated=bool(world.granted) and bool(system.externals),
-    )
-    nodes = NodeSources(system, unit, world, name, mapped)
+    nodes = NodeSources(bridged, name, mapped)
     package = Package(folder)
-    package.files = [_in_folder(TRUSTED, f) for f in trusted.files]
-    package.files += [_in_folder(SIMULATED, f) for f in simulated.files if _is_code(f)]
+    package.files = bridged.files()
+    package.files += [in_folder(SIMULATED, f) for f in simulated.files if _is_code(f)]
     package.files += [
         PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
         PackageFile(f"src/{name}_simulation.cpp", nodes.simulation()),
-        *(_shipped(n) for n in (MESSAGES, SIMULATION)),
-        _shipped(SCAN, "bridge"),
-        *catkin_files(about),
+        *(shipped(RUNTIME / "ros1", n) for n in (MESSAGES, SIMULATION)),
+        *(shipped(RUNTIME / "bridge", n) for n in (SCAN, STAMPS)),
+        *catkin_files(RosPackage(name, bridged, sources, [*mapped.values()])),
     ]
     if system.externals:
         package.files += [
             PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
-            _shipped(BRIDGE),
-            _shipped(CORE, "bridge"),
+            shipped(RUNTIME / "ros1", BRIDGE),
+            shipped(RUNTIME / "bridge", CORE),
         ]
     package.trusted = TRUSTED if system.externals else SIMULATED
-    package.programs = {n: [_inside(w) for w in words] for n, words in trusted.programs.items()}
-    package.notes = [*(trusted.notes or simulated.notes), *unsaid(system, mapped, "in ROS")]
+    package.programs = bridged.programs
+    package.notes = [*(bridged.trusted.notes or simulated.notes), *unsaid(system, mapped, "in ROS")]
     launch = name if system.externals else f"{name}_simulation"
     package.commands = [
         f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",
@@ -106,32 +91,21 @@ def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         helps = ("`system S deploys ... { external topic t; ... }` (docs/deploy.md)",)
         raise SoterError((Diagnostic("U001", what, helps=helps),))
     mapped = bridged_topics(system, mapping, "ROS", TOPIC)
-    trusted = posix_package(system, core, folder)
-    unit = generate(system, core, apart=frozenset(x.index for x in nodes_of(system)))
-    world = WorldTables(system, unit)
-    name = package_name(unit.prefix)
-    about = RosPackage(
-        system,
-        name,
-        c99.command_name(unit.prefix),
-        {n: _sources(words) for n, words in trusted.programs.items()},
-        [],
-        [*mapped.values()],
-        actuated=bool(world.granted),
-    )
-    nodes = NodeSources(system, unit, world, name, mapped, flavour=ROS2)
+    bridged = BridgedSystem(system, core, folder)
+    name = package_name(bridged.unit.prefix)
+    nodes = NodeSources(bridged, name, mapped, flavour=ROS2)
     package = Package(folder)
-    package.files = [_in_folder(TRUSTED, f) for f in trusted.files]
+    package.files = bridged.files()
     package.files += [
         PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
         PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
-        *(_shipped(n, "ros2") for n in (MESSAGES, BRIDGE)),
-        *(_shipped(n, "bridge") for n in (CORE, SCAN)),
-        *ament_files(about),
+        *(shipped(RUNTIME / "ros2", n) for n in (MESSAGES, BRIDGE)),
+        *(shipped(RUNTIME / "bridge", n) for n in (CORE, SCAN, STAMPS)),
+        *ament_files(RosPackage(name, bridged, [], [*mapped.values()])),
     ]
     package.trusted = TRUSTED
-    package.programs = {n: [_inside(w) for w in words] for n, words in trusted.programs.items()}
-    package.notes = [*trusted.notes, *unsaid(system, mapped, "in ROS")]
+    package.programs = bridged.programs
+    package.notes = [*bridged.trusted.notes, *unsaid(system, mapped, "in ROS")]
     package.notes.append("the bridge was checked against interfaces of ROS 2, and run on none")
     package.commands = [
         f"colcon build --packages-select {name}   (in a workspace of ROS 2)",
@@ -140,26 +114,6 @@ def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     return package
 
 
-def _shipped(name: str, folder: str = "ros1") -> PackageFile:
-    return PackageFile(f"src/{name}", (RUNTIME / folder / name).read_text("utf-8"))
-
-
-def _in_folder(folder: str, file: PackageFile) -> PackageFile:
-    return PackageFile(f"{folder}/{file.path}", file.text, file.yours)
-
-
 def _is_code(file: PackageFile) -> bool:
     """What the simulation needs of the package of target `c`."""
     return file.path.endswith((".c", ".h")) and file.path not in OTHER_MAINS
-
-
-def _sources(words: list[str]) -> list[str]:
-    """The C files of a program, as paths in the package."""
-    return [f"{TRUSTED}/{w}" for w in words if w.endswith(".c")]
-
-
-def _inside(word: str) -> str:
-    """A flag or source of a program of the trusted folder, seen from the package."""
-    if word.startswith("-I"):
-        return f"-I{TRUSTED}/{word[2:]}" if word != "-I." else f"-I{TRUSTED}"
-    return f"{TRUSTED}/{word}" if word.endswith(".c") else word

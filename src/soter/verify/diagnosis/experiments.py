@@ -183,7 +183,10 @@ def failing(
 def longest(
     case: Case, engine: GridGroup, core: Bools, until_ns: int, holds: Callable[[Bools], bool]
 ) -> int:
-    """The longest time in ns, up to `until_ns`, for which something holds of R (it holds of K)."""
+    """The longest time in ns, up to `until_ns`, for which something holds of R (it holds of K).
+
+    core, and what `holds` is asked of: of the grid's shape.
+    """
     step = case.problem.plant_period_ns if case.problem.kind == "map" else 1
     good, bad = 0, -(-case.problem.in_horizon(until_ns) // step)
     for _ in range(HALVINGS):
@@ -203,7 +206,7 @@ def axis_names(case: Case, engine: GridGroup) -> list[str]:
 
 
 def definitely(case: Case, engine: GridGroup, predicate: str) -> NDArray[np.bool_]:
-    """Cells of another grid on which a predicate holds, the other groups where it does."""
+    """Cells of another grid, of its shape, where a predicate holds; other groups where it does."""
     if len(case.problem.groups) == 1:
         return engine.definitely(predicate)
     cells = np.zeros(engine.shape, dtype=np.bool_)

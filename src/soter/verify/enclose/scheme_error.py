@@ -140,7 +140,7 @@ class SimulatedFlow:
 
 
 def followed(of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]) -> SchemeSolution:
-    """For the states `own` of a group, all inputs within [low, high].
+    """For the states `own` of a group, inputs within [low, high], (inputs,).
 
     The states that drive them are stepped with them, so that their rates count, and the stages may
     leave the ranges: there the flow has to be as linear.
