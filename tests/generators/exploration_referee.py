@@ -119,15 +119,16 @@ def as_declared(obstacle: Obstacle, thick: float) -> bool:
     Of a corner the largest disc says so for the smaller ones, which lie between both; of any
     other point the middles are mixed as the point is of corners: the polygon is convex.
     """
-    r = Fraction(repr(thick)) * (1 - ROUNDED)
-    most = 2 * (Fraction(repr(thick)) * (1 + ROUNDED)) ** 2
-    corners, middles = exact(obstacle.corners), exact(obstacle.middles)
+    corners, middles, [(radius, _)] = _whole(
+        exact(obstacle.corners), exact(obstacle.middles), [(Fraction(repr(thick)), Fraction(0))]
+    )
+    least, most = (radius**2 * (1 - ROUNDED), 2 * radius**2 * (1 + ROUNDED))
     for k, (x, y) in enumerate(corners):
         px, py = corners[k - 1]
         length = (x - px) ** 2 + (y - py) ** 2
-        for mx, my in middles:
+        for mx, my in set(middles):
             left = (x - px) * (my - py) - (y - py) * (mx - px)
-            if left <= 0 or left**2 < r**2 * length:
+            if left <= 0 or left**2 < least * length:
                 return False
     return len(corners) == len(middles) and all(
         (x - mx) ** 2 + (y - my) ** 2 <= most

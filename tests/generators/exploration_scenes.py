@@ -9,7 +9,8 @@ its obstacles and errors have to be what is declared.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import atan2, ceil, cos, hypot, pi, sin, sqrt
+from itertools import pairwise
+from math import cos, floor, pi, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-TIPS = 9
-"""Straight pieces around the blunt end of a cone."""
+FACES = (45.0, 60.0, 72.0, 80.0, 85.0, 88.0, 89.0, 89.7, 90.0, 135.0, 180.0)
+"""Degrees: where straight pieces touch the disc of a cone, on one side; finest where it is widest."""
 LESS = 1e-9
 """m: what computing a distance may have added to it."""
 
@@ -49,6 +50,7 @@ class Declared:
     pull: float
     thick: float
     nothing: float
+    never: float
 
     @classmethod
     def of(cls, known: Mapping[str, Any], tilt: float, pull: float) -> Declared:
@@ -63,6 +65,7 @@ class Declared:
             "e_v": "iris.ERROR_V",
             "thick": "worlds.THICK",
             "nothing": "worlds.NOTHING",
+            "never": "worlds.NEVER",
         }
         values = {field: known[name] for field, name in names.items()}
         turn, fire = (known[f"worlds.{n}"] * 1e-9 for n in ("TURN", "FIRE"))
@@ -73,7 +76,7 @@ class Declared:
 class Scene:
     """Where everything is: `pose` is the estimate x, y, vx, vy at the newest firing.
 
-    `room`: beyond so many metres from `origin` there is a wall all around; 0.0: there is none.
+    `silence`: a ray that does not come back says that nothing is there. `room`: beyond so many metres from `origin` there is a wall all around; 0.0: there is none.
     """
 
     pose: tuple[float, float, float, float]
@@ -81,6 +84,7 @@ class Scene:
     obstacles: list[Obstacle]
     room: float
     newest: int
+    silence: bool = False
     ranges: Array = field(default_factory=lambda: np.zeros(0))
 
 
@@ -94,11 +98,12 @@ def _turned(points: Sequence[Point], at: Point, angle: float) -> tuple[Point, ..
 
 def cone(tip: Point, angle: float, thick: float) -> Obstacle:
     """A right-angled tip before a disc of radius `thick`; `angle`: into which it widens."""
-    step = 1.5 * pi / TIPS
-    out = thick / cos(0.5 * step)
-    away = [pi - 0.25 * pi - (k + 0.5) * step for k in range(TIPS)]
     middle = sqrt(2.0) * thick
-    round_end = [(middle + out * cos(a), out * sin(a)) for a in reversed(away)]
+    turns = [pi * f / 180.0 for f in (*FACES, *(360.0 - f for f in reversed(FACES[:-1])))]
+    round_end = []
+    for a, b in pairwise(turns):
+        out, mid = thick / cos(0.5 * (b - a)), 0.5 * (a + b)
+        round_end.append((middle - out * cos(mid), -out * sin(mid)))
     corners = _turned([(0.0, 0.0), *round_end], tip, angle)
     (inside,) = _turned([(middle, 0.0)], tip, angle)
     return Obstacle(corners, (inside,) * len(corners))
@@ -240,16 +245,25 @@ class Sampler:
 
     def scene(self, draw: Random, kind: str) -> Scene:
         """A scene and its scan. `kind`: one of KINDS."""
-        silent = draw.random() < 0.3
         scene = KINDS[kind](self, draw)
-        if silent:
-            scene.room = 0.0
         d = self.declared
+        scene.silence = draw.random() < 0.2
+        if scene.silence:
+            scene.room = 0.0
         if draw.random() < 0.75:
             scene.ranges = each_for_itself(d, scene)
         else:
             scene.ranges = one_vehicle(d, scene, draw.uniform(0.0, 2.0 * pi))
+        if not scene.silence and draw.random() < 0.3:
+            self._silence(draw, scene)
         return scene
+
+    def _silence(self, draw: Random, scene: Scene) -> None:
+        """Obstacles that nothing comes back from, or rays that were not sent yet."""
+        d = self.declared
+        there = Scene(scene.pose, scene.origin, scene.obstacles, 0.0, scene.newest)
+        lost = np.isfinite(each_for_itself(d, there)) & (each_for_itself(d, there) != d.nothing)
+        scene.ranges = np.where(lost, draw.choice([d.nothing, d.never]), scene.ranges)
 
     def _placed(self, draw: Random, origin: Point, v: Point) -> Scene:
         back = 0.5 * self.declared.turn
@@ -306,7 +320,7 @@ class Sampler:
         """
         d, half = self.declared, self.grid.cell * sqrt(0.5)
         spread = sin(pi / d.rays) + d.e_heading
-        share = draw.choice([1.0 - 1e-7, 1.0 - 1e-4, 1.0 + 1e-2, 1.1, draw.uniform(0.9, 1.2)])
+        share = draw.choice([1.0 - 1e-7, 1.0 - 1e-4, draw.uniform(1.0, 1.02), draw.uniform(0.9, 1.2)])
         bound = draw.choice([d.reach - 2.0 * d.e_range, draw.uniform(1.0, d.reach)])
         rho = max(share * d.thick - spread * bound, 0.0)
         speed = self._speed_for(draw, rho)
@@ -327,19 +341,25 @@ class Sampler:
         return scene
 
     def beside_the_window(self, draw: Random) -> Scene:
-        """A tip that points across the line of sight and touches a cell from the side."""
-        d = self.declared
-        x, y = self._middle()
-        scene = self._placed(draw, (x, y), self._velocity(draw))
-        rho = farthest_shift(d, scene.pose[2:])
-        away, bearing = draw.choice([draw.uniform(0.5, 2.0), draw.uniform(2.0, 7.4)]), draw.uniform(-pi, pi)
-        side = draw.choice([-1.0, 1.0])
-        spot = (x + away * cos(bearing), y + away * sin(bearing))
-        lean = draw.uniform(-0.3, 0.8)
-        thing = self._shape(draw, spot, bearing + side * (0.5 * pi - lean))
-        if away > rho + 0.7:
-            scene.obstacles.append(thing)
-        scene.room = min(away + draw.uniform(0.2, 1.5), 0.99 * d.reach)
+        """A tip that points across the line of sight and touches a cell in its side's corner."""
+        d, half = self.declared, self.grid.cell * sqrt(0.5)
+        velocity = (0.0, 0.0) if draw.random() < 0.5 else self._velocity(draw)
+        bearing = 0.25 * pi + 0.5 * pi * draw.randrange(4) + draw.uniform(-0.04, 0.04)
+        away = draw.choice([draw.uniform(6.8, 7.4), draw.uniform(0.05, 1.5), draw.uniform(1.5, 7.0)])
+        i, j = (self.grid.count // 2 + draw.randint(-3, 3) for _ in range(2))
+        x0, y0 = (float(c) for c in self.grid.corner(i, j))
+        x, y = x0 + 0.5 * self.grid.cell, y0 + 0.5 * self.grid.cell
+        scene = self._placed(draw, (x - away * cos(bearing), y - away * sin(bearing)), velocity)
+        side = bearing + draw.choice([-0.5, 0.5]) * pi
+        corner = 0.25 * pi + 0.5 * pi * floor(2.0 * side / pi)
+        tip = (x + (half - LESS) * cos(corner), y + (half - LESS) * sin(corner))
+        lean = draw.choice([0.0, 0.25 * pi, draw.uniform(-0.5, 0.8)])
+        towards = side + lean if sin(side - bearing) < 0.0 else side - lean
+        thing = cone(tip, towards, d.thick)
+        if draw.random() < 0.3:
+            thing = self._shape(draw, tip, towards)
+        scene.obstacles.append(thing)
+        scene.room = 0.99 * d.reach
         return scene
 
     def around_the_vehicle(self, draw: Random) -> Scene:
