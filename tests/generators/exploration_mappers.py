@@ -39,6 +39,8 @@ plant Sensor period 5ms {{
 }}
 system Main {{ s: Sensor; {nodes} until 1s; }}
 """
+SURVEYOR = "const MOST: int"
+"""Where what a variant needs of mapper.soter ends."""
 STEP = """
 bool soter_step_{k}(const double *ranges, int newest, const double *pose, uint8_t *map,
     bool *doubt) {{
@@ -80,7 +82,9 @@ class Mappers:
         shutil.copytree(EXAMPLES / "drone", work / "drone")
         folder = work / "exploration"
         shutil.copytree(EXAMPLES / "exploration", folder)
-        text = (folder / "mapper.soter").read_text(encoding="utf-8")
+        whole = (folder / "mapper.soter").read_text(encoding="utf-8")
+        text, _, surveyor = whole.partition(SURVEYOR)
+        assert surveyor, "who lets a corridor through stands no more behind Mapper"
         for k, edits in enumerate(variants.values()):
             node = ("node Mapper period", f"node Mapper{k} period")
             path = folder / f"mapper{k}.soter"
