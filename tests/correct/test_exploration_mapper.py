@@ -116,6 +116,7 @@ WRONG: dict[str, Edits] = {
     ),
 }
 """One margin less each; the first ones are tried always."""
+QUICK = 2
 
 SPARE: dict[str, Edits] = {
     # floor and the 1 after it widen the window by what half a ray asks for; either may go
@@ -182,9 +183,6 @@ def court(tmp_path_factory: pytest.TempPathFactory) -> Court:
     return Court({RIGHT: (), SILENT: SILENCE, **first}, tmp_path_factory.mktemp("right"))
 
 
-QUICK = 4
-
-
 @pytest.fixture(scope="module")
 def courts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Court]:
     """Every wrong mapper by name, in as many libraries as that takes."""
@@ -202,14 +200,14 @@ def courts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Court]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_freed_cell_is_free(court: Court, kind: str) -> None:
     freed: Counter[str] = Counter()
-    for number in range(examples("SOTER_SCENES", quick=60, long=6000)):
+    for number in range(examples("SOTER_SCENES", quick=25, long=6000)):
         scene = court.scene(kind, number)
         for name in ALL_OF_THEM if scene.silence else (RIGHT,):
             cells = court.freed(name, scene)
             freed[name] += len(cells)
             assert court.taken(scene, cells) == set(), (number, name)
-    assert freed[RIGHT] > 1000, "a mapper that frees nothing is right, too"
-    assert freed[SILENT] > 500
+    assert freed[RIGHT] > 300, "a mapper that frees nothing is right, too"
+    assert freed[SILENT] > 0
 
 
 @pytest.mark.parametrize("name", list(WRONG)[:QUICK])
@@ -236,7 +234,7 @@ def test_a_margin_that_is_said_to_be_spare_is(courts: dict[str, Court], name: st
 def test_within_what_is_declared_nothing_contradicts_a_true_map(court: Court, kind: str) -> None:
     count = court.grid.count
     everything = {(i, j) for i in range(count) for j in range(count)}
-    for number in range(examples("SOTER_DOUBTS", quick=15, long=1500)):
+    for number in range(examples("SOTER_DOUBTS", quick=8, long=1500)):
         scene = court.scene(kind, number)
         free = np.ones((count, count), dtype=bool)
         for i, j in court.taken(scene, everything):
@@ -262,8 +260,8 @@ def test_the_referee_counts_a_touch_and_no_less() -> None:
     beside = np.nextafter(0.5, 1.0)
     met = met_cells(grid, [(beside, beside), (1.0, beside), (1.0, 0.9)], lambda _: True)
     assert min(met) == (2, 2)
-    assert reaches(grid, (3, 3), (0.0, 0.0), sqrt(2.0))
-    assert not reaches(grid, (3, 3), (0.0, 0.0), np.nextafter(sqrt(2.0), 2.0))
+    assert reaches(grid, (2, 3), (0.0, 0.0), 1.25)
+    assert not reaches(grid, (2, 3), (0.0, 0.0), float(np.nextafter(1.25, 2.0)))
 
 
 @pytest.mark.parametrize(
@@ -289,7 +287,7 @@ def test_a_box_of_known_cells_keeps_the_vehicle_over_them() -> None:
     grid = Grid(*(program.constant(name) for name in names))
     radius = Fraction(program.constant("city.RADIUS"))
     draw = random.Random(7)  # noqa: S311 - draws, not secrets
-    for _ in range(examples("SOTER_BOXES", quick=150, long=3000)):
+    for _ in range(examples("SOTER_BOXES", quick=60, long=3000)):
         i0, j0 = draw.randrange(grid.count - 12), draw.randrange(grid.count - 12)
         asked = SimpleNamespace(i0=i0, j0=j0, i1=i0 + draw.randint(4, 11), j1=j0 + draw.randint(4, 11))
         box = over(asked, SimpleNamespace(x=0.0, y=0.0))

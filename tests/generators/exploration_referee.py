@@ -107,6 +107,8 @@ def reaches(grid: Grid, cell: Cell, middle: Point, radius: float) -> bool:
     x, y = grid.x0 + i * grid.cell - middle[0], grid.y0 + j * grid.cell - middle[1]
     if hypot(abs(x) + grid.cell, abs(y) + grid.cell) < 0.999 * radius:
         return False
+    if hypot(x, y) > 1.001 * radius:
+        return True
     px, py = Fraction(middle[0]), Fraction(middle[1])
     (x0, y0), (x1, y1) = grid.corner(i, j), grid.corner(i + 1, j + 1)
     far = max(abs(x0 - px), abs(x1 - px)) ** 2 + max(abs(y0 - py), abs(y1 - py)) ** 2
