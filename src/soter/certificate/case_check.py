@@ -47,6 +47,7 @@ from soter.certificate.reading.facts import bounded_topics
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
+from soter.certificate.reading.unbounded_axes import nothing_reads
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model.types import leaves
 from soter.workers.child_process import end_with
@@ -103,6 +104,7 @@ class CaseCheck:
         self.kept = [points_inwards(self.model, g.states) for g in self.groups]
         if any(c.size == 0 for c in self.cores):
             raise RejectedError("K is empty")
+        nothing_reads(self.model, len(self.groups) + len(self.polytopes))
         seen_to = [
             g.states
             for g, kept in zip(self.groups, self.kept, strict=True)
