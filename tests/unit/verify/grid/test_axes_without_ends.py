@@ -220,16 +220,28 @@ def test_under_any_command_it_is_judged_by_them_as_well() -> None:
     assert free[1, slow]
 
 
-def test_predicates_are_looked_at_all_the_way_out(rover: tuple[GridGroup, Problem]) -> None:
-    engine, _ = engine_of(
-        PASSIVE.replace("safe seen.gap > 0.0", "safe one_is_near(seen.gap)").replace(
-            "const LOOK",
-            "fun one_is_near(g: float): bool { return g > 0.0 && g < 7.9; }\nconst LOOK",
-        )
+def test_on_the_way_they_count_as_well() -> None:
+    """What is near has come down before 2 < v < 2.4, which is not allowed of what is far."""
+    engine, _ = engine_of(FALLING)
+    allowed = np.ones(engine.shape, dtype=bool)
+    speeds = engine.edges[1]
+    allowed[-1, np.searchsorted(speeds, 2.05) : np.searchsorted(speeds, 2.35)] = False
+    core = engine.core(allowed).cells
+    slow, fast = (int(np.searchsorted(speeds, v)) for v in (0.0, 3.0))
+    assert not core[-1, slow]
+    assert core[-1, fast], "it is past that"
+    assert core[1, slow]
+
+
+def test_predicates_are_looked_at_all_the_way_out() -> None:
+    """Up to 30, which the breakpoints of the last cell, 5 and 10, do not show."""
+    near, everywhere = (
+        engine_of(FALLING.replace("safe seen.x < 5.0 ||", f"safe seen.x < {end} ||"))[
+            0
+        ].constraint()
+        for end in ("30.0", "2.0**1001")
     )
-    fast = 0
-    assert not engine.constraint()[-1, fast], (
-        "`safe` holds up to 7.9 only, which is in the last cell"
-    )
-    assert engine.constraint()[-2, fast]
-    assert rover[0].constraint()[-1, fast]
+    fast = -1
+    assert not near[-1, fast]
+    assert near[-2, fast]
+    assert everywhere[-1, fast]
