@@ -95,6 +95,9 @@ class WrongRover:
     same_shape: bool = True
     """Its states and grid are those of `PASSIVE`, so that tables of that fit it."""
 
+    reads_the_place: bool = False
+    """SC or the plant goes by a state whose axis has no ends: it is refused."""
+
     @property
     def text(self) -> str:
         """The wrong program."""
@@ -182,9 +185,12 @@ WRONG_ROVERS = (
     WrongRover(
         "an SC that goes by where people are",
         (("-4.0 * seen.v", "seen.gap > 1.0 ? -seen.v : -4.0 * seen.v"),),
+        reads_the_place=True,
     ),
     WrongRover(
-        "people who go by where the rover is", (("walks - v", "walks * max(1.0, 3.0 - gap) - v"),)
+        "people who go by where the rover is",
+        (("walks - v", "walks * max(1.0, 3.0 - gap) - v"),),
+        reads_the_place=True,
     ),
 )
 """Each leaves `safe`, or loses what the proof rests on."""
