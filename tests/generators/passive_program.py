@@ -188,6 +188,14 @@ WRONG_ROVERS = (
         reads_the_place=True,
     ),
     WrongRover(
+        "an SC that speeds up where nobody is near",
+        (
+            ("gap: min(gap, 8.0)", "gap: gap"),
+            ("clamp(-4.0 * seen.v, -A, A)", "seen.gap > 50.0 ? 1.0 : clamp(-4.0 * seen.v, -A, A)"),
+        ),
+        reads_the_place=True,
+    ),
+    WrongRover(
         "people who go by where the rover is",
         (("walks - v", "walks * max(1.0, 3.0 - gap) - v"),),
         reads_the_place=True,

@@ -29,7 +29,7 @@ QUICK = (
     "SC creeps on",
     "ttf without the time until SC acts",
     "safe without at rest",
-    "an SC that goes by where people are",
+    "an SC that speeds up where nobody is near",
 )
 EVERY = [
     pytest.param(w, id=w.name, marks=() if w.name in QUICK else pytest.mark.long)
