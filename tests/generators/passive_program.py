@@ -1,8 +1,8 @@
 """A rover among people, and what is wrong with it in many ways.
 
 Purpose: the program of `examples/exploration/people.soter` cut down to its proof, and edits of it
-none of which may be proved: what each makes wrong is its name. A plant whose far states end otherwise
-than its near ones.
+none of which may be proved: what each makes wrong is its name. A plant whose far states end
+otherwise than its near ones.
 Non-goals: judging them.
 """
 
@@ -82,8 +82,8 @@ rta M {
 }
 system S { p: P; module M; }
 """
-"""Below 5 it may be as fast as it likes, above up to 3. It comes down at 8: from 10 within 1.3 s, when
-v is below 3. Who is above 20 is not down in time."""
+"""Below 5 it may be as fast as it likes, above up to 3. It comes down at 8: from 10 within 1.3 s,
+when v is below 3. Who is above 20 is not down in time."""
 
 
 @dataclass(frozen=True)

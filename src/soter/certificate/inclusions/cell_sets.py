@@ -7,9 +7,9 @@ Non-goals: arithmetic other than counting; where tables come from (`folder.py`).
 Cells are closed boxes: a box that ends exactly at an edge needs only the cells on its own side.
 
 An axis may have no ends: then its first and its last cell hold all that lies beyond, and nothing
-reads its state (`reading/unbounded_axes.py`). Of the runs that begin there those are enclosed that begin
-between the edges. Let one begin at z beyond the upper edge e, which a box from which runs are
-enclosed touches, and take from it, at all times, z - e along that axis: that is a run from the box.
+reads its state (`reading/unbounded_axes.py`). Of the runs that begin there those are enclosed that
+begin between the edges. Let one begin at z beyond the upper edge e, which a box from which runs are
+enclosed touches. Take from it, at all times, z - e along that axis: that is a run from the box.
 Where it does not fall by more than the last cell is wide it stays in the last cell, and the other
 one, which is above it, does so, too, while all else of the two is the same (`followed_beyond`).
 """

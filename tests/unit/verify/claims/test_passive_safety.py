@@ -75,7 +75,7 @@ def test_the_re_checker_confirms_what_was_proved(proved: Path) -> None:
 @pytest.mark.parametrize("wrong", EVERY)
 def test_a_wrong_rover_is_not_proved(wrong: WrongRover) -> None:
     if wrong.reads_the_place:
-        with pytest.raises(SoterError, match="reads `one.gap`, whose axis is `open`"):
+        with pytest.raises(SoterError, match=r"reads `one\.gap`, whose axis is `open`"):
             verified(wrong.text)
         return
     result = verified(wrong.text)
