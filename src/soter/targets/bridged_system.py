@@ -118,11 +118,11 @@ class BridgedSystem:
 
 
 def require_world(system: System) -> None:
-    """SoterError D015 for a system that has its plants inside."""
+    """SoterError U001 for a system that has its plants inside: no mapping would change that."""
     if not system.externals:
-        what = f"`{system.name}` has its plants inside and meets no world"
-        help_ = "a system that `deploys` it says `external topic` (docs/deploy.md)"
-        raise SoterError((Diagnostic("D015", what, helps=(help_,)),))
+        what = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
+        help_ = "`system S deploys ... { external topic t; ... }` (docs/deploy.md)"
+        raise SoterError((Diagnostic("U001", what, helps=(help_,)),))
 
 
 def in_folder(folder: str, file: PackageFile) -> PackageFile:

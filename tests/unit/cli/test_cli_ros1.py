@@ -96,6 +96,21 @@ def test_a_mapping_is_where_it_is_needed_and_nowhere_else(
     assert not (shuttle / "out").exists()
 
 
+@pytest.mark.parametrize("target", ["ros2", "dds", "mavlink"])
+def test_a_system_with_its_plants_is_refused_alike_where_there_is_only_a_bridge(
+    soter: Soter, shuttle: Path, target: str
+) -> None:
+    (shuttle / "map.json").write_text(json.dumps({"topics": {"position": POSITION}}))
+    words = ["shuttle_ros.soter", "--system", "Track", "--target", target, "-o", "out"]
+    done = soter("build", *words, "--map", "map.json", "--json")
+    assert (done.exit, done.codes) == (2, ["U001"])
+    (problem,) = done.document["diagnostics"]
+    assert problem["message"] == (
+        "`Track` meets no world: with its plants inside there is nothing to bridge"
+    )
+    assert not (shuttle / "out").exists()
+
+
 def changed(topic: str, **entries: Any) -> dict[str, Any]:
     """The mapping with other entries of a topic; None takes one away."""
     entry = {**ALL[topic], **entries}

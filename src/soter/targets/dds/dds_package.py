@@ -32,7 +32,7 @@ LONGEST = 240
 
 
 def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package; SoterError D015 where the mapping does not fit, or the system meets no world."""
+    """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
     require_world(system)
     mapped = bridged_topics(system, mapping, "ROS 2, such as `/odom`", TOPIC)
     _refuse(system, mapped)

@@ -41,7 +41,7 @@ SOURCES_MAX, TOPICS_MAX = 16, 64
 
 
 def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package; SoterError D015 where the mapping does not fit, or the system meets no world."""
+    """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
     require_world(system)
     mapped = bridged_topics(system, mapping, "MAVLink", None)
     link = mapping.mavlink

@@ -11,9 +11,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import RUNTIME
-from soter.targets.bridged_system import TRUSTED, BridgedSystem, in_folder, shipped
+from soter.targets.bridged_system import TRUSTED, BridgedSystem, in_folder, require_world, shipped
 from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
@@ -86,10 +85,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
 
 def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
     """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
-    if not system.externals:
-        what = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
-        helps = ("`system S deploys ... { external topic t; ... }` (docs/deploy.md)",)
-        raise SoterError((Diagnostic("U001", what, helps=helps),))
+    require_world(system)
     mapped = bridged_topics(system, mapping, "ROS", TOPIC)
     bridged = BridgedSystem(system, core, folder)
     name = package_name(bridged.unit.prefix)
