@@ -27,8 +27,10 @@ class Flavour:
     """What differs in C++ between ROS 1 and ROS 2."""
 
     version: int
-    begin: str
-    """Of a main: `{name}` is the node's; declares `bridge`, over `names`."""
+    bridge: str
+    """Of the main of the bridge `{name}`: declares `bridge`, over `names`."""
+    simulation: str
+    """Of the main of the simulation `{name}`: declares `simulation`."""
 
     def include(self, message: MessageType) -> str:
         """The header of a message."""
@@ -41,8 +43,16 @@ class Flavour:
         return f"{message.package}::{'msg::' if self.version == 2 else ''}{message.name}"
 
 
-ROS1 = Flavour(1, 'ros::init(count, words, "{name}_bridge");\n  soter::Bridge bridge(names);')
-ROS2 = Flavour(2, 'rclcpp::init(count, words);\n  soter::Bridge bridge("{name}_bridge", names);')
+ROS1 = Flavour(
+    1,
+    'ros::init(count, words, "{name}_bridge");\n  soter::Bridge bridge(names);',
+    'ros::init(count, words, "{name}");\n  soter::Simulation simulation;',
+)
+ROS2 = Flavour(
+    2,
+    'rclcpp::init(count, words);\n  soter::Bridge bridge("{name}_bridge", names);',
+    'rclcpp::init(count, words);\n  soter::Simulation simulation("{name}");',
+)
 
 
 def snake_case(name: str) -> str:
@@ -111,7 +121,7 @@ int main(int count, char** words) {{
       {_names([m.name for m in system.modules])},
       {_names([g.module.name for g in self.world.granted])},
       {_names([self.world.names[t.index] for t in self.world.topics])}}};
-  {self.flavour.begin.format(name=self.name)}
+  {self.flavour.bridge.format(name=self.name)}
   if (!bridge.begin()) {{
     return 1;
   }}
@@ -130,8 +140,7 @@ int main(int count, char** words) {{
 #include "{self.name}_topics.hpp"
 
 int main(int count, char** words) {{
-  ros::init(count, words, "{self.name}");
-  soter::Simulation simulation;
+  {self.flavour.simulation.format(name=self.name)}
 {self._calls("simulation")}  return simulation.run();
 }}
 """
