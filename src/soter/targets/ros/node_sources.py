@@ -29,6 +29,8 @@ class Flavour:
     version: int
     begin: str
     """Of a main: `{name}` is the node's; declares `bridge`, over `names`."""
+    arm: str
+    """The command by which a person arms the actuators of `{name}`."""
 
     def include(self, message: MessageType) -> str:
         """The header of a message."""
@@ -41,8 +43,16 @@ class Flavour:
         return f"{message.package}::{'msg::' if self.version == 2 else ''}{message.name}"
 
 
-ROS1 = Flavour(1, 'ros::init(count, words, "{name}_bridge");\n  soter::Bridge bridge(names);')
-ROS2 = Flavour(2, 'rclcpp::init(count, words);\n  soter::Bridge bridge("{name}_bridge", names);')
+ROS1 = Flavour(
+    1,
+    'ros::init(count, words, "{name}_bridge");\n  soter::Bridge bridge(names);',
+    "rosrun {name} arm",
+)
+ROS2 = Flavour(
+    2,
+    'rclcpp::init(count, words);\n  soter::Bridge bridge("{name}_bridge", names);',
+    "ros2 run {name} arm",
+)
 
 
 def snake_case(name: str) -> str:
@@ -110,7 +120,9 @@ int main(int count, char** words) {{
       UINT64_C({self.world.status_number:#018x}),
       {_names([m.name for m in system.modules])},
       {_names([g.module.name for g in self.world.granted])},
-      {_names([self.world.names[t.index] for t in self.world.topics])}}};
+      {_names([self.world.names[t.index] for t in self.world.topics])},
+      UINT64_C({self.world.actuators_number:#018x}),
+      "{self.flavour.arm.format(name=self.name)}"}};
   {self.flavour.begin.format(name=self.name)}
   if (!bridge.begin()) {{
     return 1;
