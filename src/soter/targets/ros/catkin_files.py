@@ -239,19 +239,18 @@ FOR_EVER_S = 1_000_000_000
 SCRIPTS_MODE = "OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE"
 ARM = """\
 #!/bin/sh
-# arm [FOLDER]: arms the actuators of this package again, those whose channels are in FOLDER.
+# arm [--unchecked] [FOLDER]: arms the actuators of this package again, those whose channels are in
+# FOLDER. They refuse where the state is none from which the proof speaks; --unchecked: whatever it
+# is, and no proof is about what follows.
 set -eu
+unchecked=
+if [ "${{1:-}}" = --unchecked ]; then
+  unchecked=--unchecked
+  shift
+fi
+here=$(dirname "$(readlink -f "$0")")
 folder=${{1:-/dev/shm/{name}}}
-pids=$(pgrep -f -- "/{command}_actuator --channels $folder( |\\$)") || {{
-  echo "arm: no {command}_actuator runs with its channels in $folder" >&2
-  exit 1
-}}
-for pid in $pids; do
-  if [ "$(readlink "/proc/$pid/exe" | sed 's|.*/||')" = "{command}_actuator" ]; then
-    kill -USR1 "$pid"
-    echo "armed: process $pid, channels in $folder"
-  fi
-done
+exec "$here/{command}_actuator" --channels "$folder" --arm $unchecked
 """
 
 START = """\

@@ -31,6 +31,8 @@ class Flavour:
     """Of the main of the bridge `{name}`: declares `bridge`, over `names`."""
     simulation: str
     """Of the main of the simulation `{name}`: declares `simulation`."""
+    arm: str
+    """The command by which a person arms the actuators of `{name}`."""
 
     def include(self, message: MessageType) -> str:
         """The header of a message."""
@@ -47,11 +49,13 @@ ROS1 = Flavour(
     1,
     'ros::init(count, words, "{name}_bridge");\n  soter::Bridge bridge(names);',
     'ros::init(count, words, "{name}");\n  soter::Simulation simulation;',
+    "rosrun {name} arm",
 )
 ROS2 = Flavour(
     2,
     'rclcpp::init(count, words);\n  soter::Bridge bridge("{name}_bridge", names);',
     'rclcpp::init(count, words);\n  soter::Simulation simulation("{name}");',
+    "ros2 run {name} arm",
 )
 
 
@@ -120,7 +124,9 @@ int main(int count, char** words) {{
       UINT64_C({self.world.status_number:#018x}),
       {_names([m.name for m in system.modules])},
       {_names([g.module.name for g in self.world.granted])},
-      {_names([self.world.names[t.index] for t in self.world.topics])}}};
+      {_names([self.world.names[t.index] for t in self.world.topics])},
+      UINT64_C({self.world.actuators_number:#018x}),
+      "{self.flavour.arm.format(name=self.name)}"}};
   {self.flavour.bridge.format(name=self.name)}
   if (!bridge.begin()) {{
     return 1;
