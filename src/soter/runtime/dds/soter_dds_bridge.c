@@ -174,11 +174,15 @@ static bool open_all(soter_dds_bridge* bridge, const char* folder) {
       return false;
     }
   }
-  return true;
+  wrong = soter_dds_open_diagnostics(bridge, folder);
+  if (wrong != NULL) {
+    soter_dds_say(bridge, SOTER_DDS_DIAGNOSTICS, wrong);
+  }
+  return wrong == NULL;
 }
 
 static void run(soter_dds_bridge* bridge, const options* o) {
-  const struct timespec pause = {.tv_sec = 0, .tv_nsec = LOOK_NS};
+  int64_t looked = 0;
   size_t begun = 0;
   for (; begun < bridge->topics; begun++) {
     soter_dds_topic* const t = &bridge->topic[begun];
@@ -191,12 +195,15 @@ static void run(soter_dds_bridge* bridge, const options* o) {
   }
   soter_dds_say(bridge, "", "it runs");
   while (!soter_dds_ending()) {
-    soter_dds_look(bridge);
+    if (soter_dds_monotonic_ns() - looked >= LOOK_NS) {
+      soter_dds_look(bridge);
+      looked = soter_dds_monotonic_ns();
+    }
     if (asked != 0) {
       asked = 0;
       soter_dds_report(bridge, o->json);
     }
-    (void)nanosleep(&pause, NULL); /* a signal ends it early */
+    soter_dds_diagnose(bridge, LOOK_NS); /* a signal ends it early */
   }
   for (size_t k = 0; k < begun; k++) {
     (void)pthread_join(bridge->topic[k].thread, NULL);
@@ -236,6 +243,7 @@ int soter_dds_main(const soter_dds_system* system, int count, char** words) {
   for (size_t k = 0; k < bridge.topics; k++) {
     soter_dds_close_topic(&bridge.topic[k]);
   }
+  soter_dds_close_diagnostics(&bridge);
   free(bridge.topic);
   return opened ? 0 : 1;
 }

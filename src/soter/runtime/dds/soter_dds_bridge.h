@@ -56,12 +56,23 @@ typedef struct {
   int64_t silent_ns;        /* without a value for so long, whoever writes the channel is gone */
 } soter_dds_outward;
 
+/* Who says in the folder of the channels how things are; generated. */
+typedef struct {
+  uint64_t hash, actuators_hash; /* of what they say: soter_status.h */
+  const char* const* modules;
+  const int32_t* lease_of; /* of each module: the index of its leases; -1: it has none */
+  const char* const* topics;
+  uint32_t module_count, lease_count, topic_count;
+  const char* actuator; /* the program that a person arms by */
+} soter_dds_trusted;
+
 typedef struct {
   const char* program; /* what it is called */
   const soter_dds_inward* in;
   size_t ins;
   const soter_dds_outward* out;
   size_t outs;
+  const soter_dds_trusted* trusted;
 } soter_dds_system;
 
 /* The whole program: 0; 1 where it cannot run; 2 where its arguments make no sense. */
