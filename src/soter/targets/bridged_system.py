@@ -29,6 +29,8 @@ TRUSTED = "trusted"
 """The folder of what knows nothing of a middleware."""
 LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c", "soter_status_text.c")
 """What of it a bridge needs, to open channels and to say how the modules are."""
+COMMON = ("soter_bridge_common.h", "soter_stamp_numbers.h")
+"""What the bridges in C have in common."""
 SILENT_OF_LEASED_NS = 20_000_000
 """The actuators write twice a millisecond."""
 SILENT_PERIODS = 3

@@ -137,7 +137,7 @@ def test_stamps_frames_and_publishers_are_those_of_the_mapping(tmp_path: Path) -
 def test_a_stamp_that_is_a_number_has_its_unit(tmp_path: Path) -> None:
     stamp = {"from": "scan_time", "unit": "ms"}
     source = bridge(tmp_path, mapping(near={"stamp": stamp}))
-    assert "soter_dds_time_of((long double)(*m).scan_time_, 1000000, 1)" in source
+    assert "soter_ns_of_number((long double)(*m).scan_time_, 1000000, 1)" in source
 
 
 def test_a_message_that_goes_out_has_its_stamp_and_its_constants(tmp_path: Path) -> None:

@@ -9,18 +9,15 @@
 
 #include "soter_dds_bridge.h"
 
+#include "soter_bridge_common.h"
 #include "soter_dds_topics.h"
 
 #include "dds/ddsrt/log.h"
 
-#include <errno.h>
-#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-#include <unistd.h>
 
 #define LOOK_NS 100000000
 #define DOMAIN_MOST 232
@@ -60,7 +57,7 @@ static void on_signal(int number) {
 /* What Cyclone DDS says: a payload that it cannot read is counted with its topic. */
 static void on_log(void* given, const dds_log_data_t* log) {
   soter_dds_bridge* const bridge = given;
-  char text[SOTER_DDS_LINE / 2];
+  char text[SOTER_BRIDGE_LINE / 2];
   (void)snprintf(text, sizeof text, "%.*s",
                  (int)(log->size < sizeof text ? log->size : sizeof text), log->message);
   text[strcspn(text, "\n")] = '\0';
@@ -77,19 +74,13 @@ static void on_log(void* given, const dds_log_data_t* log) {
 
 /* ------------------------------------------------------------------ arguments */
 
-static bool number(const char* text, double least, double most, double* value) {
-  char* end = NULL;
-  errno = 0;
-  *value = strtod(text, &end);
-  return errno == 0 && end != text && *end == '\0' && *value >= least && *value <= most;
-}
-
 /* False where there is no such word. */
 static bool option(soter_dds_bridge* bridge, options* o, const char* name, const char* value) {
   double seconds = 0.0;
   if (strcmp(name, "--channels") == 0 && value[0] != '\0') {
     o->channels = value;
-  } else if (strcmp(name, "--clock-error") == 0 && number(value, 0.0, ERROR_MOST_S, &seconds)) {
+  } else if (strcmp(name, "--clock-error") == 0 &&
+             soter_bridge_number(value, 0.0, ERROR_MOST_S, &seconds)) {
     bridge->clock_error_ns = (int64_t)(seconds * 1e9 + 0.5);
   } else if (strcmp(name, "--types") == 0 &&
              (strcmp(value, "checked") == 0 || strcmp(value, "named") == 0)) {
@@ -127,7 +118,7 @@ static int read_arguments(soter_dds_bridge* bridge, options* o, int count, char*
     return 2;
   }
   if (domain != NULL && domain[0] != '\0' &&
-      (!number(domain, 0.0, DOMAIN_MOST, &id) || id != (double)(uint32_t)id)) {
+      (!soter_bridge_number(domain, 0.0, DOMAIN_MOST, &id) || id != (double)(uint32_t)id)) {
     soter_dds_say(bridge, "$ROS_DOMAIN_ID", "no number from 0 to 232");
     return 2;
   }

@@ -17,6 +17,7 @@
 
 #include "dds/dds.h"
 #include "soter_outside.h"
+#include "soter_stamp_numbers.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -77,13 +78,6 @@ typedef struct {
 
 /* The whole program: 0; 1 where it cannot run; 2 where its arguments make no sense. */
 int soter_dds_main(const soter_dds_system* system, int count, char** words);
-
-/* A stamp that is a number of `numerator`/`denominator` ns; 0 where it is no time. */
-static inline int64_t soter_dds_time_of(long double number, int64_t numerator,
-                                        int64_t denominator) {
-  const long double ns = number * (long double)numerator / (long double)denominator;
-  return ns > 0.0L && ns < 4.0e18L ? (int64_t)ns : 0; /* NaN is no time either */
-}
 
 /* A stamp in seconds and the ns beyond; 0 where it is none. */
 static inline int64_t soter_dds_stamp(int32_t sec, uint32_t nanosec) {

@@ -224,37 +224,44 @@ static bool grew(uint64_t now_is, int64_t now, uint64_t* was, int64_t* at) {
   return *at > 0 && now - *at < EVERY_NS;
 }
 
-static int topic_message(const soter_dds_topic* t, line* l, int64_t now) {
-  uint64_t bad = 0;
+/* All that is counted of a topic and went wrong. */
+static uint64_t wrongs(const soter_dds_topic* t) {
+  uint64_t all = 0;
   for (int what = 0; what < SOTER_DDS_COUNTS; what++) {
-    const bool good =
-        what == SOTER_DDS_TAKEN || what == SOTER_DDS_BOUND || what == SOTER_DDS_PUBLISHED;
-    bad += good ? 0U : t->count[what];
+    all += t->count[what];
   }
-  const uint64_t good = t->count[t->in != NULL ? SOTER_DDS_TAKEN : SOTER_DDS_PUBLISHED];
-  const bool moves = grew(good, now, &l->good, &l->good_at);
-  const bool fails = grew(bad, now, &l->bad, &l->bad_at);
-  const char* why = t->in != NULL ? "taken" : good > 0 ? "published" : "nothing to publish yet";
-  int level = SOTER_LEVEL_OK;
-  if (fails) {
-    level = SOTER_LEVEL_ERROR;
-    why = t->why;
-  } else if (t->out != NULL && t->silent) {
-    level = SOTER_LEVEL_ERROR;
-    why = "nobody writes it: the actuators, or the trusted part, are gone";
-  } else if (t->in != NULL && !moves) {
-    level = SOTER_LEVEL_WARN;
-    why = good > 0 ? "silent" : "nothing was taken yet";
+  return all - t->count[SOTER_DDS_TAKEN] - t->count[SOTER_DDS_BOUND] -
+         t->count[SOTER_DDS_PUBLISHED];
+}
+
+/* Its level; `why` in words. */
+static int level_of(const soter_dds_topic* t, line* l, int64_t now, const char** why) {
+  const uint64_t taken = t->count[SOTER_DDS_TAKEN];
+  const bool moves = grew(taken, now, &l->good, &l->good_at);
+  if (grew(wrongs(t), now, &l->bad, &l->bad_at)) {
+    *why = t->why;
+    return SOTER_LEVEL_ERROR;
   }
-  (void)snprintf(l->message, sizeof l->message, "%s", why);
-  return level;
+  if (t->out == NULL) {
+    *why = moves ? "taken" : taken > 0 ? "silent" : "nothing was taken yet";
+    return moves ? SOTER_LEVEL_OK : SOTER_LEVEL_WARN;
+  }
+  if (t->silent) {
+    *why = "nobody writes it: the actuators, or the trusted part, are gone";
+    return SOTER_LEVEL_ERROR;
+  }
+  *why = t->count[SOTER_DDS_PUBLISHED] > 0 ? "published" : "nothing to publish yet";
+  return SOTER_LEVEL_OK;
 }
 
 static void of_topic(soter_dds_diagnostics* d, size_t k, soter_dds_topic* t, int64_t now) {
   line* const l = &d->lines[k];
   (void)snprintf(l->name, sizeof l->name, "soter: %s", t->topic + strlen("rt"));
   (void)pthread_mutex_lock(&t->held);
-  begin(d, k, topic_message(t, l, now), t->publisher);
+  const char* why = NULL;
+  const int level = level_of(t, l, now, &why);
+  (void)snprintf(l->message, sizeof l->message, "%s", why);
+  begin(d, k, level, t->publisher);
   for (int what = 0; what < SOTER_DDS_COUNTS; what++) {
     const char* const word = soter_dds_word(what, t->in != NULL);
     if (word != NULL) {

@@ -86,7 +86,6 @@ void soter_dds_end(void); /* may be called in a signal handler */
 void soter_dds_count(soter_dds_topic* topic, int what, const char* why);
 
 /* A line on standard error; none where whoever reads that end does not. */
-#define SOTER_DDS_LINE 512 /* a pipe that can be written takes as much at once */
 void soter_dds_say(const soter_dds_bridge* bridge, const char* about, const char* what);
 
 /* ---- soter_dds_samples.c: NULL, or what is wrong; what `pthread_create` runs */

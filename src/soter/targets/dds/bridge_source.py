@@ -189,4 +189,4 @@ def _stamp(mapped: TopicMap, converter: MessageConverter) -> str:
         return f"soter_dds_stamp({', '.join(parts)})"
     unit = stamp.unit_ns
     what = converter.path(stamp.path)
-    return f"soter_dds_time_of((long double){what}, {unit.numerator}, {unit.denominator})"
+    return f"soter_ns_of_number((long double){what}, {unit.numerator}, {unit.denominator})"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.message_types import MessageTypes
 from soter.native.build import RUNTIME
-from soter.targets.bridged_system import TRUSTED, BridgedSystem, require_world, shipped
+from soter.targets.bridged_system import COMMON, TRUSTED, BridgedSystem, require_world, shipped
 from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.dds.bridge_source import BridgeSource
 from soter.targets.dds.build_files import HEADERS, SOURCES, DdsPackage, build_files
@@ -51,6 +51,7 @@ def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap)
         PackageFile("src/soter_dds_messages.h", f'#include "{name}_messages.h"\n'),
         PackageFile(f"src/{name}_bridge.c", source.text()),
         *(shipped(RUNTIME / "dds", n) for n in (*HEADERS, *SOURCES)),
+        *(shipped(RUNTIME / "bridge", n) for n in COMMON),
         *build_files(DdsPackage(name, bridged)),
     ]
     package.trusted = TRUSTED

@@ -243,7 +243,7 @@ def _stamp(stamp: StampSource | None, converter: MessageConverter, *, scanned: b
     what, unit = converter.path(stamp.path), stamp.unit_ns
     if stamp.kind == "time":
         return f"soter::ns_of({what})"
-    return f"soter::ns_of_number({what}, {unit.numerator}, {unit.denominator})"
+    return f"soter_ns_of_number((long double){what}, {unit.numerator}, {unit.denominator})"
 
 
 def _names(names: list[str]) -> str:

@@ -41,7 +41,7 @@ OF_ROS = {
     ROS2: ("ros2", (*SIMULATION, "soter_publishers.hpp")),
 }
 """The folder of what ships of each, and what of it the simulation needs."""
-OF_BOTH = ("soter_scan.hpp", "soter_stamp_numbers.hpp", "soter_simulation_core.hpp")
+OF_BOTH = ("soter_scan.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp")
 
 
 def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
