@@ -133,7 +133,7 @@ def told(package: Path) -> Told:
         with (package / "events").open() as events_:
             done = processes.run([program], stdin=events_, capture_output=True, text=True)
         assert done.returncode == ends, done.stderr
-        return done.stdout.splitlines()
+        return str(done.stdout).splitlines()
 
     return run
 
