@@ -37,6 +37,7 @@ from soter.certificate.inclusions.predicates import (
     published,
 )
 from soter.certificate.inclusions.sc_chains import delays
+from soter.certificate.inclusions.unbounded_axes import nothing_reads
 from soter.certificate.polytope.dm_half_spaces import returned
 from soter.certificate.polytope.plant_publications import all_published
 from soter.certificate.polytope.polytope_check import PolytopeCheck
@@ -47,7 +48,6 @@ from soter.certificate.reading.facts import bounded_topics
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
-from soter.certificate.reading.unbounded_axes import nothing_reads
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model.types import leaves
 from soter.workers.child_process import end_with

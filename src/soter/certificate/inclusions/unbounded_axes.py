@@ -2,7 +2,7 @@
 
 Purpose: `nothing_reads`: of a state whose axis is unbounded the value occurs in no rate and in no
 command of SC, for whatever value it has.
-Non-goals: what follows for sets of cells (`certificate/inclusions/cell_sets.py`).
+Non-goals: what follows for sets of cells (`cell_sets.py`).
 """
 
 from __future__ import annotations
