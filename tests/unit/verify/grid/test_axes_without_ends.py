@@ -61,7 +61,8 @@ def corners(engine: GridGroup, cells: npt.NDArray[np.bool_]) -> Floats:
                 found += [(gaps[-1] + far, v) for far in FAR]
             if rows[0] == 0:
                 found += [(gaps[0] - far, v) for far in FAR]
-    return np.asarray(found, dtype=np.float64).T
+    points: Floats = np.array(found, dtype=np.float64).T
+    return points
 
 
 class Walkers:
