@@ -194,10 +194,12 @@ def two_tone(panel: Panel, position: NDArray[np.float64], ac: NDArray[np.bool_])
 
 def shaded(panel: Panel, time_s: NDArray[np.float64], ac: NDArray[np.bool_]) -> None:
     """The ground of the times at which SC is in control; both (n,)."""
-    for first, last, is_ac in runs(ac):
-        if not is_ac:
-            ends = ((time_s[first], panel.y[0]), (time_s[last], panel.y[1]))
-            panel.box(*ends, "fill:var(--sc-shade)")
+    low, high = panel.y
+    stretches = [
+        np.array([[start, low], [end, low], [end, high], [start, high]])
+        for start, end in ((time_s[a], time_s[b]) for a, b, is_ac in runs(ac) if not is_ac)
+    ]
+    panel.union(stretches, "fill:var(--sc-shade)")
 
 
 def where(
