@@ -202,7 +202,7 @@ def row(name: str, flights: list[Flight], until: float) -> str:
     return f"{name:<31}" + "".join(f"{t:>{w}}" for t, w in zip(figures, WIDTHS, strict=True))
 
 
-WIDTHS = (8, 8, 8, 8, 8, 9, 7, 7, 10, 7, 8, 7)
+WIDTHS = (8, 6, 10, 8, 8, 9, 7, 7, 10, 7, 8, 7)
 UPPER = (
     "",
     "",
