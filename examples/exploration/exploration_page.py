@@ -12,6 +12,7 @@ import re
 import sys
 from html import escape
 from importlib import resources
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,14 +27,13 @@ from soter.report.run.signal_thinning import (
     POINTS_MAX,
     givebacks,
     mode_edges,
-    nearest_indices,
     takeovers,
     thin,
 )
 from soter.simulate.outputs.assumptions import of_run
 
 sys.path.insert(0, str(HERE.parent / "drone"))
-from sketch import (  # noqa: E402 - drawings like those of the drone's figures
+from sketch import (
     DOTTED,
     EDGE,
     Panel,
@@ -99,13 +99,14 @@ def _cells(panel: Panel, e: Exploration) -> None:
     age = np.searchsorted(limits, e.known_ms).reshape(g.count, g.count)
     paths = [""] * len(limits)
     size = g.cell * panel.scale_x
+    wide = size + 0.3  # px: no gaps between columns
     for i, column in enumerate(age):
         edges = [0, *(np.flatnonzero(np.diff(column)) + 1).tolist(), g.count]
-        for j, end in zip(edges[:-1], edges[1:], strict=True):
+        for j, end in pairwise(edges):
             if column[j] < len(limits):
                 x, y = panel.place(g.x0 + i * g.cell, g.y0 + end * g.cell)
                 high = (end - j) * size
-                paths[column[j]] += f"M{x:.1f} {y:.1f}h{size:.2f}v{high:.1f}h{-size:.2f}z"
+                paths[column[j]] += f"M{x:.1f} {y:.1f}h{wide:.1f}v{high:.1f}h{-wide:.1f}z"
     for k, d in enumerate(paths):
         style = f"fill:var(--known-{k});shape-rendering:crispEdges"
         panel.parts.append(f'<path class="known" d="{d}" style="{style}"/>')
@@ -236,6 +237,9 @@ def quantities(e: Exploration) -> dict[str, str]:
         survey = e.last("survey")
         counts = f"{int(survey['adopted'])}, {int(survey['refused'])}"
         text_by_quantity["corridors let through, refused"] = counts
+    if "doubt" in e.topics:
+        doubt = "a scan contradicts it" if e.last("doubt") else "none"
+        text_by_quantity["doubt of the map"] = doubt
     if e.tour is not None:
         text_by_quantity["goals reached"] = _reached(e.tour.reached)
     return text_by_quantity
@@ -252,7 +256,8 @@ def assumed_of_map() -> str:
     text = (HERE / "mapper.soter").read_text(encoding="utf-8")
     found = re.search(r"^// Assumed[^:]*: (.*?\.)\n// [A-Z]", text, re.DOTALL | re.MULTILINE)
     assert found is not None, "mapper.soter says at its head what it assumes"
-    return found[1].replace("\n// ", " ")
+    text = found[1].replace("\n// ", " ")
+    return text[0].upper() + text[1:]
 
 
 def _shown(e: Exploration) -> str:
@@ -263,9 +268,14 @@ def _shown(e: Exploration) -> str:
         "Seen from above: a drone in a space that it does not know. Its lidar makes cells known to "
         f"be free; they only become more. It flies in boxes of such cells. {goals}Hatched walls "
         "are the truth: no node is told of them. Where AC would leave the box in force, the "
-        f"decision module gives control to SC. In this run of {e.run.duration_s:g} s SC took "
-        f"over {e.module.switches_to_sc} times, and the vehicle {ended}."
+        f"decision module gives control to SC. In this run of {e.run.duration_s:g} s SC "
+        f"{_times_taken(e.module.switches_to_sc)}, and the vehicle {ended}."
     )
+
+
+def _times_taken(takeovers_by_sc: int) -> str:
+    often = {0: "never took over", 1: "took over once"}
+    return often.get(takeovers_by_sc, f"took over {takeovers_by_sc} times")
 
 
 def _legend(e: Exploration) -> str:
@@ -330,7 +340,7 @@ def _player(e: Exploration) -> str:
     end_s = float(e.time_s[-1])
     bar = mode_bar(e.time_s, e.in_control, end_s)
     paces = "".join(
-        f'<option value="{k}"{" selected" if k == 5 else ""}>{k} ×</option>'
+        f'<option value="{k}"{" selected" if k == 5 else ""}>{k} &times;</option>'
         for k in (1, 2, 5, 10, 20)
     )
     return (

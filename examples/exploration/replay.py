@@ -46,9 +46,7 @@ def main() -> None:
     missing = [name for name in NEEDED if name not in topics_of(program, given.system)]
     if missing:
         parser.error(f"{given.file} explores nothing: it has no topic {', '.join(missing)}")
-    explored = fly(
-        program, given.system, seed=given.seed, until=given.until, silence=given.silence
-    )
+    explored = fly(program, given.system, seed=given.seed, until=given.until, silence=given.silence)
     for what, text in quantities(explored).items():
         print(f"  {what:32} {text}")
     command = shlex.join(["python", "examples/exploration/replay.py", *sys.argv[1:]])
