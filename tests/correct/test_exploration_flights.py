@@ -39,7 +39,7 @@ def flown(name: str, system: str, seed: int, until: str, **params: Any) -> Run:
 
 def topic(run: Run, name: str) -> Any:
     topics = run.final["topics"]
-    (full_name,) = [n for n in topics.dtype.names if n.endswith("." + name)]
+    (full_name,) = [n for n in topics.dtype.names if f".{n}".endswith(f".{name}")]
     return topics[full_name]
 
 
