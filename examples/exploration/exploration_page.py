@@ -260,22 +260,48 @@ def assumed_of_map() -> str:
     return text[0].upper() + text[1:]
 
 
-def _shown(e: Exploration) -> str:
-    """A paragraph: what is seen."""
-    ended = "touched nothing and left no box" if not e.run.violations else "violated a property"
-    goals = "Numbered crosses are its goals, in their order. " if e.tour is not None else ""
+def _silence(e: Exploration) -> list[str]:
+    """What SILENCE adds to that."""
+    silent = any(value for name, value in e.run.params.items() if name.endswith("SILENCE"))
     return (
-        "Seen from above: a drone in a space that it does not know. Its lidar makes cells known to "
-        f"be free; they only become more. It flies in boxes of such cells. {goals}Hatched walls "
-        "are the truth: no node is told of them. Where AC would leave the box in force, the "
-        f"decision module gives control to SC. In this run of {e.run.duration_s:g} s SC "
-        f"{_times_taken(e.module.switches_to_sc)}, and the vehicle {ended}."
+        ["A ray that does not come back has met nothing within RANGE (SILENCE)."] if silent else []
     )
 
 
+def _shown(e: Exploration) -> str:
+    """A paragraph: what is seen."""
+    goals = "Numbered crosses are its goals, in their order. " if e.tour is not None else ""
+    return (
+        "Seen from above: a drone in a space that it does not know. Its lidar makes cells known to "
+        f"be free; they only become more. Boxes of such cells are what it may fly in. {goals}"
+        f"Hatched walls are the truth: no node is told of them. {_decided(e)} {_ended(e)}"
+    )
+
+
+def _decided(e: Exploration) -> str:
+    """Who was in control."""
+    forced = e.run.system.modules[0].forced
+    if forced is not None:
+        return f"In this system {forced.upper()} alone is in control."
+    return (
+        "Before AC can leave the box in force, the decision module gives control to SC: in this "
+        f"run of {e.run.duration_s:g} s it {_times_taken(e.module.switches_to_sc)}."
+    )
+
+
+def _ended(e: Exploration) -> str:
+    """Whether it went well."""
+    broken = [v for v in e.run.violation_list if v.time_s is not None]
+    if not e.run.violations:
+        return "Nothing that has to hold was violated."
+    first = min(broken, key=lambda v: v.time_s or 0.0, default=None)
+    when = f", at first after {first.time_s:.2f} s: {first.what}" if first is not None else ""
+    return f"What has to hold was violated{when}."
+
+
 def _times_taken(takeovers_by_sc: int) -> str:
-    often = {0: "never took over", 1: "took over once"}
-    return often.get(takeovers_by_sc, f"took over {takeovers_by_sc} times")
+    often = {0: "never did", 1: "did so once"}
+    return often.get(takeovers_by_sc, f"did so {takeovers_by_sc} times")
 
 
 def _legend(e: Exploration) -> str:
@@ -360,7 +386,7 @@ def page(e: Exploration, command: str) -> str:
         f'<tr><th scope="row">{escape(what)}</th><td><strong>{escape(text)}</strong></td></tr>'
         for what, text in quantities(e).items()
     )
-    grounds = [assumed_of_map(), *e.run.notes, *of_run(e.run.system)]
+    grounds = [assumed_of_map(), *_silence(e), *e.run.notes, *of_run(e.run.system)]
     items = "".join(f"<li>{escape(text)}</li>" for text in grounds)
     packed_script = resources.files("soter.report") / "assets" / "packed.js"
     scripts = packed_script.read_text(encoding="utf-8") + (HERE / "replay.js").read_text("utf-8")

@@ -254,7 +254,9 @@
       stop();
       return;
     }
-    now = now >= run.end ? 0 : now;
+    if (now >= run.end) {
+      go(0);
+    }
     last = performance.now();
     play.textContent = "❚❚";
     play.setAttribute("aria-label", "pause");
