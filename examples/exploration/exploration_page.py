@@ -402,7 +402,7 @@ def page(e: Exploration, command: str) -> str:
         f'<div class="scroll"><table class="comparison"><tbody>{rows}</tbody></table></div></div>'
         f'</section><section class="grounds"><h2>What this rests on</h2><ul>{items}</ul>'
         f'<p class="note">Made by <code>{escape(command)}</code>, soter '
-        f"{escape(soter.__version__)}; program {escape(e.program.sha256[:16])}.</p></section>"
+        f"{escape(soter.__version__)}; program {escape(str(e.program.sha256)[:16])}.</p></section>"
         f'<script type="application/json" id="explored">{script_json(data(e))}</script>'
         f"<script>\n{scripts}</script>"
     )

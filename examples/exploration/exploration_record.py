@@ -51,9 +51,9 @@ class Grid:
     def of_example() -> Grid:
         """The grid of grid.soter."""
         constant = soter.load(str(HERE / "grid.soter")).constant
-        numbers = [float(constant(name)) for name in ("CELL", "X0", "Y0")]
+        cell, x0, y0 = (float(constant(name)) for name in ("CELL", "X0", "Y0"))
         start = constant("START")
-        return Grid(int(constant("N")), *numbers, (float(start.x), float(start.y)))
+        return Grid(int(constant("N")), cell, x0, y0, (float(start.x), float(start.y)))
 
 
 @dataclass(frozen=True)
@@ -239,10 +239,20 @@ def fly(
     if watch.forgotten:
         raise RuntimeError("a cell that was known became unknown: the map does not only grow")
     tour = _tour(topics, run, watch) if "tour" in topics else None
-    names = ("time_s", "position", "speed", "in_control")
-    sampled = [watch.column(name) for name in names]
-    boxes = tuple(watch.flown), tuple(watch.corridors)
-    return Exploration(program, run, grid, topics, watch.known_ms, *sampled, *boxes, tour)
+    return Exploration(
+        program,
+        run,
+        grid,
+        topics,
+        watch.known_ms,
+        time_s=watch.column("time_s"),
+        position=watch.column("position"),
+        speed=watch.column("speed"),
+        in_control=watch.column("in_control"),
+        flown=tuple(watch.flown),
+        corridors=tuple(watch.corridors),
+        tour=tour,
+    )
 
 
 def _tour(topics: dict[str, str], run: soter.Run, watch: Watch) -> Tour:
