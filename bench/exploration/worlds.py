@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 FILE = Path(__file__).parents[2] / "examples" / "exploration" / "exploration_adversaries.soter"
-SILENCE = {"mapper.SILENCE": True}
 
 
 @dataclass(frozen=True)
@@ -45,18 +44,18 @@ class Arm:
 
 
 ARMS = {
-    "frontier": Arm("Frontier", 1000, 600.0, SILENCE),
-    "ramming": Arm("Ramming", 1000, 200.0, SILENCE),
-    "jerking": Arm("Jerking", 100, 200.0, SILENCE),
-    "boxes into the unknown": Arm("Bugs", 100, 200.0, {**SILENCE, "BUG": "IntoUnknown"}),
-    "boxes anywhere": Arm("Bugs", 100, 200.0, {**SILENCE, "BUG": "IgnoresMap"}),
-    "boxes shifted": Arm("Bugs", 100, 200.0, {**SILENCE, "BUG": "ShiftedMap"}),
-    "frontier, silence says nothing": Arm("Frontier", 100, 600.0, {}),
-    "frontier, by SC alone": Arm("Careful", 100, 600.0, SILENCE),
-    "bare: frontier": Arm("BareFrontier", 100, 600.0, SILENCE),
-    "bare: ramming": Arm("BareRamming", 1000, 60.0, SILENCE),
-    "stop zone of 1 m: ramming": Arm("StopZone", 1000, 60.0, SILENCE),
-    "stop zone of 3 m: ramming": Arm("StopZone", 1000, 60.0, {**SILENCE, "ZONE": 3.0}),
+    "frontier": Arm("Frontier", 1000, 600.0, {}),
+    "ramming": Arm("Ramming", 1000, 200.0, {}),
+    "jerking": Arm("Jerking", 100, 200.0, {}),
+    "boxes into the unknown": Arm("Bugs", 100, 200.0, {"BUG": "IntoUnknown"}),
+    "boxes anywhere": Arm("Bugs", 100, 200.0, {"BUG": "IgnoresMap"}),
+    "boxes shifted": Arm("Bugs", 100, 200.0, {"BUG": "ShiftedMap"}),
+    "frontier, silence says nothing": Arm("Frontier", 100, 600.0, {"mapper.SILENCE": False}),
+    "frontier, by SC alone": Arm("Careful", 100, 600.0, {}),
+    "bare: frontier": Arm("BareFrontier", 100, 600.0, {}),
+    "bare: ramming": Arm("BareRamming", 1000, 60.0, {}),
+    "stop zone of 1 m: ramming": Arm("StopZone", 1000, 60.0, {}),
+    "stop zone of 3 m: ramming": Arm("StopZone", 1000, 60.0, {"ZONE": 3.0}),
 }
 KINDS = ("pillars", "rooms", "lanes", "furnished")
 PATIENCE = 10.0

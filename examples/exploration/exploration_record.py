@@ -222,20 +222,14 @@ def topics_of(program: soter.Program, system: str | None) -> dict[str, str]:
     return {t.name.rsplit(".", 1)[-1]: t.name for t in program.flat(system).topics}
 
 
-def fly(
-    program: soter.Program, system: str | None, *, seed: int, until: str | None, silence: bool
-) -> Exploration:
+def fly(program: soter.Program, system: str | None, *, seed: int, until: str | None) -> Exploration:
     """Run a system of `program` whose topics include `NEEDED`.
 
-    `until` is as `soter run` takes it, such as 120s; `silence` sets the mapper's SILENCE. Raises
-    SoterError for what cannot be run, RuntimeError where a known cell was forgotten.
+    `until` is as `soter run` takes it, such as 120s. Raises SoterError for what cannot be run, RuntimeError where a known cell was forgotten.
     """
     topics, grid = topics_of(program, system), Grid.of_example()
     watch: Any = Watch(topics, grid.count**2)
-    params = {"mapper.SILENCE": True} if silence else None
-    run = program.simulate(
-        system, seed=seed, until=until, params=params, trace=False, sha256=False, log=watch
-    )
+    run = program.simulate(system, seed=seed, until=until, trace=False, sha256=False, log=watch)
     if watch.forgotten:
         raise RuntimeError("a cell that was known became unknown: the map does not only grow")
     tour = _tour(topics, run, watch) if "tour" in topics else None

@@ -28,11 +28,6 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--system", help="by default that of the file")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--until", default="120s", help="such as 30s or 10min (default: 120s)")
-    parser.add_argument(
-        "--silence",
-        action="store_true",
-        help="a ray that does not come back says that nothing is there",
-    )
     parser.add_argument("-o", "--output", type=Path, default=Path(".soter") / "exploration.html")
     parser.add_argument("--svg", type=Path, help="write the last picture there, too")
     return parser
@@ -46,7 +41,7 @@ def main() -> None:
     missing = [name for name in NEEDED if name not in topics_of(program, given.system)]
     if missing:
         parser.error(f"{given.file} explores nothing: it has no topic {', '.join(missing)}")
-    explored = fly(program, given.system, seed=given.seed, until=given.until, silence=given.silence)
+    explored = fly(program, given.system, seed=given.seed, until=given.until)
     for what, text in quantities(explored).items():
         print(f"  {what:32} {text}")
     command = shlex.join(["python", "examples/exploration/replay.py", *sys.argv[1:]])

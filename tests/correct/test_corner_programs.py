@@ -42,7 +42,7 @@ LARGE = {
     *("surveillance_adversaries.soter", "corridor_adversaries.soter"),
     *("exploration_adversaries.soter", "exploration.soter", "paper.soter"),
 }
-"""A dozen systems of what `corridor.soter` and `adversaries.soter` have, too; maps of 14,400 cells."""
+"""A dozen systems of what `corridor.soter` and `adversaries.soter` have, too; large maps."""
 FILES = [
     pytest.param(
         p, id=str(p.relative_to(ROOT)), marks=[pytest.mark.long] if p.name in LARGE else []

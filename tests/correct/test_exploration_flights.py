@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parents[2] / "examples" / "exploration"
 ADVERSARIES = "exploration_adversaries.soter"
-SILENCE = {"mapper.SILENCE": True}
 WORLDS = (2, 5)
 """Seeds: rooms, and rooms with furniture."""
 
@@ -31,7 +30,7 @@ def program(name: str) -> soter.Program:
 
 
 def flown(name: str, system: str, seed: int, until: str, **params: Any) -> Run:
-    values = {key.replace("__", "."): value for key, value in params.items()} | SILENCE
+    values = {key.replace("__", "."): value for key, value in params.items()}
     return program(name).simulate(
         system, until=until, seed=seed, params=values, trace=False, sha256=False
     )
@@ -97,8 +96,8 @@ def test_nothing_is_doubted_where_everything_is_as_declared() -> None:
 @pytest.mark.long
 def test_with_mirrors_only_those_collide_who_take_silence_for_free() -> None:
     trusting = flown("exploration.soter", "Explore", 2, "60s", worlds__MIRRORS=True)
-    careful = program("exploration.soter").simulate(
-        "Explore", until="60s", seed=2, params={"worlds.MIRRORS": True}, trace=False, sha256=False
+    careful = flown(
+        "exploration.soter", "Explore", 2, "60s", worlds__MIRRORS=True, mapper__SILENCE=False
     )
     assert any("Collides" in v.what for v in trusting.violation_list)
     assert careful.violation_list == []

@@ -62,7 +62,7 @@ def explored(example: Any) -> Any:
 
     assert example is not None
     program = soter.load(str(PAPER))
-    return exploration_record.fly(program, "Paper", seed=SEED, until=f"{UNTIL_S}s", silence=False)
+    return exploration_record.fly(program, "Paper", seed=SEED, until=f"{UNTIL_S}s")
 
 
 @pytest.fixture(scope="module")
