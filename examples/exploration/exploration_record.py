@@ -225,7 +225,8 @@ def topics_of(program: soter.Program, system: str | None) -> dict[str, str]:
 def fly(program: soter.Program, system: str | None, *, seed: int, until: str | None) -> Exploration:
     """Run a system of `program` whose topics include `NEEDED`.
 
-    `until` is as `soter run` takes it, such as 120s. Raises SoterError for what cannot be run, RuntimeError where a known cell was forgotten.
+    `until` is as `soter run` takes it, such as 120s. Raises SoterError for what cannot be
+    run, RuntimeError where a known cell was forgotten.
     """
     topics, grid = topics_of(program, system), Grid.of_example()
     watch: Any = Watch(topics, grid.count**2)
