@@ -46,8 +46,10 @@ HARMFUL = (
     ("  measured scan.at.vx within iris.ERROR_V, scan.at.vy within iris.ERROR_V;\n", ""),
     (
         "plant Lidar period FIRE {",
-        "fun bound(side: float, most: float): float { return side < 0.0 ? -most : most; }\n"
-        "plant Lidar period FIRE {",
+        (
+            "fun bound(side: float, most: float): float { return side < 0.0 ? -most : most; }\n"
+            "plant Lidar period FIRE {"
+        ),
     ),
 )
 """Each ray turned to where it goes farthest and as much too long as it may be, the pose wrong by

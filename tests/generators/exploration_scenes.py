@@ -1,7 +1,7 @@
 """Scenes that are as hard as what the mapper assumes lets them be, and scans of them that lie.
 
 Purpose: obstacles with right angles that point at the sensor between two rays, a vehicle at speed,
-and scans of which every error lies at its bound, chosen so that each ray measures as much as it can.
+and scans with every error at its bound, chosen so that each ray measures as much as it can.
 Non-goals: judging a map (`exploration_referee.py`); the aim of a scene need not be right, only
 its obstacles and errors have to be what is declared.
 """
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 FACES = (45.0, 60.0, 72.0, 80.0, 85.0, 88.0, 89.0, 89.7, 90.0, 135.0, 180.0)
-"""Degrees: where straight pieces touch the disc of a cone, on one side; finest where it is widest."""
+"""Degrees: where straight pieces touch the disc of a cone, on one side; finest where it is wide."""
 LESS = 1e-9
 """m: what computing a distance may have added to it."""
 
@@ -76,7 +76,8 @@ class Declared:
 class Scene:
     """Where everything is: `pose` is the estimate x, y, vx, vy at the newest firing.
 
-    `silence`: a ray that does not come back says that nothing is there. `room`: beyond so many metres from `origin` there is a wall all around; 0.0: there is none.
+    `silence`: a ray that does not come back says that nothing is there.
+    `room`: so many metres from `origin` there is a wall all around; 0.0: there is none.
     """
 
     pose: tuple[float, float, float, float]
@@ -130,7 +131,9 @@ def disc(near: Point, angle: float, radius: float, thick: float) -> Obstacle:
     return Obstacle(rings[0], rings[1])
 
 
-def wall(x: float, y: float, long: float, wide: float, c: float, s: float, thick: float) -> Obstacle:
+def wall(
+    x: float, y: float, long: float, wide: float, c: float, s: float, thick: float
+) -> Obstacle:
     """A wall as `worlds.Wall` has it."""
     ends = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     inner = [(a * (long - thick), b * (wide - thick)) for a, b in ends]
@@ -204,7 +207,7 @@ def _measured(d: Declared, far: Array) -> Array:
 
 
 def _most(d: Declared, choices: Array) -> Array:
-    """Of what each ray may find, choices along axis 1, the most that comes back if something does."""
+    """Of what each ray may find, choices along axis 1, the most that comes back, if any does."""
     back = np.where(choices / cos(d.tilt) <= d.reach, choices, -np.inf).max(axis=1)
     return np.where(np.isfinite(back), back, choices.max(axis=1))
 
@@ -320,7 +323,9 @@ class Sampler:
         """
         d, half = self.declared, self.grid.cell * sqrt(0.5)
         spread = sin(pi / d.rays) + d.e_heading
-        share = draw.choice([1.0 - 1e-7, 1.0 - 1e-4, draw.uniform(1.0, 1.02), draw.uniform(0.9, 1.2)])
+        share = draw.choice(
+            [1.0 - 1e-7, 1.0 - 1e-4, draw.uniform(1.0, 1.02), draw.uniform(0.9, 1.2)]
+        )
         bound = draw.choice([d.reach - 2.0 * d.e_range, draw.uniform(1.0, d.reach)])
         rho = max(share * d.thick - spread * bound, 0.0)
         speed = self._speed_for(draw, rho)
@@ -345,7 +350,9 @@ class Sampler:
         d, half = self.declared, self.grid.cell * sqrt(0.5)
         velocity = (0.0, 0.0) if draw.random() < 0.5 else self._velocity(draw)
         bearing = 0.25 * pi + 0.5 * pi * draw.randrange(4) + draw.uniform(-0.04, 0.04)
-        away = draw.choice([draw.uniform(6.8, 7.4), draw.uniform(0.05, 1.5), draw.uniform(1.5, 7.0)])
+        away = draw.choice(
+            [draw.uniform(6.8, 7.4), draw.uniform(0.05, 1.5), draw.uniform(1.5, 7.0)]
+        )
         i, j = (self.grid.count // 2 + draw.randint(-3, 3) for _ in range(2))
         x0, y0 = (float(c) for c in self.grid.corner(i, j))
         x, y = x0 + 0.5 * self.grid.cell, y0 + 0.5 * self.grid.cell
@@ -366,7 +373,9 @@ class Sampler:
         """Tips all around, as near as the vehicle comes to a wall, and nearer."""
         x, y = self._middle()
         origin = (x + draw.uniform(-0.1, 0.1), y + draw.uniform(-0.1, 0.1))
-        scene = self._placed(draw, origin, self._velocity(draw) if draw.random() < 0.7 else (0.0, 0.0))
+        scene = self._placed(
+            draw, origin, self._velocity(draw) if draw.random() < 0.7 else (0.0, 0.0)
+        )
         rho = farthest_shift(self.declared, scene.pose[2:])
         for _ in range(draw.randint(1, 3)):
             bearing = draw.uniform(-pi, pi)
