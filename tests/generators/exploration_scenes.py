@@ -209,7 +209,8 @@ def _measured(d: Declared, far: Array) -> Array:
 def _most(d: Declared, choices: Array) -> Array:
     """Of what each ray may find, choices along axis 1, the most that comes back, if any does."""
     back = np.where(choices / cos(d.tilt) <= d.reach, choices, -np.inf).max(axis=1)
-    return np.where(np.isfinite(back), back, choices.max(axis=1))
+    most: Array = np.where(np.isfinite(back), back, choices.max(axis=1))
+    return most
 
 
 def each_for_itself(d: Declared, scene: Scene) -> Array:
@@ -227,7 +228,7 @@ def each_for_itself(d: Declared, scene: Scene) -> Array:
 def one_vehicle(d: Declared, scene: Scene, towards: float) -> Array:
     """One flight: the errors of the estimate and the acceleration are the same for all rays."""
     firing = np.arange(d.rays) // (d.rays // d.firings)
-    age = d.fire * ((scene.newest - firing) % d.firings)
+    age: Array = d.fire * ((scene.newest - firing) % d.firings)
     x, y = _shift(d, scene.pose[2:], np.full(d.rays, towards), age)
     nominal = 2.0 * pi / d.rays * np.arange(d.rays)[:, None]
     angle = nominal + d.e_heading * np.array([[-1.0, 0.0, 1.0]])
