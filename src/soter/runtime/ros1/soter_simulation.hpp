@@ -14,6 +14,7 @@
 #include "soter_app.h"
 #include "soter_messages.hpp"
 #include "soter_sha256.h"
+#include "soter_sources.hpp"
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/ros.h>
@@ -48,7 +49,12 @@ class SimulatedIn : public Simulated {
       : subscriber_(node->subscribe(T::topic(), 1, &SimulatedIn::on, this,
                                     ros::TransportHints().tcpNoDelay())) {}
 
-  void begin() override { heard_ = false; }
+  void begin() override {
+    heard_ = false;
+    if (T::sources() != nullptr) {
+      T::sources()->forget();
+    }
+  }
 
   void in(APP_STATE* state, int64_t origin) override {
     if (!heard_) {
@@ -75,9 +81,18 @@ class SimulatedIn : public Simulated {
       ROS_WARN_THROTTLE(1.0, "%s: a message was refused", T::topic());
       return;
     }
-    measured_ = T::stamped() ? T::stamp_ns(m) : -1;
-    value_ = value;
-    heard_ = true;
+    const auto take = [&] {
+      measured_ = T::stamped() ? T::stamp_ns(m) : -1;
+      value_ = value;
+      heard_ = true;
+    };
+    if (T::sources() == nullptr) {
+      take();
+    } else if (T::stamp_ns(m) > 0 && T::fits(value)) {
+      /* a stamp ahead of /clock would keep every other source waiting: it counts as now */
+      const int64_t now = ns_of(ros::Time::now());
+      (void)T::sources()->take(T::rank(), T::stamp_ns(m) < now ? T::stamp_ns(m) : now, take);
+    }
   }
 
   ros::Subscriber subscriber_;

@@ -25,6 +25,7 @@ from soter.targets.ros.catkin_files import (
     package_name,
 )
 from soter.targets.ros.node_sources import ROS2, NodeSources
+from soter.targets.source_promises import compared
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 CORE = "soter_bridge_core.hpp"
 BRIDGE, SIMULATION = "soter_bridge.hpp", "soter_simulation.hpp"
 MESSAGES, SCAN, STAMPS = "soter_messages.hpp", "soter_scan.hpp", "soter_stamp_numbers.hpp"
+SOURCES = "soter_sources.hpp"
 TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 """What a topic of ROS 1 may be called."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
@@ -64,8 +66,8 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
         PackageFile(f"src/{name}_simulation.cpp", nodes.simulation()),
         *(shipped(RUNTIME / "ros1", n) for n in (MESSAGES, SIMULATION)),
-        *(shipped(RUNTIME / "bridge", n) for n in (SCAN, STAMPS)),
-        *catkin_files(RosPackage(name, bridged, sources, [*mapped.values()])),
+        *(shipped(RUNTIME / "bridge", n) for n in (SCAN, SOURCES, STAMPS)),
+        *catkin_files(RosPackage(name, bridged, sources, [*mapped])),
     ]
     if system.externals:
         package.files += [
@@ -76,6 +78,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     package.trusted = TRUSTED if system.externals else SIMULATED
     package.programs = bridged.programs
     package.notes = [*(bridged.trusted.notes or simulated.notes), *unsaid(system, mapped, "in ROS")]
+    package.notes += compared(system, mapped)
     launch = name if system.externals else f"{name}_simulation"
     package.commands = [
         f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",
@@ -100,12 +103,13 @@ def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
         PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
         PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
         *(shipped(RUNTIME / "ros2", n) for n in (MESSAGES, BRIDGE)),
-        *(shipped(RUNTIME / "bridge", n) for n in (CORE, SCAN, STAMPS)),
-        *ament_files(RosPackage(name, bridged, [], [*mapped.values()])),
+        *(shipped(RUNTIME / "bridge", n) for n in (CORE, SCAN, SOURCES, STAMPS)),
+        *ament_files(RosPackage(name, bridged, [], [*mapped])),
     ]
     package.trusted = TRUSTED
     package.programs = bridged.programs
     package.notes = [*bridged.trusted.notes, *unsaid(system, mapped, "in ROS")]
+    package.notes += compared(system, mapped)
     package.notes.append("the bridge was checked against interfaces of ROS 2, and run on none")
     package.commands = [
         f"colcon build --packages-select {name}   (in a workspace of ROS 2)",
