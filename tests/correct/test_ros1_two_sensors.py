@@ -42,7 +42,7 @@ node Away period 50ms { publishes speed; step { publish speed = 0.5; } }
 node Back period 50ms {
   subscribes position;
   publishes speed;
-  step { publish speed = clamp(-position, -1.0, 1.0); }
+  step { publish speed = clamp(-0.01 * position, -1.0, 1.0); }
 }
 rta Guard {
   ac Away;
@@ -71,6 +71,11 @@ SOURCES = [
     {**SOURCE, "channel": "/odom", "every": f"{WHEELS_MS}ms"},
     {**SOURCE, "channel": "/camera", "every": f"{CAMERA_MS}ms", "after": f"{AFTER_MS}ms"},
 ]
+SPEED = {
+    "channel": "/cmd_vel",
+    "type": "geometry_msgs/Twist",
+    "fields": {"value": "linear.x"},
+}
 WHEELS, CAMERA = "soter: /odom", "soter: /camera"
 PATIENCE_S = 60.0
 Told = dict[tuple[str, str], str]
@@ -80,7 +85,8 @@ Told = dict[tuple[str, str], str]
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("package")
     (folder / "two.soter").write_text(PROGRAM)
-    (folder / "map.json").write_text(json.dumps({"topics": {"position": {"sources": SOURCES}}}))
+    topics = {"position": {"sources": SOURCES}, "speed": SPEED}
+    (folder / "map.json").write_text(json.dumps({"topics": topics}))
     return built_package(folder / "two.soter", "Vehicle", folder / "map.json", folder / "out")
 
 
@@ -91,6 +97,44 @@ def all_(package: Path) -> Iterator[Any]:
         made.start("bridge", package / "two_bridge", f"_channels:={channels}")
         made.start("diagnostics", SYSTEM_PYTHON, "/usr/bin/rostopic", "echo", "/diagnostics")
         yield made
+
+
+CLOCK = """
+import sys, time, rospy
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+heard = [None]
+at = [0]
+def hear(m):
+    if m.linear.x != heard[0]:
+        heard[0] = m.linear.x
+        print("cmd", at[0], round(m.linear.x, 6), flush=True)
+def odometry(out, t, x):
+    m = Odometry()
+    m.header.stamp, m.header.frame_id, m.pose.pose.position.x = t, "odom", x
+    out.publish(m)
+rospy.init_node("ticker")
+rospy.Subscriber("/cmd_vel", Twist, hear, queue_size=1000, tcp_nodelay=True)
+wheels = rospy.Publisher("/odom", Odometry, queue_size=100, tcp_nodelay=True)
+camera = rospy.Publisher("/camera", Odometry, queue_size=100, tcp_nodelay=True)
+clock = rospy.Publisher("/clock", Clock, queue_size=100, tcp_nodelay=True)
+while not all(p.get_num_connections() for p in (wheels, camera, clock)):
+    time.sleep(0.01)
+clock.publish(Clock(rospy.Time(100)))
+for ms in range(0, 4000, 10):
+    t = rospy.Time(100 + ms // 1000, ms % 1000 * 10**6)
+    if not 1000 <= ms < 3000:
+        odometry(wheels, t, 30.0)
+    if ms % 50 == 0:
+        odometry(camera, t, 31.0 if ms % 100 else float("nan"))
+    time.sleep(0.004)
+    at[0] = ms + 10
+    clock.publish(Clock(t + rospy.Duration(0, 10**7)))
+    time.sleep(0.004)
+print("end", flush=True)
+"""
+"""The wheels are silent from 1 s to 3 s, every other sample of the camera is NaN."""
 
 
 def speak(all_: Any, name: str, channel: str, every_ms: int) -> None:
@@ -139,3 +183,19 @@ def test_the_second_is_read_when_the_first_is_killed_and_no_later_than_was_deriv
     assert int(back[WHEELS, "took over"]) == int(before[WHEELS, "took over"]) + 1
     assert int(back[WHEELS, "longest between stamps taken, us"]) / 1000 == gap_ms
     assert back[CAMERA, "of another publisher"] == "0"
+
+
+@pytest.mark.real_time
+def test_under_clock_the_sources_take_turns_by_simulated_time(package: Path) -> None:
+    with nodes() as all_:
+        all_.start("simulation", package / "two_simulation")
+        ticker = all_.start("ticker", SYSTEM_PYTHON, "-c", CLOCK)
+        ticker.wait(PATIENCE_S)
+        all_.readers["ticker"].join(10)
+        lines = [line.split() for line in all_.heard["ticker"]]
+    assert lines[-1] == ["end"], "".join(all_.heard["ticker"])
+    told = [(int(at), float(value)) for _, at, value in lines[:-1]]
+    begun = [value for _, value in told].index(-0.3)
+    (_, wheels), (to_camera, camera), (back, again) = told[begun:]
+    assert (wheels, camera, again) == (-0.3, -0.31, -0.3)
+    assert 990 + AFTER_MS < to_camera <= 3000 < back

@@ -33,14 +33,30 @@ def several(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, Source
 def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]:
     """Where a source gives less than the system declares."""
     declared = {e.topic: e for e in system.externals}
+    stepped = _of_plants_in_steps(system.proved)
     for index, sources in several(mapped).items():
         topic = system.topics[index]
         if topic.driver != "input" and index in declared:
             yield f"`{topic.name}` goes out: it has no `sources`"
+        elif topic.name in stepped:
+            yield (
+                f"`{topic.name}` shows a plant that moves in steps, and has to come with each of "
+                "them: at a takeover one would be missing, so it has no `sources`"
+            )
         elif index in declared:
             for m, promise in sources:
                 yield from _too_old(topic, m, promise, declared[index])
                 yield from _too_rough(topic, m, promise, declared[index])
+
+
+def _of_plants_in_steps(proved: System | None) -> set[str]:
+    """The topics whose reads the proof takes for the step of their instant (`next`)."""
+    return {
+        proved.topics[c.scope.topics[topic]].name
+        for c in (proved.components if proved is not None else ())
+        if c.plant is not None and c.plant.next
+        for topic, _ in c.plant.drives
+    }
 
 
 def _too_old(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -> Iterator[str]:

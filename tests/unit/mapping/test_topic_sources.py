@@ -288,6 +288,15 @@ def test_a_topic_of_which_nothing_is_declared_compares_nothing(vehicle: Any) -> 
     assert compared(vehicle, mapped)[0].endswith("at most 10.015 s old, nothing declared")
 
 
+def test_a_plant_that_moves_in_steps_has_one_sensor(tmp_path: Path) -> None:
+    program = tmp_path / "steps.soter"
+    text = (EXAMPLES / "shuttle_ros.soter").read_text()
+    program.write_text(text.replace("der x = speed;", "next x = x + 0.005 * speed;"))
+    vehicle = load(program).flat("Vehicle")
+    assert "shows a plant that moves in steps" in refused(vehicle, two())[0]
+    assert len(built(vehicle, ODOMETRY_ALONE)) == 3
+
+
 @pytest.mark.parametrize("middleware", ["DDS", "MAVLink"])
 def test_other_bridges_say_that_they_read_one(vehicle: Any, middleware: str) -> None:
     with pytest.raises(SoterError, match=f"has several `sources`: .* that of {middleware}"):
