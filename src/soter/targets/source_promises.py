@@ -51,9 +51,11 @@ def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]
 
 def _of_plants_in_steps(proved: System | None) -> set[str]:
     """The topics whose reads the proof takes for the step of their instant (`next`)."""
+    if proved is None:
+        return set()
     return {
         proved.topics[c.scope.topics[topic]].name
-        for c in (proved.components if proved is not None else ())
+        for c in proved.components
         if c.plant is not None and c.plant.next
         for topic, _ in c.plant.drives
     }

@@ -59,7 +59,7 @@ def ages(
                 worst[p.rank] = max(age, worst[p.rank] or 0)
         while todo and todo[0][0] == now:
             _, rank, stamp = todo.pop(0)
-            heard[rank] = max(stamp, heard[rank] if heard[rank] is not None else stamp)
+            heard[rank] = max(s for s in (stamp, heard[rank]) if s is not None)
             if turns.judge(rank, stamp) == "taken":
                 taken.append((rank, stamp))
     return worst, taken
