@@ -9,10 +9,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.targets.source_promises import broken_promises
 
 if TYPE_CHECKING:
     import re
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
     from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap, TopicMap
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 
 def bridged_topics(
     system: System, mapping: LogMap, middleware: str, name: re.Pattern[str] | None
-) -> dict[int, TopicMap]:
-    """The mapping by topic; SoterError D015 for what does not meet the world, or is not whole.
+) -> tuple[TopicMap, ...]:
+    """Its topics, in order; SoterError D015 for what does not meet the world, or is not whole.
 
     `name`: what a topic of the middleware may be called; None: it has none. Of a system without a
     world of its own, which has its plants inside, every topic may be carried.
@@ -50,10 +51,19 @@ def bridged_topics(
             problems.append(
                 f"`{topic.name}` comes from the world, and the mapping does not say how"
             )
-    problems += _shared(mapping)
+    problems += [*_shared(mapping), *broken_promises(system, mapping.topics)]
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
-    return {m.topic.index: m for m in mapping.topics}
+    return mapping.topics
+
+
+def by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMap]:
+    """The mapping by topic; SoterError D015 where one has several sources."""
+    named = dict.fromkeys(m.topic.name for m in mapped if m.promise is not None)
+    if named:
+        why = f"has several `sources`: the bridges of ROS read them, that of {middleware} does not"
+        raise SoterError(tuple(Diagnostic("D015", f"`{name}` {why}") for name in named))
+    return {m.topic.index: m for m in mapped}
 
 
 def _shared(mapping: LogMap) -> Iterator[str]:
@@ -70,12 +80,13 @@ def _shared(mapping: LogMap) -> Iterator[str]:
             yield f"{names}, and one of them goes out: nobody else may publish it"
 
 
-def unsaid(system: System, mapped: dict[int, TopicMap], where: str) -> list[str]:
+def unsaid(system: System, mapped: Collection[TopicMap], where: str) -> list[str]:
     """A note about what goes out and is not mapped."""
+    said = {m.topic.index for m in mapped}
     names = [
         system.topics[e.topic].name
         for e in system.externals
-        if e.topic not in mapped and system.topics[e.topic].driver != "input"
+        if e.topic not in said and system.topics[e.topic].driver != "input"
     ]
     text = f"not published {where}, as the mapping does not name it: {', '.join(names)}"
     return [text] if names else []

@@ -15,6 +15,7 @@
 #define SOTER_BRIDGE_CORE_HPP
 
 #include "soter_outside.h"
+#include "soter_sources.hpp"
 #include "soter_status_text.h"
 
 #include <time.h>
@@ -68,6 +69,13 @@ inline void fill(const std::vector<Status>& all, Array* to) {
 
 /* ------------------------------------------------------------------ in */
 
+/* The channel that the sources of a topic write, one at a time: Sources sees to that. */
+template <class Shared>
+inline soter_outside* shared_channel() {
+  static soter_outside made = soter_outside();
+  return &made;
+}
+
 /* Traits `T` of a topic that comes in, generated:
  *   Message, Value       types
  *   channel(), hash()    of the channel
@@ -76,7 +84,8 @@ inline void fill(const std::vector<Status>& all, Array* to) {
  *   frame(m)             whether the message is in the frame of the mapping
  *   stamped()            whether messages say when they were measured
  *   stamp_ns(m)          when; 0: it does not
- *   convert(m, &value)   false: something that is needed is not there */
+ *   convert(m, &value)   false: something that is needed is not there
+ * and those of OneSource, or of one of several. */
 template <class T>
 class Inward {
  public:
@@ -86,7 +95,10 @@ class Inward {
 
   /* NULL, or why the channel cannot be opened. */
   const char* open(const std::string& folder) {
-    return soter_outside_open(&channel_, folder.c_str(), T::channel(), T::hash(),
+    if (channel()->place[0] != nullptr) { /* another source opened it */
+      return nullptr;
+    }
+    return soter_outside_open(channel(), folder.c_str(), T::channel(), T::hash(),
                               sizeof(typename T::Value), true);
   }
 
@@ -100,11 +112,20 @@ class Inward {
     } else if (!T::frame(m)) {
       refuse(&frame_, "a message is in another frame");
     } else if (measured_at(m, now_ns, &measured)) {
-      if (T::convert(m, &value)) {
-        soter_outside_write(&channel_, measured, &value);
-        taken_++;
-      } else {
+      if (!T::convert(m, &value)) {
         refuse(&absent_, "a message has no such element, or a number that the topic cannot hold");
+      } else if (T::sources() == nullptr) {
+        soter_outside_write(channel(), measured, &value);
+        heard_++;
+        taken_++;
+      } else if (!T::fits(value)) {
+        refuse(&unfit_, "a value is not finite, or outside the topic's set");
+      } else {
+        heard_++; /* where it is not taken, that is no silence either */
+        (void)T::sources()->take(T::rank(), T::stamp_ns(m), [&] {
+          soter_outside_write(channel(), measured, &value);
+          taken_++;
+        });
       }
     }
   }
@@ -115,26 +136,49 @@ class Inward {
     to.name = std::string("soter: ") + T::topic();
     to.of = bound_;
     to.message = taken_ > 0 ? "taken" : "nothing was taken yet";
-    const uint64_t refused = stranger_ + frame_ + unstamped_ + future_ + absent_;
+    const uint64_t refused = stranger_ + frame_ + unstamped_ + future_ + absent_ + unfit_;
+    const bool spoke = heard_ != heard_told_;
     if (refused != refused_told_) {
       to.level = Status::ERROR;
       to.message = why_;
-    } else if (taken_ == taken_told_) {
+    } else if (!spoke) {
       to.level = Status::WARN;
       to.message = "silent";
     }
     refused_told_ = refused;
-    taken_told_ = taken_;
+    heard_told_ = heard_;
     to.said("taken", taken_);
     to.said("of another publisher", stranger_);
     to.said("in another frame", frame_);
     to.said("without a stamp", unstamped_);
     to.said("stamped later than now", future_);
     to.said("without a value", absent_);
+    if (T::sources() != nullptr) {
+      among_sources(&to, spoke);
+    }
     return to;
   }
 
  private:
+  soter_outside* channel() {
+    return T::sources() == nullptr ? &channel_ : shared_channel<typename T::Shared>();
+  }
+
+  /* Whether it is the source that is read, and how often it took over. */
+  void among_sources(Status* to, bool spoke) {
+    const Sources::Counts counts = T::sources()->counts(T::rank());
+    if (to->level == Status::OK && spoke) {
+      to->level = counts.read && T::rank() > 0 ? Status::WARN : Status::OK;
+      to->message = counts.read ? "it is read" : "it stands by";
+    }
+    to->values.emplace_back("read", counts.read ? "yes" : "no");
+    to->said("took over", counts.takeovers);
+    to->said("not its turn", counts.waited);
+    to->said("older than what was taken", counts.older);
+    to->said("not finite, or outside the set", unfit_);
+    to->said("longest between stamps taken, us", static_cast<uint64_t>(counts.gap_ns / 1000));
+  }
+
   void refuse(std::atomic<uint64_t>* counter, const std::string& why) {
     const std::lock_guard<std::mutex> held(named_);
     (*counter)++;
@@ -175,8 +219,9 @@ class Inward {
   soter_outside channel_ = soter_outside();
   std::mutex named_;
   std::string bound_, why_;
-  std::atomic<uint64_t> taken_{0}, stranger_{0}, frame_{0}, unstamped_{0}, future_{0}, absent_{0};
-  uint64_t refused_told_ = 0, taken_told_ = 0;
+  std::atomic<uint64_t> taken_{0}, stranger_{0}, frame_{0}, unstamped_{0}, future_{0}, absent_{0},
+      unfit_{0}, heard_{0};
+  uint64_t refused_told_ = 0, heard_told_ = 0;
 };
 
 /* ------------------------------------------------------------------ out */

@@ -24,6 +24,7 @@ from soter.targets.ros.catkin_files import (
     package_name,
 )
 from soter.targets.ros.node_sources import ROS1, ROS2, Flavour, NodeSources
+from soter.targets.source_promises import compared
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +42,9 @@ OF_ROS = {
     ROS2: ("ros2", (*SIMULATION, "soter_publishers.hpp")),
 }
 """The folder of what ships of each, and what of it the simulation needs."""
-OF_BOTH = ("soter_scan.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp")
+OF_BOTH = (
+    "soter_scan.hpp", "soter_sources.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp",
+)  # fmt: skip
 
 
 def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
@@ -101,10 +104,11 @@ def _package(
     package.trusted = TRUSTED if system.externals else SIMULATED
     package.programs = bridged.programs
     package.notes = [*(bridged.trusted.notes or simulated.notes), *unsaid(system, mapped, "in ROS")]
+    package.notes += compared(system, mapped)
     sources = [
         f"{SIMULATED}/{f.path}" for f in simulated.files if f.path.endswith(".c") and _is_code(f)
     ]
-    return package, RosPackage(name, bridged, sources, [*mapped.values()])
+    return package, RosPackage(name, bridged, sources, [*mapped])
 
 
 def _is_code(file: PackageFile) -> bool:
