@@ -156,6 +156,7 @@ def test_what_no_proof_speaks_of_is_not_armed_but_by_an_explicit_word(
         assert f"not armed: Guard: {why}" in said
         played.command(AC, begin=True)
         assert played.holds_law(), "the request was answered: nothing begins by itself later"
+        played.command(AC, begin=begin, over=over)
         told, said = arm(actuator, tmp_path, "--unchecked")
         assert told == 0, said
         assert "no proof" in said

@@ -15,6 +15,7 @@ from xml.sax.saxutils import escape
 from soter.native.compiler import MEANING
 from soter.targets.bridged_system import TRUSTED, cmake_programs
 from soter.targets.package import PackageFile
+from soter.targets.ros.module_status import MESSAGE
 
 if TYPE_CHECKING:
     from soter.mapping.topic_mapping import TopicMap
@@ -104,7 +105,10 @@ def _manifest(p: RosPackage) -> str:
   <maintainer email="you@example.org">you</maintainer>
   <license>yours</license>
   <buildtool_depend>catkin</buildtool_depend>
+  <build_depend>message_generation</build_depend>
 {depends}
+  <exec_depend>message_runtime</exec_depend>
+  <test_depend>rospy</test_depend>
   <test_depend>rostest</test_depend>
 </package>
 """
@@ -126,7 +130,7 @@ cmake_minimum_required(VERSION 3.10)
 {compiled_alike(p)}
 if(CATKIN_TOPLEVEL OR DEFINED CATKIN_DEVEL_PREFIX) # in a workspace
   find_package(catkin REQUIRED COMPONENTS {packages})
-  catkin_package()
+{_message_rules(p)}  catkin_package()
   set(PROGRAMS ${{CATKIN_DEVEL_PREFIX}}/${{CATKIN_PACKAGE_BIN_DESTINATION}})
   set(ROS_INCLUDES ${{catkin_INCLUDE_DIRS}})
   set(ROS_LIBRARIES ${{catkin_LIBRARIES}})
@@ -148,6 +152,24 @@ target_link_libraries({p.name}_simulation PRIVATE ${{ROS_LIBRARIES}} m pthread)
 
 install(TARGETS {" ".join(names)} RUNTIME DESTINATION ${{CATKIN_PACKAGE_BIN_DESTINATION}})
 {scripts}install(DIRECTORY launch config DESTINATION ${{CATKIN_PACKAGE_SHARE_DESTINATION}})
+"""
+
+
+def _message_rules(p: RosPackage) -> str:
+    """Classes of `ModuleStatus` for others, where the workspace can make them.
+
+    The bridge has its own (`module_status.py`).
+    """
+    if not p.bridged.programs:
+        return ""
+    return f"""\
+  find_package(message_generation QUIET)
+  if(message_generation_FOUND)
+    add_message_files(FILES {MESSAGE}.msg)
+    generate_messages(DEPENDENCIES std_msgs)
+  else()
+    message(STATUS "{p.name}/{MESSAGE}: no message_generation, so no classes for other languages")
+  endif()
 """
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.mapping.message_types import HEADER_STAMP
 from soter.mapping.topic_mapping import NearestSource
 from soter.targets.message_conversion import CPP, MessageConverter, text_literal, unmappable
+from soter.targets.ros.module_status import MESSAGE
 
 if TYPE_CHECKING:
     from soter.mapping.message_types import MessageType
@@ -114,7 +115,7 @@ class NodeSources:
 #include "soter_bridge.hpp"
 
 #include "{self.name}_topics.hpp"
-
+{self._status_header()}
 int main(int count, char** words) {{
   const soter::StatusNames names = {{
       UINT64_C({self.world.status_number:#018x}),
@@ -127,9 +128,17 @@ int main(int count, char** words) {{
   if (!bridge.begin()) {{
     return 1;
   }}
-{self._calls("bridge")}  return bridge.run();
+{self._status_call()}{self._calls("bridge")}  return bridge.run();
 }}
 """
+
+    def _status_header(self) -> str:
+        own = self.flavour.version == 1
+        return f'#include "{self.name}_module_status.hpp"\n' if own else ""
+
+    def _status_call(self) -> str:
+        own = self.flavour.version == 1
+        return f"  bridge.status<soter::{MESSAGE}Message>();\n" if own else ""
 
     def simulation(self) -> str:
         """`NAME_simulation.cpp`."""

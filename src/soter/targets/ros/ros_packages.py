@@ -24,6 +24,7 @@ from soter.targets.ros.catkin_files import (
     catkin_files,
     package_name,
 )
+from soter.targets.ros.module_status import message_files
 from soter.targets.ros.node_sources import ROS2, NodeSources
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
             PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
             shipped(RUNTIME / "ros1", BRIDGE),
             shipped(RUNTIME / "bridge", CORE),
+            *message_files(name),
         ]
     package.trusted = TRUSTED if system.externals else SIMULATED
     package.programs = bridged.programs
