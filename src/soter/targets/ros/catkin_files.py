@@ -16,6 +16,7 @@ from soter.native.compiler import MEANING
 from soter.targets.bridged_system import TRUSTED, cmake_programs
 from soter.targets.package import PackageFile
 from soter.targets.ros.module_status import MESSAGE
+from soter.targets.ros.rostest_files import NODE, rostest_files
 
 if TYPE_CHECKING:
     from soter.mapping.topic_mapping import TopicMap
@@ -56,7 +57,7 @@ def catkin_files(p: RosPackage) -> list[PackageFile]:
     ]
     if p.bridged.programs:
         files.append(PackageFile(f"launch/{p.name}.launch", _launch(p)))
-        files += script_files(p)
+        files += [*script_files(p), *rostest_files(p)]
     return files
 
 
@@ -152,6 +153,23 @@ target_link_libraries({p.name}_simulation PRIVATE ${{ROS_LIBRARIES}} m pthread)
 
 install(TARGETS {" ".join(names)} RUNTIME DESTINATION ${{CATKIN_PACKAGE_BIN_DESTINATION}})
 {scripts}install(DIRECTORY launch config DESTINATION ${{CATKIN_PACKAGE_SHARE_DESTINATION}})
+{_test_rules(p)}"""
+
+
+def _test_rules(p: RosPackage) -> str:
+    """The test, for `catkin_make run_tests` where CMake finds rostest, and for `rostest` itself."""
+    if not rostest_files(p):
+        return ""
+    return f"""
+if(CATKIN_ENABLE_TESTING)
+  file(COPY test/{NODE} DESTINATION ${{PROGRAMS}} FILE_PERMISSIONS {SCRIPTS_MODE})
+  find_package(rostest QUIET)
+  if(rostest_FOUND)
+    add_rostest(test/{p.name}.test)
+  else()
+    message(STATUS "no rostest for CMake: `rostest {p.name} {p.name}.test` runs the test")
+  endif()
+endif()
 """
 
 
