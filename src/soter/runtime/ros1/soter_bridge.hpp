@@ -144,7 +144,7 @@ class Bridge {
         own_.advertise<Message>("status", static_cast<uint32_t>(trusted_.modules().size()), true);
     tell_ = [this](const ModuleStatus& of, const ros::Time& now) {
       Message to;
-      to.header.stamp = now;
+      to.stamp = now;
       to.module = of.name;
       to.mode = of.mode;
       to.margin = of.margin_s;

@@ -181,12 +181,12 @@ def _message_rules(p: RosPackage) -> str:
     if not p.bridged.programs:
         return ""
     return f"""\
-  find_package(message_generation QUIET)
-  if(message_generation_FOUND)
+  find_package(genmsg QUIET) # with the generators that are installed
+  if(genmsg_FOUND)
     add_message_files(FILES {MESSAGE}.msg)
-    generate_messages(DEPENDENCIES std_msgs)
+    generate_messages()
   else()
-    message(STATUS "{p.name}/{MESSAGE}: no message_generation, so no classes for other languages")
+    message(STATUS "{p.name}/{MESSAGE}: no genmsg, so no classes for other nodes")
   endif()
 """
 

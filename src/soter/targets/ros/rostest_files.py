@@ -359,6 +359,26 @@ class StandingBy(unittest.TestCase):
                 "change test/stand_ins.json"
             )
 
+    def test_3_machines_are_told_the_same_on_status(self):
+        kind = roslib.message.get_message_class("@NAME@/ModuleStatus")
+        if kind is None:
+            self.skipTest("the workspace has made no class of ModuleStatus: no genmsg, or genpy")
+        told = {}
+
+        def hear(message):
+            told[message.module] = message
+
+        rospy.Subscriber("/@NAME@_bridge/status", kind, hear, queue_size=100)
+        for name in self.about["modules"]:
+            self.eventually(
+                lambda name=name: name in told and WAITS in told[name].message,
+                f"~status never said that the actuators of {name} wait to be armed",
+            )
+            self.assertFalse(told[name].armed)
+            self.assertFalse(told[name].unchecked)
+            self.assertIn(told[name].mode, ("AC", "SC"))
+            self.assertGreater(told[name].stamp.to_nsec(), 0)
+
 
 if __name__ == "__main__":
     rospy.init_node("standing_by")
