@@ -52,7 +52,9 @@ def actuator(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "stop.soter").write_text(PROGRAM)
     soter.load(folder / "stop.soter").build("posix", folder / "out", "Vehicle")
     law = folder / "out" / "stop_lease.c"
-    text, count = re.subn(r"\.longest = INT64_C\(\d+\)", f".longest = {2 * LONG_NS}", law.read_text())
+    text, count = re.subn(
+        r"\.longest = INT64_C\(\d+\)", f".longest = {2 * LONG_NS}", law.read_text()
+    )
     assert count == 1
     law.write_text(text)
     done = make(folder / "out", "CFLAGS=-O1 -Werror", "stop_actuator")
@@ -82,7 +84,7 @@ def leases(code: ctypes.CDLL, program: Path, folder: Path, *, writes: bool) -> W
 
 def arm(program: Path, folder: Path, *words: str) -> tuple[int, str]:
     """As a person does: the exit code and what is said."""
-    command = [program, "--channels", folder, "--arm", *words]
+    command: list[str | Path] = [program, "--channels", folder, "--arm", *words]
     done = processes.run(command, capture_output=True, text=True)
     return done.returncode, done.stdout + done.stderr
 

@@ -13,9 +13,10 @@ import pytest
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
-import processes
 from bench.ros.ros1_bad_input import EXAMPLE, counters
 from bench.ros.ros1_nodes import SYSTEM_PYTHON, Nodes, built_package, missing, nodes
+
+import processes
 from generators.channel_programs import soon
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(params=[1.0, 9.9], ids=["in the middle", "at the wall"])
 def stack(request: pytest.FixtureRequest, build: Path) -> Iterator[tuple[Stack, bool]]:
     """A trusted part that was killed and started anew; whether the state is one to begin from."""
-    with nodes() as all_, tempfile.TemporaryDirectory(dir="/dev/shm") as channels:  # noqa: S108
+    with nodes() as all_, tempfile.TemporaryDirectory(dir="/dev/shm") as channels:
         made = Stack(all_, build, channels, request.param)
         soon(lambda: made.told("leases given") not in ("", "0"))
         all_.end("trusted", signal.SIGKILL)

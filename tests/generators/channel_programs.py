@@ -173,7 +173,7 @@ class Words:
         )
         assert wrong is None, wrong
 
-    def write(self, *words: int | float) -> None:
+    def write(self, *words: float) -> None:
         """Now; a float is written as its bits."""
         kinds = "".join("d" if isinstance(w, float) else "q" for w in words)
         now = ctypes.c_int64(time.monotonic_ns())

@@ -84,7 +84,7 @@ def told(code: tuple[Any, Any], **changed: int) -> tuple[int, str, float, str]:
         ({"state": ARMED}, WARN, "until a command comes", "yes"),
         ({"state": ENDED}, ERROR, f"until a person arms them: {ARM} (taken now", "no"),
         ({"state": ENDED, "safer": 0}, ERROR, f"{ARM} (refused now: safer does not hold", "no"),
-        ({"over": 1, "state": ENDED}, ERROR, f"leases have ended: the actuators hold the ", "no"),
+        ({"over": 1, "state": ENDED}, ERROR, "leases have ended: the actuators hold the ", "no"),
         ({"over": 1}, ERROR, ARM, "yes"),
         ({"actuators_age": 10**9}, ERROR, "the actuators are silent", "unknown"),
         ({"age": 10**9}, STALE, "the trusted part is silent", "yes"),

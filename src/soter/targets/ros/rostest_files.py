@@ -1,7 +1,7 @@
 """`test/` of a catkin package: that nothing but the law leaves before somebody arms the actuators.
 
 Purpose: a launch file for rostest, a node that stands in for the sensors and listens, and what it
-says and expects, `test/stand_ins.json`, which is the person's to change: the values are of no robot.
+says and expects: `test/stand_ins.json`, the person's to change, as the values are of no robot.
 Non-goals: the robot, AC: its topics stay silent.
 """
 
@@ -25,7 +25,7 @@ from soter.targets.package import PackageFile
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.language.model.system import Module, Topic
+    from soter.language.model.system import Module
     from soter.language.model.types import Type, Value
     from soter.mapping.topic_mapping import Leaf, TopicMap
     from soter.targets.ros.catkin_files import RosPackage
@@ -127,9 +127,7 @@ def _expected(m: TopicMap, law: Value) -> dict[str, object]:
     assert m.message is not None
     fields = {
         leaf.name: _field(t, leaf, value)
-        for (path, t), value in zip(
-            leaves(m.topic.type), _scalars(m.topic.type, law), strict=True
-        )
+        for (path, t), value in zip(leaves(m.topic.type), _scalars(m.topic.type, law), strict=True)
         if isinstance(leaf := m.leaves[path], SignalSource)
     }
     return {"topic": m.channel, "type": m.message.ros1, "fields": fields} if fields else {}
