@@ -7,8 +7,6 @@ Non-goals: the nodes (`node_sources.py`), the trusted part (`targets/posix.py`).
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
@@ -19,32 +17,11 @@ from soter.targets.ros.module_status import MESSAGE
 from soter.targets.ros.rostest_files import NODE, rostest_files
 
 if TYPE_CHECKING:
-    from soter.mapping.topic_mapping import TopicMap
-    from soter.targets.bridged_system import BridgedSystem
+    from soter.targets.ros.ros_package import RosPackage
 
 NEEDED = ("roscpp", "diagnostic_msgs", "rosgraph_msgs", "std_msgs")
 SIMULATED = "simulated"
 """The folder of the program under /clock."""
-
-
-@dataclass(frozen=True)
-class RosPackage:
-    """What the files are about; `simulated`: sources of the simulation, beside its node."""
-
-    name: str
-    bridged: BridgedSystem
-    simulated: list[str]
-    mapped: list[TopicMap]
-
-    def packages(self, needed: tuple[str, ...]) -> list[str]:
-        """Of ROS: whose messages are used, and what every bridge needs."""
-        return sorted({*needed, *(m.message.package for m in self.mapped if m.message)})
-
-
-def package_name(prefix: str) -> str:
-    """A name that catkin takes: letters, digits and underscores, in lower case, a letter first."""
-    name = re.sub(r"[^a-z0-9_]", "_", prefix.lower())
-    return name if name[:1].isalpha() else f"soter_{name}"
 
 
 def catkin_files(p: RosPackage) -> list[PackageFile]:

@@ -18,14 +18,10 @@ from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
 from soter.targets.ros.ament_files import ament_files
-from soter.targets.ros.catkin_files import (
-    SIMULATED,
-    RosPackage,
-    catkin_files,
-    package_name,
-)
+from soter.targets.ros.catkin_files import SIMULATED, catkin_files
 from soter.targets.ros.module_status import message_files
 from soter.targets.ros.node_sources import ROS2, NodeSources
+from soter.targets.ros.ros_package import RosPackage, package_name
 
 if TYPE_CHECKING:
     from pathlib import Path
