@@ -72,6 +72,15 @@ add_executable({p.name}_bridge src/{p.name}_bridge.cpp {" ".join(p.bridged.linke
 """
 
 
+def simulation_node(p: RosPackage) -> str:
+    """CMake's rule of the node under /clock: what it is made of."""
+    return f"""\
+# the same program under /clock
+add_executable({p.name}_simulation src/{p.name}_simulation.cpp
+  {" ".join(p.simulated)})
+"""
+
+
 def _manifest(p: RosPackage) -> str:
     depends = "\n".join(f"  <depend>{name}</depend>" for name in p.packages(NEEDED))
     return f"""\
@@ -122,9 +131,7 @@ else()
   set(CATKIN_PACKAGE_SHARE_DESTINATION share/{p.name})
 endif()
 
-{bridge}# the same program under /clock
-add_executable({p.name}_simulation src/{p.name}_simulation.cpp
-  {" ".join(p.simulated)})
+{bridge}{simulation_node(p)}\
 target_include_directories({p.name}_simulation PRIVATE {SIMULATED} src SYSTEM ${{ROS_INCLUDES}})
 target_link_libraries({p.name}_simulation PRIVATE ${{ROS_LIBRARIES}} m pthread)
 
