@@ -60,12 +60,43 @@ def test_a_package_has_what_catkin_wants_and_the_trusted_part_knows_no_ros(
     assert len(trusted) > 20
     assert not [p for p in trusted if "ros::" in p.read_text() or "ros/ros.h" in p.read_text()]
     assert (shuttle / "out" / "scripts" / "in_channels").exists()
+    stand_ins = json.loads((shuttle / "out" / "test" / "stand_ins.json").read_text())
+    (odometry,) = stand_ins["stand_ins"]  # the wish is AC's, and stays silent
+    assert odometry["fields"] == {"pose.pose.position.x": 6.25, "header.frame_id": "odom"}
+    (law,) = stand_ins["laws"]
+    assert (law["topic"], law["fields"]) == ("/cmd_vel", {"linear.x": 0.0})
+    ET.parse(shuttle / "out" / "test" / "shuttle_ros.test")  # noqa: S314 - the same
+    compile((shuttle / "out" / "test" / "standing_by.py").read_text(), "standing_by.py", "exec")
 
 
 def test_what_the_mapping_leaves_out_is_said(soter: Soter, shuttle: Path) -> None:
     done = built(soter, shuttle, {"position": POSITION, "wish": WISH})
     assert done.exit == 0
     assert any("not published in ROS" in n and "speed" in n for n in done.document["notes"])
+
+
+def test_the_test_of_a_package_stands_in_for_every_source(soter: Soter, shuttle: Path) -> None:
+    source = {**POSITION, "every": "10ms", "measured": {"value": 0.05}}
+    camera = {**source, "channel": "/camera", "frame_id": "camera", "after": "10ms"}
+    topics = {**ALL, "position": {"sources": [source, camera]}}
+    assert built(soter, shuttle, topics).exit == 0
+    stand_ins = json.loads((shuttle / "out" / "test" / "stand_ins.json").read_text())["stand_ins"]
+    assert [(x["topic"], x["fields"]["header.frame_id"]) for x in stand_ins] == [
+        ("/odom", "odom"), ("/camera", "camera"),
+    ]  # fmt: skip
+
+
+def test_a_scale_is_taken_back_and_a_named_sensor_has_its_name(soter: Soter, shuttle: Path) -> None:
+    topics = changed(
+        "position",
+        publisher="/ekf",
+        fields={"value": {"from": "pose.pose.position.x", "scale": -0.5, "offset": 1.0}},
+    )
+    assert built(soter, shuttle, topics).exit == 0
+    stand_ins = json.loads((shuttle / "out" / "test" / "stand_ins.json").read_text())
+    assert stand_ins["stand_ins"][0]["fields"]["pose.pose.position.x"] == (6.25 - 1.0) / -0.5
+    test = ET.parse(shuttle / "out" / "test" / "shuttle_ros.test").getroot()  # noqa: S314 - our own
+    assert [x.attrib["name"] for x in test.iter("test")] == ["ekf"]
 
 
 @pytest.mark.parametrize("target", ["ros1", "ros2"])

@@ -323,9 +323,10 @@ struct StatusNames {
 
 /* A module, for machines. */
 struct ModuleStatus {
-  std::string name, mode, why, armed;
-  double margin_s;
-  uint64_t takeovers;
+  std::string name, mode, why, message;
+  double margin_s = 0.0;
+  uint64_t takeovers = 0;
+  bool armed = false, unchecked = false;
 };
 
 /* The trusted part, and its actuators: what they say of themselves. For one thread. */
@@ -402,11 +403,12 @@ class TrustedPart {
       to.mode = f.alive ? (f.ac ? "AC" : "SC") : "";
       to.margin_s = soter_margin_s(&f, monotonic_ns());
       to.why = soter_takeover_text(f.why);
-      to.takeovers = 0;
       for (size_t c = 0; c < SOTER_STATUS_CAUSES; c++) {
         to.takeovers += f.takeovers[c];
       }
-      to.armed = soter_armed_text(&f);
+      to.armed = f.leased && f.actuators_alive && f.state != SOTER_LEASE_ENDED;
+      to.unchecked = to.armed && f.how == SOTER_ARMED_UNCHECKED;
+      to.message = message(f);
       all.push_back(to);
     }
     return all;

@@ -17,6 +17,7 @@
 #include <ros/this_node.h>
 
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <thread>
 
@@ -136,6 +137,26 @@ class Bridge {
     topics_.emplace_back(new BridgedOut<T>(&node_));
   }
 
+  /* How the modules are, for machines, on ~status: a message of this type each. */
+  template <class Message>
+  void status() {
+    status_ =
+        own_.advertise<Message>("status", static_cast<uint32_t>(trusted_.modules().size()), true);
+    tell_ = [this](const ModuleStatus& of, const ros::Time& now) {
+      Message to;
+      to.stamp = now;
+      to.module = of.name;
+      to.mode = of.mode;
+      to.margin = of.margin_s;
+      to.takeovers = of.takeovers;
+      to.why = of.why;
+      to.armed = of.armed ? 1U : 0U;
+      to.unchecked = of.unchecked ? 1U : 0U;
+      to.message = of.message;
+      status_.publish(to);
+    };
+  }
+
   int run() {
     const char* wrong = trusted_.open(folder_);
     for (size_t k = 0; wrong == nullptr && k < topics_.size(); k++) {
@@ -180,6 +201,9 @@ class Bridge {
     message.header.stamp = ros::Time::now();
     fill(all, &message);
     diagnostics_.publish(message);
+    for (const ModuleStatus& module : trusted_.modules()) {
+      tell_(module, message.header.stamp);
+    }
   }
 
   /* Once a second: does another node publish what only this one may? */
@@ -217,7 +241,9 @@ class Bridge {
   ros::NodeHandle node_, own_;
   std::string folder_;
   int64_t clock_error_ns_ = 0;
-  ros::Publisher diagnostics_;
+  ros::Publisher diagnostics_, status_;
+  std::function<void(const ModuleStatus&, const ros::Time&)> tell_ = [](const ModuleStatus&,
+                                                                        const ros::Time&) {};
   std::vector<std::unique_ptr<Bridged>> topics_;
 };
 

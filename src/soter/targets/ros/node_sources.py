@@ -20,6 +20,7 @@ from soter.targets.message_conversion import (
     topic_tests,
     unmappable,
 )
+from soter.targets.ros.module_status import MESSAGE
 from soter.targets.source_promises import several
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ class NodeSources:
 #include "soter_bridge.hpp"
 
 #include "{self.name}_topics.hpp"
-
+{self._status_header()}
 int main(int count, char** words) {{
   const soter::StatusNames names = {{
       UINT64_C({self.world.status_number:#018x}),
@@ -143,9 +144,17 @@ int main(int count, char** words) {{
   if (!bridge.begin()) {{
     return 1;
   }}
-{self._calls("bridge")}  return bridge.run();
+{self._status_call()}{self._calls("bridge")}  return bridge.run();
 }}
 """
+
+    def _status_header(self) -> str:
+        own = self.flavour.version == 1
+        return f'#include "{self.name}_module_status.hpp"\n' if own else ""
+
+    def _status_call(self) -> str:
+        own = self.flavour.version == 1
+        return f"  bridge.status<soter::{MESSAGE}Message>();\n" if own else ""
 
     def simulation(self) -> str:
         """`NAME_simulation.cpp`."""

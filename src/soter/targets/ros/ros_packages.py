@@ -17,13 +17,10 @@ from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
 from soter.targets.ros.ament_files import ament_files
-from soter.targets.ros.catkin_files import (
-    SIMULATED,
-    RosPackage,
-    catkin_files,
-    package_name,
-)
+from soter.targets.ros.catkin_files import SIMULATED, catkin_files
+from soter.targets.ros.module_status import message_files
 from soter.targets.ros.node_sources import ROS1, ROS2, Flavour, NodeSources
+from soter.targets.ros.ros_package import RosPackage, package_name
 from soter.targets.source_promises import compared
 
 if TYPE_CHECKING:
@@ -55,6 +52,8 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     """
     package, ros = _package(system, core, folder, mapping, ROS1)
     package.files += catkin_files(ros)
+    if system.externals:
+        package.files += message_files(ros.name)
     launch = ros.name if system.externals else f"{ros.name}_simulation"
     package.commands = [
         f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",
