@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.mapping.topic_mapping import SignalSource
 
 if TYPE_CHECKING:
     import re
@@ -33,6 +34,8 @@ def bridged_topics(
         named = f"`{m.topic.name}`"
         if m.topic.index not in outside:
             problems.append(f"{named} does not meet the world: nobody declares it `external topic`")
+        if name is not None and system.externals:
+            problems += _of_the_other_way(m)
         if name is None:
             pass
         elif m.channel is None:
@@ -50,10 +53,34 @@ def bridged_topics(
             problems.append(
                 f"`{topic.name}` comes from the world, and the mapping does not say how"
             )
+    problems += [p for m in mapping.topics if m.topic.driver != "input" for p in _filled_twice(m)]
     problems += _shared(mapping)
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
     return {m.topic.index: m for m in mapping.topics}
+
+
+def _of_the_other_way(m: TopicMap) -> Iterator[str]:
+    """What a mapping says of a topic that ROS and DDS would not look at."""
+    if m.topic.driver == "input":
+        if m.constants:
+            yield f"`{m.topic.name}` comes in, and `set` is of what goes out"
+        return
+    if m.publisher is not None:
+        yield f"`{m.topic.name}` goes out, and `publisher` is who sends what comes in"
+    if m.frame_id is not None:
+        yield f'`{m.topic.name}` goes out: `frame_id` is said in `set`, as "header.frame_id"'
+
+
+def _filled_twice(mapped: TopicMap) -> Iterator[str]:
+    """Fields of a message that goes out into which two leaves go: one of them would be lost."""
+    leaf_by_field: dict[str, str] = {}
+    for path, leaf in mapped.leaves.items():
+        if isinstance(leaf, SignalSource):
+            name = mapped.name_of(path)
+            first = leaf_by_field.setdefault(leaf.name, name)
+            if first != name:
+                yield f"`{first}` and `{name}` go out in the same field, `{leaf.name}`"
 
 
 def _shared(mapping: LogMap) -> Iterator[str]:
@@ -62,7 +89,7 @@ def _shared(mapping: LogMap) -> Iterator[str]:
     for m in mapping.topics:
         if m.channel is None:
             continue
-        first = by_channel.setdefault(m.channel, m)
+        first = by_channel.setdefault(m.channel.lstrip("/"), m)  # `/a` may be what `a` is
         names = f"`{first.topic.name}` and `{m.topic.name}` share `{m.channel}`"
         if first is not m and first.message != m.message:
             yield f"{names}, with messages of two types"

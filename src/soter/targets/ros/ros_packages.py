@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 CORE = "soter_bridge_core.hpp"
 BRIDGE, SIMULATION = "soter_bridge.hpp", "soter_simulation.hpp"
 MESSAGES, SCAN, STAMPS = "soter_messages.hpp", "soter_scan.hpp", "soter_stamp_numbers.hpp"
-TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
-"""What a topic of ROS 1 may be called."""
+TOPIC = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
+"""What a topic of ROS 1 may be called: NodeHandles take no `~`."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
 
 
