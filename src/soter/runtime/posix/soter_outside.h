@@ -28,7 +28,8 @@ typedef struct {
 } soter_outside;
 
 /* Opens `folder`/`name`, and makes it where it is not there, to read or, `writes`, to write. NULL,
- * or what is wrong, in words. Not for a loop: it asks the system for memory. */
+ * or what is wrong, in words: to write, that another process does, too. Not for a loop: it asks the
+ * system for memory, and the file of who writes stays open. */
 const char* soter_outside_open(soter_outside* channel, const char* folder, const char* name,
                                uint64_t hash, size_t size, bool writes);
 
