@@ -46,6 +46,7 @@ CASES = {
     "a flood of NaN": (OF_TRUSTED, "not finite, or outside its set"),
     "NaN as a wish": (OF_WISH, "not finite, or outside its set"),
     "a wish beyond the set": (OF_WISH, "not finite, or outside its set"),
+    "a latched wish": ("soter: /wish", "without a stamp"),
     "as another node": (OF_BRIDGE, "of another publisher"),
     "as another commander": ("soter: /cmd_vel", "message"),
     "the actuators are killed": ("soter: /cmd_vel", "message"),

@@ -106,6 +106,10 @@ def bad(case: str, publisher: rospy.Publisher) -> None:
     elif case == "a wish beyond the set":
         wish = rospy.Publisher("/wish", Float64, queue_size=1)
         say(wish, 0.5, lambda: Float64(50.0))
+    elif case == "a latched wish":
+        wish = rospy.Publisher("/wish", Float64, queue_size=1, latch=True)
+        wish.publish(Float64(1.0))
+        say(publisher, 1.0, odometry)
     else:
         raise SystemExit(f"no case {case}")
 

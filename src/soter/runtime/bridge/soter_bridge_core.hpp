@@ -89,8 +89,9 @@ class Inward {
                               sizeof(typename T::Value), true);
   }
 
-  /* `now_ns`: of the clock of the stamps. */
-  void take(const Message& m, const std::string& publisher, int64_t now_ns) {
+  /* Now on two clocks: `now`, CLOCK_MONOTONIC, has to be read first, and then `now_ns`, the clock
+   * of the stamps. Whoever is held up in between makes a message older, never newer. */
+  void take(const Message& m, const std::string& publisher, int64_t now, int64_t now_ns) {
     typename T::Value value;
     int64_t measured = 0;
     (void)std::memset(&value, 0, sizeof value);
@@ -98,7 +99,7 @@ class Inward {
       refuse(&stranger_, "a second node publishes it: " + publisher);
     } else if (!T::frame(m)) {
       refuse(&frame_, "a message is in another frame");
-    } else if (measured_at(m, now_ns, &measured)) {
+    } else if (measured_at(m, now, now_ns, &measured)) {
       if (T::convert(m, &value)) {
         soter_outside_write(&channel_, measured, &value);
         taken_++;
@@ -106,6 +107,11 @@ class Inward {
         refuse(&absent_, "a message has no such element, or a number that the topic cannot hold");
       }
     }
+  }
+
+  /* A message without a stamp that may have been published at any time before it came. */
+  void refuse_undated() {
+    refuse(&unstamped_, "a latched message has no stamp: nobody knows how old it is");
   }
 
   Status status() {
@@ -149,8 +155,7 @@ class Inward {
     return publisher != bound_;
   }
 
-  bool measured_at(const Message& m, int64_t now_ns, int64_t* measured) {
-    const int64_t now = monotonic_ns();
+  bool measured_at(const Message& m, int64_t now, int64_t now_ns, int64_t* measured) {
     *measured = now;
     if (!T::stamped()) {
       return true;
@@ -232,7 +237,7 @@ class Outward {
   void turn(int64_t now, const std::function<void(const Value&, int64_t)>& publish) {
     Value value;
     int64_t written = 0;
-    if (soter_outside_read(&channel_, &written, &value, nullptr) && written >= begun_) {
+    if (soter_outside_read(&channel_, &written, &value, nullptr) && is_of_now(written)) {
       const bool changed = std::memcmp(&value, &value_, sizeof value) != 0;
       value_ = value;
       heard_ = now;
@@ -248,6 +253,13 @@ class Outward {
     }
   }
 
+  /* A channel may hold what somebody wrote long ago, or before this machine was started; and
+   * whoever writes it may have been stopped between the time and the value. */
+  bool is_of_now(int64_t written) const {
+    const int64_t age_ns = monotonic_ns() - written;
+    return written >= begun_ && age_ns >= 0 && age_ns <= T::silent_ns();
+  }
+
   void tell(int64_t now, int64_t age_ns,
             const std::function<void(const Value&, int64_t)>& publish) {
     publish(value_, age_ns);
@@ -257,7 +269,7 @@ class Outward {
 
   soter_outside channel_ = soter_outside();
   Value value_;
-  const int64_t begun_ = monotonic_ns(); /* a channel may hold what somebody wrote long ago */
+  const int64_t begun_ = monotonic_ns();
   int64_t told_ = 0, heard_ = 0;
   std::atomic<uint64_t> count_{0};
   std::atomic<bool> silent_{false};
@@ -310,7 +322,8 @@ class TrustedPart {
 
   std::vector<Status> statuses() const {
     std::vector<Status> all;
-    const bool alive = heard_ && monotonic_ns() - at_ < 5 * SOTER_STATUS_EVERY_NS;
+    const int64_t age_ns = monotonic_ns() - at_; /* below 0: of before this machine was started */
+    const bool alive = heard_ && age_ns >= 0 && age_ns < 5 * SOTER_STATUS_EVERY_NS;
     for (size_t k = 0; k < names_.modules.size(); k++) {
       all.push_back(of_module(k, alive));
     }

@@ -82,7 +82,7 @@ static const char* open_writer(soter_dds_topic* topic, dds_entity_t of, dds_qos_
   topic->message = calloc(1, topic->out->type->m_size);
   topic->value = calloc(1, topic->out->size);
   topic->last_value = calloc(1, topic->out->size);
-  topic->begun = soter_dds_monotonic_ns(); /* a channel may hold what was written long ago */
+  topic->begun = soter_dds_monotonic_ns();
   return topic->message == NULL || topic->value == NULL || topic->last_value == NULL
              ? "there is no memory"
              : NULL;
@@ -231,11 +231,18 @@ static void set_silent(soter_dds_topic* topic, bool silent) {
   (void)pthread_mutex_unlock(&topic->held);
 }
 
+/* A channel may hold what somebody wrote long ago, or before this machine was started; and whoever
+ * writes it may have been stopped between the time and the value. */
+static bool is_of_now(const soter_dds_topic* topic, int64_t written) {
+  const int64_t age = soter_dds_monotonic_ns() - written;
+  return written >= topic->begun && age >= 0 && age <= topic->out->silent_ns;
+}
+
 static void turn(soter_dds_topic* topic, int64_t now) {
   const soter_dds_outward* const out = topic->out;
   int64_t written = 0;
   if (soter_outside_read(&topic->channel, &written, topic->value, NULL) &&
-      written >= topic->begun) {
+      is_of_now(topic, written)) {
     const bool changed = memcmp(topic->value, topic->last_value, out->size) != 0;
     (void)memcpy(topic->last_value, topic->value, out->size);
     topic->heard = now;

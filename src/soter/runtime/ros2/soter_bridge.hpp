@@ -94,7 +94,8 @@ class BridgedIn : public Bridged {
       subscription_ = node_->create_subscription<Message>(
           T::topic(), rclcpp::SensorDataQoS().keep_last(1),
           [this](std::shared_ptr<const Message> m, const rclcpp::MessageInfo& info) {
-            inward_.take(*m, publishers_.name_of(info), node_->now().nanoseconds());
+            const int64_t now = monotonic_ns();
+            inward_.take(*m, publishers_.name_of(info), now, node_->now().nanoseconds());
           },
           options);
     }
