@@ -24,7 +24,7 @@ from soter.mapping.frames import SAME
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.nearest_leaf import NEAREST_KEYS, nearest_source
 from soter.mapping.problems import is_number, unknown
-from soter.mapping.standard_units import standard_unit
+from soter.mapping.standard_units import standard_unit, unknown_unit
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.mapping.units import DIMENSIONS, RATES, UNITS, factor_between
 
@@ -190,6 +190,7 @@ class LeafReader:
         if len(problems.told) > before:
             return None
         standard = self._checked(name, t, field)
+        self._unit_known(name, t, field, what)
         factor = self._factor(name, t, field, unit, standard)
         scale = float(what.get("scale", 1)) * factor
         if not SCALE_MIN <= abs(scale) <= 1.0 / SCALE_MIN:
@@ -212,6 +213,15 @@ class LeafReader:
             self.problems.add(f"`{name}` is `{t}`, and {text}")
             return None
         return standard_unit(self.message, field)
+
+    def _unit_known(self, name: str, t: Type, field: str, what: Mapping[str, Any]) -> None:
+        """A number in a unit that is none here is not taken for one in the program's."""
+        odd = unknown_unit(self.message, field) if self.message is not None else None
+        measured = isinstance(t, FloatType) or (isinstance(t, IntType) and t.unit)
+        if odd is not None and measured and not {"unit", "scale"} & set(what):
+            assert self.message is not None
+            shown = f"`{field}` of {self.message.ros1} is in `{odd}`"
+            self.problems.add(f"`{name}`: {shown}, which is no unit here: say `scale`, or `unit`")
 
     def _factor(
         self, name: str, t: Type, field: str, unit: str | None, standard: str | None

@@ -42,6 +42,12 @@ STANDARD_UNITS = {
 """By type, of which a field may be a part: fields as patterns, and their unit."""
 
 
+def unknown_unit(message: MessageType, path: str) -> str | None:
+    """What a message says that a field is in, where that is none of UNITS: `deg/2`, say."""
+    said = message.unit(path)
+    return said if said is not None and said not in UNITS else None
+
+
 def standard_unit(message: MessageType, path: str) -> str | None:
     """The unit of a field, from the outermost type that says it; None where none does."""
     said = message.unit(path)
