@@ -36,6 +36,7 @@ CASES = {
     "no frame": (OF_BRIDGE, "in another frame"),
     "a frame of a megabyte": (OF_BRIDGE, "in another frame"),
     "no stamp": (OF_BRIDGE, "without a stamp"),
+    "ns beyond a second": (OF_BRIDGE, "without a stamp"),
     "stamped in an hour": (OF_BRIDGE, "stamped later than now"),
     "stamped in 50 ms": (OF_BRIDGE, "stamped later than now"),
     "the last stamp there is": (OF_BRIDGE, "stamped later than now"),
