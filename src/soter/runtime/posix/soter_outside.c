@@ -91,7 +91,7 @@ const char* soter_outside_open(soter_outside* channel, const char* folder, const
                                uint64_t hash, size_t size, bool writes) {
   char path[PATH_MOST];
   SOTER_CHECK(channel != NULL && folder != NULL && name != NULL);
-  *channel = (soter_outside){.size = size, .hash = hash};
+  *channel = (soter_outside){.size = size, .hash = hash, .file = -1};
   const int length = snprintf(path, sizeof path, "%s/%s", folder, name);
   if (length < 0 || length >= PATH_MOST) {
     return "its path is too long";
@@ -102,7 +102,9 @@ const char* soter_outside_open(soter_outside* channel, const char* folder, const
   }
   const char* wrong = writes ? become_writer(file) : NULL;
   wrong = wrong != NULL ? wrong : map_file(channel, file);
-  if (!writes || wrong != NULL) { /* the lock of a writer is gone when the file is closed */
+  if (writes && wrong == NULL) {
+    channel->file = file;
+  } else {
     (void)close(file);
   }
   if (wrong != NULL) {

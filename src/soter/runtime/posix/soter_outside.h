@@ -25,6 +25,7 @@ typedef struct {
   size_t size;
   uint64_t hash;
   uint64_t number; /* of the last value that was written, or read */
+  int file;        /* of who writes: open, as its lock is gone when it is closed; else -1 */
 } soter_outside;
 
 /* Opens `folder`/`name`, and makes it where it is not there, to read or, `writes`, to write. NULL,
