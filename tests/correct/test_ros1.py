@@ -59,7 +59,7 @@ def test_a_clock_error_that_is_no_number_ends_the_bridge(
 ) -> None:
     """YAML reads 1e-2 as a text: with 0 in its place messages would count as too new."""
     (tmp_path / "parameters.yaml").write_text(f"clock_error: {given}\n")
-    load = ["/usr/bin/rosparam", "load", tmp_path / "parameters.yaml", "/shuttle_ros_bridge"]
+    load = ("/usr/bin/rosparam", "load", tmp_path / "parameters.yaml", "/shuttle_ros_bridge")
     with nodes() as all_:
         assert all_.start("load", SYSTEM_PYTHON, *load).wait(60) == 0
         bridge = all_.start("bridge", shuttle / "shuttle_ros_bridge", f"_channels:={tmp_path}")
