@@ -24,7 +24,7 @@ from soter.mapping.frames import SAME
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.nearest_leaf import NEAREST_KEYS, nearest_source
 from soter.mapping.problems import is_number, unknown
-from soter.mapping.standard_units import standard_unit, unknown_unit
+from soter.mapping.standard_units import standard_unit
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.mapping.units import DIMENSIONS, RATES, UNITS, factor_between
 
@@ -190,7 +190,8 @@ class LeafReader:
         if len(problems.told) > before:
             return None
         standard = self._checked(name, t, field)
-        self._unit_known(name, t, field, what)
+        if standard not in UNITS and unit is not None and "scale" in what:
+            standard = None  # the mapping says how it is turned
         factor = self._factor(name, t, field, unit, standard)
         scale = float(what.get("scale", 1)) * factor
         if not SCALE_MIN <= abs(scale) <= 1.0 / SCALE_MIN:
@@ -214,15 +215,6 @@ class LeafReader:
             return None
         return standard_unit(self.message, field)
 
-    def _unit_known(self, name: str, t: Type, field: str, what: Mapping[str, Any]) -> None:
-        """A number in a unit that is none here is not taken for one in the program's."""
-        odd = unknown_unit(self.message, field) if self.message is not None else None
-        measured = isinstance(t, FloatType) or (isinstance(t, IntType) and t.unit)
-        if odd is not None and measured and not {"unit", "scale"} & set(what):
-            assert self.message is not None
-            shown = f"`{field}` of {self.message.ros1} is in `{odd}`"
-            self.problems.add(f"`{name}`: {shown}, which is no unit here: say `scale`, or `unit`")
-
     def _factor(
         self, name: str, t: Type, field: str, unit: str | None, standard: str | None
     ) -> float:
@@ -241,10 +233,9 @@ class LeafReader:
                 self.problems.add(f"`{name}` counts `{t.unit}`, and `{field}` is in `{given}`")
             return 1.0
         if factor is None:
-            dimension = DIMENSIONS.get(t.unit)
-            what = f", {dimension}" if dimension else ""
-            text = f"`{field}` is in `{given}`, {DIMENSIONS[given]}"
-            self.problems.add(f"`{name}` is in `{t.unit}`{what}, and {text}")
+            self.problems.add(
+                f"`{name}` is in {_shown(t.unit)}, and `{field}` is in {_shown(given)}"
+            )
             return 1.0
         return factor
 
@@ -265,6 +256,12 @@ class LeafReader:
 
 def _unit(t: Type) -> str:
     return t.unit if isinstance(t, FloatType) else ""
+
+
+def _shown(unit: str) -> str:
+    """A unit with what is measured in it, where that is known."""
+    dimension = DIMENSIONS.get(unit)
+    return f"`{unit}`, {dimension}" if dimension else f"`{unit}`"
 
 
 def _prefixes(

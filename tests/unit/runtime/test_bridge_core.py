@@ -82,7 +82,10 @@ def bridge(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bridge")
     (folder / "main.cpp").write_text(MAIN)
     include = [f"-I{x}" for x in (RUNTIME, POSIX, BRIDGE)]
-    own = [POSIX / f"{x}.c" for x in ("soter_outside", "soter_channel", "soter_posix_check")]
+    own = [
+        POSIX / f"{x}.c"
+        for x in ("soter_outside", "soter_channel", "soter_posix_check", "soter_status_text")
+    ]
     processes.run(["cc", "-c", "-O1", *include, *own], cwd=folder, check=True)
     objects = [folder / f"{x.stem}.o" for x in own]
     words = ["g++", "-std=c++11", "-Wall", "-Wextra", "-Werror", *include, "-pthread"]
