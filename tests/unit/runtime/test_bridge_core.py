@@ -97,14 +97,14 @@ def published(
     bridge: Path, folder: Path, code: ctypes.CDLL, silent_ns: int, behind_ns: int
 ) -> list[str]:
     """What goes out of a value that is written while the bridge runs, `behind_ns` before now."""
-    words = [bridge, "out", folder, str(silent_ns)]
+    words = (bridge, "out", folder, str(silent_ns))
     pipes = {"stdin": processes.PIPE, "stdout": processes.PIPE}
     with processes.started(words, text=True, **pipes) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "it runs\n"
         Number(code, folder, "x", 7, writes=True).write(0.5, behind_ns)
         out, _ = process.communicate("\n")
-    return out.split()
+    return str(out).split()
 
 
 def test_a_value_of_now_goes_out(bridge: Path, code: ctypes.CDLL, tmp_path: Path) -> None:

@@ -198,7 +198,10 @@ def test_a_channel_has_one_writer_until_that_one_ends(code: ctypes.CDLL, tmp_pat
         words = (str(tmp_path).encode(), b"many", ctypes.c_uint64(7), ctypes.c_size_t(400))
 
         def opened(writes: bool) -> bytes | None:
-            return code.soter_outside_open(ctypes.byref(second), *words, ctypes.c_bool(writes))
+            wrong: bytes | None = code.soter_outside_open(
+                ctypes.byref(second), *words, ctypes.c_bool(writes)
+            )
+            return wrong
 
         assert opened(True) == b"another program writes it"
         assert opened(False) is None
