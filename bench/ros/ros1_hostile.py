@@ -45,6 +45,12 @@ def ago(seconds: float) -> rospy.Time:
     return rospy.Time.from_sec(max(rospy.Time.now().to_sec() - seconds, 1e-9))
 
 
+def carried(t: rospy.Time) -> rospy.Time:
+    """The same time to whoever adds its parts, and no time: its ns are three seconds and more."""
+    t.secs, t.nsecs = t.secs - 3, t.nsecs + 3_000_000_000
+    return t
+
+
 class Torn:
     """A message whose bytes are not what its type says."""
 
@@ -70,6 +76,7 @@ BAD = {
     "stamped in 50 ms": lambda: odometry(-3.0, ago(-0.05)),
     "the last stamp there is": lambda: odometry(-3.0, rospy.Time(2**32 - 1, 999_999_999)),
     "stamped an hour ago": lambda: odometry(-3.0, ago(3600.0)),
+    "ns beyond a second": lambda: odometry(-3.0, carried(rospy.Time.now())),
     "stamped 1970": lambda: odometry(-3.0, rospy.Time(0, 1)),
 }
 ACTUATORS = "the actuators are killed"
@@ -106,6 +113,10 @@ def bad(case: str, publisher: rospy.Publisher) -> None:
     elif case == "a wish beyond the set":
         wish = rospy.Publisher("/wish", Float64, queue_size=1)
         say(wish, 0.5, lambda: Float64(50.0))
+    elif case == "a latched wish":
+        wish = rospy.Publisher("/wish", Float64, queue_size=1, latch=True)
+        wish.publish(Float64(1.0))
+        say(publisher, 1.0, odometry)
     else:
         raise SystemExit(f"no case {case}")
 

@@ -101,6 +101,7 @@ class Outside(ctypes.Structure):
         ("size", ctypes.c_size_t),
         ("hash", ctypes.c_uint64),
         ("number", ctypes.c_uint64),
+        ("file", ctypes.c_int),
     )
 
 

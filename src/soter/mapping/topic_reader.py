@@ -8,6 +8,7 @@ Non-goals: whether a log or a middleware has such messages.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -42,6 +43,8 @@ SOURCE_KEYS = (
     *(k for k in TOPIC_KEYS if k not in ("between", "gap", "set")), *PROMISE_KEYS,
 )  # fmt: skip
 ARRIVAL = "arrival"
+GREATEST = {"float32": 3.4028234663852886e38, "float64": sys.float_info.max}
+"""What a field can hold: beyond, infinity would go out."""
 
 
 class TopicReader:
@@ -247,5 +250,5 @@ def _fits(value: object, kind: str) -> bool:
         low, high = INTEGERS[kind]
         return low <= value <= high
     if isinstance(value, (int, float)):
-        return kind in NUMBERS and kind not in INTEGERS
+        return kind in NUMBERS and kind not in INTEGERS and abs(value) <= GREATEST[kind]
     return kind in ("string", "wstring")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.mapping.topic_mapping import SignalSource
 from soter.targets.source_promises import broken_promises
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ def bridged_topics(
         named = f"`{m.topic.name}`"
         if m.topic.index not in outside:
             problems.append(f"{named} does not meet the world: nobody declares it `external topic`")
+        if name is not None and system.externals:
+            problems += _of_the_other_way(m)
         if name is None:
             pass
         elif m.channel is None:
@@ -51,6 +54,7 @@ def bridged_topics(
             problems.append(
                 f"`{topic.name}` comes from the world, and the mapping does not say how"
             )
+    problems += [p for m in mapping.topics if m.topic.driver != "input" for p in _filled_twice(m)]
     problems += [*_shared(mapping), *broken_promises(system, mapping.topics)]
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
@@ -66,15 +70,40 @@ def by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMa
     return {m.topic.index: m for m in mapped}
 
 
+def _of_the_other_way(m: TopicMap) -> Iterator[str]:
+    """What a mapping says of a topic that ROS and DDS would not look at."""
+    if m.topic.driver == "input":
+        if m.constants:
+            yield f"`{m.topic.name}` comes in, and `set` is of what goes out"
+        return
+    if m.publisher is not None:
+        yield f"`{m.topic.name}` goes out, and `publisher` is who sends what comes in"
+    if m.frame_id is not None:
+        yield f'`{m.topic.name}` goes out: `frame_id` is said in `set`, as "header.frame_id"'
+
+
+def _filled_twice(mapped: TopicMap) -> Iterator[str]:
+    """Fields of a message that goes out into which two leaves go: one of them would be lost."""
+    leaf_by_field: dict[str, str] = {}
+    for path, leaf in mapped.leaves.items():
+        if isinstance(leaf, SignalSource):
+            name = mapped.name_of(path)
+            first = leaf_by_field.setdefault(leaf.name, name)
+            if first != name:
+                yield f"`{first}` and `{name}` go out in the same field, `{leaf.name}`"
+
+
 def _shared(mapping: LogMap) -> Iterator[str]:
-    """What is wrong with topics that share a channel: other messages, or its own way back in."""
+    """What is wrong with a channel of two: other messages, its own way back in, no other source."""
     by_channel: dict[str, TopicMap] = {}
     for m in mapping.topics:
         if m.channel is None:
             continue
-        first = by_channel.setdefault(m.channel, m)
+        first = by_channel.setdefault(m.channel.lstrip("/"), m)  # `/a` may be what `a` is
         names = f"`{first.topic.name}` and `{m.topic.name}` share `{m.channel}`"
-        if first is not m and first.message != m.message:
+        if first is not m and first.topic.index == m.topic.index:
+            yield f"two `sources` of `{m.topic.name}` are one topic: `{m.channel}`"
+        elif first is not m and first.message != m.message:
             yield f"{names}, with messages of two types"
         elif first is not m and {first.topic.driver, m.topic.driver} != {"input"}:
             yield f"{names}, and one of them goes out: nobody else may publish it"

@@ -86,6 +86,15 @@ def test_the_test_of_a_package_stands_in_for_every_source(soter: Soter, shuttle:
     ]  # fmt: skip
 
 
+def test_two_sources_that_ros_calls_one_topic_are_refused(soter: Soter, shuttle: Path) -> None:
+    source = {**POSITION, "every": "10ms", "measured": {"value": 0.05}}
+    again = {**source, "channel": "odom", "after": "10ms"}
+    done = built(soter, shuttle, {**ALL, "position": {"sources": [source, again]}})
+    assert done.exit == 1
+    (message,) = [d["message"] for d in done.document["diagnostics"]]
+    assert message == "two `sources` of `position` are one topic: `odom`"
+
+
 def test_a_scale_is_taken_back_and_a_named_sensor_has_its_name(soter: Soter, shuttle: Path) -> None:
     topics = changed(
         "position",
@@ -196,6 +205,22 @@ def changed(topic: str, **entries: Any) -> dict[str, Any]:
             changed("wish", channel="/cmd_vel", type=SPEED["type"], fields=SPEED["fields"]),
             "one of them goes out",
         ),
+        (
+            changed("wish", channel="cmd_vel", type=SPEED["type"], fields=SPEED["fields"]),
+            "one of them goes out",
+        ),
+        (changed("position", channel="~odom"), "no name of a topic of ROS"),
+        (changed("position", set={"header.frame_id": "odom"}), "`set` is of what goes out"),
+        (changed("speed", publisher="/base"), "`publisher` is who sends what comes in"),
+        (
+            changed(
+                "speed",
+                type="geometry_msgs/TwistStamped",
+                frame_id="base",
+                fields={"value": "twist.linear.x"},
+            ),
+            "`frame_id` is said in `set`",
+        ),
         ({**ALL, "wish": "x"}, "no table"),
     ],
 )
@@ -207,6 +232,23 @@ def test_a_mapping_that_does_not_fit_is_d015_before_anything_is_written(
     assert set(done.codes) == {"D015"}, done.codes
     assert said in " ".join(d["message"] for d in done.document["diagnostics"])
     assert not (shuttle / "out").exists()
+
+
+def test_two_parts_of_a_command_do_not_go_out_in_one_field(soter: Soter, here: Path) -> None:
+    """The second would overwrite the first, and nobody would obey that."""
+    for name in ("ground_robot.soter", "ground_robot.toml"):
+        shutil.copy(EXAMPLES / name, here / name)
+    mapping = here / "ground_robot.toml"
+    head, drive, _ = mapping.read_text().partition("[topics.drive]")
+    mapping.write_text(
+        f'{head}{drive}\nchannel = "/cmd_vel"\ntype = "std_msgs/ColorRGBA"\n'
+        'fields = { v = "r", w = "r" }\n'
+    )
+    words = ["ground_robot.soter", "--system", "Vehicle", "--target", "ros1", "-o", "out"]
+    done = soter("build", *words, "--map", mapping.name, "--json")
+    assert (done.exit, {*done.codes}) == (1, {"D015"})
+    said = [d["message"] for d in done.document["diagnostics"]]
+    assert said == ["`drive.v` and `drive.w` go out in the same field, `r`"]
 
 
 def test_a_type_that_ros_1_does_not_have_is_refused(soter: Soter, shuttle: Path) -> None:

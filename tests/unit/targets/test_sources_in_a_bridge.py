@@ -92,11 +92,11 @@ int main(int, char** words) {
   while (std::cin >> rank >> now >> stamp >> x >> frame >> who) {
     const nav_msgs::Odometry m = message(stamp, x, frame);
     if (rank == 0) {
-      first.take(m, who, now);
+      first.take(m, who, soter::monotonic_ns(), now);
     } else if (rank == 1) {
-      second.take(m, who, now);
+      second.take(m, who, soter::monotonic_ns(), now);
     } else {
-      third.take(m, who, now);
+      third.take(m, who, soter::monotonic_ns(), now);
     }
     double value = 0.0;
     int64_t measured = 0;

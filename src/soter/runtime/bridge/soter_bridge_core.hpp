@@ -102,8 +102,9 @@ class Inward {
                               sizeof(typename T::Value), true);
   }
 
-  /* `now_ns`: of the clock of the stamps. */
-  void take(const Message& m, const std::string& publisher, int64_t now_ns) {
+  /* Now on two clocks: `now`, CLOCK_MONOTONIC, has to be read first, and then `now_ns`, the clock
+   * of the stamps. Whoever is held up in between makes a message older, never newer. */
+  void take(const Message& m, const std::string& publisher, int64_t now, int64_t now_ns) {
     typename T::Value value;
     int64_t measured = 0;
     (void)std::memset(&value, 0, sizeof value);
@@ -111,7 +112,7 @@ class Inward {
       refuse(&stranger_, "a second node publishes it: " + publisher);
     } else if (!T::frame(m)) {
       refuse(&frame_, "a message is in another frame");
-    } else if (measured_at(m, now_ns, &measured)) {
+    } else if (measured_at(m, now, now_ns, &measured)) {
       if (!T::convert(m, &value)) {
         refuse(&absent_, "a message has no such element, or a number that the topic cannot hold");
       } else if (T::sources() == nullptr) {
@@ -128,6 +129,11 @@ class Inward {
         });
       }
     }
+  }
+
+  /* A message without a stamp that may have been published at any time before it came. */
+  void refuse_undated() {
+    refuse(&unstamped_, "a latched message has no stamp: nobody knows how old it is");
   }
 
   Status status() {
@@ -194,8 +200,7 @@ class Inward {
     return publisher != bound_;
   }
 
-  bool measured_at(const Message& m, int64_t now_ns, int64_t* measured) {
-    const int64_t now = monotonic_ns();
+  bool measured_at(const Message& m, int64_t now, int64_t now_ns, int64_t* measured) {
     *measured = now;
     if (!T::stamped()) {
       return true;
@@ -244,12 +249,17 @@ class Outward {
                               false);
   }
 
-  /* On a thread of its own, as long as `go_on` says so; `publish` gets a value and its age. */
-  void serve(const std::function<bool()>& go_on,
+  /* On a thread of its own, as long as `go_on` says so. `now_ns`: of the clock of the stamps;
+   * `publish` gets a value and its stamp. */
+  void serve(const std::function<bool()>& go_on, const std::function<int64_t()>& now_ns,
              const std::function<void(const Value&, int64_t)>& publish) {
+    const Tell tell = [&](int64_t written) {
+      const int64_t stamps_now = now_ns(); /* first: who is held up here makes a value older */
+      publish(value_, stamps_now - (monotonic_ns() - written));
+    };
     while (go_on()) {
       soter_outside_wait(&channel_, WAIT_NS);
-      turn(monotonic_ns(), publish);
+      turn(monotonic_ns(), tell);
     }
   }
 
@@ -275,35 +285,43 @@ class Outward {
   }
 
  private:
-  void turn(int64_t now, const std::function<void(const Value&, int64_t)>& publish) {
+  typedef std::function<void(int64_t)> Tell; /* the value, written then */
+
+  void turn(int64_t now, const Tell& tell) {
     Value value;
     int64_t written = 0;
-    if (soter_outside_read(&channel_, &written, &value, nullptr) && written >= begun_) {
+    if (soter_outside_read(&channel_, &written, &value, nullptr) && is_of_now(written)) {
       const bool changed = std::memcmp(&value, &value_, sizeof value) != 0;
       value_ = value;
       heard_ = now;
       silent_ = false;
       if (changed || now - told_ >= RESEND_NS) {
-        tell(now, now - written, publish);
+        told(now, tell, written);
       }
     } else if (heard_ > 0 && now - heard_ > T::silent_ns() && now - told_ >= RESEND_NS) {
       silent_ = true; /* nobody holds a lease, and nobody holds the law: it is held from here */
       if (T::law(&value_)) {
-        tell(now, 0, publish);
+        told(now, tell, now);
       }
     }
   }
 
-  void tell(int64_t now, int64_t age_ns,
-            const std::function<void(const Value&, int64_t)>& publish) {
-    publish(value_, age_ns);
+  /* A channel may hold what somebody wrote long ago, or before this machine was started; and
+   * whoever writes it may have been stopped between the time and the value. */
+  bool is_of_now(int64_t written) const {
+    const int64_t age_ns = monotonic_ns() - written;
+    return written >= begun_ && age_ns >= 0 && age_ns <= T::silent_ns();
+  }
+
+  void told(int64_t now, const Tell& tell, int64_t written) {
+    tell(written);
     told_ = now;
     count_++;
   }
 
   soter_outside channel_ = soter_outside();
   Value value_;
-  const int64_t begun_ = monotonic_ns(); /* a channel may hold what somebody wrote long ago */
+  const int64_t begun_ = monotonic_ns();
   int64_t told_ = 0, heard_ = 0;
   std::atomic<uint64_t> count_{0};
   std::atomic<bool> silent_{false};

@@ -57,8 +57,22 @@ class BridgedIn : public Bridged {
   Status status() override { return inward_.status(); }
 
  private:
-  void on(const ros::MessageEvent<typename T::Message const>& event) {
-    inward_.take(*event.getConstMessage(), event.getPublisherName(), ns_of(ros::Time::now()));
+  typedef ros::MessageEvent<typename T::Message const> Event;
+
+  void on(const Event& event) {
+    const int64_t now = monotonic_ns();
+    if (!T::stamped() && is_latched(event)) {
+      inward_.refuse_undated();
+      return;
+    }
+    inward_.take(*event.getConstMessage(), event.getPublisherName(), now, ns_of(ros::Time::now()));
+  }
+
+  /* Whether its publisher sends the last message again, however old, to whoever connects. */
+  static bool is_latched(const Event& event) {
+    const ros::M_string& header = event.getConnectionHeader();
+    const ros::M_string::const_iterator found = header.find("latching");
+    return found != header.end() && found->second == "1";
   }
 
   Inward<T> inward_;
@@ -79,10 +93,10 @@ class BridgedOut : public Bridged {
   }
 
   void serve() override {
-    outward_.serve([] { return ros::ok(); },
-                   [this](const typename T::Value& value, int64_t age_ns) {
+    outward_.serve([] { return ros::ok(); }, [] { return ns_of(ros::Time::now()); },
+                   [this](const typename T::Value& value, int64_t stamp_ns) {
                      typename T::Message message;
-                     T::convert(value, ns_of(ros::Time::now()) - age_ns, &message);
+                     T::convert(value, stamp_ns, &message);
                      publisher_.publish(message);
                    });
   }
@@ -113,13 +127,16 @@ class Bridge {
       return false;
     }
     own_.param<std::string>("channels", folder_, "");
-    own_.param<double>("clock_error", clock_error_s, 0.0);
+    const bool told = own_.hasParam("clock_error");
     if (folder_.empty()) {
       ROS_FATAL("the parameter ~channels is not set: the folder of the trusted part's channels");
       return false;
     }
-    if (!(clock_error_s >= 0.0 && clock_error_s <= 1.0)) {
-      ROS_FATAL("the parameter ~clock_error is no time from 0 to 1 s");
+    if ((told && !own_.getParam("clock_error", clock_error_s)) ||
+        !(clock_error_s >= 0.0 && clock_error_s <= 1.0)) {
+      ROS_FATAL(
+          "the parameter ~clock_error is no time from 0 to 1 s (0.01 is a number, and 1e-2 a text "
+          "in YAML)");
       return false;
     }
     clock_error_ns_ = std::llround(clock_error_s * 1e9);

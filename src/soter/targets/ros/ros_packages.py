@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap
 
-TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
-"""What a topic of ROS 1 may be called."""
+TOPIC = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
+"""What a topic of ROS 1 may be called: NodeHandles take no `~`."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
 SIMULATION = ("soter_messages.hpp", "soter_simulation.hpp")
 OF_ROS = {
