@@ -81,10 +81,24 @@ static uint64_t look(soter_outside* c, int place, soter_channel_head* head, uint
  * and that no process which it forks has. */
 static const char* become_writer(int file) {
   struct flock whole = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
+  SOTER_CHECK(file >= 0);
   if (fcntl(file, F_SETLK, &whole) == 0) {
     return NULL;
   }
   return errno == EAGAIN || errno == EACCES ? "another program writes it" : strerror(errno);
+}
+
+/* The file of who writes stays open, as its lock is gone when it is closed. */
+static const char* take_file(soter_outside* c, int file, bool writes) {
+  const char* wrong = writes ? become_writer(file) : NULL;
+  SOTER_CHECK(c->file < 0);
+  wrong = wrong != NULL ? wrong : map_file(c, file);
+  if (writes && wrong == NULL) {
+    c->file = file;
+  } else {
+    (void)close(file);
+  }
+  return wrong;
 }
 
 const char* soter_outside_open(soter_outside* channel, const char* folder, const char* name,
@@ -100,13 +114,7 @@ const char* soter_outside_open(soter_outside* channel, const char* folder, const
   if (file < 0) {
     return strerror(errno);
   }
-  const char* wrong = writes ? become_writer(file) : NULL;
-  wrong = wrong != NULL ? wrong : map_file(channel, file);
-  if (writes && wrong == NULL) {
-    channel->file = file;
-  } else {
-    (void)close(file);
-  }
+  const char* const wrong = take_file(channel, file, writes);
   if (wrong != NULL) {
     channel->place[0] = NULL;
   } else if (writes) { /* it goes on with the next number */
