@@ -32,12 +32,17 @@ NOTHING_TO_RUN = {
     for name in (
         *("drone/boxes", "drone/city", "drone/cover", "drone/docks", "drone/iris"),
         *("drone/logbook", "drone/planner", "drone/roadmap", "drone/surveillance"),
+        *("exploration/frontier", "exploration/grid", "exploration/mapper"),
+        *("exploration/recorder", "exploration/worlds"),
         *("mountain_car/gymnasium", "testing/late_sc_on_time", "drone/mujoco_quad"),
     )
 } | {f"tests/correct/{name}.soter" for name in ("a_library", "externs", "files/shapes")}
 """Libraries, and programs whose nodes somebody else answers."""
-LARGE = {"surveillance_adversaries.soter", "corridor_adversaries.soter"}
-"""A dozen systems of what `corridor.soter` and `adversaries.soter` have, too."""
+LARGE = {
+    *("surveillance_adversaries.soter", "corridor_adversaries.soter"),
+    *("exploration_adversaries.soter", "exploration.soter", "paper.soter"),
+}
+"""A dozen systems of what `corridor.soter` and `adversaries.soter` have, too; large maps."""
 FILES = [
     pytest.param(
         p, id=str(p.relative_to(ROOT)), marks=[pytest.mark.long] if p.name in LARGE else []
