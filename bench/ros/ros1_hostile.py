@@ -27,7 +27,7 @@ def hear(message: Twist) -> None:
     """A command."""
     if message.linear.x != last["command"]:
         last["command"] = message.linear.x
-        print(f"cmd {message.linear.x!r}", flush=True)
+        print(f"cmd {message.linear.x!r}\n", end="", flush=True)  # two publishers, two threads
 
 
 def odometry(x: float = GOOD, stamp: object = None, frame: str = "odom") -> Odometry:
