@@ -605,6 +605,13 @@ BENCHMARKS = (
         "wishers, simulated.",
     ),
     Benchmark(
+        "Safe exploration: a thousand worlds",
+        ("bench/exploration/worlds.py",),
+        "examples/exploration/exploration_adversaries.soter, simulated: the proved module, hostile "
+        "controllers, planners with bugs, and by contrast AC alone and a stop zone, from the same "
+        "seeds. `silence` aside a ray that does not come back counts as free for 8 m.",
+    ),
+    Benchmark(
         "A policy in another process",
         ("bench/real_time/remote_policy.py", "--seconds", "15"),
         "From the observation in its channel to the action in its, a constant policy in Python.",

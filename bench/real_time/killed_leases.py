@@ -83,7 +83,7 @@ def batch(folder: Path, channels: Path, number: int, kills: int) -> dict[str, An
         told.wait("armed", PATIENCE_S)  # before it says so a signal would end it
         while lawful < kills and spent < 4 * kills:
             trusted = start(folder / "Vehicle" / name, "--quiet", "--bare", "0")
-            actuator.send_signal(signal.SIGUSR1)
+            actuator.send_signal(signal.SIGUSR2)  # before it speaks: without a look
             told.wait("commands", PATIENCE_S)
             time.sleep(draws.uniform(0.02, 0.25))
             spent += 1

@@ -81,7 +81,7 @@ class Bench:
             self.nodes.end("trusted")
             self.start_trusted()
             time.sleep(0.5)
-            self.nodes.tell("actuator", signal.SIGUSR1)
+            self.nodes.tell("actuator", signal.SIGUSR2)  # wherever it stands
 
     def await_ac(self) -> None:
         """Until AC's wishes arrive for a while."""
@@ -134,7 +134,7 @@ def trusted_dies(bench: Bench, count: int, draw: random.Random) -> tuple[list[fl
         bench.start_trusted()
         time.sleep(1.5)
         unarmed += sum(1 for at, u in bench.commands() if at > restarted and u != 0.0)
-        bench.nodes.tell("actuator", signal.SIGUSR1)
+        bench.nodes.tell("actuator", signal.SIGUSR2)  # the same
     bench.nodes.end("ac", signal.SIGKILL)
     return delays, unarmed
 

@@ -51,6 +51,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("gallery.md", "Four protocols"),
             ("drone.md", "The drone"),
             ("surveillance.md", "The surveillance drone"),
+            ("exploration.md", "Safe exploration"),
             ("mountain_car.md", "The mountain car"),
             ("results.md", "Results"),
             ("newcomers.md", "Newcomers"),

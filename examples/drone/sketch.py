@@ -81,8 +81,13 @@ class Panel:
 
     def line(self, points: NDArray[np.float64], style: str) -> None:
         """A polyline (k, 2)."""
-        if len(points) > 1:
-            self.parts.append(f'<path d="{self._path(points)}" style="fill:none;{style}"/>')
+        self.lines([points], style)
+
+    def lines(self, polylines: Iterable[NDArray[np.float64]], style: str) -> None:
+        """Polylines (k, 2) as one mark."""
+        d = "".join(self._path(points) for points in polylines if len(points) > 1)
+        if d:
+            self.parts.append(f'<path d="{d}" style="fill:none;{style}"/>')
 
     def dot(self, at: Sequence[float], style: str, radius: float = 4.5) -> None:
         """A round mark."""
@@ -188,16 +193,19 @@ def goals(panel: Panel, city: City) -> None:
 
 def two_tone(panel: Panel, position: NDArray[np.float64], ac: NDArray[np.bool_]) -> None:
     """A trajectory (n, 2 or 3) in the colours of whoever is in control, (n,)."""
-    for first, last, is_ac in runs(ac):
-        panel.line(position[first : last + 1], AC if is_ac else SC)
+    stretches = runs(ac)
+    for style, mode in ((AC, True), (SC, False)):
+        panel.lines([position[a : b + 1] for a, b, is_ac in stretches if is_ac is mode], style)
 
 
 def shaded(panel: Panel, time_s: NDArray[np.float64], ac: NDArray[np.bool_]) -> None:
     """The ground of the times at which SC is in control; both (n,)."""
-    for first, last, is_ac in runs(ac):
-        if not is_ac:
-            ends = ((time_s[first], panel.y[0]), (time_s[last], panel.y[1]))
-            panel.box(*ends, "fill:var(--sc-shade)")
+    low, high = panel.y
+    stretches = [
+        np.array([[start, low], [end, low], [end, high], [start, high]])
+        for start, end in ((time_s[a], time_s[b]) for a, b, is_ac in runs(ac) if not is_ac)
+    ]
+    panel.union(stretches, "fill:var(--sc-shade)")
 
 
 def where(

@@ -7,7 +7,6 @@ Needs Debian's rosidl (`rosidl-tools`, `rosidl-generator-c-cpp`, `librosidl-runt
 from __future__ import annotations
 
 import ast
-import json
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -85,7 +84,8 @@ def interfaces(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("interfaces")
     types, done = MessageTypes(), set[str]()
     wanted = [t["type"] for t in MAPPING["topics"].values()]
-    for name in [*wanted, "diagnostic_msgs/DiagnosticArray", "builtin_interfaces/Time"]:
+    used = ["diagnostic_msgs/DiagnosticArray", "builtin_interfaces/Time", "rosgraph_msgs/Clock"]
+    for name in [*wanted, *used, "std_msgs/String"]:
         message = types.named(str(name))
         write_definitions(message.ros2, message, folder / "msg", done)
     for package in sorted(p.name for p in (folder / "msg").iterdir()):
@@ -101,14 +101,16 @@ def interfaces(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "include"
 
 
-def checked(package: Path, interfaces: Path, stub: Path) -> processes.Done:
-    """The bridge of a package as the compiler sees it."""
+def checked(
+    package: Path, interfaces: Path, stub: Path, node: str = "bridge", part: str = "trusted"
+) -> processes.Done:
+    """A node of a package as the compiler sees it, over the headers of `part`."""
     includes = [f"-I{p}" for p in interfaces.iterdir()]
     includes += [f"-I{p}" for p in RUNTIME.glob("rosidl_*")]
     words = ["g++", "-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-Werror"]
-    words += [f"-I{package / 'trusted'}", f"-I{package / 'src'}", f"-I{stub}", *includes]
-    (bridge,) = (package / "src").glob("*_bridge.cpp")
-    return processes.run([*words, bridge], capture_output=True, text=True)
+    words += [f"-I{package / part}", f"-I{package / 'src'}", f"-I{stub}", *includes]
+    (source,) = (package / "src").glob(f"*_{node}.cpp")
+    return processes.run([*words, source], capture_output=True, text=True)
 
 
 @pytest.fixture(scope="module")
@@ -136,10 +138,28 @@ def test_a_field_that_the_interface_does_not_have_is_seen(
     assert "position" in checked(tmp_path / "out", interfaces, stub).stderr
 
 
-def test_a_system_with_its_plants_is_none_for_ros_2(tmp_path: Path) -> None:
-    from soter.diagnostics.diagnostic import SoterError
+@pytest.mark.parametrize("system", ["Vehicle", "Track"])
+def test_the_node_under_clock_fits_the_interfaces(
+    interfaces: Path, stub: Path, tmp_path: Path, system: str
+) -> None:
+    topics = MAPPING["topics"]
+    given = topics if system == "Vehicle" else {"position": topics["position"]}
+    load(EXAMPLE).build("ros2", tmp_path / "out", system, mapping={"topics": given})
+    done = checked(tmp_path / "out", interfaces, stub, "simulation", "simulated")
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert (tmp_path / "out" / "src" / "shuttle_ros_bridge.cpp").exists() == (system == "Vehicle")
+    assert (tmp_path / "out" / "trusted").exists() == (system == "Vehicle")
+    (launch,) = (tmp_path / "out" / "launch").glob("*_simulation.launch.py")
+    assert '"use_sim_time": True' in launch.read_text()
+    for path in (tmp_path / "out").rglob("*.py"):
+        ast.parse(path.read_text())
 
-    mapping = json.loads(json.dumps({"topics": {"position": MAPPING["topics"]["position"]}}))
-    with pytest.raises(SoterError) as error:
-        load(EXAMPLE).build("ros2", tmp_path / "out", "Track", mapping=mapping)
-    assert error.value.diagnostics[0].code == "U001"
+
+def test_what_rclcpp_does_not_have_is_seen_in_the_node_under_clock(
+    interfaces: Path, stub: Path, tmp_path: Path
+) -> None:
+    load(EXAMPLE).build("ros2", tmp_path / "out", "Vehicle", mapping=MAPPING)
+    path = tmp_path / "out" / "src" / "soter_simulation.hpp"
+    path.write_text(path.read_text().replace("best_effort()", "best_efforts()"))
+    done = checked(tmp_path / "out", interfaces, stub, "simulation", "simulated")
+    assert "best_efforts" in done.stderr

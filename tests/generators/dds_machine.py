@@ -62,12 +62,14 @@ def compiled(package: Path) -> None:
 
 
 class Channel:
-    """A channel of a package, by name; `size` as its C has it."""
+    """A channel of a package, by name; `size` as its C has it, `row`: before its hash, there."""
 
-    def __init__(self, package: Path, folder: Path, name: str, size: int, *, writes: bool) -> None:
+    def __init__(
+        self, package: Path, folder: Path, name: str, size: int, *, writes: bool, row: str = ""
+    ) -> None:
         source = next((package / "src").glob("*_bridge.c"))
         texts = [p.read_text("utf-8") for p in (package / "src").glob("*_bridge.c")]
-        found = re.search(rf'\{{"{name}", UINT64_C\((\w+)\)', "".join(texts))
+        found = re.search((row or rf'\{{"{name}", ') + r"UINT64_C\((\w+)\)", "".join(texts))
         assert found is not None, source
         self.library = ctypes.CDLL(str(package / "channels.so"))
         self.library.soter_outside_open.restype = ctypes.c_char_p

@@ -26,6 +26,7 @@ namespace rclcpp {
 
 void init(int argc, char const* const* argv);
 bool ok();
+bool shutdown();
 
 class MessageInfo {
  public:
@@ -44,6 +45,8 @@ class QoS {
   explicit QoS(size_t depth);
   QoS& keep_last(size_t depth);
   QoS& reliable();
+  QoS& best_effort();
+  QoS& transient_local();
 };
 class SensorDataQoS : public QoS {
  public:
@@ -73,9 +76,16 @@ class Parameter {
   bool as_bool() const;
 };
 class Logger {};
+class Clock {};
 template <class... Arguments>
 void stub_log(const Logger&, const char*, Arguments...);
 #define RCLCPP_FATAL(logger, ...) rclcpp::stub_log(logger, __VA_ARGS__)
+#define RCLCPP_WARN(logger, ...) rclcpp::stub_log(logger, __VA_ARGS__)
+#define RCLCPP_INFO(logger, ...) rclcpp::stub_log(logger, __VA_ARGS__)
+#define RCLCPP_WARN_THROTTLE(logger, clock, ms, ...) \
+  rclcpp::stub_throttle(logger, clock, ms, __VA_ARGS__)
+template <class... Arguments>
+void stub_throttle(const Logger&, Clock&, int64_t, const char*, Arguments...);
 
 class Node {
  public:
@@ -83,6 +93,7 @@ class Node {
   const char* get_name() const;
   Logger get_logger() const;
   Time now() const;
+  std::shared_ptr<Clock> get_clock();
   Parameter get_parameter(const std::string& name) const;
   template <class T>
   auto declare_parameter(const std::string& name, const T& value) -> T;
@@ -98,6 +109,8 @@ class Node {
       std::function<void(std::shared_ptr<const M>, const MessageInfo&)> callback,
       const SubscriptionOptions& options = SubscriptionOptions());
 };
+
+void spin(std::shared_ptr<Node> node);
 
 namespace executors {
 class MultiThreadedExecutor {

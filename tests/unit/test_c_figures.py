@@ -163,6 +163,7 @@ NO_INVARIANT = {
         *("posix_main.c option_of_times", "posix_main.c option_of_lateness"),
         *("posix_main.c option_of_workers", "posix_main.c option", "posix_main.c parse"),
         *("actuator.c number", "actuator.c option", "actuator.c parse"),
+        "actuator.c flag",
     },
     "words of what others have checked": {
         *("posix_main.c print_words", "posix_report.c print_histogram", "posix_log.c show"),
@@ -177,6 +178,10 @@ NO_INVARIANT = {
             "posix_report.c json_world",
         ),
         *("posix_report.c json_head", "actuator.c report", "actuator.c report_words"),
+        *("status_text.c silent_message", "status_text.c control_message"),
+        *("status_text.c soter_module_message", "status_text.c soter_module_level"),
+        *("status_text.c soter_armed_text", "status_text.c soter_arming_text"),
+        *("status_text.c soter_arm_text", "status_text.c soter_takeover_text"),
     },
     "what the system grants or not, which is told": {
         *("posix_setup.c soter_posix_lock", "posix_setup.c chosen_core", "posix_setup.c pin"),
@@ -192,12 +197,13 @@ NO_INVARIANT = {
         *(
             "outside.c place_bytes",
             "posix.c stopped",
-            "posix.c late_limit",
             "posix_report.c bin_of",
             "actuator.c most",
         ),
         *("posix_clock.c soter_posix_clock", "posix_clock.c soter_posix_independent"),
         *("posix_workers.c now_ns", "worker.c wait_for_more", "actuator.c on_signal"),
+        *("status_text.c alive", "status_text.c waits", "status_text.c soter_module_facts_of"),
+        *("status_text.c soter_margin_s", "actuator_arm.c now_ns", "actuator_arm.c answers"),
     },
     "loops and sequences of what checks": {
         *("posix.c wait_for", "posix_main.c wait_for_end", "posix_main.c go", "posix_main.c main"),

@@ -37,6 +37,7 @@ from soter.certificate.inclusions.predicates import (
     published,
 )
 from soter.certificate.inclusions.sc_chains import delays
+from soter.certificate.inclusions.unbounded_axes import nothing_reads
 from soter.certificate.polytope.dm_half_spaces import returned
 from soter.certificate.polytope.plant_publications import all_published
 from soter.certificate.polytope.polytope_check import PolytopeCheck
@@ -103,6 +104,7 @@ class CaseCheck:
         self.kept = [points_inwards(self.model, g.states) for g in self.groups]
         if any(c.size == 0 for c in self.cores):
             raise RejectedError("K is empty")
+        nothing_reads(self.model, len(self.groups) + len(self.polytopes))
         seen_to = [
             g.states
             for g, kept in zip(self.groups, self.kept, strict=True)
@@ -343,7 +345,7 @@ class CaseCheck:
         if self.polytopes:
             self._start_in_sets()
         for k, (group, core) in enumerate(zip(self.groups, self.cores, strict=True)):
-            box = Grid(tuple((facts.states[i].low, facts.states[i].high) for i in group.states))
+            box = Grid(tuple(starts_of(facts, group)))
             inside = group.grid.cells([end for edges in box.edges for end in edges]) is not None
             if inside and self._never_left(k, core):
                 continue
@@ -421,6 +423,20 @@ def _shown(show: Callable[[], None], _: Block) -> Iterator[Block]:
 def _leaves(topic: Any) -> list[float]:  # noqa: ANN401
     assert len(flat(topic.default)) == len(list(leaves(topic.type)))
     return flat(topic.default)
+
+
+def starts_of(facts: Facts, group: GroupTables) -> Iterator[tuple[float, float]]:
+    """The declared initial range of each state; what lies beyond an axis without ends is moved in.
+
+    What is shown of runs from its outer cells holds of those from beyond (`cell_sets.py`).
+    """
+    for k, i in enumerate(group.states):
+        ends = facts.states[i].low, facts.states[i].high
+        edges = group.grid.edges[k]
+        if group.grid.has_no_ends(k):
+            low, high = (min(max(x, edges[0]), edges[-1]) for x in ends)
+            ends = low, high
+        yield ends
 
 
 def _is_initial(facts: Facts, values: tuple[int, ...]) -> bool:

@@ -413,7 +413,9 @@ def _groups(
         seen += states
         if grid:
             certificate.count(tuple(len(e) - 1 for e in edges))
-            tables.append(_tables(certificate, entry, tuple(states), Grid(tuple(edges))))
+            unbounded = tuple(s in facts.unbounded for s in states)
+            cells = Grid(tuple(edges), unbounded if any(unbounded) else ())
+            tables.append(_tables(certificate, entry, tuple(states), cells))
             continue
         own, count = [extents[s] for s in states], len(extents) + sum(len(x) for x in inputs)
         polytopes.append(read_polytope(certificate, entry, tuple(states), own, count))

@@ -188,6 +188,8 @@ class LeafReader:
         if len(problems.told) > before:
             return None
         standard = self._checked(name, t, field)
+        if standard not in UNITS and unit is not None and "scale" in what:
+            standard = None  # the mapping says how it is turned
         factor = self._factor(name, t, field, unit, standard)
         if len(problems.told) > before:
             return None
@@ -228,10 +230,9 @@ class LeafReader:
                 self.problems.add(f"`{name}` counts `{t.unit}`, and `{field}` is in `{given}`")
             return 1.0
         if factor is None:
-            dimension = DIMENSIONS.get(t.unit)
-            what = f", {dimension}" if dimension else ""
-            text = f"`{field}` is in `{given}`, {DIMENSIONS[given]}"
-            self.problems.add(f"`{name}` is in `{t.unit}`{what}, and {text}")
+            self.problems.add(
+                f"`{name}` is in {_shown(t.unit)}, and `{field}` is in {_shown(given)}"
+            )
             return 1.0
         return factor
 
@@ -252,6 +253,12 @@ class LeafReader:
 
 def _unit(t: Type) -> str:
     return t.unit if isinstance(t, FloatType) else ""
+
+
+def _shown(unit: str) -> str:
+    """A unit with what is measured in it, where that is known."""
+    dimension = DIMENSIONS.get(unit)
+    return f"`{unit}`, {dimension}" if dimension else f"`{unit}`"
 
 
 def _prefixes(

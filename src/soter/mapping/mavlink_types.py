@@ -32,6 +32,8 @@ PACKAGE = "mavlink"
 NAME = re.compile(r"mavlink/([A-Z][A-Z0-9_]*)", re.ASCII)
 UNITS = {"m/s/s": "m/s^2", "mG": "mg", "g": "gram"}
 """Where MAVLink writes a unit in another way, or with letters that mean something else here."""
+QUATERNION = re.compile(r"(?:\w+_)?q(?:[1-4]|uaternion)?", re.ASCII)
+"""Fields whose numbers are those of an orientation: MAVLink gives them no unit."""
 STAMPS = {("time_boot_ms", "uint32"): 10**6, ("time_usec", "uint64"): 10**3}
 """Fields that say when a message was measured, on the autopilot's clock, and their unit in ns."""
 _KIND = {"float": "float32", "double": "float64", "char": "string"}
@@ -48,7 +50,8 @@ class MavlinkMessage(MessageType):
 
     def unit(self, path: str) -> str | None:
         """What a field is in, as MAVLink says."""
-        return self.units.get(path.partition(".")[0])
+        name = path.partition(".")[0]
+        return self.units.get(name, "1" if QUATERNION.fullmatch(name) else None)
 
     @property
     def default_stamp(self) -> StampSource | None:

@@ -59,12 +59,13 @@ RATES = {LENGTH: SPEED, SPEED: ACCELERATION, ANGLE: TURN, TURN: "an angular acce
 def factor_between(given: str, declared: str) -> float | None:
     """What turns a number in the unit `given` into one in `declared`; None where nothing does.
 
-    `given` is one of UNITS; a program without a unit ("") counts in SI.
+    A program without a unit ("") counts in SI. What is not in UNITS (`m^2`, `Ah`) is not turned: it
+    goes into the same unit, or, as it is, into none.
     """
-    if not declared:
-        return UNITS[given]
     if declared == given:
         return 1.0
-    if DIMENSIONS.get(declared) != DIMENSIONS[given]:
+    if not declared:
+        return UNITS.get(given, 1.0)
+    if given not in UNITS or DIMENSIONS.get(declared) != DIMENSIONS[given]:
         return None
     return UNITS[given] / UNITS[declared]

@@ -32,6 +32,15 @@ void soter_lease_arm(soter_lease* lease) {
   lease->state = SOTER_LEASE_ARMED;
 }
 
+soter_arm soter_lease_may_arm(const soter_lease* lease, int64_t now, int64_t stamp, int64_t expiry,
+                              int64_t begin) {
+  const int64_t time = now > lease->seen ? now : lease->seen;
+  if (stamp < 0 || stamp > time || expiry < time || expiry - stamp > lease->info->longest) {
+    return SOTER_ARM_SILENT;
+  }
+  return begin < time ? SOTER_ARM_STATE : SOTER_ARM_FINE;
+}
+
 bool soter_lease_take(soter_lease* lease, int64_t now, const void* command, int64_t stamp,
                       int64_t expiry) {
   const int64_t time = at(lease, now);

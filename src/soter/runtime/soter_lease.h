@@ -7,7 +7,9 @@
  * leases), several callers at once.
  *
  * A restart of the trusted part: it comes up in SC mode; whoever has seen to that calls
- * `soter_lease_arm`. Until the first lease, and from the end of the last one on, the law is read.
+ * `soter_lease_arm`, after `soter_lease_may_arm` where the trusted part says of its state whether
+ * the proof speaks of it. Until the first lease, and from the end of the last one on, the law is
+ * read.
  */
 #ifndef SOTER_LEASE_H
 #define SOTER_LEASE_H
@@ -24,6 +26,14 @@ enum {
   SOTER_LEASE_HOLDS = 2, /* the last command that was taken */
   SOTER_LEASE_ENDED = 3  /* the law, and nothing is taken */
 };
+
+/* Whether a lease may be armed anew, and why not. */
+typedef enum {
+  SOTER_ARM_FINE = 0,
+  SOTER_ARM_SILENT = 1, /* no command with a lease in force was heard */
+  SOTER_ARM_STATE = 2   /* who gave it does not say that the proof speaks of this state */
+} soter_arm;
+#define SOTER_ARMS 3
 
 /* Of a module, generated: constant. */
 typedef struct {
@@ -46,6 +56,13 @@ void soter_lease_init(soter_lease* lease, const soter_lease_info* info, void* co
 
 /* After a restart of the trusted part, or an end: the next lease may begin. */
 void soter_lease_arm(soter_lease* lease);
+
+/* Whether the command that was heard last, given by release `stamp` until `expiry`, may be obeyed
+ * from `now` on by actuators that hold the law. `begin`: until when its state is one to begin from
+ * (docs/proof.md, "Arming"). Where it is fine, soter_lease_arm and then soter_lease_take of this
+ * command, at this instant, take it. */
+soter_arm soter_lease_may_arm(const soter_lease* lease, int64_t now, int64_t stamp, int64_t expiry,
+                              int64_t begin);
 
 /* Takes a command with its lease, given by release `stamp` of SC, until `expiry`; false: not taken.
  * It is not where the lease in force has ended, where this one has, where it is older than the one

@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 
 TRUSTED = "trusted"
 """The folder of what knows nothing of a middleware."""
-LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
-"""What of it a bridge needs, to open channels."""
+LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c", "soter_status_text.c")
+"""What of it a bridge needs, to open channels and to say how the modules are."""
+COMMON = ("soter_bridge_common.h", "soter_stamp_numbers.h")
+"""What the bridges in C have in common."""
 SILENT_OF_LEASED_NS = 20_000_000
 """The actuators write twice a millisecond."""
 SILENT_PERIODS = 3
@@ -118,11 +120,11 @@ class BridgedSystem:
 
 
 def require_world(system: System) -> None:
-    """SoterError D015 for a system that has its plants inside."""
+    """SoterError U001 for a system that has its plants inside: no mapping would change that."""
     if not system.externals:
-        what = f"`{system.name}` has its plants inside and meets no world"
-        help_ = "a system that `deploys` it says `external topic` (docs/deploy.md)"
-        raise SoterError((Diagnostic("D015", what, helps=(help_,)),))
+        what = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
+        help_ = "`system S deploys ... { external topic t; ... }` (docs/deploy.md)"
+        raise SoterError((Diagnostic("U001", what, helps=(help_,)),))
 
 
 def in_folder(folder: str, file: PackageFile) -> PackageFile:

@@ -27,7 +27,7 @@ from soter.targets.lateness_limits import limits_of, takeovers
 from soter.targets.leases import FILES as LEASES
 from soter.targets.leases import lease_files
 from soter.targets.package import Package, PackageFile
-from soter.targets.world_interface import ACTUATOR, OUTSIDE, WorldTables
+from soter.targets.world_interface import ACTUATOR, OUTSIDE, STATUS_TEXT, WorldTables
 from soter.workers.exchange_layout import Exchange, exchange_of
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ DRIVER = (
     *("soter_posix.h", "soter_posix.c", "soter_posix_clock.c"),
     *("soter_posix_setup.c", "soter_posix_workers.c"),
     *("soter_posix_world.c", "soter_posix_log.c", "soter_posix_report.c", "soter_posix_main.c"),
-    *("soter_status.h", "soter_posix_status.c"),
+    *("soter_status.h", "soter_posix_status.c", "soter_posix_looks.c"),
 )
 WORKER = "soter_worker.c"
 APP_HEADER, APP_SOURCE = "soter_posix_app.h", "soter_posix_app.c"
@@ -108,6 +108,8 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
         package.files.append(PackageFile(c99.STUBS, text, yours=True))
     if built:
         package.files.append(_own(WORKER, POSIX))
+    if world.topics or world.granted:
+        package.files += [_own(n, POSIX) for n in STATUS_TEXT]
     rules = []
     for number, w in enumerate(built, 1):
         rules.append(_worker_files(package, unit, w, number))
@@ -278,12 +280,21 @@ const int64_t soter_app_response_ns[] = {{
 {_numbers(system, response)}
 }};
 
+/* where `safer` was true, so many looks of the DM at least keep AC: the next one counts */
+const uint32_t soter_app_looks[] = {{
+{_looks(system)}
+}};
+
 {world.tables()}"""
 
 
 def _numbers(system: System, values: list[int]) -> str:
     named = zip(system.components, values, strict=True)
     return "\n".join(f"    INT64_C({ns}), /* {x.name} */" for x, ns in named) or "    0,"
+
+
+def _looks(system: System) -> str:
+    return "\n".join(f"    {m.looks}U, /* {m.name} */" for m in system.modules) or "    0,"
 
 
 def _gather(system: System, unit: Unit, w: Worker) -> str:

@@ -26,11 +26,13 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System, Topic
 
 OUTSIDE = ("soter_outside.h", "soter_outside.c")
-ACTUATOR = ("soter_actuator.h", "soter_actuator.c")
+ACTUATOR = ("soter_actuator.h", "soter_actuator.c", "soter_actuator_arm.c")
 APP = "soter_actuator_app"
+STATUS_TEXT = ("soter_status_text.h", "soter_status_text.c")
+"""What the trusted part and the actuators say of themselves, for people: bridges show it, too."""
 YOURS = "actuate.c"
-HEAD_BYTES = 16
-"""Of a message: the stamp and the end of its lease."""
+HEAD_BYTES = 24
+"""Of a message: the stamp and the end of its lease, and until when one may begin with it."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +117,16 @@ class WorldTables:
         modules = [m.name for m in self.system.modules]
         leases = [g.module.name for g in self.granted]
         return number_of_layout(
-            {"status": [modules, leases, [self.names[t.index] for t in self.topics]]}
+            {
+                "status": [modules, leases, [self.names[t.index] for t in self.topics]],
+                "words of a module": 9,
+            }
         )
+
+    @property
+    def actuators_number(self) -> int:
+        """Of the layout of what the actuators say of themselves."""
+        return number_of_layout({"actuators": [g.module.name for g in self.granted]})
 
     def include(self) -> str:
         """The header of the laws, where there are any."""
@@ -222,7 +232,9 @@ static const soter_posix_age ages_{index}[] = {{{ages}}};
 
     def _message_number(self, g: LeasedModule) -> int:
         topics = [self.system.topics[i] for i in g.module.outputs]
-        return number_of_layout({"lease": g.channel, "of": [described(t.type) for t in topics]})
+        return number_of_layout(
+            {"lease": g.channel, "head": HEAD_BYTES, "of": [described(t.type) for t in topics]}
+        )
 
     # ------------------------------------------------------------ the actuators
 
@@ -240,7 +252,7 @@ static const soter_posix_age ages_{index}[] = {{{ages}}};
         """What the program of the actuators is made of."""
         law = f"{self.unit.prefix}_lease.c"
         return [
-            *(n for n in (*ACTUATOR, *OUTSIDE) if n.endswith(".c")),
+            *(n for n in (*ACTUATOR, *OUTSIDE, *STATUS_TEXT) if n.endswith(".c")),
             *(f"{APP}.c", YOURS, "soter_lease.c", law, "soter_channel.c"),
         ]
 
@@ -255,6 +267,7 @@ static const soter_posix_age ages_{index}[] = {{{ages}}};
 #define ACTUATOR_MODULES {len(self.granted)}
 #define ACTUATOR_TOPICS {topics} /* of a module, at most */
 #define ACTUATOR_WORDS {words} /* of the longest message */
+#define ACTUATOR_STATUS_HASH UINT64_C({self.actuators_number:#018x}) /* soter_status.h */
 
 #endif
 """

@@ -68,9 +68,12 @@ def test_what_the_mapping_leaves_out_is_said(soter: Soter, shuttle: Path) -> Non
     assert any("not published in ROS" in n and "speed" in n for n in done.document["notes"])
 
 
-def test_a_system_with_its_plants_has_the_simulation_alone(soter: Soter, shuttle: Path) -> None:
+@pytest.mark.parametrize("target", ["ros1", "ros2"])
+def test_a_system_with_its_plants_has_the_simulation_alone(
+    soter: Soter, shuttle: Path, target: str
+) -> None:
     (shuttle / "map.json").write_text(json.dumps({"topics": {"position": POSITION}}))
-    words = ["shuttle_ros.soter", "--system", "Track", "--target", "ros1", "-o", "out"]
+    words = ["shuttle_ros.soter", "--system", "Track", "--target", target, "-o", "out"]
     assert soter("build", *words, "--map", "map.json", "--json").exit == 0
     names = {p.name for p in (shuttle / "out" / "src").iterdir()}
     assert "shuttle_ros_simulation.cpp" in names
@@ -93,6 +96,21 @@ def test_a_mapping_is_where_it_is_needed_and_nowhere_else(
 ) -> None:
     done = soter("build", "shuttle_ros.soter", "--system", "Vehicle", "-o", "out", *words, "--json")
     assert done.codes == [code]
+    assert not (shuttle / "out").exists()
+
+
+@pytest.mark.parametrize("target", ["dds", "mavlink"])
+def test_a_system_with_its_plants_is_refused_alike_where_there_is_only_a_bridge(
+    soter: Soter, shuttle: Path, target: str
+) -> None:
+    (shuttle / "map.json").write_text(json.dumps({"topics": {"position": POSITION}}))
+    words = ["shuttle_ros.soter", "--system", "Track", "--target", target, "-o", "out"]
+    done = soter("build", *words, "--map", "map.json", "--json")
+    assert (done.exit, done.codes) == (2, ["U001"])
+    (problem,) = done.document["diagnostics"]
+    assert problem["message"] == (
+        "`Track` meets no world: with its plants inside there is nothing to bridge"
+    )
     assert not (shuttle / "out").exists()
 
 

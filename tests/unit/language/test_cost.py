@@ -39,6 +39,7 @@ def chain(count: int) -> str:
 
 
 TWICE = "fun twice(x: float): float { return 2.0 * x; }"
+WIDE = "type W = float[9];\nfun first(w: W): float { return w[0]; }"
 VECTOR = "type V = float[3];\nfun g(v: V): V { return v + v; }"
 
 
@@ -56,6 +57,8 @@ VECTOR = "type V = float[3];\nfun g(v: V): V { return v + v; }"
         ("publish u = true ? 1.0 : twice(1.0);", TWICE, 1 + 1 + 4, 1 + 2),
         ("let v: V = g([1.0, 2.0, 3.0]);", VECTOR, 3 + 3 + (1 + 3) + (3 + 3), 1 + 3 + 6),
         ("for x in [1.0, 2.0] { publish u = x; }", "", 1 + 2 + 2 * 2, 1 + 1 + 2),
+        # What is larger than eight numbers is passed by address.
+        ("var w: W; publish u = first(w);", WIDE, 9 + 1 + (1 + 8) + (1 + 1), 9 + 1 + (8 + 1)),
     ],
 )  # fmt: skip
 def test_what_a_step_costs(step: str, before: str, operations: int, numbers: int) -> None:

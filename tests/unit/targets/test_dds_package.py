@@ -76,7 +76,7 @@ def test_topics_are_named_as_ros_2_names_them_on_the_wire(tmp_path: Path) -> Non
     source = bridge(tmp_path, mapping())
     assert '"rt/odom", &nav_msgs_msg_dds__Odometry__desc' in row(source, "seen")
     assert '"rt/cmd_vel", &geometry_msgs_msg_dds__TwistStamped__desc' in row(source, "push")
-    assert 'system = {"robot_bridge", inward, 3, outward, 1}' in source
+    assert 'system = {"robot_bridge", inward, 3, outward, 1, &trusted}' in source
 
 
 def test_the_qos_of_what_comes_in_is_that_of_sensors_and_of_what_goes_out_the_default(
@@ -137,7 +137,7 @@ def test_stamps_frames_and_publishers_are_those_of_the_mapping(tmp_path: Path) -
 def test_a_stamp_that_is_a_number_has_its_unit(tmp_path: Path) -> None:
     stamp = {"from": "scan_time", "unit": "ms"}
     source = bridge(tmp_path, mapping(near={"stamp": stamp}))
-    assert "soter_dds_time_of((long double)(*m).scan_time_, 1000000, 1)" in source
+    assert "soter_ns_of_number((long double)(*m).scan_time_, 1000000, 1)" in source
 
 
 def test_a_message_that_goes_out_has_its_stamp_and_its_constants(tmp_path: Path) -> None:
@@ -287,6 +287,12 @@ def test_a_constant_longer_than_the_text_it_goes_into_is_refused(tmp_path: Path)
         package(tmp_path, given)
     given["topics"]["push"]["set"] = {"name": "abc"}
     assert '(void)strcpy((*m).name_, "abc");' in bridge(tmp_path, given)
+
+
+@pytest.mark.parametrize("topic", ["near", "push"])
+def test_what_the_bridge_says_of_itself_has_its_topic_to_itself(tmp_path: Path, topic: str) -> None:
+    with pytest.raises(SoterError, match="the bridge says how things are"):
+        package(tmp_path, mapping(**{topic: {"channel": "/diagnostics"}}))
 
 
 def test_a_system_without_a_world_is_refused(tmp_path: Path) -> None:

@@ -236,7 +236,7 @@ def test_the_way_out_is_the_way_in_backwards(system: Any) -> None:
     ("topic", "fields", "what"),
     [
         ("motion", {**FIELDS, "still": {"slope": "x", "window": "1s"}}, "is a slope"),
-        ("out", {**FIELDS, "x": "pose.covariance.1"}, ""),
+        ("out", {**FIELDS, "c": "pose.covariance.1"}, ""),
     ],
 )
 def test_what_no_code_can_do_is_said(system: Any, topic: str, fields: Any, what: str) -> None:

@@ -5,6 +5,13 @@ over blocks of cells that tries large ones first.
 Non-goals: arithmetic other than counting; where tables come from (`folder.py`).
 
 Cells are closed boxes: a box that ends exactly at an edge needs only the cells on its own side.
+
+An axis may have no ends: then its first and its last cell hold all that lies beyond, and nothing
+reads its state (`unbounded_axes.py`). Of the runs that begin there those are enclosed that
+begin between the edges. Let one begin at z beyond the upper edge e, which a box from which runs are
+enclosed touches. Take from it, at all times, z - e along that axis: that is a run from the box.
+Where it does not fall by more than the last cell is wide it stays in the last cell, and the other
+one, which is above it, does so, too, while all else of the two is the same (`followed_beyond`).
 """
 
 from __future__ import annotations
@@ -16,7 +23,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.terms.arb_balls import HALF, exact
+from soter.certificate.inclusions.unbounded_axes import FARTHEST
+from soter.certificate.terms.arb_balls import HALF, above, below, exact
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -26,12 +34,17 @@ if TYPE_CHECKING:
 
     Block = tuple[tuple[int, int], ...]
 
+WIDER = 256
+"""How much wider each box is than the one before, on the way there."""
+
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Breakpoints of each axis, strictly increasing and finite."""
 
     edges: tuple[tuple[float, ...], ...]
+    unbounded: tuple[bool, ...] = ()
+    """Of each axis whether it has no ends; none of them where this is empty."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -47,15 +60,58 @@ class Grid:
         """The cells that cover a box low, high, low, high, ...; None where it leaves the grid."""
         ranges = []
         at = offset
-        for edges in self.edges:
+        for k, edges in enumerate(self.edges):
             low, high = box[at], box[at + 1]
             at += 2
+            if self.has_no_ends(k):
+                width = edges[-1] - edges[0]
+                if not (edges[0] - width <= low <= high <= edges[-1] + width):
+                    return None
+                low, high = (min(max(x, edges[0]), edges[-1]) for x in (low, high))
             if not (low >= edges[0] and high <= edges[-1]):
                 return None
             first = min(bisect_right(edges, low) - 1, len(edges) - 2)
             last = max(bisect_left(edges, high), first + 1)
             ranges.append((first, last))
         return tuple(ranges)
+
+    def has_no_ends(self, axis: int) -> bool:
+        """Whether what lies beyond the ends of an axis belongs to its outer cells."""
+        return bool(self.unbounded) and self.unbounded[axis]
+
+    def followed_beyond(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
+        """Whether what is enclosed from a box holds of all runs from the cells that it is part of.
+
+        `boxes`: where runs from `start` are, one after the other. See the top of this file.
+        """
+        width = 2 * len(self.edges)
+        if not boxes:
+            return True
+        for k in (k for k in range(len(self.edges)) if self.has_no_ends(k)):
+            edges = self.edges[k]
+            low, high = below(start[k][0]), above(start[k][1])
+            least, most = min(boxes[2 * k :: width]), max(boxes[2 * k + 1 :: width])
+            if high >= edges[-1] and not exact(low) - exact(least) <= _width(edges, -2):
+                return False
+            if low <= edges[0] and not exact(most) - exact(high) <= _width(edges, 0):
+                return False
+        return True
+
+    def whole_boxes(self, block: Block) -> list[list[tuple[arb, arb]]]:
+        """Boxes that cover a block together with all that lies beyond, up to `FARTHEST`.
+
+        The first one is that of the block. Those beyond are far wider each than the one before: in
+        each the numbers are of a size, so that rounding is small.
+        """
+        sides = []
+        for k, (inside, edges) in enumerate(zip(self.box(block), self.edges, strict=True)):
+            parts = [inside]
+            if self.has_no_ends(k) and block[k][0] == 0:
+                parts += [(-b, -a) for a, b in _outwards(-edges[0], edges[-1] - edges[0])]
+            if self.has_no_ends(k) and block[k][1] == len(edges) - 1:
+                parts += _outwards(edges[-1], edges[-1] - edges[0])
+            sides.append(parts)
+        return [list(box) for box in product(*sides)]
 
     def box(self, block: Block) -> list[tuple[arb, arb]]:
         """The box of a block of cells."""
@@ -68,6 +124,21 @@ class Grid:
         """For people."""
         parts = zip(self.edges, block, strict=True)
         return " x ".join(f"[{e[low]:.6g}, {e[high]:.6g}]" for e, (low, high) in parts)
+
+
+def _width(edges: Sequence[float], cell: int) -> arb:
+    """Of one cell of an axis; the last one is -2."""
+    return exact(edges[cell + 1]) - exact(edges[cell])
+
+
+def _outwards(end: float, width: float) -> list[tuple[arb, arb]]:
+    """Intervals from an end upwards to `FARTHEST`."""
+    intervals, low, step = [], exact(end), exact(width)
+    while low < FARTHEST:
+        high = (exact(end) + step).min(FARTHEST)
+        intervals.append((low, high))
+        low, step = high, step * WIDER
+    return intervals
 
 
 class Cells:

@@ -76,6 +76,22 @@ class GroupTables:
 # ---------------------------------------------------------------- chains
 
 
+@dataclass(frozen=True)
+class _Within:
+    """A set of cells in which the runs from a box are to be, and those from beyond its ends."""
+
+    cells: Cells
+    start: list[tuple[arb, arb]]
+
+    def contains_all(self, boxes: Sequence[float]) -> bool:
+        """Whether all of these boxes lie in it; runs beyond are followed as well."""
+        return self.cells.contains_all(boxes) and self.follows(boxes)
+
+    def follows(self, boxes: Sequence[float]) -> bool:
+        """Whether all that is said of these boxes holds of the runs beyond."""
+        return self.cells.grid.followed_beyond(self.start, boxes)
+
+
 class ChainCheck:
     """Whether SC leads from boxes to a set, within another one on the way."""
 
@@ -107,6 +123,7 @@ class ChainCheck:
         `window`: of the runs in it.
         """
         chain = self.chain(pieces, window)
+        set_ = _Within(within, box)
         forms = [form_of_box(box, symbols=True)]
         step: Step = chain.first
         at = {holds * k // (cuts + 1) for k in range(1, cuts + 1)}
@@ -116,13 +133,13 @@ class ChainCheck:
             after = []
             for form in forms:
                 image = step(form)
-                if image is None or not within.contains_all(image[1]):
+                if image is None or not set_.contains_all(image[1]):
                     return False
                 after.append(image[0])
             forms = after
             step = chain.later
         for form in forms:
-            ends = self._after(chain, form, within)
+            ends = self._after(chain, form, set_)
             if ends is None or not all(target(box) for box in ends):
                 return False
         return True
@@ -139,7 +156,8 @@ class ChainCheck:
         if not wanted:
             return
         chain = self.chain(PIECES[0])
-        form = form_of_box(self.group.grid.box(at), symbols=True)
+        set_ = _Within(within, self.group.grid.box(at))
+        form = form_of_box(set_.start, symbols=True)
         before = seen[block_index(at)]
         known = int(before.min())
         rising = iter(wanted)
@@ -147,25 +165,26 @@ class ChainCheck:
         for k in range(1, wanted[-1] + 1):
             steps = chain.bare if k <= known else (chain.first, chain.later)
             image = steps[k > 1](form)
-            if image is None or not within.contains_all(image[1]):
+            if image is None or not set_.contains_all(image[1]):
                 return
             form = image[0]
             if k > known:
                 np.maximum(before, k, out=before)
             if k == following:
                 following = next(rising, 0)
-                ends = self._after(chain, form, within)
+                ends = self._after(chain, form, set_)
                 if ends is not None:
                     yield k, ends
 
     @staticmethod
     def _after(
-        chain: Chain, form: tuple[arb, ...], within: Cells
+        chain: Chain, form: tuple[arb, ...], within: _Within
     ) -> list[tuple[float, ...]] | None:
         """The boxes in which everything may be when the last command ends; None: not within."""
         n = chain.dimension
         if chain.last is None:
-            return [_box_of(form, n)]
+            end = _box_of(form, n)
+            return [end] if within.follows(end) else None
         image = chain.last(form)
         if image is None or not within.contains_all(image[1]):
             return None
@@ -344,11 +363,12 @@ class FreeCheck:
         maps = self.model.facts.kind == "map"
         form = form_of_box(box, symbols=True)
         start = _box_of(form, phase.dimension)
+        set_ = _Within(within, box)
         if not within.contains(start):
             return False
         for step in phase.steps:
             image = step(form)
-            if image is None or not within.contains_all(image[1]):
+            if image is None or not set_.contains_all(image[1]):
                 return False
             if maps:
                 form = image[0]

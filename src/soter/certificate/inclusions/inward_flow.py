@@ -74,6 +74,9 @@ def _ends(model: CaseModel, members: Sequence[int], *, as_stepped: bool) -> Kept
     ends = []
     for i in range(len(members)):
         sides = [[model.extents[k] for k in members] for _ in range(2)]
+        if members[i] in model.facts.unbounded:
+            ends.append((False, False))
+            continue
         low, high = model.extents[members[i]]
         sides[0][i], sides[1][i] = (low, low), (high, high)
         is_open = members[i] in model.facts.open_ends  # nobody gets there: an assumption

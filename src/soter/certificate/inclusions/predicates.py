@@ -7,9 +7,12 @@ Non-goals: chains and free phases (`group_claims.py`), which claims there are (`
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import or_
 from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import arb
 
 from soter.certificate.inclusions.cell_sets import (
     Cells,
@@ -38,14 +41,14 @@ from soter.certificate.terms.terms import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from flint import arb
-
     from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.inclusions.group_claims import FreeCheck, GroupTables
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.terms import Linear, Proposition
     from soter.language.model import typed
 
+ENDLESS = arb("inf")
+"""A bound for states whose axis has no ends: rounding is one of the size of what is rounded."""
 SPLITS_OF_PREDICATES = 10
 """How often a cell is halved where a predicate is evaluated: errors are halved, too."""
 SPLITS_OF_SETS = 4
@@ -125,7 +128,7 @@ def certain(
     depends most; any choice is sound, and only this one is useful. Where `errors`, on every
     estimate of every state.
     """
-    terms, states = model.new_terms()
+    terms, states = model.new_terms(ENDLESS)
     truth = model.predicate(terms, states, expr, errors=errors)
     return _shared_out(model, groups, terms, states, truth)
 
@@ -135,7 +138,7 @@ def published(model: CaseModel, groups: Sequence[GroupTables], topic: int) -> li
 
     Outside of it the plant stops. NotRecheckedError as `certain`.
     """
-    terms, states = model.new_terms()
+    terms, states = model.new_terms(ENDLESS)
     return _shared_out(model, groups, terms, states, model.in_set(terms, states, topic))
 
 
@@ -205,11 +208,13 @@ def _certain_cells(
     waiting = [group.grid.whole]
     while waiting:
         block = waiting.pop()
-        box = [*group.grid.box(block), *ranges]
-        truth_bits = decide(box)
+        boxes = [[*box, *ranges] for box in group.grid.whole_boxes(block)]
+        truth_bits = reduce(or_, map(decide, boxes))
         if truth_bits == 3 and volume(block) > 1:
             waiting.extend(halves(block))
-        elif truth_bits == 2 or (truth_bits == 3 and finer(box, holds, SPLITS_OF_SETS)):
+        elif truth_bits == 2 or (
+            truth_bits == 3 and all(finer(box, holds, SPLITS_OF_SETS) for box in boxes)
+        ):
             members[block_index(block)] = True
     return Cells(group.grid, members)
 
@@ -230,7 +235,7 @@ class AdmitCheck:
         anywhere: bool = False,
     ) -> None:
         self.group = group
-        terms, states = model.new_terms()
+        terms, states = model.new_terms(ENDLESS)
         fails = FALSE
         if not anywhere:
             safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
@@ -256,7 +261,7 @@ def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
 
     def attempt(at: Block) -> bool:
         splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
-        return check.holds(group.grid.box(at), splits)
+        return all(check.holds(box, splits) for box in group.grid.whole_boxes(at))
 
     todo = Cells(group.grid, ~group.free)
     return uncovered(todo, block, attempt, volume(group.grid.whole))

@@ -33,6 +33,8 @@ from soter.language.model.types import BoolType, FloatType, leaves
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from flint import arb
+
     from soter.certificate.reading.problem import Facts, Input
     from soter.language.model import typed
     from soter.language.model.system import Component
@@ -46,12 +48,15 @@ class CaseModel:
     parameter: tuple[int, ...]
     extents: tuple[tuple[float, float], ...]
 
-    def new_terms(self) -> tuple[Terms, list[Linear]]:
-        """Fresh terms, and the states in them."""
+    def new_terms(self, farthest: arb | None = None) -> tuple[Terms, list[Linear]]:
+        """Fresh terms, and the states in them; those whose axis has no ends up to `farthest`."""
         terms = Terms()
         states = []
-        for s, (low, high) in zip(self.facts.states, self.extents, strict=True):
+        for i, (s, (low, high)) in enumerate(zip(self.facts.states, self.extents, strict=True)):
             a, b = exact(low), exact(high)
+            if farthest is not None and i in self.facts.unbounded:
+                states.append(terms.input("state", s.name, -farthest, farthest))
+                continue
             states.append(terms.input("state", s.name, a - (b - a), b + (b - a)))
         return terms, states
 

@@ -83,6 +83,8 @@ class Facts:
     """State -> its declared extent."""
     open_ends: set[int] = field(default_factory=set)
     """States of which nothing is claimed above that extent, and no run is taken to get there."""
+    unbounded: set[int] = field(default_factory=set)
+    """States whose axis has no ends: what lies beyond belongs to its outer cells."""
     view: str = ""
     """The view that this is, of a module that has some; and all of that module."""
     whole: typed.ModuleSymbol | None = None

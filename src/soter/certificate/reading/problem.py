@@ -252,7 +252,9 @@ def _read_axes(facts: Facts) -> None:
                 continue
             if axis.topic is not None:
                 facts.leaves[state] = (_topic_of_axis(facts, axis.topic), axis.path)
-            if axis.low is not None and axis.high is not None:
+            if axis.unbounded:
+                facts.unbounded.add(state)
+            elif axis.low is not None and axis.high is not None:
                 high = axis.high if axis.open is None else axis.open
                 facts.axes[state] = (
                     float(number_of(facts, axis.low)),

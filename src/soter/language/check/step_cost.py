@@ -7,8 +7,9 @@ Non-goals: execution times and the machine's stack: they need a machine and its 
 An operation is a statement, a round of a loop, a call, an operator, a built-in function, an index
 or a choice; what handles a value of n numbers counts n. Of branches the dearest counts, of `&&` and
 `||` both sides. The bytes are those of named values where the calls nest deepest: locals, what is
-published, the sequences of loops, arguments and results, eight a number. Code of externs is
-counted in neither.
+published, the sequences of loops, arguments and results, eight a number. An argument counts eight
+numbers at most: what has more is passed by address (decision 109). Code of externs is counted in
+neither.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ MAX_OPERATIONS = 100_000_000
 """Operations of a step: a tenth of a second of the fastest possible machine."""
 BYTES = 8
 """Of a number in memory, at most."""
+ARGUMENT = 8
+"""Numbers of an argument: more are passed by address."""
 FREE = (
     typed.Literal,
     typed.ParamRead,
@@ -103,7 +106,7 @@ class _Counter:
                 path.append((callee, iter(_callees(callee))))
                 continue
             path.pop()
-            size = BYTES * (leaf_count(fun.result) + _numbers(fun.parameters))
+            size = BYTES * (leaf_count(fun.result) + _passed(fun.parameters))
             cost = self.body(fun.body or (), f"`{fun.name}`", fun.span, size)
             self.costs[fun] = cost if fun.body is not None else typed.Cost(0, size, (fun.name,))
             if self._said:
@@ -172,7 +175,7 @@ class _Counter:
             return 1 + self._expr(e.condition) + max(sides)
         parts = sum(self._expr(p) for p in children(e))
         if isinstance(e, typed.TypedCall):
-            return parts + 1 + _numbers(e.fun.parameters) + self.costs[e.fun].operations
+            return parts + 1 + _passed(e.fun.parameters) + self.costs[e.fun].operations
         if isinstance(e, typed.Builtin):
             return parts + max(leaf_count(a.type) for a in e.arguments)
         if isinstance(e, (typed.TypedUnary, typed.Vector, typed.Aggregate)):
@@ -188,8 +191,9 @@ def _callees(fun: typed.FunSymbol) -> list[typed.FunSymbol]:
     return _callees_in(fun.body or ())
 
 
-def _numbers(variables: Iterable[typed.Variable]) -> int:
-    return sum(leaf_count(v.type) for v in variables)
+def _passed(parameters: Iterable[typed.Variable]) -> int:
+    """The numbers that a call hands over."""
+    return sum(min(leaf_count(p.type), ARGUMENT) for p in parameters)
 
 
 def _declared(s: object) -> int:

@@ -484,7 +484,7 @@ class TypedGridAxis:
     Exactly one of `topic` and `instance` is set; with `instance`, `path` begins with the name of
     the state, and `plant` is what the instance is made of. `low` and `high` may be missing, and
     `cells` is, where the axis belongs to a polytope. `open`: one more cell from `high` up to there,
-    beyond which nothing is claimed.
+    beyond which nothing is claimed. `unbounded`: one more cell at either end, without an outer end.
     """
 
     topic: TopicSymbol | None
@@ -496,6 +496,7 @@ class TypedGridAxis:
     instance: str = ""
     plant: PlantSymbol | None = None
     open: TypedExpr | None = None
+    unbounded: bool = False
 
 
 @dataclass(eq=False)

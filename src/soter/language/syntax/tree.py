@@ -502,12 +502,16 @@ class NodeDecl(Decl):
 
 @dataclass(frozen=True, slots=True)
 class GridAxis:
-    """`motion.x in [a, b] / cells open to c` of a verify block; a polytope's axes have no cells."""
+    """`motion.x in [a, b] / cells open to c` of a verify block; a polytope's axes have no cells.
+
+    `unbounded`: `open` without an end.
+    """
 
     path: DottedPath
     interval: IntervalExpr | None
     cells: SyntaxExpr | None
     open: SyntaxExpr | None = None
+    unbounded: bool = False
 
 
 @dataclass(frozen=True, slots=True)

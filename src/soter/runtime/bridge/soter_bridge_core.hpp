@@ -2,9 +2,10 @@
  *
  * Purpose: what every bridge in C++ does: messages that the mapping names are judged (publisher,
  * frame, stamp), converted and written into the channel of their topic; what the actuators hold is
- * published; what the trusted part says of itself becomes lines for whoever shows them. The trusted
- * part is another process, which knows nothing of the middleware: it judges values, ages and sets
- * by itself, so that nothing here is trusted to be right, or alive.
+ * published; what the trusted part and the actuators say of themselves becomes lines for whoever
+ * shows them (soter_status_text.h has the words). The trusted part is another process, which knows
+ * nothing of the middleware: it judges values, ages and sets by itself, so that nothing here is
+ * trusted to be right, or alive.
  * Non-goals: a middleware (soter_bridge.hpp of each).
  *
  * Stamps of messages are on the middleware's clock, channels on CLOCK_MONOTONIC: a message of age a
@@ -14,7 +15,7 @@
 #define SOTER_BRIDGE_CORE_HPP
 
 #include "soter_outside.h"
-#include "soter_status.h"
+#include "soter_status_text.h"
 
 #include <time.h>
 
@@ -267,55 +268,74 @@ class Outward {
 
 /* ------------------------------------------------------------------ the trusted part */
 
-/* What the trusted part says of itself; generated. */
+/* Who says something of itself; generated. `arm`: the command of a person. */
 struct StatusNames {
   uint64_t hash;
   std::vector<std::string> modules, leases, topics;
+  uint64_t actuators_hash;
+  std::string arm;
 };
 
+/* A module, for machines. */
+struct ModuleStatus {
+  std::string name, mode, why, armed;
+  double margin_s;
+  uint64_t takeovers;
+};
+
+/* The trusted part, and its actuators: what they say of themselves. For one thread. */
 class TrustedPart {
  public:
   static const int64_t WAIT_NS = 20000000;
 
   explicit TrustedPart(const StatusNames& names)
       : names_(names),
-        words_(SOTER_STATUS_WORDS(names.modules.size(), names.leases.size(), names.topics.size())) {
-  }
+        words_(SOTER_STATUS_WORDS(names.modules.size(), names.leases.size(), names.topics.size())),
+        actuators_(SOTER_ACTUATORS_WORDS(names.leases.size())) {}
 
   const char* open(const std::string& folder) {
-    return soter_outside_open(&channel_, folder.c_str(), SOTER_STATUS_CHANNEL, names_.hash,
-                              words_.size() * sizeof words_[0], false);
+    const char* wrong = soter_outside_open(&channel_, folder.c_str(), SOTER_STATUS_CHANNEL,
+                                           names_.hash, words_.size() * sizeof words_[0], false);
+    if (wrong == nullptr && !names_.leases.empty()) {
+      wrong = soter_outside_open(&of_actuators_, folder.c_str(), SOTER_ACTUATORS_CHANNEL,
+                                 names_.actuators_hash, actuators_.size() * sizeof actuators_[0],
+                                 false);
+    }
+    return wrong;
   }
 
-  /* Waits for a while; whether a module changed its mode, or leases ended. */
+  /* Waits for a while; whether what is said of a module has changed: who has control, and whether
+   * its actuators obey. Numbers go on without being news. */
   bool hear() {
     soter_outside_wait(&channel_, WAIT_NS);
-    std::vector<uint64_t> words(words_.size());
-    if (!soter_outside_read(&channel_, &at_, words.data(), nullptr)) {
-      return false;
+    int64_t at = 0;
+    if (soter_outside_read(&channel_, &at, room(words_.size()), nullptr)) {
+      words_ = room_;
+      at_ = at;
     }
-    heard_ = true;
-    bool changed = false;
+    if (!names_.leases.empty() &&
+        soter_outside_read(&of_actuators_, &at, room(actuators_.size()), nullptr)) {
+      actuators_ = room_;
+      actuators_at_ = at;
+    }
+    std::string news;
     for (size_t k = 0; k < names_.modules.size(); k++) {
-      const size_t at = SOTER_STATUS_HEAD + SOTER_STATUS_MODULE * k + SOTER_STATUS_MODE;
-      changed = changed || words[at] != words_[at];
+      const soter_module_facts f = facts(k);
+      news += message(f) + "\n" + (f.ac ? "AC" : "SC") + soter_armed_text(&f) + "\n";
     }
-    for (size_t k = 0; k < names_.leases.size(); k++) {
-      const size_t at = lease_at(k) + SOTER_STATUS_ENDED;
-      changed = changed || words[at] != words_[at];
-    }
-    words_ = words;
+    const bool changed = news != news_;
+    news_ = news;
     return changed;
   }
 
   std::vector<Status> statuses() const {
     std::vector<Status> all;
-    const bool alive = heard_ && monotonic_ns() - at_ < 5 * SOTER_STATUS_EVERY_NS;
     for (size_t k = 0; k < names_.modules.size(); k++) {
-      all.push_back(of_module(k, alive));
+      all.push_back(of_module(k));
     }
     for (size_t k = 0; k < names_.topics.size(); k++) {
-      const size_t at = lease_at(names_.leases.size()) + SOTER_STATUS_TOPIC * k;
+      const size_t at = SOTER_STATUS_HEAD + SOTER_STATUS_MODULE * names_.modules.size() +
+                        SOTER_STATUS_LEASE * names_.leases.size() + SOTER_STATUS_TOPIC * k;
       Status status;
       status.name = "soter: the trusted part's " + names_.topics[k];
       status.said("taken", words_[at + SOTER_STATUS_TAKEN]);
@@ -327,45 +347,76 @@ class TrustedPart {
     return all;
   }
 
- private:
-  size_t lease_at(size_t k) const {
-    return SOTER_STATUS_HEAD + SOTER_STATUS_MODULE * names_.modules.size() + SOTER_STATUS_LEASE * k;
+  /* The same of the modules, for machines. */
+  std::vector<ModuleStatus> modules() const {
+    std::vector<ModuleStatus> all;
+    for (size_t k = 0; k < names_.modules.size(); k++) {
+      const soter_module_facts f = facts(k);
+      ModuleStatus to;
+      to.name = names_.modules[k];
+      to.mode = f.alive ? (f.ac ? "AC" : "SC") : "";
+      to.margin_s = soter_margin_s(&f, monotonic_ns());
+      to.why = soter_takeover_text(f.why);
+      to.takeovers = 0;
+      for (size_t c = 0; c < SOTER_STATUS_CAUSES; c++) {
+        to.takeovers += f.takeovers[c];
+      }
+      to.armed = soter_armed_text(&f);
+      all.push_back(to);
+    }
+    return all;
   }
 
-  Status of_module(size_t k, bool alive) const {
-    static const char* const causes[SOTER_STATUS_CAUSES] = {
-        "takeovers: ttf", "takeovers: what the DM reads is old", "takeovers: the gate",
-        "takeovers: AC is silent", "takeovers: the trusted part was late"};
-    const uint64_t* const m = &words_[SOTER_STATUS_HEAD + SOTER_STATUS_MODULE * k];
-    const bool ac = m[SOTER_STATUS_MODE] == 1U;
+ private:
+  uint64_t* room(size_t words) {
+    room_.resize(words);
+    return room_.data();
+  }
+
+  soter_module_facts facts(size_t k) const {
+    soter_module_place place = {static_cast<uint32_t>(names_.modules.size()),
+                                static_cast<uint32_t>(k), -1};
+    for (size_t l = 0; l < names_.leases.size(); l++) {
+      place.lease = names_.leases[l] == names_.modules[k] ? static_cast<int32_t>(l) : place.lease;
+    }
+    return soter_module_facts_of(place, monotonic_ns(), words_.data(), at_, actuators_.data(),
+                                 actuators_at_);
+  }
+
+  std::string message(const soter_module_facts& f) const {
+    char text[SOTER_MESSAGE_MAX];
+    soter_module_message(&f, names_.arm.c_str(), text, sizeof text);
+    return text;
+  }
+
+  Status of_module(size_t k) const {
+    const soter_module_facts f = facts(k);
     Status to;
     to.name = "soter: module " + names_.modules[k];
-    to.level = !alive ? Status::STALE : ac ? Status::OK : Status::WARN;
-    to.message = !alive ? "the trusted part is silent" : ac ? "AC has control" : "SC has control";
-    to.values.emplace_back("mode", ac ? "AC" : "SC");
-    for (size_t c = 0; c < SOTER_STATUS_CAUSES; c++) {
-      to.said(causes[c], m[SOTER_STATUS_TAKEOVERS + c]);
+    to.level = static_cast<Status::Level>(soter_module_level(&f));
+    to.message = message(f);
+    to.values.emplace_back("mode", !f.alive ? "unknown" : f.ac ? "AC" : "SC");
+    to.values.emplace_back("margin, s", std::to_string(soter_margin_s(&f, monotonic_ns())));
+    to.values.emplace_back("armed", soter_armed_text(&f));
+    if (f.leased && f.actuators_alive && f.state == SOTER_LEASE_ENDED) {
+      to.values.emplace_back("arming", soter_arming_text(&f));
     }
-    for (size_t l = 0; l < names_.leases.size(); l++) {
-      if (names_.leases[l] != names_.modules[k]) {
-        continue;
-      }
-      const uint64_t* const lease = &words_[lease_at(l)];
-      to.said("leases given", lease[SOTER_STATUS_GIVEN]);
-      if (lease[SOTER_STATUS_ENDED] != 0U && alive) {
-        to.level = Status::ERROR;
-        to.message = "its leases have ended: the actuators hold the fail-safe law";
-      }
+    to.values.emplace_back("SC took over last", soter_takeover_text(f.why));
+    for (uint32_t c = 0; c < SOTER_STATUS_CAUSES; c++) {
+      to.said(std::string("takeovers: ") + soter_takeover_text(1 + c), f.takeovers[c]);
     }
-    to.said("late releases and completions", words_[SOTER_STATUS_MISSED]);
+    if (f.leased) {
+      to.said("leases given", f.given);
+    }
+    to.said("late releases and completions", f.missed);
     return to;
   }
 
   const StatusNames names_;
-  soter_outside channel_ = soter_outside();
-  std::vector<uint64_t> words_;
-  int64_t at_ = 0;
-  bool heard_ = false;
+  soter_outside channel_ = soter_outside(), of_actuators_ = soter_outside();
+  std::vector<uint64_t> words_, actuators_, room_;
+  int64_t at_ = 0, actuators_at_ = 0;
+  std::string news_;
 };
 
 } /* namespace soter */

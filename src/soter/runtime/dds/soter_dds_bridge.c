@@ -9,18 +9,15 @@
 
 #include "soter_dds_bridge.h"
 
+#include "soter_bridge_common.h"
 #include "soter_dds_topics.h"
 
 #include "dds/ddsrt/log.h"
 
-#include <errno.h>
-#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-#include <unistd.h>
 
 #define LOOK_NS 100000000
 #define DOMAIN_MOST 232
@@ -60,7 +57,7 @@ static void on_signal(int number) {
 /* What Cyclone DDS says: a payload that it cannot read is counted with its topic. */
 static void on_log(void* given, const dds_log_data_t* log) {
   soter_dds_bridge* const bridge = given;
-  char text[SOTER_DDS_LINE / 2];
+  char text[SOTER_BRIDGE_LINE / 2];
   (void)snprintf(text, sizeof text, "%.*s",
                  (int)(log->size < sizeof text ? log->size : sizeof text), log->message);
   text[strcspn(text, "\n")] = '\0';
@@ -77,19 +74,13 @@ static void on_log(void* given, const dds_log_data_t* log) {
 
 /* ------------------------------------------------------------------ arguments */
 
-static bool number(const char* text, double least, double most, double* value) {
-  char* end = NULL;
-  errno = 0;
-  *value = strtod(text, &end);
-  return errno == 0 && end != text && *end == '\0' && *value >= least && *value <= most;
-}
-
 /* False where there is no such word. */
 static bool option(soter_dds_bridge* bridge, options* o, const char* name, const char* value) {
   double seconds = 0.0;
   if (strcmp(name, "--channels") == 0 && value[0] != '\0') {
     o->channels = value;
-  } else if (strcmp(name, "--clock-error") == 0 && number(value, 0.0, ERROR_MOST_S, &seconds)) {
+  } else if (strcmp(name, "--clock-error") == 0 &&
+             soter_bridge_number(value, 0.0, ERROR_MOST_S, &seconds)) {
     bridge->clock_error_ns = (int64_t)(seconds * 1e9 + 0.5);
   } else if (strcmp(name, "--types") == 0 &&
              (strcmp(value, "checked") == 0 || strcmp(value, "named") == 0)) {
@@ -127,7 +118,7 @@ static int read_arguments(soter_dds_bridge* bridge, options* o, int count, char*
     return 2;
   }
   if (domain != NULL && domain[0] != '\0' &&
-      (!number(domain, 0.0, DOMAIN_MOST, &id) || id != (double)(uint32_t)id)) {
+      (!soter_bridge_number(domain, 0.0, DOMAIN_MOST, &id) || id != (double)(uint32_t)id)) {
     soter_dds_say(bridge, "$ROS_DOMAIN_ID", "no number from 0 to 232");
     return 2;
   }
@@ -174,11 +165,15 @@ static bool open_all(soter_dds_bridge* bridge, const char* folder) {
       return false;
     }
   }
-  return true;
+  wrong = soter_dds_open_diagnostics(bridge, folder);
+  if (wrong != NULL) {
+    soter_dds_say(bridge, SOTER_DDS_DIAGNOSTICS, wrong);
+  }
+  return wrong == NULL;
 }
 
 static void run(soter_dds_bridge* bridge, const options* o) {
-  const struct timespec pause = {.tv_sec = 0, .tv_nsec = LOOK_NS};
+  int64_t looked = 0;
   size_t begun = 0;
   for (; begun < bridge->topics; begun++) {
     soter_dds_topic* const t = &bridge->topic[begun];
@@ -191,12 +186,15 @@ static void run(soter_dds_bridge* bridge, const options* o) {
   }
   soter_dds_say(bridge, "", "it runs");
   while (!soter_dds_ending()) {
-    soter_dds_look(bridge);
+    if (soter_dds_monotonic_ns() - looked >= LOOK_NS) {
+      soter_dds_look(bridge);
+      looked = soter_dds_monotonic_ns();
+    }
     if (asked != 0) {
       asked = 0;
       soter_dds_report(bridge, o->json);
     }
-    (void)nanosleep(&pause, NULL); /* a signal ends it early */
+    soter_dds_diagnose(bridge, LOOK_NS); /* a signal ends it early */
   }
   for (size_t k = 0; k < begun; k++) {
     (void)pthread_join(bridge->topic[k].thread, NULL);
@@ -236,6 +234,7 @@ int soter_dds_main(const soter_dds_system* system, int count, char** words) {
   for (size_t k = 0; k < bridge.topics; k++) {
     soter_dds_close_topic(&bridge.topic[k]);
   }
+  soter_dds_close_diagnostics(&bridge);
   free(bridge.topic);
   return opened ? 0 : 1;
 }

@@ -17,6 +17,7 @@
 
 #include "dds/dds.h"
 #include "soter_outside.h"
+#include "soter_stamp_numbers.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -56,23 +57,27 @@ typedef struct {
   int64_t silent_ns;        /* without a value for so long, whoever writes the channel is gone */
 } soter_dds_outward;
 
+/* Who says in the folder of the channels how things are; generated. */
+typedef struct {
+  uint64_t hash, actuators_hash; /* of what they say: soter_status.h */
+  const char* const* modules;
+  const int32_t* lease_of; /* of each module: the index of its leases; -1: it has none */
+  const char* const* topics;
+  uint32_t module_count, lease_count, topic_count;
+  const char* actuator; /* the program that a person arms by */
+} soter_dds_trusted;
+
 typedef struct {
   const char* program; /* what it is called */
   const soter_dds_inward* in;
   size_t ins;
   const soter_dds_outward* out;
   size_t outs;
+  const soter_dds_trusted* trusted;
 } soter_dds_system;
 
 /* The whole program: 0; 1 where it cannot run; 2 where its arguments make no sense. */
 int soter_dds_main(const soter_dds_system* system, int count, char** words);
-
-/* A stamp that is a number of `numerator`/`denominator` ns; 0 where it is no time. */
-static inline int64_t soter_dds_time_of(long double number, int64_t numerator,
-                                        int64_t denominator) {
-  const long double ns = number * (long double)numerator / (long double)denominator;
-  return ns > 0.0L && ns < 4.0e18L ? (int64_t)ns : 0; /* NaN is no time either */
-}
 
 /* A stamp in seconds and the ns beyond; 0 where it is none. */
 static inline int64_t soter_dds_stamp(int32_t sec, uint32_t nanosec) {

@@ -7,16 +7,11 @@
 #define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
 #endif
 
-#include "soter_dds_bridge.h"
-
+#include "soter_bridge_common.h"
 #include "soter_dds_topics.h"
 
-#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
-#include <string.h>
-#include <time.h>
-#include <unistd.h>
 
 static volatile sig_atomic_t ending = 0;
 
@@ -28,31 +23,16 @@ void soter_dds_end(void) {
   ending = 1;
 }
 
-static int64_t on_clock(clockid_t clock) {
-  struct timespec t = {0, 0};
-  (void)clock_gettime(clock, &t);
-  return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
-}
-
 int64_t soter_dds_monotonic_ns(void) {
-  return on_clock(CLOCK_MONOTONIC);
-}
-int64_t soter_dds_wall_ns(void) {
-  return on_clock(CLOCK_REALTIME);
+  return soter_bridge_clock(CLOCK_MONOTONIC);
 }
 
-/* A line on standard error; none where whoever reads that end does not: a topic waits for nobody.
- */
+int64_t soter_dds_wall_ns(void) {
+  return soter_bridge_clock(CLOCK_REALTIME);
+}
+
 void soter_dds_say(const soter_dds_bridge* bridge, const char* about, const char* what) {
-  char line[SOTER_DDS_LINE];
-  struct pollfd out = {.fd = STDERR_FILENO, .events = POLLOUT};
-  (void)snprintf(line, sizeof line - 1, "%s: %s%s%s", bridge->system->program, about,
-                 about[0] != '\0' ? ": " : "", what);
-  (void)strcat(line, "\n");
-  if (poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0) {
-    const ssize_t written = write(STDERR_FILENO, line, strlen(line));
-    (void)written;
-  }
+  soter_bridge_say(bridge->system->program, about, what);
 }
 
 void soter_dds_count(soter_dds_topic* topic, int what, const char* why) {

@@ -53,6 +53,10 @@ static bool of_way(int what, bool inward) {
   return (what < SOTER_DDS_PUBLISHED) == inward;
 }
 
+const char* soter_dds_word(int what, bool inward) {
+  return of_way(what, inward) ? words[what] : NULL;
+}
+
 /* A text from elsewhere: what is no plain letter is a question mark. */
 static void quoted(const char* text) {
   (void)putchar('"');

@@ -24,28 +24,24 @@
 
 /* A writer says no type information: a reader of ROS 2 compares names of members, where one release
  * differs from the next, and none of them needs it. */
-static const dds_topic_descriptor_t* described(soter_dds_topic* topic,
-                                               const dds_topic_descriptor_t* type, bool checked) {
-  dds_topic_descriptor_t plain = {.m_size = type->m_size,
-                                  .m_align = type->m_align,
-                                  .m_flagset = type->m_flagset & ~DDS_TOPIC_XTYPES_METADATA,
-                                  .m_nkeys = type->m_nkeys,
-                                  .m_typename = type->m_typename,
-                                  .m_keys = type->m_keys,
-                                  .m_nops = type->m_nops,
-                                  .m_ops = type->m_ops,
-                                  .m_meta = type->m_meta};
-  if (checked) {
-    return type;
+dds_topic_descriptor_t* soter_dds_plain(const dds_topic_descriptor_t* type) {
+  const dds_topic_descriptor_t plain = {.m_size = type->m_size,
+                                        .m_align = type->m_align,
+                                        .m_flagset = type->m_flagset & ~DDS_TOPIC_XTYPES_METADATA,
+                                        .m_nkeys = type->m_nkeys,
+                                        .m_typename = type->m_typename,
+                                        .m_keys = type->m_keys,
+                                        .m_nops = type->m_nops,
+                                        .m_ops = type->m_ops,
+                                        .m_meta = type->m_meta};
+  dds_topic_descriptor_t* const made = malloc(sizeof plain);
+  if (made != NULL) {
+    (void)memcpy(made, &plain, sizeof plain);
   }
-  topic->described = malloc(sizeof plain);
-  if (topic->described != NULL) {
-    (void)memcpy(topic->described, &plain, sizeof plain);
-  }
-  return topic->described;
+  return made;
 }
 
-static dds_qos_t* qos_of(const soter_dds_qos* asked) {
+dds_qos_t* soter_dds_qos_of(const soter_dds_qos* asked) {
   static const dds_data_representation_id_t plain = DDS_DATA_REPRESENTATION_XCDR1;
   dds_qos_t* const qos = dds_create_qos();
   dds_qset_reliability(
@@ -98,11 +94,13 @@ const char* soter_dds_open_topic(soter_dds_topic* topic, const char* folder) {
   if (wrong != NULL) {
     return wrong;
   }
-  type = described(topic, type, inward && topic->bridge->types_checked);
+  if (!inward || !topic->bridge->types_checked) {
+    type = topic->described = soter_dds_plain(type);
+  }
   if (type == NULL) {
     return "there is no memory";
   }
-  dds_qos_t* const qos = qos_of(inward ? &topic->in->qos : &topic->out->qos);
+  dds_qos_t* const qos = soter_dds_qos_of(inward ? &topic->in->qos : &topic->out->qos);
   const dds_entity_t of =
       dds_create_topic(topic->bridge->participant, type, topic->topic, qos, NULL);
   if (of < 0) {

@@ -32,8 +32,10 @@ enum {
 
 #define SOTER_DDS_NAME 128
 #define SOTER_DDS_WHY 256
+#define SOTER_DDS_DIAGNOSTICS "rt/diagnostics"
 
 typedef struct soter_dds_bridge soter_dds_bridge;
+typedef struct soter_dds_diagnostics soter_dds_diagnostics;
 
 /* One of `in` and `out` is NULL. */
 typedef struct {
@@ -70,6 +72,7 @@ struct soter_dds_bridge {
   uint32_t domain;
   dds_entity_t participant;
   dds_entity_t writers, readers, participants; /* what DDS says of everybody's */
+  soter_dds_diagnostics* diagnostics;
 };
 
 int64_t soter_dds_monotonic_ns(void);
@@ -83,7 +86,6 @@ void soter_dds_end(void); /* may be called in a signal handler */
 void soter_dds_count(soter_dds_topic* topic, int what, const char* why);
 
 /* A line on standard error; none where whoever reads that end does not. */
-#define SOTER_DDS_LINE 512 /* a pipe that can be written takes as much at once */
 void soter_dds_say(const soter_dds_bridge* bridge, const char* about, const char* what);
 
 /* ---- soter_dds_samples.c: NULL, or what is wrong; what `pthread_create` runs */
@@ -91,6 +93,9 @@ const char* soter_dds_open_topic(soter_dds_topic* topic, const char* folder);
 void* soter_dds_serve_inward(void* topic);
 void* soter_dds_serve_outward(void* topic);
 void soter_dds_close_topic(soter_dds_topic* topic);
+/* A copy of a descriptor that tells no structure, to be freed; NULL: there is no memory. */
+dds_topic_descriptor_t* soter_dds_plain(const dds_topic_descriptor_t* type);
+dds_qos_t* soter_dds_qos_of(const soter_dds_qos* asked);
 
 /* ---- soter_dds_peers.c */
 const char* soter_dds_open_peers(soter_dds_bridge* bridge);
@@ -101,5 +106,13 @@ bool soter_dds_may_write(soter_dds_topic* topic, dds_instance_handle_t writer);
 
 /* ---- soter_dds_report.c */
 void soter_dds_report(soter_dds_bridge* bridge, bool json);
+/* What is counted, in words; NULL where topics of this way do not count it. */
+const char* soter_dds_word(int what, bool inward);
+
+/* ---- soter_dds_diagnostics.c: NULL, or what is wrong */
+const char* soter_dds_open_diagnostics(soter_dds_bridge* bridge, const char* folder);
+/* Waits for the trusted part to say something; then tells, where it is time or there is news. */
+void soter_dds_diagnose(soter_dds_bridge* bridge, int64_t wait_ns);
+void soter_dds_close_diagnostics(soter_dds_bridge* bridge);
 
 #endif

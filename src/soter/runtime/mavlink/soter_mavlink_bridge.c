@@ -7,16 +7,14 @@
 #define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
 #endif
 
+#include "soter_bridge_common.h"
 #include "soter_mavlink_topics.h"
 
-#include <errno.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-#include <unistd.h>
 
 #define TURN_MS 10
 #define HEARTBEAT_NS INT64_C(1000000000)
@@ -177,13 +175,6 @@ static void on_message(void* to, const mavlink_message_t* m, const soter_mavlink
 
 /* ------------------------------------------------------------------ arguments */
 
-static bool number(const char* text, double least, double most, double* value) {
-  char* end = NULL;
-  errno = 0;
-  *value = strtod(text, &end);
-  return errno == 0 && end != text && *end == '\0' && *value >= least && *value <= most;
-}
-
 /* False where there is no such word. */
 static bool option(soter_mavlink_bridge* bridge, options* o, const char* name, const char* value) {
   double seconds = 0.0;
@@ -191,7 +182,7 @@ static bool option(soter_mavlink_bridge* bridge, options* o, const char* name, c
     o->channels = value;
   } else if (strcmp(name, "--url") == 0 && o->links < SOTER_MAVLINK_LINKS) {
     o->urls[o->links++] = value;
-  } else if (strcmp(name, "--delay") == 0 && number(value, 0.0, 1.0, &seconds)) {
+  } else if (strcmp(name, "--delay") == 0 && soter_bridge_number(value, 0.0, 1.0, &seconds)) {
     bridge->delay_ns = (int64_t)(seconds * 1e9 + 0.5);
   } else if (strcmp(name, "--status") == 0 &&
              (strcmp(value, "text") == 0 || strcmp(value, "json") == 0)) {

@@ -15,6 +15,7 @@
 #define SOTER_MAVLINK_BRIDGE_H
 
 #include "soter_mavlink_dialect.h"
+#include "soter_stamp_numbers.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -78,12 +79,5 @@ typedef struct {
 
 /* The whole program: 0; 1 where it cannot run; 2 where its arguments make no sense. */
 int soter_mavlink_main(const soter_mavlink_system* system, int count, char** words);
-
-/* A stamp that is a number of `numerator`/`denominator` ns; -1 where it is no time. */
-static inline int64_t soter_mavlink_time_of(long double number, int64_t numerator,
-                                            int64_t denominator) {
-  const long double ns = number * (long double)numerator / (long double)denominator;
-  return ns >= 0.0L && ns < 4.0e18L ? (int64_t)ns : -1; /* NaN is no time either */
-}
 
 #endif

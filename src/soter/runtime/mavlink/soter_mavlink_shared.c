@@ -6,16 +6,11 @@
 #define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
 #endif
 
+#include "soter_bridge_common.h"
 #include "soter_mavlink_topics.h"
 
-#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
-#include <string.h>
-#include <time.h>
-#include <unistd.h>
-
-#define LINE_MOST 512 /* a pipe that can be written takes as much at once */
 
 static volatile sig_atomic_t ending = 0;
 
@@ -28,22 +23,11 @@ void soter_mavlink_end(int how) {
 }
 
 int64_t soter_mavlink_now(void) {
-  struct timespec t = {0, 0};
-  (void)clock_gettime(CLOCK_MONOTONIC, &t);
-  return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+  return soter_bridge_clock(CLOCK_MONOTONIC);
 }
 
-/* A line on standard error; none where whoever reads that end does not. */
 void soter_mavlink_say(soter_mavlink_bridge* bridge, const char* about, const char* what) {
-  char line[LINE_MOST];
-  struct pollfd out = {.fd = STDERR_FILENO, .events = POLLOUT, .revents = 0};
-  (void)snprintf(line, sizeof line - 1, "%s: %s%s%s", bridge->system->program, about,
-                 about[0] != '\0' ? ": " : "", what);
-  (void)strcat(line, "\n");
-  if (poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0) {
-    const ssize_t written = write(STDERR_FILENO, line, strlen(line));
-    (void)written;
-  }
+  soter_bridge_say(bridge->system->program, about, what);
 }
 
 void soter_mavlink_say_of(soter_mavlink_bridge* bridge, uint64_t many, const char* about,

@@ -2,8 +2,10 @@
  *
  * Purpose: take the commands that the trusted part sends with their leases, obey each no longer
  * than its lease says, by a clock of our own, and then hold the fail-safe law until somebody arms
- * us anew (SIGUSR1). What is applied goes to `soter_actuate` and, for whoever looks, into the
- * channels of the module's topics. At the end, and on the terminal, what happened.
+ * us anew: SIGUSR1, taken where the trusted part says that the proof speaks of this state, or
+ * SIGUSR2, whatever the state is. What is applied goes to `soter_actuate` and, for whoever looks,
+ * into the channels of the module's topics; what we are about into `soter.actuators`. At the end,
+ * and on the terminal, what happened.
  * Non-goals: the program; devices (actuate.c is yours).
  */
 #ifndef _GNU_SOURCE
@@ -14,6 +16,7 @@
 #include "soter_actuator_app.h"
 #include "soter_outside.h"
 #include "soter_posix_check.h"
+#include "soter_status_text.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -24,16 +27,20 @@
 #include <string.h>
 #include <sys/mman.h>
 #include <time.h>
+#include <unistd.h>
 
 #define EXIT_USAGE 2
 #define SECOND INT64_C(1000000000)
 #define PERIOD_NS INT64_C(500000)
 #define PRIORITY 81
-#define HEAD_BYTES ((size_t)16)
+#define HEAD_BYTES ((size_t)24)
 
 static const char* const USAGE =
     "usage: %s --channels FOLDER [--period MICROSECONDS] [--until SECONDS] [--json] [--quiet]\n"
-    "SIGUSR1 arms the leases anew; SIGTERM ends it, with a report.\n";
+    "       %s --channels FOLDER --arm [--unchecked]\n"
+    "--arm, or SIGUSR1, arms the leases of the actuators that run anew, where the trusted part\n"
+    "says that every module's safer holds on fresh readings; --unchecked, or SIGUSR2, whatever it\n"
+    "says. SIGTERM ends them, with a report.\n";
 
 typedef struct {
   soter_outside in;
@@ -42,6 +49,9 @@ typedef struct {
   uint64_t message[ACTUATOR_WORDS];
   uint64_t command[ACTUATOR_WORDS]; /* of the lease */
   uint64_t held[ACTUATOR_WORDS];
+  int64_t head[3];  /* of the message that was heard last: stamp, expiry, until when to begin */
+  uint32_t how;     /* it was armed last: soter_status_text.h */
+  soter_arm answer; /* to the last request to arm */
   uint64_t taken, refused, bad;
   uint64_t ends;        /* leases that ended */
   uint64_t older;       /* commands that were applied after the end of their lease */
@@ -55,15 +65,19 @@ static struct {
   const char* channels;
   int64_t period_ns, until_ns;
   bool json, quiet, fifo, locked, failed;
-  uint64_t turns, armed;
+  bool arm, unchecked; /* to ask actuators that run, and no more */
+  uint64_t turns, armed, not_armed;
+  soter_outside status;
+  uint64_t told[SOTER_ACTUATORS_WORDS(ACTUATOR_MODULES)]; /* soter_status.h */
+  int64_t told_ns;
   module_times module[ACTUATOR_MODULES];
 } us;
 
 static volatile sig_atomic_t ending, arming;
 
 static void on_signal(int number) {
-  if (number == SIGUSR1) {
-    arming = 1;
+  if (number == SIGUSR1 || number == SIGUSR2) {
+    arming = number;
   } else {
     ending = 1;
   }
@@ -107,10 +121,9 @@ static void take(uint32_t k) {
   if (!soter_outside_read(&m->in, &written, m->message, &m->bad)) {
     return;
   }
-  int64_t lease[2];
-  (void)memcpy(lease, m->message, sizeof lease);
+  (void)memcpy(m->head, m->message, sizeof m->head);
   const uint8_t* const command = (const uint8_t*)m->message + HEAD_BYTES;
-  if (soter_lease_take(&m->lease, clock_ns(), command, lease[0], lease[1])) {
+  if (soter_lease_take(&m->lease, clock_ns(), command, m->head[0], m->head[1])) {
     m->taken++;
   } else {
     m->refused++;
@@ -153,11 +166,77 @@ static void turn(uint32_t k) {
   say(k, after);
 }
 
+/* ------------------------------------------------------------------ arming */
+
+/* Whether every lease that has ended may be armed. One that has not is left as it is. */
+static bool may_arm(int64_t now) {
+  bool fine = true;
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    module_times* const m = &us.module[k];
+    SOTER_CHECK(m->lease.state >= SOTER_LEASE_ARMED && m->lease.state <= SOTER_LEASE_ENDED);
+    m->answer = SOTER_ARM_FINE;
+    if (m->lease.state == SOTER_LEASE_ENDED) {
+      m->answer = soter_lease_may_arm(&m->lease, now, m->head[0], m->head[1], m->head[2]);
+    }
+    if (m->answer != SOTER_ARM_FINE && !us.quiet) {
+      (void)fprintf(stderr, "%.6f %s: not armed: %s\n", (double)now / 1e9,
+                    soter_actuator_modules[k].name, soter_arm_text(m->answer));
+    }
+    fine = fine && m->answer == SOTER_ARM_FINE;
+  }
+  return fine;
+}
+
+/* After a look at the state the command that was looked at is taken at once: what would be armed
+ * and wait might begin in another state. */
+static void arm_one(module_times* m, bool checked, int64_t now) {
+  if (m->lease.state != SOTER_LEASE_ENDED) {
+    return;
+  }
+  soter_lease_arm(&m->lease);
+  m->how = checked ? SOTER_ARMED_CHECKED : SOTER_ARMED_UNCHECKED;
+  m->answer = SOTER_ARM_FINE;
+  if (checked) {
+    const uint8_t* const command = (const uint8_t*)m->message + HEAD_BYTES;
+    const bool taken = soter_lease_take(&m->lease, now, command, m->head[0], m->head[1]);
+    SOTER_CHECK(taken);
+    m->taken += taken ? 1U : 0U;
+  }
+}
+
 static void arm(void) {
+  const bool checked = arming == SIGUSR1;
+  const int64_t now = clock_ns();
   arming = 0;
+  us.told_ns = 0; /* the answer is told at once */
+  if (checked && !may_arm(now)) {
+    us.not_armed++;
+    return;
+  }
   us.armed++;
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
-    soter_lease_arm(&us.module[k].lease);
+    arm_one(&us.module[k], checked, now);
+  }
+}
+
+/* What the actuators say of themselves, now and then. */
+static void tell(int64_t now) {
+  bool changed = now - us.told_ns >= SOTER_STATUS_EVERY_NS;
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    const module_times* const m = &us.module[k];
+    uint64_t* const to = us.told + SOTER_ACTUATORS_HEAD + SOTER_ACTUATORS_MODULE * k;
+    SOTER_CHECK(k < ACTUATOR_MODULES);
+    changed = changed || to[SOTER_ACTUATORS_STATE] != m->lease.state;
+    to[SOTER_ACTUATORS_STATE] = m->lease.state;
+    to[SOTER_ACTUATORS_HOW] = m->how;
+    to[SOTER_ACTUATORS_ANSWER] = m->answer;
+  }
+  us.told[SOTER_ACTUATORS_PROCESS] = (uint64_t)getpid();
+  us.told[SOTER_ACTUATORS_ARMED] = us.armed;
+  us.told[SOTER_ACTUATORS_REFUSED] = us.not_armed;
+  if (changed) {
+    soter_outside_write(&us.status, now, us.told);
+    us.told_ns = now;
   }
 }
 
@@ -181,6 +260,7 @@ static void turns(void) {
         wake = lease->until + 1; /* the first instant at which it has ended */
       }
     }
+    tell(now);
     us.turns++;
     const struct timespec t = {.tv_sec = (time_t)(wake / SECOND), .tv_nsec = (long)(wake % SECOND)};
     (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
@@ -214,9 +294,10 @@ void soter_check_failed(const char* file, int line, const char* what) {
 
 static void report(FILE* out) {
   (void)fprintf(out,
-                "{\"turns\": %" PRIu64 ", \"armed\": %" PRIu64
+                "{\"turns\": %" PRIu64 ", \"armed\": %" PRIu64 ", \"not_armed\": %" PRIu64
                 ", \"policy\": \"%s\", \"locked\": %s, \"modules\": {",
-                us.turns, us.armed, us.fifo ? "fifo" : "ordinary", us.locked ? "true" : "false");
+                us.turns, us.armed, us.not_armed, us.fifo ? "fifo" : "ordinary",
+                us.locked ? "true" : "false");
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
     const module_times* const m = &us.module[k];
     static const char* const states[4] = {"", "armed", "holds", "ended"};
@@ -262,20 +343,36 @@ static bool option(const char* name, const char* value) {
   return strcmp(name, "--until") == 0 && number(value, 1e9, &us.until_ns);
 }
 
+static bool flag(const char* word) {
+  const struct {
+    const char* name;
+    bool* set;
+  } flags[4] = {{"--json", &us.json},
+                {"--quiet", &us.quiet},
+                {"--arm", &us.arm},
+                {"--unchecked", &us.unchecked}};
+  for (int i = 0; i < 4; i++) {
+    if (strcmp(word, flags[i].name) == 0) {
+      *flags[i].set = true;
+      return true;
+    }
+  }
+  return false;
+}
+
 static bool parse(int count, char** words) {
   us.period_ns = PERIOD_NS;
   for (int i = 1; i < count; i++) {
-    if (strcmp(words[i], "--json") == 0) {
-      us.json = true;
-    } else if (strcmp(words[i], "--quiet") == 0) {
-      us.quiet = true;
-    } else if (i + 1 < count && option(words[i], words[i + 1])) {
+    if (flag(words[i])) {
+      continue;
+    }
+    if (i + 1 < count && option(words[i], words[i + 1])) {
       i++;
     } else {
       return false;
     }
   }
-  return us.channels != NULL;
+  return us.channels != NULL && (us.arm || !us.unchecked);
 }
 
 static bool open_channel(soter_outside* channel, const char* name, uint64_t hash, size_t size,
@@ -300,7 +397,10 @@ static bool open_all(void) {
       fine = fine && open_channel(&m->out[i], t->name, t->hash, t->size, true);
     }
     soter_lease_init(&m->lease, info->lease, m->command);
+    m->head[0] = m->head[1] = m->head[2] = -1; /* nothing was heard */
   }
+  fine = fine && open_channel(&us.status, SOTER_ACTUATORS_CHANNEL, ACTUATOR_STATUS_HASH,
+                              sizeof us.told, true);
   return fine;
 }
 
@@ -318,8 +418,11 @@ static void be_on_time(void) {
 
 int main(int count, char** words) {
   if (!parse(count, words)) {
-    (void)fprintf(stderr, USAGE, words[0]);
+    (void)fprintf(stderr, USAGE, words[0], words[0]);
     return EXIT_USAGE;
+  }
+  if (us.arm) {
+    return soter_actuator_request(us.channels, us.unchecked);
   }
   if (!open_all()) {
     return EXIT_FAILURE;
@@ -331,6 +434,7 @@ int main(int count, char** words) {
   (void)sigaction(SIGTERM, &act, NULL);
   (void)sigaction(SIGINT, &act, NULL);
   (void)sigaction(SIGUSR1, &act, NULL);
+  (void)sigaction(SIGUSR2, &act, NULL);
   turns();
   if (us.json) {
     report(stdout);

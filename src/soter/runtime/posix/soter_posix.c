@@ -52,10 +52,6 @@ static bool is_trusted(uint32_t component) {
   return info->role != SOTER_ROLE_PLANT && info->role != SOTER_ROLE_AC && !info->is_extern;
 }
 
-static int64_t late_limit(const soter_posix* d, uint32_t component) {
-  return d->options.late_ns >= 0 ? d->options.late_ns : soter_app_late_ns[component];
-}
-
 void soter_posix_missed(soter_posix* d, soter_miss kind, uint32_t component, int64_t by_ns) {
   SOTER_CHECK(component < APP_PROGRAM->components);
   SOTER_CHECK(by_ns > 0);
@@ -281,6 +277,7 @@ static void note_takeover(soter_posix* d, uint32_t component, uint8_t before) {
     }
     SOTER_CHECK(cause < SOTER_CAUSES);
     d->takeovers[module][cause]++;
+    d->why[module] = cause + 1U;
   }
 }
 
@@ -303,12 +300,13 @@ static void fire(soter_posix* d, uint32_t component) {
   const uint8_t before = soter_modules_of(APP_PROGRAM, &d->state)[info->module].mode;
   (void)soter_fire(APP_PROGRAM, &d->state, component, NULL);
   note_takeover(d, component, before);
+  soter_posix_looked(d, component);
 }
 
 static void timed(soter_posix* d, uint32_t component) {
   const int64_t due_ns = d->origin_ns + soter_header_of(&d->state)->ct;
   const bool trusted = is_trusted(component);
-  const int64_t limit = late_limit(d, component);
+  const int64_t limit = soter_posix_late_limit(d, component);
   soter_node_times* const times = &d->node[component];
   const int64_t start_ns = soter_posix_clock();
   const int64_t late_ns = start_ns - due_ns;

@@ -56,6 +56,7 @@ typedef struct {
 /* What travels with a command of a module that has a fail-safe law; the command follows. */
 typedef struct {
   int64_t stamp, expiry; /* CLOCK_MONOTONIC: of the release that gave the lease, and its end */
+  int64_t begin;         /* until when actuators that hold the law may begin to obey; SOTER_NEVER */
 } soter_posix_lease_head;
 
 /* A module with a fail-safe law: who gives its leases, and what is sent with them. */
@@ -86,6 +87,7 @@ extern const soter_posix_lease soter_app_leases[];
 extern const uint32_t soter_app_lease_count;  /* APP_LEASES */
 extern const int64_t soter_app_late_ns[];     /* of each component */
 extern const int64_t soter_app_response_ns[]; /* of each component */
+extern const uint32_t soter_app_looks[];      /* of each module: Module.looks (docs/proof.md) */
 
 /* ------------------------------------------------------------------ figures */
 
@@ -264,6 +266,10 @@ typedef struct {
   soter_request request[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
   uint32_t cause[APP_MODULES > 0 ? APP_MODULES : 1]; /* why the gate latch was set */
   uint64_t takeovers[APP_MODULES > 0 ? APP_MODULES : 1][SOTER_CAUSES];
+  uint32_t
+      why[APP_MODULES > 0 ? APP_MODULES : 1]; /* SC took over last; 0: never, 1 + soter_cause */
+  int64_t next_look_ns[APP_MODULES > 0 ? APP_MODULES : 1]; /* release; SOTER_NEVER: none was yet */
+  bool looked;                                             /* since the status was told */
   uint64_t instants, late_instants, missed, calendars;
   uint64_t late_untrusted; /* instants in which plants or ACs were late, and no trusted step */
   uint32_t missed_now;
@@ -321,6 +327,13 @@ void soter_posix_listen(soter_posix* d); /* an instant has begun: what came is p
 /* a component that was released has run, from `start` to `end`, CLOCK_MONOTONIC */
 void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int64_t end_ns);
 void soter_posix_tell(soter_posix* d); /* what goes out, as it is now */
+
+/* soter_posix_looks.c: what a DM's last look found, and until when that counts. */
+int64_t soter_posix_late_limit(const soter_posix* d, uint32_t component);
+void soter_posix_looked(soter_posix* d, uint32_t component); /* the DM has stepped */
+bool soter_posix_safer(soter_posix* d, uint32_t module);     /* on fresh reads */
+uint64_t soter_posix_surely_ac(soter_posix* d, uint32_t module);
+int64_t soter_posix_begin_by(soter_posix* d);
 
 /* soter_posix_status.c: what the trusted part says of itself; a bit a module, 1: AC. */
 bool soter_posix_status_open(soter_posix* d);

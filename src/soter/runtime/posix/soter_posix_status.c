@@ -1,7 +1,7 @@
 /* soter_posix_status.c: what the trusted part says of itself.
  *
- * Purpose: the words of soter_status.h in their channel, whenever a module changed its mode and at
- * least ten times a second. Without a folder of channels, or modules, nothing is said.
+ * Purpose: the words of soter_status.h in their channel, as often as they say. Without a folder of
+ * channels, or modules, nothing is said.
  * Non-goals: the report at the end (soter_posix_report.c).
  */
 #ifndef _GNU_SOURCE
@@ -35,9 +35,12 @@ uint32_t soter_posix_modes(soter_posix* d) {
   return modes;
 }
 
-static uint64_t* of_modules(const soter_posix* d, uint64_t* to, uint32_t modes) {
+static uint64_t* of_modules(soter_posix* d, uint64_t* to, uint32_t modes) {
   for (uint32_t k = 0; k < APP_PROGRAM->modules; k++) {
     to[SOTER_STATUS_MODE] = k < 32U ? (modes >> k) & 1U : 0U;
+    to[SOTER_STATUS_SURE] = soter_posix_surely_ac(d, k);
+    to[SOTER_STATUS_SAFER] = soter_posix_safer(d, k) ? 1U : 0U;
+    to[SOTER_STATUS_WHY] = d->why[k];
     for (uint32_t c = 0; c < SOTER_STATUS_CAUSES; c++) {
       to[SOTER_STATUS_TAKEOVERS + c] = d->takeovers[k][c];
     }
@@ -75,7 +78,8 @@ void soter_posix_status(soter_posix* d, uint32_t modes) {
     return;
   }
   const int64_t now = soter_posix_clock();
-  if (modes == d->said_modes && now - d->said_ns < SOTER_STATUS_EVERY_NS) {
+  const int64_t least_ns = d->looked ? SOTER_STATUS_LOOK_NS : SOTER_STATUS_EVERY_NS;
+  if (modes == d->said_modes && now - d->said_ns < least_ns) {
     return;
   }
   d->said[SOTER_STATUS_INSTANTS] = d->instants;
@@ -88,4 +92,5 @@ void soter_posix_status(soter_posix* d, uint32_t modes) {
   soter_outside_write(&d->status_channel, now, d->said);
   d->said_modes = modes;
   d->said_ns = now;
+  d->looked = false;
 }

@@ -116,6 +116,9 @@ void soter_posix_begin(soter_posix* d) {
     soter_lease_init(&t->lease, soter_app_leases[k].lease, t->command);
     t->ended_ns = -1;
   }
+  for (uint32_t i = 0; i < APP_PROGRAM->modules; i++) {
+    d->next_look_ns[i] = SOTER_NEVER;
+  }
 }
 
 /* ------------------------------------------------------------------ in */
@@ -186,6 +189,7 @@ static void give(soter_posix* d, uint32_t k) {
   }
   SOTER_CHECK(head.stamp <= now && head.expiry - head.stamp <= l->lease->longest);
   SOTER_CHECK(l->size <= sizeof t->message);
+  head.begin = soter_posix_begin_by(d);
   uint8_t* const message = (uint8_t*)t->message;
   (void)memcpy(message, &head, sizeof head);
   l->gather(&d->state, message + sizeof head);

@@ -5,7 +5,7 @@
 #ifndef SOTER_MESSAGES_HPP
 #define SOTER_MESSAGES_HPP
 
-#include "soter_stamp_numbers.hpp"
+#include "soter_stamp_numbers.h"
 
 #include <ros/time.h>
 

@@ -3,69 +3,24 @@
  * Purpose: subscriptions, publications, parameters and /diagnostics around soter_bridge_core.hpp,
  * for a package that `soter build --target ros2` writes. Checked against the interfaces that rosidl
  * generates and a stub of rclcpp: it was not run on ROS 2.
- * Non-goals: what is judged (the core), simulated time. C++17.
+ * Non-goals: what is judged (the core), simulated time (soter_simulation.hpp). C++17.
  */
 #ifndef SOTER_BRIDGE_HPP
 #define SOTER_BRIDGE_HPP
 
 #include "soter_bridge_core.hpp"
 #include "soter_messages.hpp"
+#include "soter_publishers.hpp"
 
 #include <diagnostic_msgs/msg/diagnostic_array.hpp>
 #include <rclcpp/rclcpp.hpp>
 
-#include <array>
 #include <chrono>
 #include <cmath>
-#include <map>
 #include <memory>
 #include <thread>
 
 namespace soter {
-
-/* Who publishes a topic: nodes by the identity that messages carry. */
-class Publishers {
- public:
-  Publishers(rclcpp::Node* node, const std::string& topic) : node_(node), topic_(topic) {}
-
-  /* The full name of the node, or the identity in hex where the graph does not know it. */
-  std::string name_of(const rclcpp::MessageInfo& info) {
-    std::string id;
-    for (const uint8_t byte : info.get_rmw_message_info().publisher_gid.data) {
-      static const char* const digits = "0123456789abcdef";
-      id += digits[byte >> 4];
-      id += digits[byte & 15];
-    }
-    if (known_.count(id) == 0U) {
-      look();
-    }
-    const auto there = known_.find(id);
-    return there == known_.end() ? id : there->second;
-  }
-
- private:
-  void look() {
-    known_.clear();
-    for (const auto& endpoint : node_->get_publishers_info_by_topic(topic_)) {
-      std::string id;
-      for (const uint8_t byte : endpoint.endpoint_gid()) {
-        static const char* const digits = "0123456789abcdef";
-        id += digits[byte >> 4];
-        id += digits[byte & 15];
-      }
-      known_[id] = name(endpoint);
-    }
-  }
-
-  static std::string name(const rclcpp::TopicEndpointInfo& endpoint) {
-    const std::string& space = endpoint.node_namespace();
-    return (space == "/" ? "" : space) + "/" + endpoint.node_name();
-  }
-
-  rclcpp::Node* const node_;
-  const std::string topic_;
-  std::map<std::string, std::string> known_;
-};
 
 /* A topic of ROS that is bridged, either way. */
 class Bridged {
@@ -159,7 +114,8 @@ class Bridge {
   bool begin() {
     if (node_->get_parameter("use_sim_time").as_bool()) {
       RCLCPP_FATAL(node_->get_logger(),
-                   "use_sim_time is set, and the trusted part runs on the machine's clock");
+                   "use_sim_time is set, and the trusted part runs on the machine's clock: under "
+                   "/clock start the simulation node");
       return false;
     }
     folder_ = node_->declare_parameter<std::string>("channels", "");

@@ -46,16 +46,41 @@ class BridgeSource:
 #include "{self.name}_messages.h"
 {law}#include "soter_dds_bridge.h"
 
+#include <stddef.h>
 #include <string.h>
 
 {"".join(f"{f}{chr(10)}" for f in functions)}\
 {c_table("soter_dds_inward", "inward", [self._row_in(i, m) for i, m in inward.items()])}
 {c_table("soter_dds_outward", "outward", [self._row_out(i, m) for i, m in outward.items()])}
+{self._trusted()}
 int main(int count, char** words) {{
   const soter_dds_system system = {{"{self.name}_bridge", inward, {len(inward)}, outward, \
-{len(outward)}}};
+{len(outward)}, &trusted}};
   return soter_dds_main(&system, count, words);
 }}
+"""
+
+    def _trusted(self) -> str:
+        """Who says how things are."""
+        modules, granted = self.bridged.system.modules, self.world.granted
+        names = [self.world.names[t.index] for t in self.world.topics]
+        lease = {g.module.index: k for k, g in enumerate(granted)}
+        leases = ", ".join(str(lease.get(m.index, -1)) for m in modules)
+        return f"""\
+static const char* const modules[] = {{{_texts([m.name for m in modules])}}};
+static const int32_t lease_of[] = {{{leases or "-1"}}};
+static const char* const topics[] = {{{_texts(names)}}};
+static const soter_dds_trusted trusted = {{
+    .hash = UINT64_C({self.world.status_number:#018x}),
+    .actuators_hash = UINT64_C({self.world.actuators_number:#018x}),
+    .modules = modules,
+    .lease_of = lease_of,
+    .topics = topics,
+    .module_count = {len(modules)},
+    .lease_count = {len(granted)},
+    .topic_count = {len(names)},
+    .actuator = "{self.bridged.command}_actuator",
+}};
 """
 
     def _head(self, index: int, mapped: TopicMap) -> str:
@@ -135,6 +160,11 @@ static bool {name}_law(void* to) {{
 """
 
 
+def _texts(texts: list[str]) -> str:
+    """Of a table; C has no empty ones."""
+    return ", ".join(text_literal(t) for t in texts) or "NULL"
+
+
 def _message(mapped: TopicMap) -> MessageType:
     assert mapped.message is not None, mapped
     return mapped.message
@@ -159,4 +189,4 @@ def _stamp(mapped: TopicMap, converter: MessageConverter) -> str:
         return f"soter_dds_stamp({', '.join(parts)})"
     unit = stamp.unit_ns
     what = converter.path(stamp.path)
-    return f"soter_dds_time_of((long double){what}, {unit.numerator}, {unit.denominator})"
+    return f"soter_ns_of_number((long double){what}, {unit.numerator}, {unit.denominator})"

@@ -24,6 +24,7 @@ SOURCES = (
         "soter_dds_samples.c",
         "soter_dds_peers.c",
         "soter_dds_report.c",
+        "soter_dds_diagnostics.c",
     ),
 )
 HEADERS = ("soter_dds_bridge.h", "soter_dds_topics.h")

@@ -110,7 +110,7 @@ sizeof({self.bridged.value_type(index)}), {text(_message(mapped).name)}"""
         if mapped.stamp is not None:
             unit, what = mapped.stamp.unit_ns, converter.path(mapped.stamp.path)
             numbers = f"{unit.numerator}, {unit.denominator}"
-            stamp = f"soter_mavlink_time_of((long double){what}, {numbers})"
+            stamp = f"soter_ns_of_number((long double){what}, {numbers})"
         opened = _opened(message)
         return f"""\
 /* {mapped.topic.name}: {message.name} */

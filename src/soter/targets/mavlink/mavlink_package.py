@@ -14,7 +14,7 @@ from soter.mapping.mavlink_link import source_of
 from soter.mapping.mavlink_types import MavlinkMessage
 from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING
-from soter.targets.bridged_system import TRUSTED, BridgedSystem, require_world, shipped
+from soter.targets.bridged_system import COMMON, TRUSTED, BridgedSystem, require_world, shipped
 from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.leases import lease_times
 from soter.targets.mavlink.bridge_source import BridgeSource
@@ -41,7 +41,7 @@ SOURCES_MAX, TOPICS_MAX = 16, 64
 
 
 def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """The package; SoterError D015 where the mapping does not fit, or the system meets no world."""
+    """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
     require_world(system)
     mapped = bridged_topics(system, mapping, "MAVLink", None)
     link = mapping.mavlink
@@ -57,6 +57,7 @@ def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: Log
     package.files += [
         PackageFile(f"src/{name}_bridge.c", source.text()),
         *(shipped(RUNTIME / "mavlink", n) for n in (*HEADERS, *SOURCES)),
+        *(shipped(RUNTIME / "bridge", n) for n in COMMON),
         *dialect_headers(link.dialect, used),
         PackageFile("Makefile", _makefile(name, bridged.linked)),
     ]
@@ -168,7 +169,7 @@ def _notes(source: BridgeSource) -> list[str]:
 
 def _makefile(name: str, linked: list[str]) -> str:
     sources = [*(f"src/{n}" for n in (f"{name}_bridge.c", *SOURCES)), *linked]
-    headers = " ".join(f"src/{n}" for n in HEADERS)
+    headers = " ".join(f"src/{n}" for n in (*HEADERS, *COMMON))
     return f"""\
 # Written by soter. Needs a C compiler for Linux.
 CC ?= cc

@@ -13,29 +13,36 @@ from soter.targets.bridged_system import TRUSTED
 from soter.targets.package import PackageFile
 from soter.targets.ros.catkin_files import (
     FOR_EVER_S,
+    SIMULATED,
     compiled_alike,
     described,
     programs_and_bridge,
     script_files,
+    simulation_node,
 )
 
 if TYPE_CHECKING:
     from soter.targets.ros.catkin_files import RosPackage
 
-NEEDED = ("rclcpp", "diagnostic_msgs", "builtin_interfaces")
+NEEDED = ("rclcpp", "diagnostic_msgs", "builtin_interfaces", "rosgraph_msgs", "std_msgs")
 
 
 def ament_files(p: RosPackage) -> list[PackageFile]:
     """All of them."""
     packages = p.packages(NEEDED)
-    return [
+    files = [
         PackageFile("package.xml", _manifest(p, packages)),
         PackageFile("CMakeLists.txt", _cmake(p, packages)),
-        PackageFile(f"launch/{p.name}.launch.py", _launch(p)),
+        PackageFile(f"launch/{p.name}_simulation.launch.py", _simulation(p)),
         PackageFile("config/parameters.yaml", _parameters(p), yours=True),
-        *script_files(p),
-        PackageFile(f"test/test_{p.name}.py", _test(p)),
     ]
+    if p.bridged.programs:
+        files += [
+            PackageFile(f"launch/{p.name}.launch.py", _launch(p)),
+            *script_files(p),
+            PackageFile(f"test/test_{p.name}.py", _test(p)),
+        ]
+    return files
 
 
 def _manifest(p: RosPackage, packages: list[str]) -> str:
@@ -61,6 +68,25 @@ def _manifest(p: RosPackage, packages: list[str]) -> str:
 
 def _cmake(p: RosPackage, packages: list[str]) -> str:
     finds = "\n".join(f"find_package({name} REQUIRED)" for name in packages)
+    used = " ".join(packages)
+    bridge = scripts = tests = ""
+    names = [f"{p.name}_simulation"]
+    if p.bridged.programs:
+        names = [*p.bridged.programs, f"{p.name}_bridge", *names]
+        bridge = f"""\
+{programs_and_bridge(p)}\
+target_include_directories({p.name}_bridge PRIVATE {TRUSTED} src)
+ament_target_dependencies({p.name}_bridge {used})
+
+"""
+        listed = " ".join(f.path for f in script_files(p))
+        scripts = f"install(PROGRAMS {listed} DESTINATION lib/{p.name})\n"
+        tests = f"""
+if(BUILD_TESTING)
+  find_package(launch_testing_ament_cmake REQUIRED)
+  add_launch_test(test/test_{p.name}.py)
+endif()
+"""
     return f"""\
 # Written by soter: `colcon build` in a workspace of ROS 2.
 cmake_minimum_required(VERSION 3.16)
@@ -68,20 +94,43 @@ cmake_minimum_required(VERSION 3.16)
 find_package(ament_cmake REQUIRED)
 {finds}
 
-{programs_and_bridge(p)}\
-target_include_directories({p.name}_bridge PRIVATE {TRUSTED} src)
-ament_target_dependencies({p.name}_bridge {" ".join(packages)})
+{bridge}{simulation_node(p)}\
+target_include_directories({p.name}_simulation PRIVATE {SIMULATED} src)
+ament_target_dependencies({p.name}_simulation {used})
+target_link_libraries({p.name}_simulation m)
 
-install(TARGETS {" ".join([*p.bridged.programs, f"{p.name}_bridge"])} DESTINATION lib/{p.name})
-install(PROGRAMS {" ".join(f.path for f in script_files(p))} DESTINATION lib/{p.name})
-install(DIRECTORY launch config DESTINATION share/{p.name})
-
-if(BUILD_TESTING)
-  find_package(launch_testing_ament_cmake REQUIRED)
-  add_launch_test(test/test_{p.name}.py)
-endif()
-ament_package()
+install(TARGETS {" ".join(names)} DESTINATION lib/{p.name})
+{scripts}install(DIRECTORY launch config DESTINATION share/{p.name})
+{tests}ament_package()
 """
+
+
+def _simulation(p: RosPackage) -> str:
+    return f'''\
+"""The same program under /clock: a simulator, or a bag that is played; written by soter."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+
+def generate_launch_description():
+    """What is started."""
+    seed = ParameterValue(LaunchConfiguration("seed"), value_type=int)
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("seed", default_value="1"),
+            Node(
+                package="{p.name}",
+                executable="{p.name}_simulation",
+                parameters=[{{"use_sim_time": True, "seed": seed}}],
+                output="screen",
+            ),
+        ]
+    )
+'''
 
 
 def _launch(p: RosPackage) -> str:

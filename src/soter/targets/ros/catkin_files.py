@@ -93,6 +93,15 @@ add_executable({p.name}_bridge src/{p.name}_bridge.cpp {" ".join(p.bridged.linke
 """
 
 
+def simulation_node(p: RosPackage) -> str:
+    """CMake's rule of the node under /clock: what it is made of."""
+    return f"""\
+# the same program under /clock
+add_executable({p.name}_simulation src/{p.name}_simulation.cpp
+  {" ".join(p.simulated)})
+"""
+
+
 def _manifest(p: RosPackage) -> str:
     depends = "\n".join(f"  <depend>{name}</depend>" for name in p.packages(NEEDED))
     return f"""\
@@ -140,9 +149,7 @@ else()
   set(CATKIN_PACKAGE_SHARE_DESTINATION share/{p.name})
 endif()
 
-{bridge}# the same program under /clock
-add_executable({p.name}_simulation src/{p.name}_simulation.cpp
-  {" ".join(p.simulated)})
+{bridge}{simulation_node(p)}\
 target_include_directories({p.name}_simulation PRIVATE {SIMULATED} src SYSTEM ${{ROS_INCLUDES}})
 target_link_libraries({p.name}_simulation PRIVATE ${{ROS_LIBRARIES}} m pthread)
 
@@ -232,19 +239,18 @@ FOR_EVER_S = 1_000_000_000
 SCRIPTS_MODE = "OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE"
 ARM = """\
 #!/bin/sh
-# arm [FOLDER]: arms the actuators of this package again, those whose channels are in FOLDER.
+# arm [--unchecked] [FOLDER]: arms the actuators of this package again, those whose channels are in
+# FOLDER. They refuse where the state is none from which the proof speaks; --unchecked: whatever it
+# is, and no proof is about what follows.
 set -eu
+unchecked=
+if [ "${{1:-}}" = --unchecked ]; then
+  unchecked=--unchecked
+  shift
+fi
+here=$(dirname "$(readlink -f "$0")")
 folder=${{1:-/dev/shm/{name}}}
-pids=$(pgrep -f -- "/{command}_actuator --channels $folder( |\\$)") || {{
-  echo "arm: no {command}_actuator runs with its channels in $folder" >&2
-  exit 1
-}}
-for pid in $pids; do
-  if [ "$(readlink "/proc/$pid/exe" | sed 's|.*/||')" = "{command}_actuator" ]; then
-    kill -USR1 "$pid"
-    echo "armed: process $pid, channels in $folder"
-  fi
-done
+exec "$here/{command}_actuator" --channels "$folder" --arm $unchecked
 """
 
 START = """\

@@ -27,8 +27,12 @@ class Flavour:
     """What differs in C++ between ROS 1 and ROS 2."""
 
     version: int
-    begin: str
-    """Of a main: `{name}` is the node's; declares `bridge`, over `names`."""
+    bridge: str
+    """Of the main of the bridge `{name}`: declares `bridge`, over `names`."""
+    simulation: str
+    """Of the main of the simulation `{name}`: declares `simulation`."""
+    arm: str
+    """The command by which a person arms the actuators of `{name}`."""
 
     def include(self, message: MessageType) -> str:
         """The header of a message."""
@@ -41,8 +45,18 @@ class Flavour:
         return f"{message.package}::{'msg::' if self.version == 2 else ''}{message.name}"
 
 
-ROS1 = Flavour(1, 'ros::init(count, words, "{name}_bridge");\n  soter::Bridge bridge(names);')
-ROS2 = Flavour(2, 'rclcpp::init(count, words);\n  soter::Bridge bridge("{name}_bridge", names);')
+ROS1 = Flavour(
+    1,
+    'ros::init(count, words, "{name}_bridge");\n  soter::Bridge bridge(names);',
+    'ros::init(count, words, "{name}");\n  soter::Simulation simulation;',
+    "rosrun {name} arm",
+)
+ROS2 = Flavour(
+    2,
+    'rclcpp::init(count, words);\n  soter::Bridge bridge("{name}_bridge", names);',
+    'rclcpp::init(count, words);\n  soter::Simulation simulation("{name}");',
+    "ros2 run {name} arm",
+)
 
 
 def snake_case(name: str) -> str:
@@ -110,8 +124,10 @@ int main(int count, char** words) {{
       UINT64_C({self.world.status_number:#018x}),
       {_names([m.name for m in system.modules])},
       {_names([g.module.name for g in self.world.granted])},
-      {_names([self.world.names[t.index] for t in self.world.topics])}}};
-  {self.flavour.begin.format(name=self.name)}
+      {_names([self.world.names[t.index] for t in self.world.topics])},
+      UINT64_C({self.world.actuators_number:#018x}),
+      "{self.flavour.arm.format(name=self.name)}"}};
+  {self.flavour.bridge.format(name=self.name)}
   if (!bridge.begin()) {{
     return 1;
   }}
@@ -130,8 +146,7 @@ int main(int count, char** words) {{
 #include "{self.name}_topics.hpp"
 
 int main(int count, char** words) {{
-  ros::init(count, words, "{self.name}");
-  soter::Simulation simulation;
+  {self.flavour.simulation.format(name=self.name)}
 {self._calls("simulation")}  return simulation.run();
 }}
 """
@@ -228,7 +243,7 @@ def _stamp(stamp: StampSource | None, converter: MessageConverter, *, scanned: b
     what, unit = converter.path(stamp.path), stamp.unit_ns
     if stamp.kind == "time":
         return f"soter::ns_of({what})"
-    return f"soter::ns_of_number({what}, {unit.numerator}, {unit.denominator})"
+    return f"soter_ns_of_number((long double){what}, {unit.numerator}, {unit.denominator})"
 
 
 def _names(names: list[str]) -> str:

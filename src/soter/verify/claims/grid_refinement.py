@@ -78,8 +78,11 @@ def _split(group: Group, cells: Bools) -> Group | None:
 
 def _halved(axis: Axis, near: Bools) -> Axis:
     edges: list[float] = []
-    for low, high, split in zip(axis.edges, axis.edges[1:], near, strict=False):
+    outer = (0, len(near) - 1) if axis.unbounded else ()
+    for k, (low, high, split) in enumerate(zip(axis.edges, axis.edges[1:], near, strict=False)):
         edges.append(low)
+        if k in outer:
+            continue
         middle = low / 2 + high / 2
         if split and low < middle < high:
             edges.append(middle)

@@ -113,7 +113,7 @@ class CellsPart(SetFactor):
 
     def ranges(self, block: Block) -> Ranges:
         """The ends of a block along every axis."""
-        every = zip(self.engine.axes, self.engine.edges, block, strict=True)
+        every = zip(self.engine.axes, self.engine.spans, block, strict=True)
         return {
             state: (float(edges[part.start]), float(edges[part.stop]))
             for state, edges, part in every

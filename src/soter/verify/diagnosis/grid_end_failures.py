@@ -44,7 +44,7 @@ def grid_ends(
         low, high = axis.edges[0], axis.edges[-1]
         for side, end in ((0, low), (1, high)):
             layer = np.take(wrong, -side, axis=k)
-            if not layer.any() or axis.open:
+            if not layer.any() or axis.open or axis.unbounded:
                 continue
             at = np.argwhere(layer)[len(np.argwhere(layer)) // 2].tolist()
             at.insert(k, wrong.shape[k] - 1 if side else 0)

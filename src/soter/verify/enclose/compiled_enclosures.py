@@ -16,7 +16,11 @@ from soter.core.statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.evaluate.conjuncts import PARTS_MAX
-from soter.verify.enclose.enclosure_code import EnclosureError, generate_enclosures
+from soter.verify.enclose.enclosure_code import (
+    EnclosureError,
+    EnclosureUnit,
+    generate_enclosures,
+)
 from soter.verify.enclose.engine_library import ReachLibrary
 from soter.verify.problem.other_modes import in_ac
 
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.core.core import Function, Predicate
+    from soter.diagnostics.span import Span
     from soter.language.model.typed import TypedExpr
     from soter.verify.problem.problem import Problem
 
@@ -38,7 +43,7 @@ TRUE = 2
 def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
     """The compiled enclosures, and the prelude functions that they use.
 
-    `SoterError` R007 where something cannot be enclosed.
+    `SoterError` R007 where something cannot be enclosed, or depends on a state without bounds.
     """
     hint, functions = _hint(problem)
     try:
@@ -52,17 +57,28 @@ def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
             back=_back(problem),
         )
     except EnclosureError as error:
-        diagnostics = Diagnostics()
-        symbol = problem.module.symbol
-        span = getattr(error, "span", None) or symbol.span
-        diagnostics.error(
-            "R007",
-            f"module `{problem.name}`: {error}",
-            span,
-            notes=("a proof must be able to enclose what the program computes",),
-        )
-        raise SoterError(diagnostics.items) from error
+        span = getattr(error, "span", None) or problem.module.symbol.span
+        note = "a proof must be able to enclose what the program computes"
+        raise _refused(problem, str(error), span, note) from error
+    _unread(problem, unit)
     return ReachLibrary(unit.source), unit.prelude
+
+
+def _refused(problem: Problem, why: str, span: Span, note: str) -> SoterError:
+    diagnostics = Diagnostics()
+    diagnostics.error("R007", f"module `{problem.name}`: {why}", span, notes=(note,))
+    return SoterError(diagnostics.items)
+
+
+def _unread(problem: Problem, unit: EnclosureUnit) -> None:
+    """R007 where what moves the plants, or SC, reads a state whose axis is unbounded."""
+    for group in problem.groups:
+        for axis in (a for a in group.axes if a.unbounded):
+            for name, who in (("law", "SC"), ("derivative", "what moves the plants")):
+                if axis.state in unit.reads.get(name, ()):
+                    why = f"{who} reads `{axis.name}`, whose axis is `open`"
+                    note = "beyond the ends of such an axis nothing is known but that it is alike"
+                    raise _refused(problem, why, group.span or problem.module.symbol.span, note)
 
 
 def _back(problem: Problem) -> TypedExpr | None:

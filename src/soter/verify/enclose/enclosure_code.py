@@ -54,6 +54,8 @@ class EnclosureUnit:
     """Prelude functions whose error bounds (`language/prelude/bounds.py`) were used: tested."""
     functions: tuple[str, ...]
     """Names of the functions that were emitted: `soter_law`, `soter_derivative`, ..."""
+    reads: Mapping[str, frozenset[int]]
+    """The float inputs that each of them reads, by its name without `soter_`."""
 
 
 def generate_enclosures(
@@ -73,7 +75,7 @@ def generate_enclosures(
     """
     unit = _Unit(system, core, module, quantities)
     unit.run(core_hint, hint_functions or {}, back)
-    return EnclosureUnit(unit.text(), tuple(sorted(unit.prelude)), tuple(unit.names))
+    return EnclosureUnit(unit.text(), tuple(sorted(unit.prelude)), tuple(unit.names), unit.reads)
 
 
 class _Unit:
@@ -88,6 +90,7 @@ class _Unit:
         self.prelude: set[str] = set()
         self.definitions: list[c.CTop] = []
         self.names: list[str] = []
+        self.reads: dict[str, frozenset[int]] = {}
 
     def run(
         self,
@@ -189,6 +192,8 @@ class _Unit:
         faults: bool = True,
     ) -> None:
         body = framed(emitter.block, emitter.reads, results, faults=faults)
+        mentioned = set(names_in(body))
+        self.reads[name] = frozenset(k for k, x in emitter.reads.items() if x.text in mentioned)
         full = f"soter_{name}"
         self.names.append(full)
         self.definitions.append(

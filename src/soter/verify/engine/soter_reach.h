@@ -18,6 +18,8 @@ typedef unsigned (*soter_reach_test)(const soter_form*, const int64_t*, soter_tr
 #define SOTER_REACH_COMMANDS 8
 #define SOTER_REACH_PAST 4
 #define SOTER_REACH_SEGMENTS 64
+#define SOTER_REACH_KEPT 1
+#define SOTER_REACH_UNBOUNDED 2
 
 /* x' is in a x + b u + c + [-w, w]. */
 typedef struct {
@@ -69,9 +71,9 @@ typedef struct {
   double extra_w[SOTER_REACH_AXES];
   double dust[SOTER_REACH_AXES]; /* rates this wide may be 0 but for rounding */
   double scheme;                 /* seconds that the simulator's stages look ahead */
-  /* Ends of the axes. 0: what lies beyond is unsafe; 1: no run passes
-   * (soter_reach_invariant_ends.c). Other values are free, for axes that wrap around or go on:
-   * soter_reach_cells is where boxes meet ends. */
+  /* Ends of the axes. 0: what lies beyond is unsafe; 1: no run passes; 2: what lies beyond belongs
+   * to the last cell (soter_reach_invariant_ends.c). Other values are free, for axes that wrap
+   * around: soter_reach_cells is where boxes meet ends. */
   int32_t kept_low[SOTER_REACH_AXES], kept_high[SOTER_REACH_AXES];
   soter_reach_model model;
   soter_reach_step first, later;                        /* hold 0 (period - jitter), the others */
@@ -86,6 +88,7 @@ typedef struct {
   double box[SOTER_REACH_AXES];
   double lo[SOTER_REACH_AXES];
   double hi[SOTER_REACH_AXES];
+  uint32_t from_low, from_high; /* bit i: it began at an end of axis i that has no outer end */
   double uc[SOTER_REACH_COMMANDS];
   double ug[SOTER_REACH_COMMANDS][SOTER_REACH_AXES];
   double ur[SOTER_REACH_COMMANDS];

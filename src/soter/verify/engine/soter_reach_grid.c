@@ -44,6 +44,14 @@ int soter_reach_cells(const soter_reach_group* g, int axis, double lo, double hi
   const double* e = g->edges[axis];
   const int n = g->cells[axis];
   soter_reach_keep_axis(g, axis, &lo, &hi);
+  if (g->kept_low[axis] == SOTER_REACH_UNBOUNDED && lo <= hi) {
+    lo = lo < e[0] ? e[0] : lo;
+    hi = hi < e[0] ? e[0] : hi;
+  }
+  if (g->kept_high[axis] == SOTER_REACH_UNBOUNDED && lo <= hi) {
+    lo = lo > e[n] ? e[n] : lo;
+    hi = hi > e[n] ? e[n] : hi;
+  }
   if (!(lo >= e[0] && hi <= e[n] && lo <= hi)) {
     return 0;
   }

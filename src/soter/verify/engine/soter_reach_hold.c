@@ -24,6 +24,8 @@ void soter_reach_start(const soter_reach_group* g, const double* lo, const doubl
     x->lo[i] = lo[i];
     x->hi[i] = hi[i];
   }
+  x->from_low = soter_reach_at_low(g, lo);
+  x->from_high = soter_reach_at_high(g, hi);
 }
 
 /* What stands while a command is held: how far the state may be off when it is read, the commands,
@@ -412,6 +414,8 @@ ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
     return 0;
   }
   standing(n, g, s, x, flo, fhi, t.lo, t.hi, may, &y, out);
+  soter_reach_to_ends(g, x->from_low, x->from_high, out->tube_lo, out->tube_hi);
+  soter_reach_to_ends(g, x->from_low, x->from_high, out->image_lo, out->image_hi);
   copy_state(x, &y);
   x->holds++;
   if (g->delay > 0 || g->jitter > 0) {

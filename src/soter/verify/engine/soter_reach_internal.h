@@ -11,6 +11,9 @@
 
 enum { AXES = SOTER_REACH_AXES, COMMANDS = SOTER_REACH_COMMANDS };
 
+/* Beyond this no number is looked at where an axis has no end. */
+#define FARTHEST 0x1p1000
+
 #define EPS 2.220446049250313e-16
 #define TINY 1e-300
 
@@ -63,10 +66,10 @@ static inline void soter_set(soter_form* f, int i, double lo, double hi) {
 static inline void soter_reach_keep_axis(const soter_reach_group* g, int axis, double* lo,
                                          double* hi) {
   const double low = g->edges[axis][0], high = g->edges[axis][g->cells[axis]];
-  if (g->kept_low[axis] && *lo < low && *hi >= low) {
+  if (g->kept_low[axis] == SOTER_REACH_KEPT && *lo < low && *hi >= low) {
     *lo = low;
   }
-  if (g->kept_high[axis] && *hi > high && *lo <= high) {
+  if (g->kept_high[axis] == SOTER_REACH_KEPT && *hi > high && *lo <= high) {
     *hi = high;
   }
 }
@@ -104,6 +107,10 @@ int soter_reach_dev(const soter_reach_group* g, const soter_reach_model* m, doub
                     double dev[AXES][AXES]);
 int soter_reach_model_of(const soter_reach_group* g, soter_scratch* s, soter_reach_model* m);
 void soter_reach_keep(const soter_reach_group* g, double* lo, double* hi);
+void soter_reach_to_ends(const soter_reach_group* g, unsigned from_low, unsigned from_high,
+                         double* lo, double* hi);
+unsigned soter_reach_at_low(const soter_reach_group* g, const double* lo);
+unsigned soter_reach_at_high(const soter_reach_group* g, const double* hi);
 void soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const double* lo,
                         const double* hi, const double* rate, const double* ulo, const double* uhi,
                         unsigned* rises, unsigned* falls);

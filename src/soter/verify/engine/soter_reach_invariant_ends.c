@@ -1,5 +1,5 @@
-/* What does not move: ends of the grid that the plant keeps, and states that stand still, or go one
- * way only.
+/* What does not move: ends of the grid that the plant keeps, ends that are none, and states that
+ * stand still, or go one way only.
  * Purpose: the two places where rounding outward would turn a closed cell into a larger one.
  * Non-goals: finding the ends that are kept (soter/verify/grid/grid_borders.py).
  *
@@ -8,6 +8,14 @@
  * let s be the last instant before t with x_i(s) = e; just after s the run is in the strip, so that
  * x_i cannot fall. No uniqueness of solutions is needed. Hence an enclosure of such a run may be
  * cut at e. (Runs followed backwards, for what was read, are not cut.)
+ *
+ * No ends. g->kept_high[i] == SOTER_REACH_UNBOUNDED says that the last cell of the axis holds all
+ * that lies beyond, and that no rate and no law reads x_i. Then, of two runs that differ in nothing
+ * but x_i(0), x_i differs by the same amount for ever. Enclosures are computed from the cell with
+ * its breakpoint e, and are not cut: they hold the runs that began in it. A run that began beyond
+ * is one of these, moved up: at every instant it is in a cell between theirs and the last one. So
+ * what is enclosed of a cell that touches e goes up to e (soter_reach_to_ends), and only where
+ * cells are told is what lies beyond the last breakpoint taken for the last cell.
  *
  * Standing. Let a box hold all states of a run over some time. If x_i' is exactly 0 for every state
  * of the box and every command that may act meanwhile, x_i does not change: what was in a closed
@@ -58,5 +66,37 @@ void soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const doub
     const soter_form* f = &s->out[g->axis[i]];
     *rises |= f->lo >= 0 ? 1U << i : 0U;
     *falls |= f->hi <= 0 ? 1U << i : 0U;
+  }
+}
+
+/* Bit i: a box with these lower ends touches an end of axis i that has no outer end. */
+unsigned soter_reach_at_low(const soter_reach_group* g, const double* lo) {
+  unsigned at = 0;
+  for (int i = 0; i < g->axes; i++) {
+    at |= g->kept_low[i] == SOTER_REACH_UNBOUNDED && lo[i] <= g->edges[i][0] ? 1U << i : 0U;
+  }
+  return at;
+}
+
+/* The same of upper ends. */
+unsigned soter_reach_at_high(const soter_reach_group* g, const double* hi) {
+  unsigned at = 0;
+  for (int i = 0; i < g->axes; i++) {
+    const double end = g->edges[i][g->cells[i]];
+    at |= g->kept_high[i] == SOTER_REACH_UNBOUNDED && hi[i] >= end ? 1U << i : 0U;
+  }
+  return at;
+}
+
+/* What is enclosed of runs that began at an end that has no outer end goes up to it. */
+void soter_reach_to_ends(const soter_reach_group* g, unsigned from_low, unsigned from_high,
+                         double* lo, double* hi) {
+  for (int i = 0; i < g->axes; i++) {
+    if (from_low >> i & 1U) {
+      lo[i] = soter_least(lo[i], g->edges[i][0]);
+    }
+    if (from_high >> i & 1U) {
+      hi[i] = soter_most(hi[i], g->edges[i][g->cells[i]]);
+    }
   }
 }

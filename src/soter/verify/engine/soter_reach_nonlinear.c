@@ -43,10 +43,10 @@ static int holds(const soter_reach_group* g, const double* lo, const double* hi,
     excursion(from, to, flo[i], fhi[i], &down, &up);
     low = soter_down(lo[i] - down);
     high = soter_up(hi[i] + up);
-    if (from >= 0 && g->kept_low[i]) {
+    if (from >= 0 && g->kept_low[i] == SOTER_REACH_KEPT) {
       low = soter_most(low, soter_least(lo[i], g->edges[i][0]));
     }
-    if (from >= 0 && g->kept_high[i]) {
+    if (from >= 0 && g->kept_high[i] == SOTER_REACH_KEPT) {
       high = soter_least(high, soter_most(hi[i], g->edges[i][g->cells[i]]));
     }
     SOTER_CHECK(low <= lo[i] && high >= hi[i]);

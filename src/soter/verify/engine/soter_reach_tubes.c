@@ -28,6 +28,19 @@ static void edges_of(const soter_reach_group* g, const int* first, const int* la
   }
 }
 
+/* The same where cells at ends that have no outer end go on. */
+static void whole_of(const soter_reach_group* g, const int* first, const int* last, double* lo,
+                     double* hi) {
+  unsigned low, high;
+  edges_of(g, first, last, lo, hi);
+  low = soter_reach_at_low(g, lo);
+  high = soter_reach_at_high(g, hi);
+  for (int a = 0; a < g->axes; a++) {
+    lo[a] = low >> a & 1U ? -FARTHEST : lo[a];
+    hi[a] = high >> a & 1U ? FARTHEST : hi[a];
+  }
+}
+
 static void fill(cell_job* job, const int* first, const int* last, uint8_t value) {
   const soter_reach_group* g = job->g;
   int at[AXES], a = 0;
@@ -104,6 +117,7 @@ static int tube_inside(const cell_job* job, const double* lo, const double* hi) 
       low[i] -= 8 * EPS * size + TINY;
       high[i] += 8 * EPS * size + TINY;
     }
+    soter_reach_to_ends(g, soter_reach_at_low(g, lo), soter_reach_at_high(g, hi), low, high);
     if (!soter_reach_cover(g, low, high, box) || !soter_reach_inside(g, job->target, box, 0)) {
       return 0;
     }
@@ -166,7 +180,7 @@ static int truth_box(cell_job* job, int who, const int* first, const int* last) 
   soter_scratch* s = &job->scratch[who];
   soter_truth answer[1] = {3};
   double lo[AXES], hi[AXES];
-  edges_of(g, first, last, lo, hi);
+  whole_of(g, first, last, lo, hi);
   SOTER_CHECK(0 <= who && who < SOTER_REACH_THREADS);
   for (int a = 0; a < g->axes; a++) {
     soter_range(&s->in[g->axis[a]], g->axis[a], lo[a], hi[a]);

@@ -153,7 +153,7 @@ class GridProof(GroupProof):
     def at_start(self, case: Case) -> tuple[slice, ...] | None:
         """The cells of the initial states; None where the grid does not hold all of them."""
         ends = [case.problem.initial[s] for s in self.engine.axes]
-        box = [holding(e, i.low, i.high) for e, i in zip(self.engine.edges, ends, strict=True)]
+        box = [holding(e, i.low, i.high) for e, i in zip(self.engine.spans, ends, strict=True)]
         at = tuple(b for b in box if b is not None)
         return at if len(at) == len(box) else None
 

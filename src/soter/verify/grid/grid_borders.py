@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+UNBOUNDED = 2
+"""As `SOTER_REACH_UNBOUNDED`: beyond such an end of an axis is its last cell."""
 BACK = 4.0
 """How much further than |x'| (d + 2 j) the strip goes: a-priori boxes are larger than runs."""
 DUST = 1e-10
@@ -40,6 +42,7 @@ class BorderedModel(Protocol):
     inputs: GridInputs
     axes: tuple[int, ...]
     open_ends: frozenset[int]
+    unbounded: frozenset[int]
     covers_scheme: bool
     crossed: list[str]
     low: Floats
@@ -74,6 +77,9 @@ def keep_borders(model: BorderedModel) -> None:
     for i, state in enumerate(model.axes):
         largest = float(np.abs(whole[state]).max())
         g.dust[i] = DUST * largest + 8.0 * g.extra_w[i]
+        if state in model.unbounded:
+            g.kept_low[i] = g.kept_high[i] = UNBOUNDED
+            continue
         for upper in (False, True):
             _keep_end(model, i, back * largest, upper=upper)
 

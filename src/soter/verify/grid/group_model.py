@@ -31,6 +31,10 @@ TILE = {1: (64,), 2: (8, 8), 3: (4, 4, 4), 4: (2, 2, 4, 4)}
 OUTSET = 2.0**-20
 """How much larger than the grid (relative to an axis) the domain of the enclosures is: a run that
 leaves the grid is still inside it, so no claim inside rests on what happens outside."""
+DOMAIN = 2.0**20
+"""How much larger that is along an axis without ends, where nothing reads its state."""
+FARTHEST = 2.0**1000
+"""As `FARTHEST` of the engine: such a state is taken to lie within."""
 AXIS_MAX = 2**16 - 1
 """An axis has fewer cells, as many breakpoints at most."""
 
@@ -65,6 +69,7 @@ class GridModel:
         threads: int = 2,
         linear: bool | None = None,
         open_ends: Collection[int] = (),
+        unbounded: Collection[int] = (),
         progress: Callable[[str, float], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> None:
@@ -72,13 +77,15 @@ class GridModel:
 
         `linear`: whether a flow is enclosed by one linear model for the whole domain; None: if it
         is linear but for remainders below a thousandth of its rates. `open_ends`: states whose last
-        breakpoint no run is taken to pass. `progress(what, share)` is told now and then;
+        breakpoint no run is taken to pass. `unbounded`: states whose first and last cell have no
+        outer end, and that neither a rate nor the law reads; of a flow, and in no other group.
+        `progress(what, share)` is told now and then;
         CancelledError is raised soon after `stop()` turns true.
         UnboundedError where the dynamics have no finite enclosure over the domain.
         """
         self.library, self.inputs, self.threads = library, inputs, threads
         self.progress, self.stop = progress, stop
-        self.open_ends = frozenset(open_ends)
+        self.open_ends, self.unbounded = frozenset(open_ends), frozenset(unbounded)
         self.axes = tuple(int(i) for i, _ in axes)
         self.edges = tuple(np.ascontiguousarray(e, dtype=np.float64) for _, e in axes)
         self.shape = tuple(len(e) - 1 for e in self.edges)
@@ -113,7 +120,8 @@ class GridModel:
         n = len(x.states)
         for axis, edges in zip(self.axes, self.edges, strict=True):
             low[axis], high[axis] = min(low[axis], edges[0]), max(high[axis], edges[-1])
-        margin = (high[:n] - low[:n]) * OUTSET
+        endless = [i in self.unbounded for i in range(n)]
+        margin = (high[:n] - low[:n]) * np.where(endless, DOMAIN, OUTSET)
         low[:n] -= margin
         high[:n] += margin
         self.low, self.high = low, high
@@ -140,6 +148,15 @@ class GridModel:
         )
         g.past = 1 + (2 * x.jitter_ns + x.delay_ns) // max(1, x.period_ns)
         return g
+
+    @property
+    def spans(self) -> list[Floats]:
+        """Breakpoints of each axis, (cells + 1,), the outer ones as far out as their cells go."""
+        spans = [e.copy() for e in self.edges]
+        for state, edges in zip(self.axes, spans, strict=True):
+            if state in self.unbounded:
+                edges[0], edges[-1] = -FARTHEST, FARTHEST
+        return spans
 
     def pointer(self, array: npt.NDArray[Any], ctype: str) -> Any:  # noqa: ANN401 - cdata
         """The address of the data of an array of any shape; the caller keeps the array."""
@@ -321,6 +338,8 @@ class GridModel:
             first = np.searchsorted(edges, low, side="right") - 1
             last = np.searchsorted(edges, high, side="left") - 1
             last = np.where(high > edges[-1], n, last)
+            if state in self.unbounded:
+                first, last = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
             cell_ranges.append((first.astype(np.int32), last.astype(np.int32)))
         return cell_ranges
 

@@ -82,7 +82,9 @@ class GridGroup(GridModel):
         """The engine for a group of a problem."""
         axes = [(a.state, a.edges) for a in group.axes]
         ends = {a.state for a in group.axes if a.open}
-        return cls(library, of_problem(problem, parameters), axes, open_ends=ends, **options)
+        endless = {a.state for a in group.axes if a.unbounded}
+        told = of_problem(problem, parameters)
+        return cls(library, told, axes, open_ends=ends, unbounded=endless, **options)
 
     # ------------------------------------------------------------ predicates
 

@@ -108,6 +108,9 @@ class Axes:
         )
         cells = self.calculator.value(item.cells, "the number of cells") if item.cells else 1
         edges = self._edges(low, high, int(cells or 1), item)
+        if item.unbounded:
+            width = high - low
+            return Axis(state, name, (low - width, *edges, high + width), unbounded=True)
         if item.open is None:
             return Axis(state, name, edges)
         end = float(self.calculator.value(item.open, "the end of an open axis") or 0.0)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.language.model.system import Module, System
-    from soter.verify.problem.problem import Group
+    from soter.verify.problem.problem import Group, ProblemKind
 
 LEVELS_DEFAULT = 3
 CASES_MAX = 4096
@@ -92,6 +92,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     _stop(diagnostics)
     groups = Axes(at, inputs, diagnostics)
     axis_groups = groups.groups()
+    _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
@@ -157,6 +158,29 @@ def _open(groups: tuple[Group, ...]) -> list[Assumption]:
     ends = [f"{a.name} below {a.edges[-1]!r}" for g in groups for a in g.axes if a.open]
     text = f"no run gets beyond an open end, of which nothing is proved: {', '.join(ends)}"
     return [Assumption("open", text)] * bool(ends)
+
+
+def _unbounded(
+    at: VerificationSystem, groups: tuple[Group, ...], kind: ProblemKind, diagnostics: Diagnostics
+) -> None:
+    """R007 for an axis without ends where its meaning is not settled."""
+    symbol = at.module.symbol
+    wrong = {
+        "predicates that are computed": symbol.ttf is None,
+        "an SC that is to be found": symbol.synthesized,
+        "several groups of axes": len(groups) > 1,
+        "a plant that moves in steps (`next`)": kind != "flow",
+        "`enters`": symbol.verify.enters is not None,
+    }
+    for what in (what for what, there in wrong.items() if there):
+        for group in groups:
+            for axis in (a for a in group.axes if a.unbounded):
+                diagnostics.error(
+                    "R007",
+                    f"`{axis.name}` is `open`, which a proof does not follow with {what}",
+                    group.span or symbol.span,
+                    helps=(f"`{axis.name} in [l, u] / n`, with an end on either side",),
+                )
 
 
 def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> None:

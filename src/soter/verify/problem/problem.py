@@ -149,6 +149,8 @@ class Axis:
     """Breakpoints, strictly increasing; n + 1 of them for n cells."""
     open: bool = False
     """Nothing is claimed of runs beyond the last breakpoint, and no run is taken to get there."""
+    unbounded: bool = False
+    """The first and the last cell have no outer end: what lies beyond belongs to them."""
 
 
 @dataclass(frozen=True)

@@ -185,6 +185,7 @@ class VerifyChecker:
         axis, t = place
         if isinstance(t, FloatType):
             axis.low, axis.high, axis.cells, axis.open = low, high, cells, end
+            axis.unbounded = item.unbounded
             return axis
         self.diagnostics.error(
             "T001",

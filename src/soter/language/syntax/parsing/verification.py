@@ -89,11 +89,12 @@ class VerifyParser(BodyParser):
             interval = self.range_of("the range of the axis")
             self.expect("/", "and the number of cells after the range of the axis")
             cells = self.expr("the number of cells")
-            end = None
-            if self.accept_word("open"):
+            end, is_open = None, self.accept_word("open")
+            if is_open and self.kinds[self.i] not in (",", ";"):
                 self.expect_word("to", "after `open`")
                 end = self.expr("where an open axis ends")
-            axes.append(tree.GridAxis(path, interval, cells, end))
+            unbounded = is_open and end is None
+            axes.append(tree.GridAxis(path, interval, cells, end, unbounded))
             if not self.accept(","):
                 break
         self.semicolon("the grid")

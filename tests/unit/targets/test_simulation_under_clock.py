@@ -1,0 +1,199 @@
+"""A program under /clock, by the C++ of the simulation nodes, without any ROS.
+
+Non-goals: roscpp (`tests/correct/test_ros1.py`), rclcpp (`tests/correct/test_ros2_types.py`).
+"""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+
+import processes
+from soter.api import load
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    Told = Callable[..., list[str]]
+
+PROGRAM = """soter 1;
+input topic seen: float;
+topic out: float = 0.0;
+node N period 10ms { subscribes seen; publishes out; step { publish out = seen; } }
+system Robot { external topic seen; external topic out; n: N; until 1s; }
+"""
+MAPPING = {
+    "topics": {
+        "seen": {
+            "channel": "/seen",
+            "type": "geometry_msgs/PointStamped",
+            "fields": {"value": "point.x"},
+        }
+    }
+}
+MAIN = """
+#include "soter_simulation_core.hpp"
+
+#include <iostream>
+
+struct Message { double value; int64_t stamp; };
+struct SeenIn {
+  typedef ::Message Message;
+  typedef double Value;
+  static uint32_t index() { return INDEX; }
+  static const char* publisher() { return ""; }
+  static bool frame(const Message&) { return true; }
+  static bool stamped() { return STAMPED; }
+  static int64_t stamp_ns(const Message& m) { return m.stamp; }
+  static bool convert(const Message& m, Value* to) { *to = m.value; return m.value < 100.0; }
+};
+
+struct In : soter::SimulatedInput<SeenIn> {
+  void hear(const Message& m, const std::string& who) { take(m, who); }
+  void refused(const char* why) override { std::printf("refused: %s\\n", why); }
+  void out(const APP_STATE* state, int64_t) override {
+    const int64_t stamp = soter_stamps_of(APP_PROGRAM, const_cast<APP_STATE*>(state))[INDEX];
+    if (stamp != told) {
+      double value;
+      const uint8_t* const bytes = reinterpret_cast<const uint8_t*>(state);
+      std::memcpy(&value, bytes + APP_PROGRAM->topic[INDEX].offset, sizeof value);
+      const int64_t ct = soter_header_of(const_cast<APP_STATE*>(state))->ct;
+      std::printf("%g ms: %g of %g ms\\n", ct / 1e6, value, stamp / 1e6);
+      told = stamp;
+    }
+  }
+  void begin() override { soter::SimulatedInput<SeenIn>::begin(); told = SOTER_NEVER; }
+  int64_t told = SOTER_NEVER;
+};
+struct Simulation : soter::SimulationCore {
+  void began_anew() override { std::printf("anew\\n"); }
+  void mode_changed() override {}
+};
+
+int main() {
+  Simulation simulation;
+  In* const in = new In;
+  simulation.add(in);
+  if (simulation.prepare(Simulation::UNTIL_S, 1) != nullptr) return 1;
+  std::string word, who;
+  double ms, value;
+  while (std::cin >> word >> ms) {
+    const int64_t at = static_cast<int64_t>(ms * 1e6);
+    if (word == "clock") {
+      simulation.clock(at);
+    } else if (std::cin >> who >> value) {
+      in->hear(Message{value, at}, who);
+    }
+  }
+  (void)simulation.result();
+  return simulation.exit_code();
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package of ROS 2: the sources that both have in common, compiled but for the main."""
+    if shutil.which("g++") is None or shutil.which("cc") is None:
+        pytest.skip("no C++ compiler here")
+    folder = tmp_path_factory.mktemp("clock")
+    (folder / "robot.soter").write_text(PROGRAM)
+    load(folder / "robot.soter").build("ros2", folder / "out", "Robot", mapping=MAPPING)
+    simulated = folder / "out" / "simulated"
+    mains = ("main.c", "soter_main.c", "soter_virtual.c")
+    sources = [p.name for p in simulated.glob("*.c") if p.name not in mains]
+    processes.run(["cc", "-std=c99", "-O1", "-c", *sources], cwd=simulated, check=True)
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def told(package: Path) -> Told:
+    """What a run prints: of times of /clock and messages (name, stamp, value); times in ms."""
+    system = load(package.parent / "robot.soter").flat("Robot")
+    (index,) = (t.index for t in system.topics if t.name == "seen")
+    (package / "main.cpp").write_text(MAIN)
+    for stamped in ("true", "false"):
+        words = ["g++", "-std=c++11", "-O1", "-Wall", "-Wextra", "-Werror", "-Isrc", "-Isimulated"]
+        words += [f"-DINDEX={index}U", f"-DSTAMPED={stamped}", "-o", f"main_{stamped}", "main.cpp"]
+        objects = [str(p) for p in (package / "simulated").glob("*.o")]
+        processes.run([*words, *objects, "-lm"], cwd=package, check=True)
+
+    def run(
+        *events: float | tuple[str, float, float], stamped: bool = True, ends: int = 130
+    ) -> list[str]:
+        lines = [f"{e[1]} {e[0]} {e[2]}" if isinstance(e, tuple) else f"clock {e}" for e in events]
+        text = "\n".join(line if line[0] == "c" else f"message {line}" for line in lines)
+        program = package / f"main_{str(stamped).lower()}"
+        (package / "events").write_text(text)
+        with (package / "events").open() as events_:
+            done = processes.run([program], stdin=events_, capture_output=True, text=True)
+        assert done.returncode == ends, done.stderr
+        return str(done.stdout).splitlines()
+
+    return run
+
+
+LATER = "refused: a message was stamped later than now: two clocks, or a wrong one"
+
+
+def test_a_message_is_as_old_as_its_stamp(told: Told) -> None:
+    lines = told(1000, 1020, ("a", 1015, 1.5), 1030, 1040)
+    assert lines[0] == "30 ms: 1.5 of 15 ms"
+
+
+def test_a_stamp_that_is_later_than_the_next_clock_is_refused_and_nothing_is_taken(
+    told: Told,
+) -> None:
+    lines = told(1000, 1020, ("a", 1031, 1.5), 1030, 1040, 1050)
+    assert lines[:-2] == [LATER]
+
+
+def test_who_stamps_may_have_heard_clock_earlier_and_nothing_is_taken_before_its_stamp(
+    told: Told,
+) -> None:
+    lines = told(1000, 1010, ("a", 1040, 1.5), 1050)  # /clock steps over four instants
+    assert lines[:-2] == ["40 ms: 1.5 of 40 ms"]
+
+
+def test_a_later_stamp_that_is_refused_leaves_the_message_before_it(told: Told) -> None:
+    lines = told(1000, 1020, ("a", 1019, 1.5), ("a", 9000, 2.5), 1030)
+    assert lines[:-2] == [LATER, "30 ms: 1.5 of 19 ms"]
+
+
+@pytest.mark.parametrize("stamp", [0.0, -5.0])
+def test_a_message_that_nobody_stamped_is_refused(told: Told, stamp: float) -> None:
+    assert told(1000, ("a", stamp, 1.5), 1030)[:-2] == ["refused: a message has no stamp"]
+
+
+def test_a_message_without_a_stamp_counts_from_the_next_instant(told: Told) -> None:
+    lines = told(1000, 1020, ("a", 0.0, 1.5), 1040, stamped=False)
+    assert lines[:-2] == ["30 ms: 1.5 of 30 ms"]
+
+
+def test_one_node_speaks_on_a_topic(told: Told) -> None:
+    lines = told(1000, ("a", 1000, 1.5), ("b", 1000, 2.5), ("a", 1000, 101.0), 1010)
+    assert lines[:2] == [
+        "refused: a second node publishes it",
+        "refused: a message has no such element, or a number that the topic cannot hold",
+    ]
+    assert lines[2:-2] == ["10 ms: 1.5 of 0 ms"]
+
+
+def test_a_clock_that_goes_back_is_a_beginning_and_forgets_what_was_heard(told: Told) -> None:
+    lines = told(1000, 1020, ("a", 1020, 1.5), 500, ("a", 500, 2.5), 520)
+    assert lines[:-2] == ["anew", "10 ms: 2.5 of 0 ms"]
+    assert told(1000, 1020, ("a", 1020, 1.5), 500, 1100)[:-2] == ["anew"]
+
+
+def test_the_trace_does_not_depend_on_who_ticks(told: Told) -> None:
+    once = told(1000, 2010, ends=0)
+    often = told(*range(1000, 2020, 7), ends=0)
+    anew = told(1000, 1500, 700, 1000, 1720, ends=0)
+    assert once == often == anew[1:]
+    assert once[0] == "safe"
+    assert once[1].startswith("trace_sha256 ")
