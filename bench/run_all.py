@@ -612,6 +612,12 @@ BENCHMARKS = (
         "seeds. `silence` aside a ray that does not come back counts as free for 8 m.",
     ),
     Benchmark(
+        "A rover among people",
+        ("bench/exploration/people.py",),
+        "examples/exploration/people.soter, simulated: 120 s a run, three people, W = 1 m/s, the "
+        "same seeds for each rover.",
+    ),
+    Benchmark(
         "A policy in another process",
         ("bench/real_time/remote_policy.py", "--seconds", "15"),
         "From the observation in its channel to the action in its, a constant policy in Python.",

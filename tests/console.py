@@ -26,7 +26,7 @@ FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PROMPT = "$ "
 LEFT_OUT = "…"
 FIRST, LAST = 12, 4
-"""Of long outputs so many lines are shown."""
+"""Of long outputs so many lines are shown, and the rest of a table's row that they cut."""
 COLUMNS = 110
 NUMBER = r"\d[\d,.]*"
 CHANGING = tuple(
@@ -60,8 +60,9 @@ class Session:
     said: tuple[tuple[str, str], ...]
 
 
-WRAPPED = re.compile(r"\n {16,}(?=\S)")
-"""Where a cell of a table goes on in the next line, which depends on the width of the others."""
+GOES_ON = re.compile(r" {16,}(?=\S)")
+"""A line with the rest of a table's row, which depends on the width of the others."""
+WRAPPED = re.compile(rf"\n{GOES_ON.pattern}")
 
 
 def sessions(page: str) -> list[Session]:
@@ -143,8 +144,13 @@ def shown(output: str) -> str:
     fence = next((i for i, line in enumerate(lines) if line.startswith("```")), None)
     if fence is not None:
         lines = [*lines[:fence], LEFT_OUT]  # it would end the block
-    if len(lines) > FIRST + LAST + 1:
-        lines = [*lines[:FIRST], LEFT_OUT, *lines[-LAST:]]
+    begin, end = FIRST, len(lines) - LAST
+    while begin < end and GOES_ON.match(lines[begin]):
+        begin += 1
+    while begin < end and GOES_ON.match(lines[end]):
+        end -= 1
+    if begin + 1 < end:
+        lines = [*lines[:begin], LEFT_OUT, *lines[end:]]
     return "\n".join(lines)
 
 

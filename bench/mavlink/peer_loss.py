@@ -102,7 +102,7 @@ class Flight:
 
     def arm(self) -> None:
         """As a person does after a lease has ended."""
-        self.all.running["actuator"].send_signal(signal.SIGUSR1)
+        self.all.running["actuator"].send_signal(signal.SIGUSR2)  # wherever it stands
 
     def kill(self, name: str) -> int:
         """CLOCK_MONOTONIC just before."""

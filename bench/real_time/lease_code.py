@@ -48,6 +48,7 @@ def engine() -> tuple[Any, Any]:
         void soter_lease_arm(soter_lease *);
         bool soter_lease_take(soter_lease *, int64_t, const void *, int64_t, int64_t);
         bool soter_lease_read(soter_lease *, int64_t, void *);
+        int soter_lease_may_arm(const soter_lease *, int64_t, int64_t, int64_t, int64_t);
         typedef struct { int64_t period, phase, late, response; } soter_budget;
         typedef struct { const soter_budget *node; uint32_t nodes; } soter_grant_info;
         typedef struct { const soter_grant_info *info; int64_t origin; int64_t *done;
@@ -86,6 +87,10 @@ class Lease:
     def arm(self) -> None:
         """After a restart."""
         self.lib.soter_lease_arm(self.c)
+
+    def may_arm(self, now: int, stamp: int, expiry: int, begin: int) -> int:
+        """0, or why the command that was heard last may not be begun with: `soter_arm`."""
+        return int(self.lib.soter_lease_may_arm(self.c, now, stamp, expiry, begin))
 
     @property
     def until(self) -> int:

@@ -27,7 +27,7 @@ def hear(message: Twist) -> None:
     """A command."""
     if message.linear.x != last["command"]:
         last["command"] = message.linear.x
-        print(f"cmd {message.linear.x!r}", flush=True)
+        print(f"cmd {message.linear.x!r}\n", end="", flush=True)  # two publishers, two threads
 
 
 def odometry(x: float = GOOD, stamp: object = None, frame: str = "odom") -> Odometry:
@@ -43,6 +43,12 @@ def odometry(x: float = GOOD, stamp: object = None, frame: str = "odom") -> Odom
 def ago(seconds: float) -> rospy.Time:
     """A time that is so long ago; before 1970 it is 0.000000001 s."""
     return rospy.Time.from_sec(max(rospy.Time.now().to_sec() - seconds, 1e-9))
+
+
+def carried(t: rospy.Time) -> rospy.Time:
+    """The same time to whoever adds its parts, and no time: its ns are three seconds and more."""
+    t.secs, t.nsecs = t.secs - 3, t.nsecs + 3_000_000_000
+    return t
 
 
 class Torn:
@@ -70,6 +76,7 @@ BAD = {
     "stamped in 50 ms": lambda: odometry(-3.0, ago(-0.05)),
     "the last stamp there is": lambda: odometry(-3.0, rospy.Time(2**32 - 1, 999_999_999)),
     "stamped an hour ago": lambda: odometry(-3.0, ago(3600.0)),
+    "ns beyond a second": lambda: odometry(-3.0, carried(rospy.Time.now())),
     "stamped 1970": lambda: odometry(-3.0, rospy.Time(0, 1)),
 }
 ACTUATORS = "the actuators are killed"
@@ -106,6 +113,10 @@ def bad(case: str, publisher: rospy.Publisher) -> None:
     elif case == "a wish beyond the set":
         wish = rospy.Publisher("/wish", Float64, queue_size=1)
         say(wish, 0.5, lambda: Float64(50.0))
+    elif case == "a latched wish":
+        wish = rospy.Publisher("/wish", Float64, queue_size=1, latch=True)
+        wish.publish(Float64(1.0))
+        say(publisher, 1.0, odometry)
     else:
         raise SystemExit(f"no case {case}")
 

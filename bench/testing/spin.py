@@ -42,10 +42,10 @@ TWINS = ROOT / "bench/testing/spin_models"
 TARGET, GOAL = 3.0, 5.0
 CHILD = """
 import json, sys, time
-from soter.explore.engine.explorer_library import Engine, Settings
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.language.front_end import check_file, system_of_test
 engine = Engine(system_of_test(check_file(sys.argv[1]), sys.argv[2]))
-how = Settings(strategy=sys.argv[3], reduction=sys.argv[4])
+how = EngineSettings(strategy=sys.argv[3], reduction=sys.argv[4])
 before = time.process_time()
 found = engine.explore(how)
 cpu = time.process_time() - before

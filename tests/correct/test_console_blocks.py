@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from console import ROOT, differs, folder_for, printed, renewed, sessions, shown
+from console import LEFT_OUT, ROOT, differs, folder_for, printed, renewed, sessions, shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -114,3 +114,11 @@ def test_a_page_is_renewed_only_where_it_no_longer_fits() -> None:
     assert differs("ACCEPTED  p  3.5 s", "ACCEPTED  p  21.3 s") == ""
     assert differs("violated at 2.635 s", "violated at 2.63 s")
     assert len(shown("\n".join("x" * 40)).splitlines()) < 20
+
+
+def test_a_page_shows_rows_of_a_table_whole() -> None:
+    for row in range(1, 5):
+        lines = ["a name  words"] + ["", " " * 20 + "that go on"] * row
+        output = "\n".join(x or f"row {k}" for k, x in enumerate(lines * 7))
+        assert differs(output, shown(output)) == ""
+        assert LEFT_OUT in shown(output)

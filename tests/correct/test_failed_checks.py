@@ -236,7 +236,7 @@ def test_actuators_whose_own_check_fails_hold_the_law_until_they_are_ended(
         str(tmp_path).encode(),
         name.encode(),
         ctypes.c_uint64(number),
-        ctypes.c_size_t(24),
+        ctypes.c_size_t(32),
         ctypes.c_bool(1),
     )
     assert opened is None
@@ -247,7 +247,7 @@ def test_actuators_whose_own_check_fails_hold_the_law_until_they_are_ended(
 
     def obeys() -> bool:
         now = time.monotonic_ns()
-        message = struct.pack("qqd", now, now + int(longest), AC)
+        message = struct.pack("qqqd", now, now + int(longest), -1, AC)
         code.soter_outside_write(channel, ctypes.c_int64(now), message)
         return AC in told()
 

@@ -313,6 +313,6 @@ def test_the_enumerator_agrees_on_the_beginning(
     for old, new in times:
         rest, block = rest.replace(old, new), block.replace(old, new)
     without = re.sub(r"^test (?!T\b).*?^}", "", rest, flags=re.MULTILINE | re.DOTALL)
-    small = enumerated(0, without + block, 20_000)
+    small = enumerated(0, without + block, 300_000)
     assert len(small.found.configurations) > 20
     assert compared(small).complaints == []

@@ -11,6 +11,7 @@ import contextlib
 import os
 import pty
 import signal
+import struct
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -69,6 +70,9 @@ def wires() -> Any:
         wire.close()
 
 
+DELAY_NS = 60_000_000  # of the mapping
+
+
 def running(all_: Any) -> None:
     """Until the bridge hears."""
     end = time.monotonic() + 30.0
@@ -124,6 +128,49 @@ def test_without_timesync_messages_count_from_their_arrival_and_the_delay(
         told = taken(all_)
         assert told["motion"]["taken"] == told["motion"]["by_arrival"] > 0
         assert told["clock"]["exchanges"] == 0 < told["clock"]["requests"]
+
+
+def newest(channel: Path) -> tuple[int, int]:
+    """The number of the newest value of a channel, and when it was measured, ns."""
+    data = channel.read_bytes()
+    places = (0, (len(data) - 64) // 2)  # a line of the cache ends it
+    return max(struct.unpack_from("<Qq", data, at + 24) for at in places)
+
+
+def test_a_message_that_waited_for_a_stopped_bridge_is_as_old_as_it_is(
+    package: Path, wires: Any
+) -> None:
+    """It came when nobody looked: after the last time that somebody did, and no later."""
+    with stack(package) as all_:
+        all_.bridge()
+        running(all_)
+        wire = silent(wires(all_.port))
+        wire.during(1.0, wire.good)
+        bridge, motion = all_.running["bridge"], all_.channels / "motion"
+        bridge.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, bridge.pid, os.WSTOPPED)
+        before, _ = newest(motion)
+        sent = time.monotonic_ns()
+        wire.good()
+        while time.monotonic_ns() < sent + 50_000_000:
+            time.sleep(0.001)
+        bridge.send_signal(signal.SIGCONT)
+        processes.until(lambda: newest(motion)[0] > before, all_.running["bridge"])
+        assert newest(motion)[1] <= sent - DELAY_NS
+
+
+def test_what_comes_after_a_silence_counts_from_its_own_stamp(package: Path, wires: Any) -> None:
+    """Whoever was silent for long may send again what was measured before that."""
+    with stack(package) as all_:
+        all_.bridge()
+        running(all_)
+        wire, motion = wires(all_.port), all_.channels / "motion"
+        wire.during(1.5, wire.good)
+        silent(wire).during(3.5, lambda: None)
+        before, _ = newest(motion)
+        wire.send(wire.place(ahead_ms=-60_000))
+        processes.until(lambda: newest(motion)[0] > before, all_.running["bridge"])
+        assert newest(motion)[1] < time.monotonic_ns() - 60 * 10**9
 
 
 def test_an_autopilot_that_began_anew_is_heard_again(package: Path, wires: Any) -> None:

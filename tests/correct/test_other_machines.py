@@ -34,8 +34,16 @@ INSTANTS = 200
 
 @lru_cache(maxsize=1)
 def subjects() -> tuple[Subject, ...]:
-    """The first system of every example that needs nobody's answers."""
-    return tuple(s for path in files("examples") for s in subjects_of(path, INSTANTS)[:1])
+    """The first system of every example that needs nobody's answers and nobody's messages.
+
+    The package of one with external topics is a library for somebody's loop.
+    """
+    return tuple(
+        s
+        for path in files("examples")
+        for s in subjects_of(path, INSTANTS)[:1]
+        if not s.system.externals
+    )
 
 
 @lru_cache(maxsize=64)

@@ -7,15 +7,21 @@ Non-goals: wrong modules (`unit/verify/claims/test_passive_safety.py`).
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 import soter
+from unit.certificate import small_proofs
 
 PEOPLE = Path(__file__).resolve().parents[2] / "examples" / "exploration" / "people.soter"
 SEEDS = range(1, 6)
-KINDS = {"they walk into it": 0, "they wait until it is fast": 1, "they stroll": 2}
+KINDS = {
+    "they walk into it": "Hunting",
+    "they wait until it is fast": "Luring",
+    "they stroll": "Strolling",
+}
 
 
 def test_it_is_proved_and_somebody_else_agrees(tmp_path: Path) -> None:
@@ -26,10 +32,17 @@ def test_it_is_proved_and_somebody_else_agrees(tmp_path: Path) -> None:
     assert set(verdicts.values()) == {"proved"}, verdicts
     again = soter.recheck(tmp_path / "cert")
     assert again.accepted, again.reason
+    manifest = json.loads((tmp_path / "cert" / "manifest.json").read_text("utf-8"))
+    assert manifest["params"]["KIND"] == 0
+    manifest["params"]["KIND"] = 3  # it has three members: 0, 1 and 2
+    small_proofs.seal(tmp_path / "cert", manifest)
+    forged = soter.recheck(tmp_path / "cert")
+    assert not forged.accepted
+    assert "KIND" in forged.reason
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
-def test_nobody_is_hit_by_a_rover_that_moves(kind: int) -> None:
+def test_nobody_is_hit_by_a_rover_that_moves(kind: str) -> None:
     program = soter.load(PEOPLE)
     for seed in SEEDS:
         run = program.simulate(system="Hunted", seed=seed, params={"KIND": kind})

@@ -160,12 +160,15 @@ def test_values_of_every_type_are_the_same_in_python_and_in_c(tmp_path: Path, se
             action = to_python(topic.type, value, record=dict)
             robot.publish(topic.name, action, measured=stamps[-1])
         command = [tmp_path / "out" / "other", channels]
-        done = processes.run(command, capture_output=True, text=True)
-        assert done.returncode == 0, done.stdout + done.stderr
-        expected = []
-        for topic, value, stamp in zip(topics, said, stamps, strict=True):
-            expected += [stamp, *(n for _, n, _ in places(topic.type, value, ""))]
-        assert [int(line) for line in done.stdout.split()] == expected
+        refused = processes.run(command, capture_output=True, text=True)
+        assert "another program writes it" in refused.stdout
+    done = processes.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    expected = []
+    for topic, value, stamp in zip(topics, said, stamps, strict=True):
+        expected += [stamp, *(n for _, n, _ in places(topic.type, value, ""))]
+    assert [int(line) for line in done.stdout.split()] == expected
+    with soter.remote.connect(tmp_path / "out", channels=channels) as robot:
         for topic, answer, stamp in zip(topics, answers, stamps, strict=True):
             reading = robot.read(topic.name)
             assert reading is not None

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 from bench.ros import ros1_bad_input, ros1_clock
-from bench.ros.ros1_nodes import ROOT, built_node, built_package, missing, nodes
+from bench.ros.ros1_nodes import ROOT, SYSTEM_PYTHON, built_node, built_package, missing, nodes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -41,12 +41,31 @@ def test_under_clock_the_trace_is_that_of_soter_run(
 
 
 @pytest.fixture(scope="module")
-def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def shuttle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     mapping = ros1_bad_input.EXAMPLE.with_suffix(".toml")
     folder = tmp_path_factory.mktemp("stack") / "package"
-    build = built_package(ros1_bad_input.EXAMPLE, "Vehicle", mapping, folder)
+    return built_package(ros1_bad_input.EXAMPLE, "Vehicle", mapping, folder)
+
+
+@pytest.fixture(scope="module")
+def stack(shuttle: Path) -> Iterator[Any]:
     with nodes() as all_:
-        yield lambda case: ros1_bad_input.one(all_, build, case)
+        yield lambda case: ros1_bad_input.one(all_, shuttle, case)
+
+
+@pytest.mark.parametrize("given", ["1e-2", "true", ".nan"])
+def test_a_clock_error_that_is_no_number_ends_the_bridge(
+    tmp_path: Path, shuttle: Path, given: str
+) -> None:
+    """YAML reads 1e-2 as a text: with 0 in its place messages would count as too new."""
+    (tmp_path / "parameters.yaml").write_text(f"clock_error: {given}\n")
+    load = ("/usr/bin/rosparam", "load", tmp_path / "parameters.yaml", "/shuttle_ros_bridge")
+    with nodes() as all_:
+        assert all_.start("load", SYSTEM_PYTHON, *load).wait(60) == 0
+        bridge = all_.start("bridge", shuttle / "shuttle_ros_bridge", f"_channels:={tmp_path}")
+        assert bridge.wait(60) == 1
+        all_.end("bridge")
+        assert "clock_error is no time" in "".join(all_.heard["bridge"])
 
 
 @pytest.mark.real_time

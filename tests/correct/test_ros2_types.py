@@ -129,6 +129,21 @@ def test_the_bridge_fits_the_interfaces(interfaces: Path, stub: Path, tmp_path: 
         ast.parse(path.read_text())
 
 
+def test_the_bridge_with_two_sources_of_a_topic_fits_them(
+    interfaces: Path, stub: Path, tmp_path: Path
+) -> None:
+    source = {**MAPPING["topics"]["position"], "measured": {"value": 0.05}, "every": "10ms"}
+    other = {**source, "channel": "/camera/odom", "after": "10ms"}
+    topics = {**MAPPING["topics"], "position": {"sources": [source, other]}}
+    load(EXAMPLE).build("ros2", tmp_path / "out", "Vehicle", mapping={"topics": topics})
+    assert (tmp_path / "out" / "src" / "soter_sources.hpp").exists()
+    done = checked(tmp_path / "out", interfaces, stub)
+    assert done.returncode == 0, done.stderr[-3000:]
+    (traits,) = (tmp_path / "out" / "src").glob("*_topics.hpp")
+    traits.write_text(traits.read_text().replace("size_t rank()", "size_t number()"))
+    assert "rank" in checked(tmp_path / "out", interfaces, stub).stderr
+
+
 def test_a_field_that_the_interface_does_not_have_is_seen(
     interfaces: Path, stub: Path, tmp_path: Path
 ) -> None:

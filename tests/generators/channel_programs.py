@@ -10,6 +10,7 @@ import ctypes
 import json
 import re
 import signal
+import struct
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -100,6 +101,7 @@ class Outside(ctypes.Structure):
         ("size", ctypes.c_size_t),
         ("hash", ctypes.c_uint64),
         ("number", ctypes.c_uint64),
+        ("file", ctypes.c_int),
     )
 
 
@@ -153,6 +155,40 @@ class Number:
             self._last = value.value
         assert self._last is not None
         return self._last
+
+
+class Words:
+    """A channel of whole numbers of 64 bits."""
+
+    def __init__(
+        self, code: ctypes.CDLL, folder: Path, name: str, number: int, count: int, *, writes: bool
+    ) -> None:
+        self._code, self._channel, self._count = code, Outside(), count
+        wrong = code.soter_outside_open(
+            ctypes.byref(self._channel),
+            str(folder).encode(),
+            name.encode(),
+            ctypes.c_uint64(number),
+            ctypes.c_size_t(8 * count),
+            ctypes.c_bool(writes),
+        )
+        assert wrong is None, wrong
+
+    def write(self, *words: float) -> None:
+        """Now; a float is written as its bits."""
+        kinds = "".join("d" if isinstance(w, float) else "q" for w in words)
+        now = ctypes.c_int64(time.monotonic_ns())
+        message = struct.pack(f"={kinds}", *words)
+        assert len(message) == 8 * self._count
+        self._code.soter_outside_write(ctypes.byref(self._channel), now, message)
+
+    def read(self) -> tuple[int, list[int]] | None:
+        """When it was written, and the numbers; None where nothing new is there."""
+        stamp, room = ctypes.c_int64(), (ctypes.c_int64 * self._count)()
+        fresh = self._code.soter_outside_read(
+            ctypes.byref(self._channel), ctypes.byref(stamp), ctypes.byref(room), None
+        )
+        return (stamp.value, [*room]) if fresh else None
 
 
 def number_of(program: Path, topic: str) -> int:

@@ -27,7 +27,7 @@ from soter.native.build import (
 )
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, WARNINGS, find
-from soter.native.library import Library
+from soter.native.library import Library, RunStatus
 from soter.native.own_files import SOTER
 from soter.semantics.interpreter import Interpreter
 from soter.simulate.state_bytes import state_bytes
@@ -166,11 +166,14 @@ def native_trace(library: Path, s: Subject) -> Bytes:
     size = s.layout.size
     loaded = Library(library, s.name, size)
     state = loaded.new_state(s.seed)
-    trace = np.zeros((2000, size), dtype=np.uint8)
-    _, written, _ = loaded.run(state, s.until_ns, trace)
-    assert written < len(trace)
-    states: Bytes = trace[:written].copy()
-    return states
+    parts: list[Bytes] = []
+    status = RunStatus.FULL
+    while status is RunStatus.FULL:
+        room = np.zeros((2000, size), dtype=np.uint8)
+        status, written, _ = loaded.run(state, s.until_ns, room)
+        parts.append(room[:written].copy())
+    assert status is RunStatus.END
+    return np.concatenate(parts)
 
 
 DRIVER = """\

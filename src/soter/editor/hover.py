@@ -11,7 +11,7 @@ import json
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.editor.names.definitions import PlantTruth
+from soter.editor.names.definitions import PlantTruth, UndeclaredRecord
 from soter.editor.positions import path_of_span
 from soter.language.check.constants import Calculator
 from soter.language.load.loader import LoadedFile
@@ -199,6 +199,9 @@ def shape_text(shape: Shape | None) -> str:
         return "import"
     if isinstance(of, PlantTruth):
         return f"{of.plant.name.text}.truth"
+    if isinstance(of, UndeclaredRecord):
+        fields = ", ".join(f"{name.text}: {shape_text(s)}" for name, s in of.fields)
+        return f"{{ {fields} }}" if fields else "{}"
     if isinstance(of, tree.Decl):
         return of.name.text
     return " ".join(of.span.text.split())

@@ -42,6 +42,8 @@ LEAF_KEYS = ("from", "scale", "offset", "unit", "constant", "slope", "window", *
 VECTOR_KEYS = ("from", "scale", "unit")
 VALUE = "value"
 """What the one field of a topic without fields is called."""
+SCALE_MIN = 1e-60
+"""What is scaled by less, or by more than one over it, may come out as 0 or as infinity."""
 SMALL = ("bool", "byte", "char", "int8", "uint8")
 """What messages hold truths in."""
 
@@ -191,11 +193,12 @@ class LeafReader:
         if standard not in UNITS and unit is not None and "scale" in what:
             standard = None  # the mapping says how it is turned
         factor = self._factor(name, t, field, unit, standard)
+        scale = float(what.get("scale", 1)) * factor
+        if not SCALE_MIN <= abs(scale) <= 1.0 / SCALE_MIN:
+            problems.add(f"`scale` of `{name}`, times its unit, is {scale!r}, which nobody means")
         if len(problems.told) > before:
             return None
-        return SignalSource(
-            field, float(what.get("scale", 1)) * factor, float(what.get("offset", 0))
-        )
+        return SignalSource(field, scale, float(what.get("offset", 0)))
 
     def _checked(self, name: str, t: Type, field: str) -> str | None:
         """The standard unit of a field, which has to be in the message and of the right kind."""

@@ -182,6 +182,12 @@ def _require_root(text: bytes) -> None:
         raise ValueError("its root is no `mavlink`")
 
 
+def _unit(f: Any) -> str:  # noqa: ANN401 - of a package without types
+    """What a field is in; "" where MAVLink does not say. `deg*360/255` is no unit of ours."""
+    unit = str(f.units or "").strip("[]")
+    return f"{unit or '1'}*{f.multiplier}" if f.multiplier else UNITS.get(unit, unit)
+
+
 def _message(m: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without types
     kinds: list[tuple[str, Any]] = []
     for f in m.fields:
@@ -191,13 +197,13 @@ def _message(m: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without t
         elif f.array_length:
             kind = (ARRAY, (kind, f.array_length))
         kinds.append((f.name, kind))
-    units = {f.name: f.units.strip("[]") for f in m.fields if f.units and not f.multiplier}
+    units = {f.name: unit for f in m.fields if (unit := _unit(f))}
     return MavlinkMessage(
         PACKAGE,
         m.name,
         {MAVLINK: {f"{PACKAGE}/msg/{m.name}": ([], kinds)}},
         m.id,
-        {name: UNITS.get(unit, unit) for name, unit in units.items()},
+        units,
         {f.name: f.invalid for f in m.fields if f.invalid},
         tuple(f.name for f in m.fields),
     )

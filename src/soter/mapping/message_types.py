@@ -154,6 +154,8 @@ class MessageType:
                 element, size = kind[1]
                 if not (part.isascii() and part.isdigit() and len(part) < 10):
                     raise NoSuchFieldError(f"{at} is a list: `.0` is its first element")
+                if part != str(int(part)):  # C would read `010` as 8
+                    raise NoSuchFieldError(f"{at}: `{part}` is written as `{int(part)}`")
                 if kind[0] == ARRAY and int(part) >= size:
                     raise NoSuchFieldError(f"{at} has {size} elements, no `{part}`")
                 through = "sequence" if kind[0] == SEQUENCE or through == "sequence" else "array"

@@ -90,7 +90,11 @@ def _toml(text: str) -> Any:  # noqa: ANN401 - what a file says
 
 
 def _type_names(topics: Mapping[str, Any]) -> list[object]:
-    return [t["type"] for t in topics.values() if isinstance(t, dict) and "type" in t]
+    tables = [t for t in topics.values() if isinstance(t, dict)]
+    for t in [*tables]:
+        sources = t.get("sources")
+        tables += [s for s in sources if isinstance(s, dict)] if isinstance(sources, list) else []
+    return [t["type"] for t in tables if "type" in t]
 
 
 class _Families:
@@ -133,18 +137,18 @@ class _MappingReader:
         link = self._link(given, topics)
         types = self._types(problems.table(given, "messages", "the mapping"), topics, link)
         maps = [self._topic(name, given_, frame, types) for name, given_ in topics.items()]
-        return LogMap(tuple(t for t in maps if t is not None), time, unit, where, link)
+        return LogMap(tuple(m for of_topic in maps for m in of_topic), time, unit, where, link)
 
     def _topic(
         self, name: str, given: object, frame: str, types: KnownTypes | None
-    ) -> TopicMap | None:
+    ) -> tuple[TopicMap, ...]:
         topic = self.known.get(name)
         if topic is None:
             self.problems.add(unknown("the system has no topic", name, self.known))
-            return None
+            return ()
         if not isinstance(given, dict):
             self.problems.add(f"`{name}` is no table")
-            return None
+            return ()
         return TopicReader(topic, self.problems, types, frame).read(given)
 
     def _link(self, given: Mapping[str, Any], topics: Mapping[str, Any]) -> MavlinkLink | None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from soter.mapping.mavlink_link import MavlinkLink
     from soter.mapping.message_types import MessageType
     from soter.mapping.stamp_source import StampSource
+    from soter.mapping.topic_sources import SourcePromise
 
 GAP_NS = 10**9
 """Between samples further apart nothing is interpolated, unless the mapping says otherwise."""
@@ -90,7 +91,7 @@ class TopicMap:
     `message`: the type of its messages, where the mapping says. `stamp`: None counts ages from
     arrival. `frame_id`: messages whose `header.frame_id` differs are not taken. `publisher`: the
     node that may publish, as written. `constants`: fields of a message that goes out, by path.
-    `qos`: of a topic of DDS; others have none.
+    `qos`: of a topic of DDS; others have none. `promise`: of one of several sources of the topic.
     """
 
     topic: Topic
@@ -104,6 +105,7 @@ class TopicMap:
     publisher: str | None = None
     constants: Mapping[str, object] = field(default_factory=dict)
     qos: QualityOfService = QualityOfService()
+    promise: SourcePromise | None = None
 
     @property
     def names(self) -> list[str]:
@@ -129,6 +131,7 @@ class TopicMap:
 class LogMap:
     """A mapping that fits its system.
 
+    `topics`: several that follow each other and are one topic are its sources, the preferred first.
     `time`: the column of time, None for the log time of an MCAP; `time_ns`: its unit. `where`:
     rows count where these columns hold these texts. `mavlink`: the link to an
     autopilot.

@@ -8,6 +8,8 @@ Non-goals: whether a log or a middleware has such messages.
 from __future__ import annotations
 
 import math
+import sys
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +23,8 @@ from soter.mapping.message_types import (
 )
 from soter.mapping.quality_of_service import read_qos
 from soter.mapping.stamp_source import StampSource
-from soter.mapping.topic_mapping import GAP_NS, SignalSource, TopicMap
+from soter.mapping.topic_mapping import GAP_NS, ConstantSource, SignalSource, SlopeSource, TopicMap
+from soter.mapping.topic_sources import PROMISE_KEYS, SOURCES_MAX, early_turns, read_promise
 from soter.mapping.units import TIME_UNITS
 
 if TYPE_CHECKING:
@@ -36,7 +39,12 @@ TOPIC_KEYS = (
     "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set",
     "qos",
 )  # fmt: skip
+SOURCE_KEYS = (
+    *(k for k in TOPIC_KEYS if k not in ("between", "gap", "set")), *PROMISE_KEYS,
+)  # fmt: skip
 ARRIVAL = "arrival"
+GREATEST = {"float32": 3.4028234663852886e38, "float64": sys.float_info.max}
+"""What a field can hold: beyond, infinity would go out."""
 
 
 class TopicReader:
@@ -51,10 +59,52 @@ class TopicReader:
         self.topic, self.problems, self.types, self.frame = topic, problems, types, frame
         self.name = topic.name
 
-    def read(self, given: Mapping[str, Any]) -> TopicMap:
-        """The topic as the mapping has it; of no use where problems were added."""
+    def read(self, given: Mapping[str, Any]) -> tuple[TopicMap, ...]:
+        """The topic as the mapping has it, once or a source each; useless where problems came."""
+        if "sources" not in given:
+            self.problems.only(given, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
+            return (self._read(given),)
+        self.problems.only(given, ("sources",), f"`{self.name}`, which has `sources`,")
+        tables = given["sources"]
+        if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
+            self.problems.add(f"`sources` of `{self.name}` is no list of tables")
+            return ()
+        if not 2 <= len(tables) <= SOURCES_MAX:
+            self.problems.add(
+                f"`sources` of `{self.name}` are 2 to {SOURCES_MAX}, not {len(tables)}: one source "
+                "is said at the topic itself"
+            )
+            return ()
+        maps = tuple([self._source(rank, table) for rank, table in enumerate(tables)])
+        self._fit_together(maps)
+        return maps
+
+    def _source(self, rank: int, given: Mapping[str, Any]) -> TopicMap:
+        self.name = f"{self.topic.name}.sources.{rank + 1}"
+        where = f"`{self.name}`"
+        self.problems.only(given, SOURCE_KEYS, where)
+        made = self._read({k: v for k, v in given.items() if k in TOPIC_KEYS})
+        if made.stamp is None:
+            self.problems.add(f"{where} has no stamp: sources take over by when they measured")
+        if made.leaves and all(isinstance(x, ConstantSource) for x in made.leaves.values()):
+            self.problems.add(f"{where} is constant: it measures nothing")
+        if any(isinstance(leaf, SlopeSource) for leaf in made.leaves.values()):
+            self.problems.add(f"{where} has a slope, which jumps where another source takes over")
+        promise = read_promise(given, rank, self.topic, self.problems, self.name)
+        return replace(made, promise=promise)
+
+    def _fit_together(self, maps: tuple[TopicMap, ...]) -> None:
+        """What each source may be, and several of them may not."""
+        self.name = self.topic.name
+        channels = [m.channel for m in maps if m.channel is not None]
+        if len(set(channels)) != len(channels):
+            self.problems.add(f"two `sources` of `{self.name}` are one channel: {channels}")
+        promises = [m.promise for m in maps if m.promise is not None]
+        for problem in early_turns(self.name, promises):
+            self.problems.add(problem)
+
+    def _read(self, given: Mapping[str, Any]) -> TopicMap:
         problems, where = self.problems, f"`{self.name}`"
-        problems.only(given, TOPIC_KEYS, where)
         between = given.get("between", "hold")
         if between not in ("hold", "linear"):
             problems.add(f"`between` of {where} is hold or linear, not {between!r}")
@@ -200,5 +250,5 @@ def _fits(value: object, kind: str) -> bool:
         low, high = INTEGERS[kind]
         return low <= value <= high
     if isinstance(value, (int, float)):
-        return kind in NUMBERS and kind not in INTEGERS
+        return kind in NUMBERS and kind not in INTEGERS and abs(value) <= GREATEST[kind]
     return kind in ("string", "wstring")

@@ -112,6 +112,8 @@ class Channel:
             self._lib.munmap(self._c.place[0], whole)
             self._lib.munmap(self._c.room, room)
             self._c.place[0] = self._ffi.NULL
+            if self._c.file >= 0:
+                os.close(self._c.file)
             if self._held is not None:
                 os.close(self._held)
 

@@ -8,6 +8,7 @@ Non-goals: how messages come and go (`ros1/`), what a mapping may say (`soter.ma
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSou
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from soter.language.model.system import Topic
     from soter.language.model.types import Type, Value
     from soter.mapping.message_types import MessageType
     from soter.mapping.topic_mapping import Leaf, LeafPath, TopicMap
@@ -85,7 +87,7 @@ class MessageConverter:
         """Statements that fill a value; `return false` where a message has not what is needed."""
         lines = [line for name in self._sequences() for line in self._there(name)]
         for path, leaf in self.mapped.leaves.items():
-            lines += self._leaf_in(path, leaf, f"{value}{self._member(path)}")
+            lines += self._leaf_in(path, leaf, f"{value}{self.member(path)}")
         return [*lines, "return true;"]
 
     def _leaf_in(self, path: LeafPath, leaf: Leaf, to: str) -> list[str]:
@@ -174,7 +176,7 @@ class MessageConverter:
                     f"`{self.mapped.name_of(path)}` goes out, and no scan is made of it"
                 )
             if isinstance(leaf, SignalSource):
-                lines += self._leaf_out(path, leaf, f"{value}{self._member(path)}")
+                lines += self._leaf_out(path, leaf, f"{value}{self.member(path)}")
         for name, constant in self.mapped.constants.items():
             lines.append(self._set(name, constant))
         return lines
@@ -239,7 +241,7 @@ class MessageConverter:
         return code
 
     @staticmethod
-    def _member(path: LeafPath) -> str:
+    def member(path: LeafPath) -> str:
         """A leaf of the value."""
         return "".join(f".at{p}" if p.startswith("[") else f".{field_name(p)}" for p in path)
 
@@ -250,6 +252,21 @@ class MessageConverter:
         if isinstance(t, (BoolType, EnumType)):
             return f"{int(value)}U"
         return _int(int(value))
+
+
+def topic_tests(topic: Topic, value: str) -> list[str]:
+    """C++ conditions that hold of what the trusted part takes: finite, and in the topic's set."""
+    tests = []
+    for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
+        what = f"{value}{MessageConverter.member(path)}"
+        if isinstance(t, FloatType):
+            tests.append(f"std::isfinite({what})")
+        if bound is not None and isinstance(t, FloatType):
+            tests.append(f"{what} >= {float(bound.low)!r} && {what} <= {float(bound.high)!r}")
+        elif bound is not None and isinstance(t, IntType):
+            low, high = math.ceil(bound.low), math.floor(bound.high)
+            tests.append(f"(int64_t){what} >= {_int(low)} && (int64_t){what} <= {_int(high)}")
+    return tests
 
 
 def _scaled(what: str, leaf: SignalSource) -> str:

@@ -157,9 +157,9 @@ const uint32_t soter_app_lease_count = {len(self.granted)};
      .hash = UINT64_C({layout_number(t):#018x}),
      .max_age_ns = INT64_C({age}),
      .inward = {"true" if t.driver == "input" else "false"},
-     .awaited = {"true" if self._awaited(t) else "false"}}},"""
+     .awaited = {"true" if self.is_awaited(t) else "false"}}},"""
 
-    def _awaited(self, t: Topic) -> bool:
+    def is_awaited(self, t: Topic) -> bool:
         """Whether anybody but ACs reads it: only then is a start without it one without a proof."""
         readers = {
             x.role

@@ -34,6 +34,7 @@ SET_POINT = {
     "set": {"coordinate_frame": 1, "type_mask": 0xDC7},
     "fields": {"value": ["vx", "vy", "vz"]},
 }
+STILL = {f"{k}.{axis}": {"constant": 0.0} for k in "pv" for axis in "xyz"}
 WISH = {**SET_POINT, "publisher": "1/192", "stamp": "arrival"}
 ALL = {"motion": MOTION, "wish": WISH, "command": SET_POINT}
 WORDS = ("geofence.soter", "--system", "Companion", "--target", "mavlink", "-o", "out")
@@ -134,6 +135,26 @@ def masked(mask: object, **more: Any) -> dict[str, Any]:
                 "wish", type="geometry_msgs/Vector3", set=None, fields={"value": ["x", "y", "z"]}
             ),
             "no message of MAVLink",
+        ),
+        (
+            changed(
+                "motion",
+                type="mavlink/HIGH_LATENCY2",
+                frame=None,
+                stamp="arrival",
+                fields={**STILL, "v.x": "groundspeed"},
+            ),
+            "is in `m/s*5`",
+        ),
+        (
+            changed(
+                "motion",
+                type="mavlink/GPS_STATUS",
+                frame=None,
+                stamp="arrival",
+                fields={**STILL, "v.x": "satellite_azimuth.3"},
+            ),
+            "is in `deg*360/255`",
         ),
         (changed("motion", channel="/odom"), "MAVLink has no channels"),
         (changed("motion", frame_id="map"), "`frame_id`"),

@@ -60,12 +60,52 @@ def test_a_package_has_what_catkin_wants_and_the_trusted_part_knows_no_ros(
     assert len(trusted) > 20
     assert not [p for p in trusted if "ros::" in p.read_text() or "ros/ros.h" in p.read_text()]
     assert (shuttle / "out" / "scripts" / "in_channels").exists()
+    stand_ins = json.loads((shuttle / "out" / "test" / "stand_ins.json").read_text())
+    (odometry,) = stand_ins["stand_ins"]  # the wish is AC's, and stays silent
+    assert odometry["fields"] == {"pose.pose.position.x": 6.25, "header.frame_id": "odom"}
+    (law,) = stand_ins["laws"]
+    assert (law["topic"], law["fields"]) == ("/cmd_vel", {"linear.x": 0.0})
+    ET.parse(shuttle / "out" / "test" / "shuttle_ros.test")  # noqa: S314 - the same
+    compile((shuttle / "out" / "test" / "standing_by.py").read_text(), "standing_by.py", "exec")
 
 
 def test_what_the_mapping_leaves_out_is_said(soter: Soter, shuttle: Path) -> None:
     done = built(soter, shuttle, {"position": POSITION, "wish": WISH})
     assert done.exit == 0
     assert any("not published in ROS" in n and "speed" in n for n in done.document["notes"])
+
+
+def test_the_test_of_a_package_stands_in_for_every_source(soter: Soter, shuttle: Path) -> None:
+    source = {**POSITION, "every": "10ms", "measured": {"value": 0.05}}
+    camera = {**source, "channel": "/camera", "frame_id": "camera", "after": "10ms"}
+    topics = {**ALL, "position": {"sources": [source, camera]}}
+    assert built(soter, shuttle, topics).exit == 0
+    stand_ins = json.loads((shuttle / "out" / "test" / "stand_ins.json").read_text())["stand_ins"]
+    assert [(x["topic"], x["fields"]["header.frame_id"]) for x in stand_ins] == [
+        ("/odom", "odom"), ("/camera", "camera"),
+    ]  # fmt: skip
+
+
+def test_two_sources_that_ros_calls_one_topic_are_refused(soter: Soter, shuttle: Path) -> None:
+    source = {**POSITION, "every": "10ms", "measured": {"value": 0.05}}
+    again = {**source, "channel": "odom", "after": "10ms"}
+    done = built(soter, shuttle, {**ALL, "position": {"sources": [source, again]}})
+    assert done.exit == 1
+    (message,) = [d["message"] for d in done.document["diagnostics"]]
+    assert message == "two `sources` of `position` are one topic: `odom`"
+
+
+def test_a_scale_is_taken_back_and_a_named_sensor_has_its_name(soter: Soter, shuttle: Path) -> None:
+    topics = changed(
+        "position",
+        publisher="/ekf",
+        fields={"value": {"from": "pose.pose.position.x", "scale": -0.5, "offset": 1.0}},
+    )
+    assert built(soter, shuttle, topics).exit == 0
+    stand_ins = json.loads((shuttle / "out" / "test" / "stand_ins.json").read_text())
+    assert stand_ins["stand_ins"][0]["fields"]["pose.pose.position.x"] == (6.25 - 1.0) / -0.5
+    test = ET.parse(shuttle / "out" / "test" / "shuttle_ros.test").getroot()  # noqa: S314 - our own
+    assert [x.attrib["name"] for x in test.iter("test")] == ["ekf"]
 
 
 @pytest.mark.parametrize("target", ["ros1", "ros2"])
@@ -165,6 +205,22 @@ def changed(topic: str, **entries: Any) -> dict[str, Any]:
             changed("wish", channel="/cmd_vel", type=SPEED["type"], fields=SPEED["fields"]),
             "one of them goes out",
         ),
+        (
+            changed("wish", channel="cmd_vel", type=SPEED["type"], fields=SPEED["fields"]),
+            "one of them goes out",
+        ),
+        (changed("position", channel="~odom"), "no name of a topic of ROS"),
+        (changed("position", set={"header.frame_id": "odom"}), "`set` is of what goes out"),
+        (changed("speed", publisher="/base"), "`publisher` is who sends what comes in"),
+        (
+            changed(
+                "speed",
+                type="geometry_msgs/TwistStamped",
+                frame_id="base",
+                fields={"value": "twist.linear.x"},
+            ),
+            "`frame_id` is said in `set`",
+        ),
         ({**ALL, "wish": "x"}, "no table"),
     ],
 )
@@ -176,6 +232,23 @@ def test_a_mapping_that_does_not_fit_is_d015_before_anything_is_written(
     assert set(done.codes) == {"D015"}, done.codes
     assert said in " ".join(d["message"] for d in done.document["diagnostics"])
     assert not (shuttle / "out").exists()
+
+
+def test_two_parts_of_a_command_do_not_go_out_in_one_field(soter: Soter, here: Path) -> None:
+    """The second would overwrite the first, and nobody would obey that."""
+    for name in ("ground_robot.soter", "ground_robot.toml"):
+        shutil.copy(EXAMPLES / name, here / name)
+    mapping = here / "ground_robot.toml"
+    head, drive, _ = mapping.read_text().partition("[topics.drive]")
+    mapping.write_text(
+        f'{head}{drive}\nchannel = "/cmd_vel"\ntype = "std_msgs/ColorRGBA"\n'
+        'fields = { v = "r", w = "r" }\n'
+    )
+    words = ["ground_robot.soter", "--system", "Vehicle", "--target", "ros1", "-o", "out"]
+    done = soter("build", *words, "--map", mapping.name, "--json")
+    assert (done.exit, {*done.codes}) == (1, {"D015"})
+    said = [d["message"] for d in done.document["diagnostics"]]
+    assert said == ["`drive.v` and `drive.w` go out in the same field, `r`"]
 
 
 def test_a_type_that_ros_1_does_not_have_is_refused(soter: Soter, shuttle: Path) -> None:

@@ -51,6 +51,7 @@ def test_fields_behind_a_dot(offered: Callable[[str, str], list[str]]) -> None:
     assert offered("clamp(-2.0 * motion.x", "clamp(-2.0 * motion.@@") == ["x", "v"]
     assert offered("clamp(-2.0 * motion.x", "clamp(-2.0 * motion.@@\n  }\n") == ["x", "v"]
     assert offered("abs(m.x)", "abs(m.@@)") == ["x", "v"]  # an argument
+    assert offered("let v = max", "let v = { a: speed, b: 1.0 }; let w = v.@@ + max") == ["a", "b"]
     assert offered("Clear(c.truth)", "Clear(c.@@)") == ["truth"]
     assert offered("Clear(c.truth)", "c.truth.@@ > 1.0") == ["x", "v"]
     assert offered("Clear(c.truth)", "mode(SafeCart) == Mode.@@") == ["AC", "SC"]

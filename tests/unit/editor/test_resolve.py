@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics
+from soter.editor.hover import head
 from soter.editor.keywords import meaning
 from soter.editor.names.resolve import index_of
 from soter.language.front_end import check_file
@@ -86,3 +87,23 @@ def test_no_name_of_a_program_is_without_a_meaning(path: Path) -> None:
     assert loaded is not None
     left = {word for word, _ in words_of(index_of(loaded), path)}
     assert {w for w in left if meaning(w) is None} - HOUSE_WORDS == set()
+
+
+ALL_IN_ONE = "let way = { x: cos(angle), up: { y: 1.0 } };"
+
+
+def test_a_field_that_no_type_declares_is_declared_where_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.soter"
+    text = f"soter 1;\nfun f(angle: float): float {{ {ALL_IN_ONE} return way.x + way.up.y; }}\n"
+    path.write_text(text)
+    loaded = load(str(path), Diagnostics())
+    assert loaded is not None
+    index = index_of(loaded)
+    (source,) = [f.source for f in index.files if f.path == path]
+    for used, declared in (("way.x", "x:"), ("way.up", "up:"), ("up.y", "y:")):
+        use = index.at(source, text.index(used) + len(used))
+        assert use is not None
+        assert use.definition.span.start == text.index(declared)
+    way = index.at(source, text.index("way"))
+    assert way is not None
+    assert head(way.definition) == "(let) way: { x: float, up: { y: float } }"

@@ -197,7 +197,9 @@ def test_a_clock_that_is_off_by_ever_more_is_open() -> None:
 
 @pytest.mark.long
 def test_such_programs_are_violated_and_clean() -> None:
-    verdicts = {found(watching(seed)).verdict for seed in range(24)}
+    """Where the grid of times is fine enough, as it says itself."""
+    results = [found(watching(seed)) for seed in range(24)]
+    verdicts = {r.verdict for r in results if r.bound != "grid"}
     assert verdicts == {"violated", "exhausted"}
 
 

@@ -140,7 +140,10 @@ def test_a_horizon_three_times_as_far_shows_nothing_new(chunk: int) -> None:
     """On random programs: where a search says that it is at an end, longer ones find nothing."""
     ended = 0
     for seed in range(chunk, PROGRAMS, CHUNKS):
-        system = system_of_test(check_file("p.soter", program_in_instants(seed)), "T")
+        checked = check_file("p.soter", program_in_instants(seed))
+        if not checked.ok:  # as in every test of such programs
+            continue
+        system = system_of_test(checked, "T")
         assert system.test is not None
         tests = [replace(system.test, horizon_ns=n * TICK * MS) for n in (24, 72)]
         engine, longer = [Engine(replace(system, test=t)) for t in tests]

@@ -268,7 +268,7 @@ def test_as_many_threads_search_as_are_asked_for(threads: int) -> None:
 MEASURE = """
 import sys
 sys.path.insert(0, {tests!r})
-from soter.explore.engine.explorer_library import Engine, Settings
+from soter.explore.engine.explorer_library import Engine, EngineSettings
 from unit.explore.random_walks import system_of_text
 from unit.explore.test_wide_steps import COUNTERS, TREE
 
@@ -278,7 +278,7 @@ def resident(what):
 
 engine = Engine(system_of_text(COUNTERS if {strategy!r} == "dfs" else TREE, "Long"))
 before, told = resident("VmRSS"), []
-how = Settings(memory={memory}, strategy={strategy!r}, threads={threads})
+how = EngineSettings(memory={memory}, strategy={strategy!r}, threads={threads})
 found = engine.explore(how, lambda p: told.append(p.bytes))
 print(found.status, resident("VmHWM") - before, found.total_bytes, max(told, default=0))
 """

@@ -108,6 +108,15 @@ def test_symbolic_links_in_a_circle(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(WINDOWS, reason="needs symbolic links")
+def test_what_is_like_a_missing_file_is_told_beside_links_in_a_circle(tmp_path: Path) -> None:
+    (tmp_path / "table.json").write_text("[1.0, 2.0]")
+    (tmp_path / "tables.json").symlink_to("tables.json")
+    (told,) = reading(tmp_path, "tabel.json").diagnostics.items
+    assert told.code == "D001"
+    assert told.helps == (f"did you mean `{tmp_path / 'table.json'}`?",)
+
+
+@pytest.mark.skipif(WINDOWS, reason="needs symbolic links")
 def test_a_file_that_imports_itself_through_a_link(tmp_path: Path) -> None:
     (tmp_path / "main.soter").write_text('soter 1;\nimport "link.soter" as me;\n')
     (tmp_path / "link.soter").symlink_to(tmp_path / "main.soter")

@@ -183,7 +183,7 @@ def test_only_one_file_takes_a_system_apart() -> None:
     fields = {"components", "modules", "topics", "properties", "inputs", "until_ns", "test"}
     sites = []
     for path in SOURCES:
-        if "recheck" in path.parts:
+        if "certificate" in path.parts:
             continue  # it derives its own systems, on purpose
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "replace":

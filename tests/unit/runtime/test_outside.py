@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import random
 import signal
@@ -14,11 +15,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 import processes
-from generators.channel_programs import Number, library
+from generators.channel_programs import Number, Outside, library
 from soter.native.build import RUNTIME
 
 if TYPE_CHECKING:
-    import ctypes
     from pathlib import Path
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is for Linux")
@@ -186,3 +186,25 @@ def test_what_is_no_channel_is_refused_in_words(
     assert Number(code, tmp_path, name, 7, writes=False).wrong
     if what == "size":
         assert (tmp_path / "x").read_bytes() == b"!" * 100
+
+
+def test_a_channel_has_one_writer_until_that_one_ends(code: ctypes.CDLL, tmp_path: Path) -> None:
+    """A second trusted part, or a second actuator that was never armed, would speak in between."""
+    writer = program(tmp_path, "w", WRITER)
+    with processes.started([writer, tmp_path]) as process:
+        while not (tmp_path / "many").exists() or not any((tmp_path / "many").read_bytes()[:8]):
+            time.sleep(0.001)
+        second = Outside()
+        words = (str(tmp_path).encode(), b"many", ctypes.c_uint64(7), ctypes.c_size_t(400))
+
+        def opened(writes: bool) -> bytes | None:
+            wrong: bytes | None = code.soter_outside_open(
+                ctypes.byref(second), *words, ctypes.c_bool(writes)
+            )
+            return wrong
+
+        assert opened(True) == b"another program writes it"
+        assert opened(False) is None
+        process.kill()
+        process.wait()
+        assert opened(True) is None

@@ -140,6 +140,43 @@ def test_a_lease_that_is_too_long_too_old_or_from_the_future_is_not_taken() -> N
     assert not lease.take(6, AC, 3, 13), "older than the one in force"
 
 
+@pytest.mark.parametrize(
+    ("stamp", "expiry", "begin", "answer"),
+    [
+        (14, 24, 24, 0),
+        (16, 24, 24, 0),
+        (14, 16, 16, 0),
+        (14, 24, 15, 2),
+        (14, 24, -1, 2),
+        (14, 15, 24, 1),
+        (17, 24, 24, 1),
+        (-1, 9, 24, 1),
+        (14, 25, 24, 1),
+    ],
+    ids=[
+        "in force",
+        "just given",
+        "at its end",
+        "begun too late",
+        "no state to begin from",
+        "over",
+        "from the future",
+        "none was heard",
+        "too long",
+    ],
+)
+def test_what_may_be_armed_is_taken_at_that_instant_and_nothing_else_is(
+    stamp: int, expiry: int, begin: int, answer: int
+) -> None:
+    lease = Lease(LAW, 10)
+    assert lease.take(5, SC, 4, 14)
+    assert lease.read(16) == (False, LAW), "ended"
+    assert lease.may_arm(16, stamp, expiry, begin) == answer
+    assert not lease.take(16, SC, stamp, expiry), "asking arms nothing"
+    lease.arm()
+    assert lease.take(16, SC, stamp, expiry) == (answer in {0, 2})
+
+
 # ---------------------------------------------------------------- who gives leases
 
 

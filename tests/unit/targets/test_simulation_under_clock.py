@@ -42,7 +42,7 @@ MAIN = """
 #include <iostream>
 
 struct Message { double value; int64_t stamp; };
-struct SeenIn {
+struct Seen {
   typedef ::Message Message;
   typedef double Value;
   static uint32_t index() { return INDEX; }
@@ -52,10 +52,20 @@ struct SeenIn {
   static int64_t stamp_ns(const Message& m) { return m.stamp; }
   static bool convert(const Message& m, Value* to) { *to = m.value; return m.value < 100.0; }
 };
+struct Only : Seen, soter::OneSource {};
+struct Both {
+  static soter::Sources* sources() { static soter::Sources made({0, 30000000}); return &made; }
+  static bool fits(double value) { return value <= 10.0; }
+};
+struct First : Seen, Both { static size_t rank() { return 0; } };
+struct Second : Seen, Both { static size_t rank() { return 1; } };
 
-struct In : soter::SimulatedInput<SeenIn> {
-  void hear(const Message& m, const std::string& who) { take(m, who); }
+template <class T>
+struct In : soter::SimulatedInput<T> {
+  void hear(const Message& m, const std::string& who) { this->take(m, who); }
   void refused(const char* why) override { std::printf("refused: %s\\n", why); }
+};
+struct Shown : soter::Simulated {
   void out(const APP_STATE* state, int64_t) override {
     const int64_t stamp = soter_stamps_of(APP_PROGRAM, const_cast<APP_STATE*>(state))[INDEX];
     if (stamp != told) {
@@ -67,7 +77,7 @@ struct In : soter::SimulatedInput<SeenIn> {
       told = stamp;
     }
   }
-  void begin() override { soter::SimulatedInput<SeenIn>::begin(); told = SOTER_NEVER; }
+  void begin() override { told = SOTER_NEVER; }
   int64_t told = SOTER_NEVER;
 };
 struct Simulation : soter::SimulationCore {
@@ -77,8 +87,11 @@ struct Simulation : soter::SimulationCore {
 
 int main() {
   Simulation simulation;
-  In* const in = new In;
+  In<FIRST>* const in = new In<FIRST>;
+  In<Second>* const second = new In<Second>;
   simulation.add(in);
+  simulation.add(second);
+  simulation.add(new Shown);
   if (simulation.prepare(Simulation::UNTIL_S, 1) != nullptr) return 1;
   std::string word, who;
   double ms, value;
@@ -87,13 +100,20 @@ int main() {
     if (word == "clock") {
       simulation.clock(at);
     } else if (std::cin >> who >> value) {
-      in->hear(Message{value, at}, who);
+      SEVERAL && who == "b" ? second->hear(Message{value, at}, who)
+                            : in->hear(Message{value, at}, who);
     }
   }
   (void)simulation.result();
   return simulation.exit_code();
 }
 """
+BUILDS = {
+    "one": ("STAMPED=true", "SEVERAL=false", "FIRST=Only"),
+    "unstamped": ("STAMPED=false", "SEVERAL=false", "FIRST=Only"),
+    "two": ("STAMPED=true", "SEVERAL=true", "FIRST=First"),
+}
+"""`two`: `a` and `b` are sources of the topic, and b takes over where it is 30 ms younger."""
 
 
 @pytest.fixture(scope="module")
@@ -117,18 +137,19 @@ def told(package: Path) -> Told:
     system = load(package.parent / "robot.soter").flat("Robot")
     (index,) = (t.index for t in system.topics if t.name == "seen")
     (package / "main.cpp").write_text(MAIN)
-    for stamped in ("true", "false"):
+    for build, macros in BUILDS.items():
         words = ["g++", "-std=c++11", "-O1", "-Wall", "-Wextra", "-Werror", "-Isrc", "-Isimulated"]
-        words += [f"-DINDEX={index}U", f"-DSTAMPED={stamped}", "-o", f"main_{stamped}", "main.cpp"]
+        words += [f"-D{macro}" for macro in (f"INDEX={index}U", *macros)]
+        words += ["-o", f"main_{build}", "main.cpp"]
         objects = [str(p) for p in (package / "simulated").glob("*.o")]
         processes.run([*words, *objects, "-lm"], cwd=package, check=True)
 
     def run(
-        *events: float | tuple[str, float, float], stamped: bool = True, ends: int = 130
+        *events: float | tuple[str, float, float], build: str = "one", ends: int = 130
     ) -> list[str]:
         lines = [f"{e[1]} {e[0]} {e[2]}" if isinstance(e, tuple) else f"clock {e}" for e in events]
         text = "\n".join(line if line[0] == "c" else f"message {line}" for line in lines)
-        program = package / f"main_{str(stamped).lower()}"
+        program = package / f"main_{build}"
         (package / "events").write_text(text)
         with (package / "events").open() as events_:
             done = processes.run([program], stdin=events_, capture_output=True, text=True)
@@ -171,7 +192,7 @@ def test_a_message_that_nobody_stamped_is_refused(told: Told, stamp: float) -> N
 
 
 def test_a_message_without_a_stamp_counts_from_the_next_instant(told: Told) -> None:
-    lines = told(1000, 1020, ("a", 0.0, 1.5), 1040, stamped=False)
+    lines = told(1000, 1020, ("a", 0.0, 1.5), 1040, build="unstamped")
     assert lines[:-2] == ["30 ms: 1.5 of 30 ms"]
 
 
@@ -188,6 +209,37 @@ def test_a_clock_that_goes_back_is_a_beginning_and_forgets_what_was_heard(told: 
     lines = told(1000, 1020, ("a", 1020, 1.5), 500, ("a", 500, 2.5), 520)
     assert lines[:-2] == ["anew", "10 ms: 2.5 of 0 ms"]
     assert told(1000, 1020, ("a", 1020, 1.5), 500, 1100)[:-2] == ["anew"]
+
+
+def test_a_second_source_is_read_while_the_first_is_silent(told: Told) -> None:
+    lines = told(
+        1000, ("a", 1000, 1.5), 1010, ("b", 1010, 2.5), 1030, ("b", 1030, 3.5), 1040,
+        ("b", 1031, 4.5), 1050, ("a", 1045, 5.5), 1060, ("b", 1060, 6.5), 1070, build="two",
+    )  # fmt: skip
+    assert lines[:-2] == [
+        "10 ms: 1.5 of 0 ms", "50 ms: 4.5 of 31 ms", "60 ms: 5.5 of 45 ms"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", [("a", 9000, 1.5), ("a", 1010, 50.0), ("a", 0, 1.5)])
+def test_what_is_no_sample_of_a_source_keeps_no_other_one_waiting(
+    told: Told, wrong: tuple[str, float, float]
+) -> None:
+    lines = told(1000, 1010, wrong, ("b", 1010, 2.5), 1020, build="two")
+    assert [line.partition(":")[0] for line in lines[:-2]].count("refused") == 1
+    assert "20 ms: 2.5 of 10 ms" in lines
+
+
+def test_whether_it_is_the_turn_of_a_stamp_ahead_is_known_at_its_instant(told: Told) -> None:
+    begun = (1000, ("a", 1000, 1.5), 1010, ("b", 1040, 2.5))
+    assert told(*begun, 1040, build="two")[1:-2] == ["40 ms: 2.5 of 40 ms"]
+    lines = told(*begun, ("a", 1010, 3.5), 1040, build="two")
+    assert lines[1:-2] == ["20 ms: 3.5 of 10 ms"]
+
+
+def test_sources_are_forgotten_where_clock_goes_back(told: Told) -> None:
+    lines = told(1000, 1020, ("a", 1020, 1.5), 1030, 500, 510, ("b", 505, 2.5), 520, build="two")
+    assert lines[1:-2] == ["anew", "20 ms: 2.5 of 5 ms"]
 
 
 def test_the_trace_does_not_depend_on_who_ticks(told: Told) -> None:

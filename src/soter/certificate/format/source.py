@@ -13,7 +13,7 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.parameter_values import has_param
 from soter.language.front_end import check_file
 from soter.language.load.loader import load
-from soter.language.model.types import BoolType, DurationType, FloatType, IntType
+from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
@@ -86,9 +86,11 @@ def _overrides(certificate: Certificate, program: TypedProgram) -> dict[str, Any
 def _value(of: object, value: object, name: str) -> object:
     if isinstance(of, FloatType):
         return hexadecimal(value, name)
-    kind = {BoolType: bool, IntType: int, DurationType: int}.get(type(of))
+    kind = {BoolType: bool, IntType: int, DurationType: int, EnumType: int}.get(type(of))
     if kind is None or type(value) is not kind:
         raise RejectedError(f"parameter `{name}` is not as it should be")
+    if isinstance(of, EnumType) and value not in range(len(of.members)):
+        raise RejectedError(f"parameter `{name}` is no member of its type")
     return value
 
 

@@ -19,6 +19,7 @@ volatile while _Bool _Complex _Imaginary asm typeof alignas alignof constexpr nu
 thread_local typeof_unqual noreturn complex imaginary
 bool true false NULL NAN INFINITY EOF NDEBUG DECIMAL_DIG BUFSIZ L_tmpnam P_tmpdir
 errno stdin stdout stderr math_errhandling setjmp va_arg va_copy va_end va_start
+F_OK R_OK W_OK X_OK STDIN_FILENO STDOUT_FILENO STDERR_FILENO WEOF
 assert offsetof isnan isinf signbit isfinite isnormal fpclassify linux unix i386 mips sparc
 """
 _CPP = """
@@ -41,7 +42,7 @@ self value measured now stamp stored layout size seed late outside ages
 """
 _MACRO = re.compile(
     r"(U?INT|SIZE_|PTRDIFF_|WCHAR_|WINT_|FP_|HUGE_VAL|MATH_|M_|DBL_|FLT_|LDBL_|SOTER"
-    r"|[SU]?CHAR_|U?SHRT_|U?L?LONG_|MB_|CLOCKS_|EXIT_|RAND_|SEEK_|TMP_|FOPEN_|FILENAME_"
+    r"|FE_|[SU]?CHAR_|U?SHRT_|U?L?LONG_|MB_|CLOCKS_|EXIT_|RAND_|SEEK_|TMP_|FOPEN_|FILENAME_"
     r"|E[A-Z0-9]|SIG_?[A-Z]|(PRI|SCN)[a-zX])"
     r"[A-Z0-9_]*"
 )
@@ -50,7 +51,8 @@ _RESERVED = re.compile(r"(m_)*_[_A-Z].*")
 """Compilers own names like `_Atomic` and `__LINE__`."""
 _HIDDEN = re.compile(r"fair_\d+")
 _FUNCTIONS = """
-FILE DIR abort abs access accept alarm atof atoi atol bind bsearch calloc clearerr clock close
+FILE DIR va_list jmp_buf sigjmp_buf
+abort abs access accept alarm atof atoi atol bind bsearch calloc clearerr clock close
 connect creat ctime difftime div div_t dup exit fclose feof ferror fflush fgetc fgets fileno fopen
 fork fprintf fputc fputs fread free freopen fscanf fseek ftell fwrite getc getchar getenv gets
 gmtime imaxabs index kill labs ldiv ldiv_t link listen lldiv_t localtime longjmp main malloc memchr

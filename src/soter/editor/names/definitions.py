@@ -30,14 +30,21 @@ class PlantTruth:
 
 
 @dataclass(frozen=True)
+class UndeclaredRecord:
+    """A record that is written where no type is asked for: name and shape of each field."""
+
+    fields: tuple[tuple[tree.Name, Shape | None], ...]
+
+
+@dataclass(frozen=True)
 class Shape:
     """What may stand behind a dot of it.
 
     `of` is a type expression; the name of a builtin type; a declaration, for a name that means one
-    or an instance of one; `PlantTruth`; or a file, for the name of an import.
+    or an instance of one; `PlantTruth`; `UndeclaredRecord`; or a file, for the name of an import.
     """
 
-    of: tree.TypeExpr | tree.Decl | PlantTruth | LoadedFile | str
+    of: tree.TypeExpr | tree.Decl | PlantTruth | UndeclaredRecord | LoadedFile | str
     file: LoadedFile
     """Where the names in `of` are looked up."""
 

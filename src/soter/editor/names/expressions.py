@@ -12,7 +12,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.span import Span
-from soter.editor.names.definitions import Definition, NameIndex, PlantTruth, Shape
+from soter.editor.names.definitions import (
+    Definition,
+    NameIndex,
+    PlantTruth,
+    Shape,
+    UndeclaredRecord,
+)
 from soter.language.check.expressions.field import flat_names
 from soter.language.load.loader import LoadedFile
 from soter.language.syntax import tree
@@ -156,6 +162,8 @@ class Expressions:
                 definition = None
         elif isinstance(of, tree.RecordTypeExpr):
             definition = self._field(of, name.text, file)
+        elif isinstance(of, UndeclaredRecord):
+            definition = self._written_field(of, name.text, file)
         elif isinstance(of, tree.TypeDecl):
             definition = self._enum_member(of, name.text, file)
         elif isinstance(of, PlantTruth):
@@ -197,6 +205,14 @@ class Expressions:
         for own, type_ in of.fields:
             if own.text == name:
                 return self.definition(own, "field", (own, type_), file, Shape(type_, file))
+        return None
+
+    def _written_field(
+        self, of: UndeclaredRecord, name: str, file: LoadedFile
+    ) -> Definition | None:
+        for own, shape in of.fields:
+            if own.text == name:
+                return self.definition(own, "field", own, file, shape)
         return None
 
     def _enum_member(self, of: tree.TypeDecl, name: str, file: LoadedFile) -> Definition | None:
@@ -407,10 +423,19 @@ class Expressions:
     def _record(
         self, expr: tree.RecordExpr, place: NameContext, wanted: Shape | None
     ) -> Shape | None:
+        if wanted is None:
+            return self._undeclared_record(expr, place)
         for name, value in expr.fields:
             shape = self.member(wanted, name)
             self.expression(value, place, shape)
         return wanted
+
+    def _undeclared_record(self, expr: tree.RecordExpr, place: NameContext) -> Shape:
+        """`let p = { x: 1.0 };`: each field is declared where it is written."""
+        fields = tuple((name, self.expression(value, place)) for name, value in expr.fields)
+        for name, shape in fields:
+            self.definition(name, "field", name, place.file, shape)
+        return Shape(UndeclaredRecord(fields), place.file)
 
     def _list(self, expr: tree.ListExpr, place: NameContext, wanted: Shape | None) -> Shape | None:
         inside = self._inside_of(wanted)

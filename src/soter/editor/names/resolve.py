@@ -10,7 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.span import Span
-from soter.editor.names.definitions import Definition, NameIndex, PlantTruth, Shape
+from soter.editor.names.definitions import (
+    Definition,
+    NameIndex,
+    PlantTruth,
+    Shape,
+    UndeclaredRecord,
+)
 from soter.editor.names.expressions import Expressions, NameContext
 from soter.language.check.scope import KINDS
 from soter.language.load.loader import LoadedFile
@@ -56,6 +62,9 @@ class Members:
         elif isinstance(of, tree.RecordTypeExpr):
             for own, type_ in of.fields:
                 yield own.text, " ".join(type_.span.text.split()), "field"
+        elif isinstance(of, UndeclaredRecord):
+            for own, _ in of.fields:
+                yield own.text, "field", "field"
         elif isinstance(of, tree.TypeDecl) and isinstance(of.type, tree.EnumTypeExpr):
             for own in of.type.members:
                 yield own.text, of.name.text, "member"

@@ -332,6 +332,8 @@ class DeclChecker:
         self, values: tree.IntervalExpr, t: Type, context: Context
     ) -> typed.RangeSet | None:
         scalar = scalar_of(t)
+        if scalar is None and isinstance(values.low, tree.ErrorExpr):
+            return None  # the parser has said what is wrong with it
         if scalar is None:
             kinds = "numbers of one kind" if isinstance(t, RecordType) else "numbers"
             self.diagnostics.error(

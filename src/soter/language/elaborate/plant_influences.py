@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from soter.language.elaborate.derived_systems import with_components
 from soter.language.model import typed
 from soter.language.model.system import Bound, Disturbance
 from soter.language.model.tree_walk import rewritten, topic_reads
@@ -66,13 +67,14 @@ def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influ
 
     Gives what moves them; a topic that is more than floats in a declared set stays as it is.
     """
-    components = list(system.components)
+    moved: list[Component] = []
     all_influences: list[Influence] = []
     for c in system.components:
         if c.plant is not None and not c.plant.extern:
-            components[c.index], influences = _moved_by_any(system, c, tuple(module.outputs))
+            plant, influences = _moved_by_any(system, c, tuple(module.outputs))
+            moved.append(plant)
             all_influences += influences
-    return replace(system, components=tuple(components)), tuple(all_influences)
+    return with_components(system, moved), tuple(all_influences)
 
 
 def _moved_by_any(

@@ -109,8 +109,16 @@ def _piped(handle: int, most: int) -> bytes:
 def near_names(path: Path) -> tuple[str, ...]:
     """A help line about a file that is missing: one with a similar name, or the folder."""
     try:
-        names = sorted(entry.name for entry in os.scandir(path.parent) if entry.is_file())
+        with os.scandir(path.parent) as entries:
+            names = sorted(entry.name for entry in entries if _leads_to_a_file(entry))
     except (OSError, ValueError):
         return (f"there is no folder `{path.parent}`",)
     close = closest(path.name, names)
     return (f"did you mean `{path.parent / close[0]}`?",) if close else ()
+
+
+def _leads_to_a_file(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_file()
+    except OSError:  # links in a circle, say
+        return False

@@ -311,7 +311,8 @@ IDIOMS: tuple[Idiom, ...] = (
         r"publish \g<name> = \g<what>",
     ),
     _idiom(
-        r"^[ \t]*(?P<at>(?P<what>[^;{}=\n]+?))[ \t]*\n[ \t]*\}",
+        r"^[ \t]*(?P<at>(?P<what>(?!(?:return|push|publish|assert|let|var)\b)[^\s;{}=][^;{}=\n]*?))"
+        r"[ \t]*(?=\n[ \t]*\})",
         "the value of a function is what it returns",
         lambda m: m[0].replace(m["what"], f"return {m['what']};", 1),
         places=(FUNCTION,),

@@ -437,6 +437,7 @@ class Parser(NodeParser):
         try:
             return value_set(self)
         except Panic:
+            self.damaged = True
             self.depth = 0
             if self.kinds[start] == "{":
                 self.i = start

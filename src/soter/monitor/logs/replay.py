@@ -76,6 +76,7 @@ def replay(
         derived=[d for s in samples for d in s.derived],
         constants=tuple(n for s in samples for n in s.constants),
         forced=forced,
+        sources={s.topic.name: s.sources for s in samples if s.sources},
         stamps={s.topic.name: s.stamp for s in samples if s.stamp},
         left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
     )

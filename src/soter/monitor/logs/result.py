@@ -113,8 +113,8 @@ class LogJudgement:
     `from_s`, `to_s`: what was judged, from when every mapped topic is known. `nodes`: nodes of the
     program that were run for what it reads; `faulted`: those that faulted. `forced`: modules whose
     mode the system forces. `stamps`: by topic the field that says when it was measured.
-    `left_out`, `refused`: by topic how many samples had no usable value, or lay outside the
-    topic's set, and the first.
+    `sources`: by topic that has several, how many samples each gave. `left_out`, `refused`: by
+    topic how many samples had no usable value, or lay outside the topic's set, and the first.
     """
 
     log: str
@@ -125,6 +125,7 @@ class LogJudgement:
     modules: list[ModuleOfLog]
     derived: list[DerivedValue] = field(default_factory=list)
     constants: tuple[str, ...] = ()
+    sources: dict[str, str] = field(default_factory=dict)
     forced: tuple[str, ...] = ()
     stamps: dict[str, str] = field(default_factory=dict)
     left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
@@ -144,6 +145,10 @@ class LogJudgement:
         if self.stamps:
             names = ", ".join(f"`{n}` (`{path}`)" for n, path in self.stamps.items())
             assumptions.append(f"ages count from stamps, in the clock of the log: {names}")
+        assumptions += [
+            f"`{n}` is read from the source whose turn it is, as a bridge reads it: {counts}"
+            for n, counts in self.sources.items()
+        ]
         if self.derived:
             assumptions.append(
                 "what is derived is not what the estimator said at that time (see its error)"

@@ -2,7 +2,8 @@
 
 Purpose: from columns and a mapping to values of the program's types; what is left out is counted,
 what is derived is named with its error.
-Non-goals: whether a value lies in its topic's set (the gate decides, `replay.py`).
+Non-goals: whether a value lies in its topic's set (the gate decides, `replay.py`), but where a
+topic has several sources: one of which no value can be taken is silent, and another takes over.
 """
 
 from __future__ import annotations
@@ -10,10 +11,12 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
+from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.language.evaluate.arithmetic import StepFault
 from soter.language.model.durations import show_ns
 from soter.language.model.types import (
     ArrayType,
@@ -27,9 +30,11 @@ from soter.language.model.types import (
 )
 from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
+from soter.mapping.topic_sources import SourceTurns
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
-from soter.monitor.logs.files.log_columns import unusable
+from soter.monitor.logs.files.log_columns import Columns, unusable
 from soter.report.recorded_run import RecordedRun
+from soter.semantics.publication_gate import check_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +43,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System, Topic
     from soter.language.model.types import Type, Value
     from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
-    from soter.monitor.logs.files.log_columns import Columns
+    from soter.semantics.publication_gate import Check
 
 TRUTHS = {"true": True, "false": False, "1": True, "0": False}
 
@@ -57,7 +62,8 @@ class TopicSamples:
     """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
 
     `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the same as `times_ns`.
-    `left_out`: rows without a usable value, and `first_left_out` why.
+    `left_out`: rows without a usable value, and `first_left_out` why. `sources`: of several, how
+    many samples each gave.
     """
 
     topic: Topic
@@ -71,6 +77,7 @@ class TopicSamples:
     stamp: str = ""
     derived: list[DerivedValue] = field(default_factory=list)
     constants: list[str] = field(default_factory=list)
+    sources: str = ""
 
     @property
     def always(self) -> bool:
@@ -124,9 +131,13 @@ def samples_of(
     """All mapped topics, times counted from the first row of the log; SoterError D016."""
     first = min(c.times_ns[0] for c in columns.values())
     samples = []
-    for t in mapping.topics:
-        of = columns.get(t.channel, columns.get(None))
-        samples.append(_always(t) if not t.names else _of_rows(path, t, of, first))  # type: ignore[arg-type]
+    for _, maps in groupby(mapping.topics, key=lambda t: t.topic.index):
+        of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
+        t, rows = of[0]
+        if t.promise is not None:
+            samples.append(_of_sources(path, of, first))
+        else:
+            samples.append(_always(t) if not t.names else _of_rows(path, t, rows, first))
     return samples
 
 
@@ -139,7 +150,6 @@ def _always(t: TopicMap) -> TopicSamples:
 
 def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicSamples:
     made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns)
-    types = dict(leaves(t.topic.type))
     read: dict[LeafPath, list[Any]] = {
         p: [] for p, x in t.leaves.items() if isinstance(x, SignalSource)
     }
@@ -149,18 +159,14 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
     for i, now in enumerate(columns.times_ns):
         why = _foreign(t, columns, i)
         if t.stamp is not None and not why:
-            why = _ill_stamped(stamps[i], now, made, first_ns)
+            why = _ill_stamped(stamps[i], now)
+            if not why and made.stamps_ns and (stamps[i] or 0) - first_ns <= made.stamps_ns[-1]:
+                why = "its stamp is older than the one before it, or the same"
+        row: dict[LeafPath, Value | None] = {}
+        if not why:
+            row, why = _cells(path, t, columns, i)
         if why:
             made.leave_out(f"{columns.where[i]}: {why}")
-            continue
-        row = {}
-        for p, leaf in t.leaves.items():
-            if isinstance(leaf, SignalSource):
-                cell = columns.cells[leaf.name][i]
-                row[p] = _leaf(path, types[p], leaf, cell, columns.where[i])
-        lost = [p for p, value in row.items() if value is None]
-        if lost:
-            made.leave_out(f"{columns.where[i]}: no finite number for `{t.name_of(lost[0])}`")
             continue
         made.times_ns.append(now - first_ns)
         made.stamps_ns.append((stamps[i] or 0) - first_ns)
@@ -172,6 +178,74 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
     return made
 
 
+def _of_sources(path: Path, sources: list[tuple[TopicMap, Columns]], first_ns: int) -> TopicSamples:
+    """The samples that a bridge takes of several sources: one after the other, as they arrived."""
+    topic = sources[0][0].topic
+    made = TopicSamples(topic, [], [])
+    made.stamp = ", ".join(dict.fromkeys(t.stamp.path for t, _ in sources if t.stamp is not None))
+    made.constants = [
+        t.name_of(p)
+        for t, _ in sources
+        for p, x in t.leaves.items()
+        if isinstance(x, ConstantSource)
+    ]
+    turns = SourceTurns([t.promise.after_ns for t, _ in sources if t.promise is not None])
+    taken = []
+    check = check_of(topic)
+    arrivals = [(now, k, i) for k, (_, c) in enumerate(sources) for i, now in enumerate(c.times_ns)]
+    for now, rank, i in sorted(arrivals):
+        t, columns = sources[rank]
+        value, stamp, why = _of_source(path, t, columns, i, check)
+        if why:
+            made.leave_out(f"{columns.where[i]}: {why}")
+        elif turns.judge(rank, stamp) == "taken":
+            made.times_ns.append(now - first_ns)
+            made.stamps_ns.append(stamp - first_ns)
+            made.values.append(value)
+            taken.append(rank)
+    if not made.times_ns:
+        raise unusable(path, f"no row of it has all of `{topic.name}`", made.first_left_out)
+    counts = [f"{t.channel or k + 1} ({taken.count(k):,})" for k, (t, _) in enumerate(sources)]
+    changes = sum(a != b for a, b in pairwise(taken))
+    made.sources = f"{', '.join(counts)}, {changes:,} changes from one to the other"
+    return made
+
+
+def _of_source(
+    path: Path, t: TopicMap, columns: Columns, i: int, check: Check
+) -> tuple[Value, int, str]:
+    """Value and stamp of a row of one of several sources; why it says nothing, or ""."""
+    assert t.stamp is not None
+    stamp = columns.stamps_ns[t.stamp][i]
+    why = _foreign(t, columns, i) or _ill_stamped(stamp, columns.times_ns[i])
+    if why:
+        return None, 0, why
+    row, why = _cells(path, t, columns, i)
+    if why:
+        return None, 0, why
+    constants = {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
+    value = _built(t.topic.type, (), {**row, **constants})
+    try:
+        check(value, t.topic.symbol.span)
+    except StepFault as fault:
+        return None, 0, fault.detail
+    return value, stamp or 0, ""
+
+
+def _cells(
+    path: Path, t: TopicMap, columns: Columns, i: int
+) -> tuple[dict[LeafPath, Value | None], str]:
+    """The values that a row has itself, and why it gives none, or ""."""
+    types = dict(leaves(t.topic.type))
+    row = {
+        p: _leaf(path, types[p], leaf, columns.cells[leaf.name][i], columns.where[i])
+        for p, leaf in t.leaves.items()
+        if isinstance(leaf, SignalSource)
+    }
+    lost = next((p for p, value in row.items() if value is None), None)
+    return row, "" if lost is None else f"no finite number for `{t.name_of(lost)}`"
+
+
 def _foreign(t: TopicMap, columns: Columns, i: int) -> str:
     """Why a row is none of the frame that the mapping takes; "" where it is."""
     if t.frame_id is None:
@@ -181,7 +255,7 @@ def _foreign(t: TopicMap, columns: Columns, i: int) -> str:
     return "" if shown == t.frame_id else f"its frame is `{shown[:40]}`, not `{t.frame_id}`"
 
 
-def _ill_stamped(stamp: int | None, now: int, made: TopicSamples, first_ns: int) -> str:
+def _ill_stamped(stamp: int | None, now: int) -> str:
     """Why a stamp says no time at which a sample can have been measured; "" where it does."""
     if stamp is None:
         return "it has no stamp"
@@ -189,8 +263,6 @@ def _ill_stamped(stamp: int | None, now: int, made: TopicSamples, first_ns: int)
         return "its stamp is 0" if stamp == 0 else "its stamp lies before 0"
     if stamp > now:
         return f"its stamp lies {show_ns(stamp - now)} after its arrival"
-    if made.stamps_ns and stamp - first_ns <= made.stamps_ns[-1]:
-        return "its stamp is older than the one before it, or the same"
     return ""
 
 

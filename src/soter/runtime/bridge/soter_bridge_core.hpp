@@ -15,6 +15,7 @@
 #define SOTER_BRIDGE_CORE_HPP
 
 #include "soter_outside.h"
+#include "soter_sources.hpp"
 #include "soter_status_text.h"
 
 #include <time.h>
@@ -68,6 +69,13 @@ inline void fill(const std::vector<Status>& all, Array* to) {
 
 /* ------------------------------------------------------------------ in */
 
+/* The channel that the sources of a topic write, one at a time: Sources sees to that. */
+template <class Shared>
+inline soter_outside* shared_channel() {
+  static soter_outside made = soter_outside();
+  return &made;
+}
+
 /* Traits `T` of a topic that comes in, generated:
  *   Message, Value       types
  *   channel(), hash()    of the channel
@@ -76,7 +84,8 @@ inline void fill(const std::vector<Status>& all, Array* to) {
  *   frame(m)             whether the message is in the frame of the mapping
  *   stamped()            whether messages say when they were measured
  *   stamp_ns(m)          when; 0: it does not
- *   convert(m, &value)   false: something that is needed is not there */
+ *   convert(m, &value)   false: something that is needed is not there
+ * and those of OneSource, or of one of several. */
 template <class T>
 class Inward {
  public:
@@ -86,12 +95,16 @@ class Inward {
 
   /* NULL, or why the channel cannot be opened. */
   const char* open(const std::string& folder) {
-    return soter_outside_open(&channel_, folder.c_str(), T::channel(), T::hash(),
+    if (channel()->place[0] != nullptr) { /* another source opened it */
+      return nullptr;
+    }
+    return soter_outside_open(channel(), folder.c_str(), T::channel(), T::hash(),
                               sizeof(typename T::Value), true);
   }
 
-  /* `now_ns`: of the clock of the stamps. */
-  void take(const Message& m, const std::string& publisher, int64_t now_ns) {
+  /* Now on two clocks: `now`, CLOCK_MONOTONIC, has to be read first, and then `now_ns`, the clock
+   * of the stamps. Whoever is held up in between makes a message older, never newer. */
+  void take(const Message& m, const std::string& publisher, int64_t now, int64_t now_ns) {
     typename T::Value value;
     int64_t measured = 0;
     (void)std::memset(&value, 0, sizeof value);
@@ -99,14 +112,28 @@ class Inward {
       refuse(&stranger_, "a second node publishes it: " + publisher);
     } else if (!T::frame(m)) {
       refuse(&frame_, "a message is in another frame");
-    } else if (measured_at(m, now_ns, &measured)) {
-      if (T::convert(m, &value)) {
-        soter_outside_write(&channel_, measured, &value);
-        taken_++;
-      } else {
+    } else if (measured_at(m, now, now_ns, &measured)) {
+      if (!T::convert(m, &value)) {
         refuse(&absent_, "a message has no such element, or a number that the topic cannot hold");
+      } else if (T::sources() == nullptr) {
+        soter_outside_write(channel(), measured, &value);
+        heard_++;
+        taken_++;
+      } else if (!T::fits(value)) {
+        refuse(&unfit_, "a value is not finite, or outside the topic's set");
+      } else {
+        heard_++; /* where it is not taken, that is no silence either */
+        (void)T::sources()->take(T::rank(), T::stamp_ns(m), [&] {
+          soter_outside_write(channel(), measured, &value);
+          taken_++;
+        });
       }
     }
+  }
+
+  /* A message without a stamp that may have been published at any time before it came. */
+  void refuse_undated() {
+    refuse(&unstamped_, "a latched message has no stamp: nobody knows how old it is");
   }
 
   Status status() {
@@ -115,26 +142,49 @@ class Inward {
     to.name = std::string("soter: ") + T::topic();
     to.of = bound_;
     to.message = taken_ > 0 ? "taken" : "nothing was taken yet";
-    const uint64_t refused = stranger_ + frame_ + unstamped_ + future_ + absent_;
+    const uint64_t refused = stranger_ + frame_ + unstamped_ + future_ + absent_ + unfit_;
+    const bool spoke = heard_ != heard_told_;
     if (refused != refused_told_) {
       to.level = Status::ERROR;
       to.message = why_;
-    } else if (taken_ == taken_told_) {
+    } else if (!spoke) {
       to.level = Status::WARN;
       to.message = "silent";
     }
     refused_told_ = refused;
-    taken_told_ = taken_;
+    heard_told_ = heard_;
     to.said("taken", taken_);
     to.said("of another publisher", stranger_);
     to.said("in another frame", frame_);
     to.said("without a stamp", unstamped_);
     to.said("stamped later than now", future_);
     to.said("without a value", absent_);
+    if (T::sources() != nullptr) {
+      among_sources(&to, spoke);
+    }
     return to;
   }
 
  private:
+  soter_outside* channel() {
+    return T::sources() == nullptr ? &channel_ : shared_channel<typename T::Shared>();
+  }
+
+  /* Whether it is the source that is read, and how often it took over. */
+  void among_sources(Status* to, bool spoke) {
+    const Sources::Counts counts = T::sources()->counts(T::rank());
+    if (to->level == Status::OK && spoke) {
+      to->level = counts.read && T::rank() > 0 ? Status::WARN : Status::OK;
+      to->message = counts.read ? "it is read" : "it stands by";
+    }
+    to->values.emplace_back("read", counts.read ? "yes" : "no");
+    to->said("took over", counts.takeovers);
+    to->said("not its turn", counts.waited);
+    to->said("older than what was taken", counts.older);
+    to->said("not finite, or outside the set", unfit_);
+    to->said("longest between stamps taken, us", static_cast<uint64_t>(counts.gap_ns / 1000));
+  }
+
   void refuse(std::atomic<uint64_t>* counter, const std::string& why) {
     const std::lock_guard<std::mutex> held(named_);
     (*counter)++;
@@ -150,8 +200,7 @@ class Inward {
     return publisher != bound_;
   }
 
-  bool measured_at(const Message& m, int64_t now_ns, int64_t* measured) {
-    const int64_t now = monotonic_ns();
+  bool measured_at(const Message& m, int64_t now, int64_t now_ns, int64_t* measured) {
     *measured = now;
     if (!T::stamped()) {
       return true;
@@ -175,8 +224,9 @@ class Inward {
   soter_outside channel_ = soter_outside();
   std::mutex named_;
   std::string bound_, why_;
-  std::atomic<uint64_t> taken_{0}, stranger_{0}, frame_{0}, unstamped_{0}, future_{0}, absent_{0};
-  uint64_t refused_told_ = 0, taken_told_ = 0;
+  std::atomic<uint64_t> taken_{0}, stranger_{0}, frame_{0}, unstamped_{0}, future_{0}, absent_{0},
+      unfit_{0}, heard_{0};
+  uint64_t refused_told_ = 0, heard_told_ = 0;
 };
 
 /* ------------------------------------------------------------------ out */
@@ -199,12 +249,17 @@ class Outward {
                               false);
   }
 
-  /* On a thread of its own, as long as `go_on` says so; `publish` gets a value and its age. */
-  void serve(const std::function<bool()>& go_on,
+  /* On a thread of its own, as long as `go_on` says so. `now_ns`: of the clock of the stamps;
+   * `publish` gets a value and its stamp. */
+  void serve(const std::function<bool()>& go_on, const std::function<int64_t()>& now_ns,
              const std::function<void(const Value&, int64_t)>& publish) {
+    const Tell tell = [&](int64_t written) {
+      const int64_t stamps_now = now_ns(); /* first: who is held up here makes a value older */
+      publish(value_, stamps_now - (monotonic_ns() - written));
+    };
     while (go_on()) {
       soter_outside_wait(&channel_, WAIT_NS);
-      turn(monotonic_ns(), publish);
+      turn(monotonic_ns(), tell);
     }
   }
 
@@ -230,35 +285,43 @@ class Outward {
   }
 
  private:
-  void turn(int64_t now, const std::function<void(const Value&, int64_t)>& publish) {
+  typedef std::function<void(int64_t)> Tell; /* the value, written then */
+
+  void turn(int64_t now, const Tell& tell) {
     Value value;
     int64_t written = 0;
-    if (soter_outside_read(&channel_, &written, &value, nullptr) && written >= begun_) {
+    if (soter_outside_read(&channel_, &written, &value, nullptr) && is_of_now(written)) {
       const bool changed = std::memcmp(&value, &value_, sizeof value) != 0;
       value_ = value;
       heard_ = now;
       silent_ = false;
       if (changed || now - told_ >= RESEND_NS) {
-        tell(now, now - written, publish);
+        told(now, tell, written);
       }
     } else if (heard_ > 0 && now - heard_ > T::silent_ns() && now - told_ >= RESEND_NS) {
       silent_ = true; /* nobody holds a lease, and nobody holds the law: it is held from here */
       if (T::law(&value_)) {
-        tell(now, 0, publish);
+        told(now, tell, now);
       }
     }
   }
 
-  void tell(int64_t now, int64_t age_ns,
-            const std::function<void(const Value&, int64_t)>& publish) {
-    publish(value_, age_ns);
+  /* A channel may hold what somebody wrote long ago, or before this machine was started; and
+   * whoever writes it may have been stopped between the time and the value. */
+  bool is_of_now(int64_t written) const {
+    const int64_t age_ns = monotonic_ns() - written;
+    return written >= begun_ && age_ns >= 0 && age_ns <= T::silent_ns();
+  }
+
+  void told(int64_t now, const Tell& tell, int64_t written) {
+    tell(written);
     told_ = now;
     count_++;
   }
 
   soter_outside channel_ = soter_outside();
   Value value_;
-  const int64_t begun_ = monotonic_ns(); /* a channel may hold what somebody wrote long ago */
+  const int64_t begun_ = monotonic_ns();
   int64_t told_ = 0, heard_ = 0;
   std::atomic<uint64_t> count_{0};
   std::atomic<bool> silent_{false};
@@ -278,9 +341,10 @@ struct StatusNames {
 
 /* A module, for machines. */
 struct ModuleStatus {
-  std::string name, mode, why, armed;
-  double margin_s;
-  uint64_t takeovers;
+  std::string name, mode, why, message;
+  double margin_s = 0.0;
+  uint64_t takeovers = 0;
+  bool armed = false, unchecked = false;
 };
 
 /* The trusted part, and its actuators: what they say of themselves. For one thread. */
@@ -357,11 +421,12 @@ class TrustedPart {
       to.mode = f.alive ? (f.ac ? "AC" : "SC") : "";
       to.margin_s = soter_margin_s(&f, monotonic_ns());
       to.why = soter_takeover_text(f.why);
-      to.takeovers = 0;
       for (size_t c = 0; c < SOTER_STATUS_CAUSES; c++) {
         to.takeovers += f.takeovers[c];
       }
-      to.armed = soter_armed_text(&f);
+      to.armed = f.leased && f.actuators_alive && f.state != SOTER_LEASE_ENDED;
+      to.unchecked = to.armed && f.how == SOTER_ARMED_UNCHECKED;
+      to.message = message(f);
       all.push_back(to);
     }
     return all;

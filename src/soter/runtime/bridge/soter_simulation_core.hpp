@@ -9,13 +9,15 @@
  *
  * A message counts from its arrival and is as old as its stamp, both on /clock. Nothing is taken
  * before the instant of its stamp. Who stamps may hear /clock a little earlier than this node: a
- * stamp is later than now, and refused, where the next /clock has not come to it either. C++11.
+ * stamp is later than now, and refused, where the next /clock has not come to it either. Of several
+ * sources of a topic a message has its turn, or not, once /clock has come to its stamp. C++11.
  */
 #ifndef SOTER_SIMULATION_CORE_HPP
 #define SOTER_SIMULATION_CORE_HPP
 
 #include "soter_app.h"
 #include "soter_sha256.h"
+#include "soter_sources.hpp"
 
 #include <cmath>
 #include <cstdint>
@@ -44,12 +46,17 @@ class SimulatedInput : public Simulated {
  public:
   typedef typename T::Message Message;
 
-  void begin() override { here_.heard = ahead_.heard = false; }
+  void begin() override {
+    here_.heard = ahead_.heard = false;
+    if (T::sources() != nullptr) {
+      T::sources()->forget();
+    }
+  }
 
   void clock(int64_t now) override {
     now_ = now;
     if (ahead_.heard && ahead_.stamp_ns <= now) {
-      here_ = ahead_;
+      accept(ahead_);
     } else if (ahead_.heard) {
       refused("a message was stamped later than now: two clocks, or a wrong one");
     }
@@ -85,8 +92,12 @@ class SimulatedInput : public Simulated {
       refused("a message has no stamp");
     } else if (!T::convert(m, &sample.value)) {
       refused("a message has no such element, or a number that the topic cannot hold");
+    } else if (!T::fits(sample.value)) {
+      refused("a value is not finite, or outside the topic's set");
+    } else if (sample.stamp_ns > now_) {
+      ahead_ = sample;
     } else {
-      (sample.stamp_ns <= now_ ? here_ : ahead_) = sample;
+      accept(sample);
     }
   }
 
@@ -98,6 +109,16 @@ class SimulatedInput : public Simulated {
     int64_t stamp_ns; /* 0: messages have none */
     typename T::Value value;
   };
+
+  /* Its stamp is not later than now. Before that it is no sample, and keeps no source waiting. */
+  void accept(const Sample& sample) {
+    if (T::sources() == nullptr) {
+      here_ = sample;
+    } else {
+      (void)T::sources()->take(T::rank(), sample.stamp_ns, [&] { here_ = sample; });
+    }
+  }
+
   Sample here_ = Sample(), ahead_ = Sample();
   int64_t now_ = 0;
   std::string bound_;

@@ -78,7 +78,7 @@ static const char* open_writer(soter_dds_topic* topic, dds_entity_t of, dds_qos_
   topic->message = calloc(1, topic->out->type->m_size);
   topic->value = calloc(1, topic->out->size);
   topic->last_value = calloc(1, topic->out->size);
-  topic->begun = soter_dds_monotonic_ns(); /* a channel may hold what was written long ago */
+  topic->begun = soter_dds_monotonic_ns();
   return topic->message == NULL || topic->value == NULL || topic->last_value == NULL
              ? "there is no memory"
              : NULL;
@@ -135,7 +135,7 @@ static bool fits(const struct ddsi_serdata* sample, const void* message) {
 
 static bool measured_at(soter_dds_topic* topic, int64_t* measured) {
   const int64_t error = topic->bridge->clock_error_ns;
-  const int64_t now = soter_dds_monotonic_ns();
+  const int64_t now = soter_dds_monotonic_ns(); /* first: see the wall clock below */
   *measured = now;
   if (!topic->in->stamped) {
     return true;
@@ -145,7 +145,7 @@ static bool measured_at(soter_dds_topic* topic, int64_t* measured) {
     soter_dds_count(topic, SOTER_DDS_UNSTAMPED, "a sample has no stamp");
     return false;
   }
-  const int64_t age = soter_dds_wall_ns() - stamp;
+  const int64_t age = soter_dds_wall_ns() - stamp; /* who is held up here makes it older */
   if (age < -error) {
     soter_dds_count(topic, SOTER_DDS_FUTURE,
                     "a sample was stamped later than now: two clocks, or a wrong one");
@@ -212,8 +212,10 @@ void* soter_dds_serve_inward(void* given) {
 /* ------------------------------------------------------------------ out */
 
 static void tell(soter_dds_topic* topic, int64_t now, int64_t written) {
+  const int64_t wall = soter_dds_wall_ns(); /* first: who is held up here makes a value older */
   (void)memset(topic->message, 0, topic->out->type->m_size); /* its texts are constants */
-  topic->out->convert(topic->last_value, soter_dds_wall_ns() - (now - written), topic->message);
+  topic->out->convert(topic->last_value, wall - (soter_dds_monotonic_ns() - written),
+                      topic->message);
   if (dds_write(topic->end, topic->message) < 0) {
     soter_dds_count(topic, SOTER_DDS_UNSENT,
                     "DDS did not take a sample: a reliable reader does not read");
@@ -229,11 +231,18 @@ static void set_silent(soter_dds_topic* topic, bool silent) {
   (void)pthread_mutex_unlock(&topic->held);
 }
 
+/* A channel may hold what somebody wrote long ago, or before this machine was started; and whoever
+ * writes it may have been stopped between the time and the value. */
+static bool is_of_now(const soter_dds_topic* topic, int64_t written) {
+  const int64_t age = soter_dds_monotonic_ns() - written;
+  return written >= topic->begun && age >= 0 && age <= topic->out->silent_ns;
+}
+
 static void turn(soter_dds_topic* topic, int64_t now) {
   const soter_dds_outward* const out = topic->out;
   int64_t written = 0;
   if (soter_outside_read(&topic->channel, &written, topic->value, NULL) &&
-      written >= topic->begun) {
+      is_of_now(topic, written)) {
     const bool changed = memcmp(topic->value, topic->last_value, out->size) != 0;
     (void)memcpy(topic->last_value, topic->value, out->size);
     topic->heard = now;

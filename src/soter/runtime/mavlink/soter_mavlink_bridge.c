@@ -55,6 +55,7 @@ static void forget_stamps(soter_mavlink_bridge* bridge, uint32_t source) {
   for (size_t k = 0; k < bridge->topics; k++) {
     if (bridge->topic[k].in != NULL && bridge->topic[k].in->source == source) {
       bridge->topic[k].last_stamp = -1;
+      bridge->topic[k].last_measured = INT64_MIN; /* nobody knows any more what came after it */
     }
   }
 }
@@ -247,6 +248,7 @@ static bool open_all(soter_mavlink_bridge* bridge, const options* o) {
   }
   for (size_t k = 0; opened && k < bridge->links; k++) {
     const char* const wrong = soter_mavlink_link_open(&bridge->link[k], o->urls[k]);
+    bridge->link[k].empty_ns = soter_mavlink_now();
     if (wrong != NULL) {
       soter_mavlink_say(bridge, o->urls[k], wrong);
       opened = false;
@@ -268,16 +270,23 @@ static void hear(soter_mavlink_bridge* bridge) {
   for (size_t k = 0; k < bridge->links; k++) {
     files[k] = (struct pollfd){.fd = bridge->link[k].file, .events = POLLIN, .revents = 0};
   }
-  if (poll(files, (nfds_t)bridge->links, TURN_MS) <= 0) {
+  const int64_t before = soter_mavlink_now();
+  if (poll(files, (nfds_t)bridge->links, TURN_MS) < 0) {
     return;
   }
   (void)pthread_mutex_lock(&bridge->held);
   for (uint32_t k = 0; k < bridge->links; k++) {
-    if (files[k].revents != 0 &&
-        !soter_mavlink_link_read(&bridge->link[k], k, on_message, bridge)) {
-      soter_mavlink_say(bridge, bridge->link[k].url, "the link has ended, and so does the bridge");
+    soter_mavlink_link* const link = &bridge->link[k];
+    if (files[k].revents == 0) {
+      link->empty_ns = before;
+      continue;
+    }
+    const int64_t begun = soter_mavlink_now();
+    if (!soter_mavlink_link_read(link, k, on_message, bridge)) {
+      soter_mavlink_say(bridge, link->url, "the link has ended, and so does the bridge");
       soter_mavlink_end(2); /* whoever starts it again opens it anew */
     }
+    link->empty_ns = link->drained ? begun : link->empty_ns;
   }
   (void)pthread_mutex_unlock(&bridge->held);
 }

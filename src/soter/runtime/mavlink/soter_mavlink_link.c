@@ -181,6 +181,7 @@ static bool read_serial(soter_mavlink_link* link, const soter_mavlink_address* f
                         soter_mavlink_taker* taker, void* to) {
   uint8_t bytes[DATAGRAM];
   const ssize_t many = read(link->file, bytes, sizeof bytes);
+  link->drained = many < (ssize_t)sizeof bytes;
   if (many > 0) {
     take(link, bytes, (size_t)many, from, taker, to);
   }
@@ -193,6 +194,7 @@ bool soter_mavlink_link_read(soter_mavlink_link* link, uint32_t index, soter_mav
   soter_mavlink_address from;
   (void)memset(&from, 0, sizeof from);
   from.link = index;
+  link->drained = false;
   if (link->serial) {
     return read_serial(link, &from, taker, to);
   }
@@ -204,7 +206,8 @@ bool soter_mavlink_link_read(soter_mavlink_link* link, uint32_t index, soter_mav
       if (errno == ECONNREFUSED || errno == EINTR) {
         continue; /* nobody is there yet */
       }
-      return errno == EAGAIN || errno == EWOULDBLOCK;
+      link->drained = errno == EAGAIN || errno == EWOULDBLOCK;
+      return link->drained;
     }
     link->status.parse_state = MAVLINK_PARSE_STATE_IDLE; /* no frame goes on in another datagram */
     take(link, bytes, (size_t)many, &from, taker, to);

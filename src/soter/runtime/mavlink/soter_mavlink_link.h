@@ -23,6 +23,8 @@ typedef struct {
   socklen_t peer_size;
   mavlink_message_t parsed; /* of the parser */
   mavlink_status_t status;
+  bool drained;     /* the last read left nothing there */
+  int64_t empty_ns; /* when nothing was there, the last time that anybody looked */
   uint64_t bytes, frames, torn, is_signed, short_; /* torn: of a wrong checksum, or no message */
   uint64_t unsent;
 } soter_mavlink_link;

@@ -12,18 +12,27 @@
 #include <string.h>
 
 #define WAIT_NS INT64_C(5000000)
+#define HELD_UP_NS INT64_C(20000000) /* two turns of the loop that reads */
 
 const char* soter_mavlink_topic_open(soter_mavlink_topic* topic, const char* folder) {
   const bool inward = topic->in != NULL;
   const size_t size = inward ? topic->in->size : topic->out->size;
   topic->last_stamp = -1;
   topic->last_measured = INT64_MIN;
-  topic->begun = soter_mavlink_now(); /* a channel may hold what somebody wrote long ago */
+  topic->begun = soter_mavlink_now();
   return soter_outside_open(&topic->channel, folder, inward ? topic->in->name : topic->out->name,
                             inward ? topic->in->hash : topic->out->hash, size, inward);
 }
 
 /* ------------------------------------------------------------------ in */
+
+/* When a message that is read now came, at the earliest: after its link was found empty. A bridge
+ * that was stopped reads what waited for it. */
+static int64_t came_at(const soter_mavlink_topic* topic, int64_t now) {
+  const uint32_t link = topic->bridge->source[topic->in->source].address.link;
+  const int64_t empty = topic->bridge->link[link].empty_ns;
+  return now - empty > HELD_UP_NS ? empty : now;
+}
 
 /* Without a common clock: when it came, less what messages take at most. */
 static bool by_arrival(soter_mavlink_topic* topic, int64_t now, int64_t* measured) {
@@ -33,7 +42,7 @@ static bool by_arrival(soter_mavlink_topic* topic, int64_t now, int64_t* measure
                         "no answer to TIMESYNC yet, and nobody says how long messages take");
     return false;
   }
-  *measured = now - (delay > 0 ? delay : 0);
+  *measured = came_at(topic, now) - (delay > 0 ? delay : 0);
   topic->count[SOTER_MAVLINK_BY_ARRIVAL]++;
   return true;
 }
@@ -114,11 +123,19 @@ static void tell(soter_mavlink_topic* topic, int64_t now, int64_t written, bool 
   topic->told = now;
 }
 
+/* A channel may hold what somebody wrote long ago, or before this machine was started; and whoever
+ * writes it may have been stopped between the time and the value. */
+static bool is_of_now(const soter_mavlink_topic* topic, int64_t written) {
+  const int64_t age = soter_mavlink_now() - written;
+  return written >= topic->begun && age >= 0 && age <= topic->out->silent_ns;
+}
+
 static void turn(soter_mavlink_topic* topic, int64_t now) {
   const soter_mavlink_outward* const out = topic->out;
   const int64_t resend = topic->bridge->system->resend_ns;
   int64_t written = 0;
-  if (soter_outside_read(&topic->channel, &written, out->value, NULL) && written >= topic->begun) {
+  if (soter_outside_read(&topic->channel, &written, out->value, NULL) &&
+      is_of_now(topic, written)) {
     const bool changed = memcmp(out->value, out->last, out->size) != 0;
     (void)memcpy(out->last, out->value, out->size);
     topic->heard = now;

@@ -77,11 +77,35 @@ static uint64_t look(soter_outside* c, int place, soter_channel_head* head, uint
   return 0U;
 }
 
+/* One process writes a channel: a lock that the system takes back when the process ends, however,
+ * and that no process which it forks has. */
+static const char* become_writer(int file) {
+  struct flock whole = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
+  SOTER_CHECK(file >= 0);
+  if (fcntl(file, F_SETLK, &whole) == 0) {
+    return NULL;
+  }
+  return errno == EAGAIN || errno == EACCES ? "another program writes it" : strerror(errno);
+}
+
+/* The file of who writes stays open, as its lock is gone when it is closed. */
+static const char* take_file(soter_outside* c, int file, bool writes) {
+  const char* wrong = writes ? become_writer(file) : NULL;
+  SOTER_CHECK(c->file < 0);
+  wrong = wrong != NULL ? wrong : map_file(c, file);
+  if (writes && wrong == NULL) {
+    c->file = file;
+  } else {
+    (void)close(file);
+  }
+  return wrong;
+}
+
 const char* soter_outside_open(soter_outside* channel, const char* folder, const char* name,
                                uint64_t hash, size_t size, bool writes) {
   char path[PATH_MOST];
   SOTER_CHECK(channel != NULL && folder != NULL && name != NULL);
-  *channel = (soter_outside){.size = size, .hash = hash};
+  *channel = (soter_outside){.size = size, .hash = hash, .file = -1};
   const int length = snprintf(path, sizeof path, "%s/%s", folder, name);
   if (length < 0 || length >= PATH_MOST) {
     return "its path is too long";
@@ -90,8 +114,7 @@ const char* soter_outside_open(soter_outside* channel, const char* folder, const
   if (file < 0) {
     return strerror(errno);
   }
-  const char* const wrong = map_file(channel, file);
-  (void)close(file);
+  const char* const wrong = take_file(channel, file, writes);
   if (wrong != NULL) {
     channel->place[0] = NULL;
   } else if (writes) { /* it goes on with the next number */

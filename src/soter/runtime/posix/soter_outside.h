@@ -25,10 +25,12 @@ typedef struct {
   size_t size;
   uint64_t hash;
   uint64_t number; /* of the last value that was written, or read */
+  int file;        /* of who writes: open, as its lock is gone when it is closed; else -1 */
 } soter_outside;
 
 /* Opens `folder`/`name`, and makes it where it is not there, to read or, `writes`, to write. NULL,
- * or what is wrong, in words. Not for a loop: it asks the system for memory. */
+ * or what is wrong, in words: to write, that another process does, too. Not for a loop: it asks the
+ * system for memory, and the file of who writes stays open. */
 const char* soter_outside_open(soter_outside* channel, const char* folder, const char* name,
                                uint64_t hash, size_t size, bool writes);
 

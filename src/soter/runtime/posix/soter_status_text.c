@@ -9,7 +9,8 @@
 #define SILENT_NS (5 * SOTER_STATUS_EVERY_NS)
 
 static bool alive(int64_t now, int64_t written_ns) {
-  return written_ns > 0 && now - written_ns < SILENT_NS;
+  /* what lies after now is of before this machine was started */
+  return written_ns > 0 && now >= written_ns && now - written_ns < SILENT_NS;
 }
 
 soter_module_facts soter_module_facts_of(soter_module_place place, int64_t now,

@@ -17,6 +17,7 @@
 #include <ros/this_node.h>
 
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <thread>
 
@@ -56,8 +57,22 @@ class BridgedIn : public Bridged {
   Status status() override { return inward_.status(); }
 
  private:
-  void on(const ros::MessageEvent<typename T::Message const>& event) {
-    inward_.take(*event.getConstMessage(), event.getPublisherName(), ns_of(ros::Time::now()));
+  typedef ros::MessageEvent<typename T::Message const> Event;
+
+  void on(const Event& event) {
+    const int64_t now = monotonic_ns();
+    if (!T::stamped() && is_latched(event)) {
+      inward_.refuse_undated();
+      return;
+    }
+    inward_.take(*event.getConstMessage(), event.getPublisherName(), now, ns_of(ros::Time::now()));
+  }
+
+  /* Whether its publisher sends the last message again, however old, to whoever connects. */
+  static bool is_latched(const Event& event) {
+    const ros::M_string& header = event.getConnectionHeader();
+    const ros::M_string::const_iterator found = header.find("latching");
+    return found != header.end() && found->second == "1";
   }
 
   Inward<T> inward_;
@@ -78,10 +93,10 @@ class BridgedOut : public Bridged {
   }
 
   void serve() override {
-    outward_.serve([] { return ros::ok(); },
-                   [this](const typename T::Value& value, int64_t age_ns) {
+    outward_.serve([] { return ros::ok(); }, [] { return ns_of(ros::Time::now()); },
+                   [this](const typename T::Value& value, int64_t stamp_ns) {
                      typename T::Message message;
-                     T::convert(value, ns_of(ros::Time::now()) - age_ns, &message);
+                     T::convert(value, stamp_ns, &message);
                      publisher_.publish(message);
                    });
   }
@@ -112,13 +127,16 @@ class Bridge {
       return false;
     }
     own_.param<std::string>("channels", folder_, "");
-    own_.param<double>("clock_error", clock_error_s, 0.0);
+    const bool told = own_.hasParam("clock_error");
     if (folder_.empty()) {
       ROS_FATAL("the parameter ~channels is not set: the folder of the trusted part's channels");
       return false;
     }
-    if (!(clock_error_s >= 0.0 && clock_error_s <= 1.0)) {
-      ROS_FATAL("the parameter ~clock_error is no time from 0 to 1 s");
+    if ((told && !own_.getParam("clock_error", clock_error_s)) ||
+        !(clock_error_s >= 0.0 && clock_error_s <= 1.0)) {
+      ROS_FATAL(
+          "the parameter ~clock_error is no time from 0 to 1 s (0.01 is a number, and 1e-2 a text "
+          "in YAML)");
       return false;
     }
     clock_error_ns_ = std::llround(clock_error_s * 1e9);
@@ -134,6 +152,26 @@ class Bridge {
   template <class T>
   void out() {
     topics_.emplace_back(new BridgedOut<T>(&node_));
+  }
+
+  /* How the modules are, for machines, on ~status: a message of this type each. */
+  template <class Message>
+  void status() {
+    status_ =
+        own_.advertise<Message>("status", static_cast<uint32_t>(trusted_.modules().size()), true);
+    tell_ = [this](const ModuleStatus& of, const ros::Time& now) {
+      Message to;
+      to.stamp = now;
+      to.module = of.name;
+      to.mode = of.mode;
+      to.margin = of.margin_s;
+      to.takeovers = of.takeovers;
+      to.why = of.why;
+      to.armed = of.armed ? 1U : 0U;
+      to.unchecked = of.unchecked ? 1U : 0U;
+      to.message = of.message;
+      status_.publish(to);
+    };
   }
 
   int run() {
@@ -180,6 +218,9 @@ class Bridge {
     message.header.stamp = ros::Time::now();
     fill(all, &message);
     diagnostics_.publish(message);
+    for (const ModuleStatus& module : trusted_.modules()) {
+      tell_(module, message.header.stamp);
+    }
   }
 
   /* Once a second: does another node publish what only this one may? */
@@ -217,7 +258,9 @@ class Bridge {
   ros::NodeHandle node_, own_;
   std::string folder_;
   int64_t clock_error_ns_ = 0;
-  ros::Publisher diagnostics_;
+  ros::Publisher diagnostics_, status_;
+  std::function<void(const ModuleStatus&, const ros::Time&)> tell_ = [](const ModuleStatus&,
+                                                                        const ros::Time&) {};
   std::vector<std::unique_ptr<Bridged>> topics_;
 };
 

@@ -13,8 +13,9 @@
 
 namespace soter {
 
+/* 0 where it is no time: its ns are a second, or more. */
 inline int64_t ns_of(const ros::Time& t) {
-  return static_cast<int64_t>(t.sec) * 1000000000 + static_cast<int64_t>(t.nsec);
+  return t.nsec < 1000000000U ? static_cast<int64_t>(t.sec) * 1000000000 + t.nsec : 0;
 }
 
 inline ros::Time stamp_of(int64_t ns) {

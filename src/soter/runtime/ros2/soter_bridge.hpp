@@ -49,7 +49,8 @@ class BridgedIn : public Bridged {
       subscription_ = node_->create_subscription<Message>(
           T::topic(), rclcpp::SensorDataQoS().keep_last(1),
           [this](std::shared_ptr<const Message> m, const rclcpp::MessageInfo& info) {
-            inward_.take(*m, publishers_.name_of(info), node_->now().nanoseconds());
+            const int64_t now = monotonic_ns();
+            inward_.take(*m, publishers_.name_of(info), now, node_->now().nanoseconds());
           },
           options);
     }
@@ -78,10 +79,10 @@ class BridgedOut : public Bridged {
   }
 
   void serve() override {
-    outward_.serve([] { return rclcpp::ok(); },
-                   [this](const typename T::Value& value, int64_t age_ns) {
+    outward_.serve([] { return rclcpp::ok(); }, [this] { return node_->now().nanoseconds(); },
+                   [this](const typename T::Value& value, int64_t stamp_ns) {
                      Message message;
-                     T::convert(value, node_->now().nanoseconds() - age_ns, &message);
+                     T::convert(value, stamp_ns, &message);
                      publisher_->publish(message);
                    });
   }

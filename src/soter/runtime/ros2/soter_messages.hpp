@@ -13,8 +13,9 @@
 
 namespace soter {
 
+/* 0 where it is no time: its ns are a second, or more. */
 inline int64_t ns_of(const builtin_interfaces::msg::Time& t) {
-  return static_cast<int64_t>(t.sec) * 1000000000 + static_cast<int64_t>(t.nanosec);
+  return t.nanosec < 1000000000U ? static_cast<int64_t>(t.sec) * 1000000000 + t.nanosec : 0;
 }
 
 inline builtin_interfaces::msg::Time stamp_of(int64_t ns) {

@@ -13,7 +13,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.message_types import MessageTypes
 from soter.native.build import RUNTIME
 from soter.targets.bridged_system import COMMON, TRUSTED, BridgedSystem, require_world, shipped
-from soter.targets.bridged_topics import bridged_topics, unsaid
+from soter.targets.bridged_topics import bridged_topics, by_topic, unsaid
 from soter.targets.dds.bridge_source import BridgeSource
 from soter.targets.dds.build_files import HEADERS, SOURCES, DdsPackage, build_files
 from soter.targets.dds.message_idl import ROS, message_idl
@@ -39,7 +39,7 @@ DIAGNOSTICS = "/diagnostics"
 def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
     """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
     require_world(system)
-    mapped = bridged_topics(system, mapping, "ROS 2, such as `/odom`", TOPIC)
+    mapped = by_topic(bridged_topics(system, mapping, "ROS 2, such as `/odom`", TOPIC), "DDS")
     _refuse(system, mapped)
     bridged = BridgedSystem(system, core, folder)
     name = bridged.unit.prefix
@@ -56,7 +56,7 @@ def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap)
     ]
     package.trusted = TRUSTED
     package.programs = bridged.programs
-    package.notes = [*bridged.trusted.notes, *unsaid(system, mapped, "in DDS")]
+    package.notes = [*bridged.trusted.notes, *unsaid(system, mapped.values(), "in DDS")]
     channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong
     package.commands = [
         f"make -C {folder}",

@@ -15,7 +15,7 @@ from soter.mapping.mavlink_types import MavlinkMessage
 from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING
 from soter.targets.bridged_system import COMMON, TRUSTED, BridgedSystem, require_world, shipped
-from soter.targets.bridged_topics import bridged_topics, unsaid
+from soter.targets.bridged_topics import bridged_topics, by_topic, unsaid
 from soter.targets.leases import lease_times
 from soter.targets.mavlink.bridge_source import BridgeSource
 from soter.targets.mavlink.dialect_headers import FOLDER, dialect_headers
@@ -43,7 +43,7 @@ SOURCES_MAX, TOPICS_MAX = 16, 64
 def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
     """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
     require_world(system)
-    mapped = bridged_topics(system, mapping, "MAVLink", None)
+    mapped = by_topic(bridged_topics(system, mapping, "MAVLink", None), "MAVLink")
     link = mapping.mavlink
     if link is None:
         raise SoterError((Diagnostic("D015", "no topic of the mapping is a message of MAVLink"),))
@@ -63,7 +63,11 @@ def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: Log
     ]
     package.trusted = TRUSTED
     package.programs = bridged.programs
-    package.notes = [*bridged.trusted.notes, *unsaid(system, mapped, "in MAVLink"), *_notes(source)]
+    package.notes = [
+        *bridged.trusted.notes,
+        *unsaid(system, mapped.values(), "in MAVLink"),
+        *_notes(source),
+    ]
     channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong
     package.commands = [
         f"make -C {folder}",

@@ -3,6 +3,7 @@
 `ros_packages` puts them together: the trusted part and the actuators are those of target `posix`
 and know nothing of ROS; `node_sources` is the C++ that is generated: the bridge between topics of
 ROS and their channels, and the node that steps the same program under /clock; `catkin_files` and
-`ament_files` are what the build systems, launch files and tests want. What the
+`ament_files` are what the build systems and launch files want, `rostest_files` the test of a catkin
+package, `module_status` its message for machines. What the
 nodes have in common is C++ that ships: `runtime/bridge/`, `runtime/ros1/`, `runtime/ros2/`.
 """

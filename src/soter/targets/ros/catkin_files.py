@@ -7,42 +7,21 @@ Non-goals: the nodes (`node_sources.py`), the trusted part (`targets/posix.py`).
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 from soter.native.compiler import MEANING
 from soter.targets.bridged_system import TRUSTED, cmake_programs
 from soter.targets.package import PackageFile
+from soter.targets.ros.module_status import MESSAGE
+from soter.targets.ros.rostest_files import NODE, rostest_files
 
 if TYPE_CHECKING:
-    from soter.mapping.topic_mapping import TopicMap
-    from soter.targets.bridged_system import BridgedSystem
+    from soter.targets.ros.ros_package import RosPackage
 
 NEEDED = ("roscpp", "diagnostic_msgs", "rosgraph_msgs", "std_msgs")
 SIMULATED = "simulated"
 """The folder of the program under /clock."""
-
-
-@dataclass(frozen=True)
-class RosPackage:
-    """What the files are about; `simulated`: sources of the simulation, beside its node."""
-
-    name: str
-    bridged: BridgedSystem
-    simulated: list[str]
-    mapped: list[TopicMap]
-
-    def packages(self, needed: tuple[str, ...]) -> list[str]:
-        """Of ROS: whose messages are used, and what every bridge needs."""
-        return sorted({*needed, *(m.message.package for m in self.mapped if m.message)})
-
-
-def package_name(prefix: str) -> str:
-    """A name that catkin takes: letters, digits and underscores, in lower case, a letter first."""
-    name = re.sub(r"[^a-z0-9_]", "_", prefix.lower())
-    return name if name[:1].isalpha() else f"soter_{name}"
 
 
 def catkin_files(p: RosPackage) -> list[PackageFile]:
@@ -55,7 +34,7 @@ def catkin_files(p: RosPackage) -> list[PackageFile]:
     ]
     if p.bridged.programs:
         files.append(PackageFile(f"launch/{p.name}.launch", _launch(p)))
-        files += script_files(p)
+        files += [*script_files(p), *rostest_files(p)]
     return files
 
 
@@ -113,7 +92,10 @@ def _manifest(p: RosPackage) -> str:
   <maintainer email="you@example.org">you</maintainer>
   <license>yours</license>
   <buildtool_depend>catkin</buildtool_depend>
+  <build_depend>message_generation</build_depend>
 {depends}
+  <exec_depend>message_runtime</exec_depend>
+  <test_depend>rospy</test_depend>
   <test_depend>rostest</test_depend>
 </package>
 """
@@ -135,7 +117,7 @@ cmake_minimum_required(VERSION 3.10)
 {compiled_alike(p)}
 if(CATKIN_TOPLEVEL OR DEFINED CATKIN_DEVEL_PREFIX) # in a workspace
   find_package(catkin REQUIRED COMPONENTS {packages})
-  catkin_package()
+{_message_rules(p)}  catkin_package()
   set(PROGRAMS ${{CATKIN_DEVEL_PREFIX}}/${{CATKIN_PACKAGE_BIN_DESTINATION}})
   set(ROS_INCLUDES ${{catkin_INCLUDE_DIRS}})
   set(ROS_LIBRARIES ${{catkin_LIBRARIES}})
@@ -155,6 +137,41 @@ target_link_libraries({p.name}_simulation PRIVATE ${{ROS_LIBRARIES}} m pthread)
 
 install(TARGETS {" ".join(names)} RUNTIME DESTINATION ${{CATKIN_PACKAGE_BIN_DESTINATION}})
 {scripts}install(DIRECTORY launch config DESTINATION ${{CATKIN_PACKAGE_SHARE_DESTINATION}})
+{_test_rules(p)}"""
+
+
+def _test_rules(p: RosPackage) -> str:
+    """The test, for `catkin_make run_tests` where CMake finds rostest, and for `rostest` itself."""
+    if not rostest_files(p):
+        return ""
+    return f"""
+if(CATKIN_ENABLE_TESTING)
+  file(COPY test/{NODE} DESTINATION ${{PROGRAMS}} FILE_PERMISSIONS {SCRIPTS_MODE})
+  find_package(rostest QUIET)
+  if(rostest_FOUND)
+    add_rostest(test/{p.name}.test)
+  else()
+    message(STATUS "no rostest for CMake: `rostest {p.name} {p.name}.test` runs the test")
+  endif()
+endif()
+"""
+
+
+def _message_rules(p: RosPackage) -> str:
+    """Classes of `ModuleStatus` for others, where the workspace can make them.
+
+    The bridge has its own (`module_status.py`).
+    """
+    if not p.bridged.programs:
+        return ""
+    return f"""\
+  find_package(genmsg QUIET) # with the generators that are installed
+  if(genmsg_FOUND)
+    add_message_files(FILES {MESSAGE}.msg)
+    generate_messages()
+  else()
+    message(STATUS "{p.name}/{MESSAGE}: no genmsg, so no classes for other nodes")
+  endif()
 """
 
 

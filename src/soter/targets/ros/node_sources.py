@@ -13,12 +13,23 @@ from typing import TYPE_CHECKING
 
 from soter.mapping.message_types import HEADER_STAMP
 from soter.mapping.topic_mapping import NearestSource
-from soter.targets.message_conversion import CPP, MessageConverter, text_literal, unmappable
+from soter.targets.message_conversion import (
+    CPP,
+    MessageConverter,
+    text_literal,
+    topic_tests,
+    unmappable,
+)
+from soter.targets.ros.module_status import MESSAGE
+from soter.targets.source_promises import several
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.mapping.message_types import MessageType
     from soter.mapping.stamp_source import StampSource
     from soter.mapping.topic_mapping import TopicMap
+    from soter.mapping.topic_sources import SourcePromise
     from soter.targets.bridged_system import BridgedSystem
 
 
@@ -66,13 +77,13 @@ def snake_case(name: str) -> str:
 
 
 class NodeSources:
-    """The nodes of one system; `mapped`: its mapping by topic."""
+    """The nodes of one system; `mapped`: its topics, of one with several sources each of them."""
 
     def __init__(
         self,
         bridged: BridgedSystem,
         name: str,
-        mapped: dict[int, TopicMap],
+        mapped: Sequence[TopicMap],
         flavour: Flavour = ROS1,
     ) -> None:
         self.flavour = flavour
@@ -83,12 +94,12 @@ class NodeSources:
 
     def topics(self) -> str:
         """`NAME_topics.hpp`."""
-        maps = [*self.mapped.values()]
-        headers = sorted({self.flavour.include(m.message) for m in maps if m.message})
+        headers = sorted({self.flavour.include(m.message) for m in self.mapped if m.message})
         includes = "".join(f"#include <{header}>\n" for header in headers)
         prefix = self.bridged.unit.prefix
         law = f'#include "{prefix}_lease.h"\n' if self.bridged.leased else ""
-        traits = "\n".join(self._traits(i, m) for i, m in self.mapped.items())
+        shared = "".join(self._shared(i, s) for i, s in several(self.mapped).items())
+        traits = "\n".join(self._traits(m) for m in self.mapped)
         guard = f"SOTER_TOPICS_OF_{self.name.upper()}_HPP"
         return f"""\
 /* {self.name}_topics.hpp: which message of ROS is which topic of system {self.bridged.system.name},
@@ -100,11 +111,13 @@ class NodeSources:
 #include "{prefix}.h"
 {law}#include "soter_messages.hpp"
 #include "soter_scan.hpp"
+#include "soter_sources.hpp"
 
 {includes}
+#include <cmath>
 #include <cstring>
 
-{traits}
+{shared}{traits}
 #endif
 """
 
@@ -118,7 +131,7 @@ class NodeSources:
 #include "soter_bridge.hpp"
 
 #include "{self.name}_topics.hpp"
-
+{self._status_header()}
 int main(int count, char** words) {{
   const soter::StatusNames names = {{
       UINT64_C({self.world.status_number:#018x}),
@@ -131,9 +144,17 @@ int main(int count, char** words) {{
   if (!bridge.begin()) {{
     return 1;
   }}
-{self._calls("bridge")}  return bridge.run();
+{self._status_call()}{self._calls("bridge")}  return bridge.run();
 }}
 """
+
+    def _status_header(self) -> str:
+        own = self.flavour.version == 1
+        return f'#include "{self.name}_module_status.hpp"\n' if own else ""
+
+    def _status_call(self) -> str:
+        own = self.flavour.version == 1
+        return f"  bridge.status<soter::{MESSAGE}Message>();\n" if own else ""
 
     def simulation(self) -> str:
         """`NAME_simulation.cpp`."""
@@ -152,28 +173,61 @@ int main(int count, char** words) {{
 """
 
     def _calls(self, node: str) -> str:
-        return "".join(f"  {node}.{self._way(i)}<{self._named(i)}>();\n" for i in self.mapped)
+        return "".join(
+            f"  {node}.{self._way(m.topic.index)}<{self._named(m)}>();\n" for m in self.mapped
+        )
 
     # ------------------------------------------------------------ a topic
 
     def _way(self, index: int) -> str:
         return "in" if self.bridged.is_inward(index) else "out"
 
-    def _named(self, index: int) -> str:
-        name = "".join(part.capitalize() for part in self.world.names[index].split("_"))
-        return f"{name}{self._way(index).capitalize()}"
+    def _capitals(self, index: int) -> str:
+        return "".join(part.capitalize() for part in self.world.names[index].split("_"))
 
-    def _traits(self, index: int, mapped: TopicMap) -> str:
-        version = self.flavour.version
+    def _named(self, mapped: TopicMap) -> str:
+        index, promise = mapped.topic.index, mapped.promise
+        source = "" if promise is None else f"{promise.rank + 1}"
+        return f"{self._capitals(index)}{self._way(index).capitalize()}{source}"
+
+    def _shared(self, index: int, sources: list[tuple[TopicMap, SourcePromise]]) -> str:
+        """What the traits of the sources of one topic have in common."""
+        first, _ = sources[0]
+        after = ", ".join(f"INT64_C({promise.after_ns})" for _, promise in sources)
+        fits = " &&\n           ".join(topic_tests(first.topic, "value")) or "true"
+        return f"""\
+/* {first.topic.name}: its {len(sources)} sources, the preferred first */
+struct {self._capitals(index)}Sources {{
+  typedef {self._capitals(index)}Sources Shared;
+  static soter::Sources* sources() {{
+    static soter::Sources made({{{after}}});
+    return &made;
+  }}
+  static bool fits(const {self.bridged.value_type(index)}& value) {{
+    (void)value;
+    return {fits};
+  }}
+}};
+
+"""
+
+    def _traits(self, mapped: TopicMap) -> str:
+        index, version = mapped.topic.index, self.flavour.version
         if mapped.message is None or not mapped.message.known_in(version):
             named = mapped.message.ros1 if mapped.message else "no type"
             raise unmappable(
                 f"`{mapped.topic.name}` has `{named}`, which ROS {version} does not know"
             )
-        body = self._in(mapped) if self.bridged.is_inward(index) else self._out(index, mapped)
+        inward = self.bridged.is_inward(index)
+        body = self._in(mapped) if inward else self._out(index, mapped)
+        shared = "soter::OneSource"
+        if mapped.promise is not None:
+            shared = f"{self._capitals(index)}Sources"
+            body = f"  static size_t rank() {{ return {mapped.promise.rank}U; }}\n{body}"
+        of = f" : {shared}" if inward else ""
         return f"""\
 /* {mapped.topic.name}, {mapped.message.ros1} on {mapped.channel} */
-struct {self._named(index)} {{
+struct {self._named(mapped)}{of} {{
   typedef {self.flavour.type(mapped.message)} Message;
   typedef {self.bridged.value_type(index)} Value;
   static const char* channel() {{ return "{self.world.names[index]}"; }}

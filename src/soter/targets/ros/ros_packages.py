@@ -17,13 +17,11 @@ from soter.targets.bridged_topics import bridged_topics, unsaid
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
 from soter.targets.ros.ament_files import ament_files
-from soter.targets.ros.catkin_files import (
-    SIMULATED,
-    RosPackage,
-    catkin_files,
-    package_name,
-)
+from soter.targets.ros.catkin_files import SIMULATED, catkin_files
+from soter.targets.ros.module_status import message_files
 from soter.targets.ros.node_sources import ROS1, ROS2, Flavour, NodeSources
+from soter.targets.ros.ros_package import RosPackage, package_name
+from soter.targets.source_promises import compared
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,8 +30,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap
 
-TOPIC = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
-"""What a topic of ROS 1 may be called."""
+TOPIC = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
+"""What a topic of ROS 1 may be called: NodeHandles take no `~`."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
 SIMULATION = ("soter_messages.hpp", "soter_simulation.hpp")
 OF_ROS = {
@@ -41,7 +39,9 @@ OF_ROS = {
     ROS2: ("ros2", (*SIMULATION, "soter_publishers.hpp")),
 }
 """The folder of what ships of each, and what of it the simulation needs."""
-OF_BOTH = ("soter_scan.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp")
+OF_BOTH = (
+    "soter_scan.hpp", "soter_sources.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp",
+)  # fmt: skip
 
 
 def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
@@ -52,6 +52,8 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     """
     package, ros = _package(system, core, folder, mapping, ROS1)
     package.files += catkin_files(ros)
+    if system.externals:
+        package.files += message_files(ros.name)
     launch = ros.name if system.externals else f"{ros.name}_simulation"
     package.commands = [
         f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",
@@ -101,10 +103,11 @@ def _package(
     package.trusted = TRUSTED if system.externals else SIMULATED
     package.programs = bridged.programs
     package.notes = [*(bridged.trusted.notes or simulated.notes), *unsaid(system, mapped, "in ROS")]
+    package.notes += compared(system, mapped)
     sources = [
         f"{SIMULATED}/{f.path}" for f in simulated.files if f.path.endswith(".c") and _is_code(f)
     ]
-    return package, RosPackage(name, bridged, sources, [*mapped.values()])
+    return package, RosPackage(name, bridged, sources, [*mapped])
 
 
 def _is_code(file: PackageFile) -> bool:

@@ -342,3 +342,13 @@ def test_import_after_a_declaration_is_reported_and_kept(parsed: Parsed) -> None
     file, problems = parsed('soter 1; const X: float = 1.0; import "a.soter" as a;')
     assert [p.code for p in problems] == ["S003"]
     assert [i.name.text for i in file.imports] == ["a"]
+
+
+@pytest.mark.parametrize("last", ["return i", "push out, 1.0", "publish u = 1.0"])
+def test_the_last_statement_of_a_block_may_lack_its_semicolon(parsed: Parsed, last: str) -> None:
+    """It is no value of a function, as which an expression in its place is told."""
+    text = "soter 1;\nfun f(i: int): int {\n  if i > 0 {\n    @\n  }\n  return 1;\n}\n"
+    _, problems = parsed(text.replace("@", last))
+    assert [d.code for d in problems] == ["S004"]
+    _, problems = parsed(text.replace("@", "i + 1"))
+    assert [d.code for d in problems] == ["S015"]

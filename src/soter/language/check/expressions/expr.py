@@ -147,7 +147,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return error_expr(span)
         if context.instances is not None and name in context.instances:
             return self.no_value(context.instances[name].what, name, span)
-        if name in BUILTIN_FUNCTIONS:
+        if name in BUILTIN_FUNCTIONS and not context.broken:
             self.diagnostics.error(
                 "N003",
                 f"`{name}` is a function, not a value",

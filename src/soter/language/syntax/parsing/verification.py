@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.bodies import HOMES, BodyParser, OnceParts, predicate
+from soter.language.syntax.tokens import NAME
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -130,7 +131,11 @@ class VerifyParser(BodyParser):
     def _abstracts(self, parts: _ViewParts) -> None:
         self.i += 1
         name = self.name("the name of a plant after `abstracts`")
-        self.expect_word("by", "after the abstracted plant")
+        if not self.is_word("by") and self.kinds[self.i : self.i + 2] == [NAME, NAME]:
+            self.report("S005", f"expected `by` after the abstracted plant, found {self.found()}")
+            self.i += 1
+        else:
+            self.expect_word("by", "after the abstracted plant")
         pairs: list[tree.Abstraction] = []
         while True:
             instance = self.name("the name of an abstraction")

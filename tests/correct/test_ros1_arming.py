@@ -1,0 +1,95 @@
+"""`rosrun NAME arm` with a trusted part, actuators and a bridge that run: who is refused, and why.
+
+Needs Debian's ROS 1 and says so where it is not. The trusted part runs on the machine's clock.
+"""
+
+from __future__ import annotations
+
+import signal
+import tempfile
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+
+from bench.ros.ros1_bad_input import EXAMPLE, counters
+from bench.ros.ros1_nodes import SYSTEM_PYTHON, Nodes, built_package, missing, nodes
+
+import processes
+from generators.channel_programs import soon
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+pytestmark = [
+    pytest.mark.skipif(bool(missing()), reason=f"ROS 1 is not here: {missing()}"),
+    pytest.mark.real_time,
+]
+MODULE = "soter: module Guard"
+ROSTOPIC = (SYSTEM_PYTHON, "/usr/bin/rostopic")
+
+
+class Stack:
+    """All processes of the shuttle, which stands still somewhere."""
+
+    def __init__(self, all_: Nodes, build: Path, channels: str, position: float) -> None:
+        self.nodes, self.build, self.channels = all_, build, channels
+        all_.start("actuator", build / "shuttle_ros_actuator", "--channels", channels)
+        all_.start("bridge", build / "shuttle_ros_bridge", f"_channels:={channels}")
+        all_.start("diagnostics", *ROSTOPIC, "echo", "/diagnostics")
+        pose = f"{{pose: {{position: {{x: {position}}}}}}}"
+        where = f"{{header: {{stamp: now, frame_id: odom}}, pose: {pose}}}"
+        words = ["pub", "-s", "-r", "100", "/odom", "nav_msgs/Odometry", where]
+        all_.start("sensor", *ROSTOPIC, *words)
+        self.start()
+
+    def start(self) -> None:
+        """The trusted part."""
+        words = ["--channels", self.channels, "--misses", "1000000", "--wait", "600"]
+        self.nodes.start("trusted", self.build / "shuttle_ros", *words)
+
+    def told(self, key: str) -> str:
+        return counters("".join(self.nodes.heard["diagnostics"])).get((MODULE, key), "")
+
+    def arm(self, *words: str) -> tuple[int, str]:
+        done = processes.run(
+            [self.build / "arm", *words, self.channels], capture_output=True, text=True
+        )
+        return done.returncode, done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("package") / "package"
+    return built_package(EXAMPLE, "Vehicle", EXAMPLE.with_suffix(".toml"), folder)
+
+
+@pytest.fixture(params=[1.0, 9.9], ids=["in the middle", "at the wall"])
+def stack(request: pytest.FixtureRequest, build: Path) -> Iterator[tuple[Stack, bool]]:
+    """A trusted part that was killed and started anew; whether the state is one to begin from."""
+    with nodes() as all_, tempfile.TemporaryDirectory(dir="/dev/shm") as channels:
+        made = Stack(all_, build, channels, request.param)
+        soon(lambda: made.told("leases given") not in ("", "0"))
+        all_.end("trusted", signal.SIGKILL)
+        soon(lambda: (made.told("armed"), made.told("mode")) == ("no", "unknown"))
+        made.start()
+        soon(lambda: made.told("mode") == "SC")
+        yield made, request.param < 9.0
+
+
+def test_the_actuators_are_armed_where_the_proof_speaks_and_else_by_an_explicit_word(
+    stack: tuple[Stack, bool],
+) -> None:
+    made, begins = stack
+    soon(lambda: made.told("arming").startswith("taken now" if begins else "refused now: safer"))
+    told, said = made.arm()
+    assert (told == 0) == begins, said
+    if not begins:
+        assert "not armed: Guard: safer does not hold" in said
+        assert made.told("armed") == "no"
+        told, said = made.arm("--unchecked")
+        assert told == 0, said
+    how = "yes, after a look" if begins else "yes, without a look"
+    soon(lambda: made.told("armed").startswith(how))
