@@ -66,7 +66,12 @@ node Mute period 100ms {
     publish corridor.way = corridor.NO_WAY;
   }
 }
-system Unguided { e: exploration.Explore; replace e.Surveyor by Mute; until 20s; }
+system Unguided {
+  e: exploration.Explore;
+  replace e.Surveyor by Mute;
+  set corridor.LAP = false;
+  until 20s;
+}
 """
 PUPPET = """soter 1;
 import "../drone/boxes.soter" as boxes;
