@@ -228,7 +228,7 @@ def each_for_itself(d: Declared, scene: Scene) -> Array:
 def one_vehicle(d: Declared, scene: Scene, towards: float) -> Array:
     """One flight: the errors of the estimate and the acceleration are the same for all rays."""
     firing = np.arange(d.rays) // (d.rays // d.firings)
-    age: Array = d.fire * ((scene.newest - firing) % d.firings)
+    age = np.asarray(d.fire * ((scene.newest - firing) % d.firings), dtype=np.float64)
     x, y = _shift(d, scene.pose[2:], np.full(d.rays, towards), age)
     nominal = 2.0 * pi / d.rays * np.arange(d.rays)[:, None]
     angle = nominal + d.e_heading * np.array([[-1.0, 0.0, 1.0]])
