@@ -244,7 +244,10 @@ def test_within_what_is_declared_nothing_contradicts_a_true_map(court: Court, ki
 
 def test_a_ray_that_ends_among_free_cells_contradicts(court: Court) -> None:
     count, x, y = court.grid.count, court.grid.x0 + 12.0, court.grid.y0 + 12.0
-    ranges, free = np.full(court.declared.rays, court.declared.nothing), np.ones((count, count), bool)
+    ranges, free = (
+        np.full(court.declared.rays, court.declared.nothing),
+        np.ones((count, count), bool),
+    )
     ranges[7] = 5.0
     assert court.mappers.step(RIGHT, ranges, 9, (x, y, 0.0, 0.0), free)[1]
 
@@ -289,7 +292,9 @@ def test_a_box_of_known_cells_keeps_the_vehicle_over_them() -> None:
     draw = random.Random(7)  # noqa: S311 - draws, not secrets
     for _ in range(examples("SOTER_BOXES", quick=60, long=3000)):
         i0, j0 = draw.randrange(grid.count - 12), draw.randrange(grid.count - 12)
-        asked = SimpleNamespace(i0=i0, j0=j0, i1=i0 + draw.randint(4, 11), j1=j0 + draw.randint(4, 11))
+        asked = SimpleNamespace(
+            i0=i0, j0=j0, i1=i0 + draw.randint(4, 11), j1=j0 + draw.randint(4, 11)
+        )
         box = over(asked, SimpleNamespace(x=0.0, y=0.0))
         more = draw.choice([0.0, 1e-7, 2e-6, 4e-6, draw.uniform(-0.5, 0.5)])
         box.low.x, box.high.y = box.low.x - more, box.high.y + more
@@ -298,8 +303,6 @@ def test_a_box_of_known_cells_keeps_the_vehicle_over_them() -> None:
         r = under(box)
         if more == 0.0:
             assert r == asked
-        for k, (least, most, start) in enumerate(
-            ((r.i0, r.i1, grid.x0), (r.j0, r.j1, grid.y0))
-        ):
+        for k, (least, most, start) in enumerate(((r.i0, r.i1, grid.x0), (r.j0, r.j1, grid.y0))):
             first, last = (Fraction(start) + n * Fraction(grid.cell) for n in (least, most + 1))
             assert (least < 0 or first < low[k]) and (most >= grid.count or last > high[k])

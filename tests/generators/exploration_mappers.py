@@ -103,14 +103,18 @@ class Mappers:
         source = f"{unit.source}\n#include <string.h>\n{glue}"
         openings = "\n".join(OPENING.format(k=k) for k in numbers)
         built = library(
-            replace(unit, source=source.replace("bool soter_step_0", f"{openings}\nbool soter_step_0", 1)),
+            replace(
+                unit,
+                source=source.replace("bool soter_step_0", f"{openings}\nbool soter_step_0", 1),
+            ),
             "-O1",
         )
         self._ffi: Any = FFI()
         self._ffi.cdef(openings)
         opened: Any = self._ffi.dlopen(str(built))
         self._steps = {
-            name: getattr(opened, f"soter_step_{k}") for name, k in zip(variants, numbers, strict=True)
+            name: getattr(opened, f"soter_step_{k}")
+            for name, k in zip(variants, numbers, strict=True)
         }
 
     def step(

@@ -130,7 +130,9 @@ def disc(near: Point, angle: float, radius: float, thick: float) -> Obstacle:
     return Obstacle(rings[0], rings[1])
 
 
-def wall(x: float, y: float, long: float, wide: float, c: float, s: float, thick: float) -> Obstacle:
+def wall(
+    x: float, y: float, long: float, wide: float, c: float, s: float, thick: float
+) -> Obstacle:
     """A wall as `worlds.Wall` has it."""
     ends = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     inner = [(a * (long - thick), b * (wide - thick)) for a, b in ends]
@@ -320,7 +322,9 @@ class Sampler:
         """
         d, half = self.declared, self.grid.cell * sqrt(0.5)
         spread = sin(pi / d.rays) + d.e_heading
-        share = draw.choice([1.0 - 1e-7, 1.0 - 1e-4, draw.uniform(1.0, 1.02), draw.uniform(0.9, 1.2)])
+        share = draw.choice(
+            [1.0 - 1e-7, 1.0 - 1e-4, draw.uniform(1.0, 1.02), draw.uniform(0.9, 1.2)]
+        )
         bound = draw.choice([d.reach - 2.0 * d.e_range, draw.uniform(1.0, d.reach)])
         rho = max(share * d.thick - spread * bound, 0.0)
         speed = self._speed_for(draw, rho)
@@ -345,7 +349,9 @@ class Sampler:
         d, half = self.declared, self.grid.cell * sqrt(0.5)
         velocity = (0.0, 0.0) if draw.random() < 0.5 else self._velocity(draw)
         bearing = 0.25 * pi + 0.5 * pi * draw.randrange(4) + draw.uniform(-0.04, 0.04)
-        away = draw.choice([draw.uniform(6.8, 7.4), draw.uniform(0.05, 1.5), draw.uniform(1.5, 7.0)])
+        away = draw.choice(
+            [draw.uniform(6.8, 7.4), draw.uniform(0.05, 1.5), draw.uniform(1.5, 7.0)]
+        )
         i, j = (self.grid.count // 2 + draw.randint(-3, 3) for _ in range(2))
         x0, y0 = (float(c) for c in self.grid.corner(i, j))
         x, y = x0 + 0.5 * self.grid.cell, y0 + 0.5 * self.grid.cell
@@ -366,7 +372,9 @@ class Sampler:
         """Tips all around, as near as the vehicle comes to a wall, and nearer."""
         x, y = self._middle()
         origin = (x + draw.uniform(-0.1, 0.1), y + draw.uniform(-0.1, 0.1))
-        scene = self._placed(draw, origin, self._velocity(draw) if draw.random() < 0.7 else (0.0, 0.0))
+        scene = self._placed(
+            draw, origin, self._velocity(draw) if draw.random() < 0.7 else (0.0, 0.0)
+        )
         rho = farthest_shift(self.declared, scene.pose[2:])
         for _ in range(draw.randint(1, 3)):
             bearing = draw.uniform(-pi, pi)
