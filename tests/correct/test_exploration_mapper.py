@@ -20,7 +20,7 @@ import soter
 from generators.exploration_mappers import EXAMPLES, Mappers
 from generators.exploration_referee import Grid, Obstacle, as_declared, met_cells, reaches
 from generators.exploration_scenes import KINDS, Declared, Sampler
-from long_tests import examples, some
+from long_tests import examples
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -305,4 +305,5 @@ def test_a_box_of_known_cells_keeps_the_vehicle_over_them() -> None:
             assert r == asked
         for k, (least, most, start) in enumerate(((r.i0, r.i1, grid.x0), (r.j0, r.j1, grid.y0))):
             first, last = (Fraction(start) + n * Fraction(grid.cell) for n in (least, most + 1))
-            assert (least < 0 or first < low[k]) and (most >= grid.count or last > high[k])
+            assert least < 0 or first < low[k]
+            assert most >= grid.count or last > high[k]

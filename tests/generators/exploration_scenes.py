@@ -1,7 +1,7 @@
 """Scenes that are as hard as what the mapper assumes lets them be, and scans of them that lie.
 
 Purpose: obstacles with right angles that point at the sensor between two rays, a vehicle at speed,
-and scans of which every error lies at its bound, chosen so that each ray measures as much as it can.
+and scans with every error at its bound, chosen so that each ray measures as much as it can.
 Non-goals: judging a map (`exploration_referee.py`); the aim of a scene need not be right, only
 its obstacles and errors have to be what is declared.
 """
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 FACES = (45.0, 60.0, 72.0, 80.0, 85.0, 88.0, 89.0, 89.7, 90.0, 135.0, 180.0)
-"""Degrees: where straight pieces touch the disc of a cone, on one side; finest where it is widest."""
+"""Degrees: where straight pieces touch the disc of a cone, on one side; finest where it is wide."""
 LESS = 1e-9
 """m: what computing a distance may have added to it."""
 
@@ -76,7 +76,8 @@ class Declared:
 class Scene:
     """Where everything is: `pose` is the estimate x, y, vx, vy at the newest firing.
 
-    `silence`: a ray that does not come back says that nothing is there. `room`: beyond so many metres from `origin` there is a wall all around; 0.0: there is none.
+    `silence`: a ray that does not come back says that nothing is there.
+    `room`: so many metres from `origin` there is a wall all around; 0.0: there is none.
     """
 
     pose: tuple[float, float, float, float]
@@ -206,9 +207,10 @@ def _measured(d: Declared, far: Array) -> Array:
 
 
 def _most(d: Declared, choices: Array) -> Array:
-    """Of what each ray may find, choices along axis 1, the most that comes back if something does."""
+    """Of what each ray may find, choices along axis 1, the most that comes back, if any does."""
     back = np.where(choices / cos(d.tilt) <= d.reach, choices, -np.inf).max(axis=1)
-    return np.where(np.isfinite(back), back, choices.max(axis=1))
+    most: Array = np.where(np.isfinite(back), back, choices.max(axis=1))
+    return most
 
 
 def each_for_itself(d: Declared, scene: Scene) -> Array:
@@ -226,7 +228,7 @@ def each_for_itself(d: Declared, scene: Scene) -> Array:
 def one_vehicle(d: Declared, scene: Scene, towards: float) -> Array:
     """One flight: the errors of the estimate and the acceleration are the same for all rays."""
     firing = np.arange(d.rays) // (d.rays // d.firings)
-    age = d.fire * ((scene.newest - firing) % d.firings)
+    age: Array = d.fire * ((scene.newest - firing) % d.firings)
     x, y = _shift(d, scene.pose[2:], np.full(d.rays, towards), age)
     nominal = 2.0 * pi / d.rays * np.arange(d.rays)[:, None]
     angle = nominal + d.e_heading * np.array([[-1.0, 0.0, 1.0]])
