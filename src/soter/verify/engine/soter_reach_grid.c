@@ -38,19 +38,29 @@ static int last_of(const soter_reach_group* g, int axis, double hi) {
   return j;
 }
 
+/* An interval that is not empty; of an axis without an end, what lies beyond is of its outer cell. */
+static void into_outer_cells(const soter_reach_group* g, int axis, double* lo, double* hi) {
+  const double low = g->edges[axis][0];
+  const double high = g->edges[axis][g->cells[axis]];
+  SOTER_CHECK(*lo <= *hi && low < high);
+  if (g->kept_low[axis] == SOTER_REACH_UNBOUNDED) {
+    *lo = *lo < low ? low : *lo;
+    *hi = *hi < low ? low : *hi;
+  }
+  if (g->kept_high[axis] == SOTER_REACH_UNBOUNDED) {
+    *lo = *lo > high ? high : *lo;
+    *hi = *hi > high ? high : *hi;
+  }
+}
+
 /* First and last cell that cover [lo, hi] along an axis; 0 where the grid does not. */
 int soter_reach_cells(const soter_reach_group* g, int axis, double lo, double hi, int* first,
                       int* last) {
   const double* e = g->edges[axis];
   const int n = g->cells[axis];
   soter_reach_keep_axis(g, axis, &lo, &hi);
-  if (g->kept_low[axis] == SOTER_REACH_UNBOUNDED && lo <= hi) {
-    lo = lo < e[0] ? e[0] : lo;
-    hi = hi < e[0] ? e[0] : hi;
-  }
-  if (g->kept_high[axis] == SOTER_REACH_UNBOUNDED && lo <= hi) {
-    lo = lo > e[n] ? e[n] : lo;
-    hi = hi > e[n] ? e[n] : hi;
+  if (lo <= hi) {
+    into_outer_cells(g, axis, &lo, &hi);
   }
   if (!(lo >= e[0] && hi <= e[n] && lo <= hi)) {
     return 0;
