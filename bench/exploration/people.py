@@ -21,7 +21,7 @@ import numpy as np
 import soter
 
 FILE = Path(__file__).parents[2] / "examples" / "exploration" / "people.soter"
-RUNS = {"Hunting": 400, "Luring": 200, "Strolling": 400}
+RUNS = {"Hunting": 330, "Luring": 100, "Strolling": 100}
 ROVERS = {
     "Soter": ("Hunted", "Passive"),
     "stop zone": ("Zoned", "h.Passive"),
