@@ -38,8 +38,7 @@ static int last_of(const soter_reach_group* g, int axis, double hi) {
   return j;
 }
 
-/* Of an interval that is not empty: what lies beyond an axis without an end is of its outer cell.
- */
+/* Of an interval that is not empty: beyond an axis without an end all is of the outer cell. */
 static void into_outer_cells(const soter_reach_group* g, int axis, double* lo, double* hi) {
   const double low = g->edges[axis][0];
   const double high = g->edges[axis][g->cells[axis]];
