@@ -606,16 +606,42 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Safe exploration: a thousand worlds",
-        ("bench/exploration/worlds.py",),
-        "examples/exploration/exploration_adversaries.soter, simulated: the proved module, hostile "
-        "controllers, planners with bugs, and by contrast AC alone and a stop zone, from the same "
-        "seeds. `silence` aside a ray that does not come back counts as free for 8 m.",
+        ("bench/exploration/worlds.py", "--only", "frontier", "ramming"),
+        "examples/exploration/exploration_adversaries.soter, simulated, a world a seed: frontier "
+        "exploration for 5 min, and a controller that flies at the nearest wall for 100 s.",
+    ),
+    Benchmark(
+        "Safe exploration: other controllers, planners with bugs, and by contrast",
+        (
+            *("bench/exploration/worlds.py", "--worlds", "200", "--only", "jerking"),
+            *("boxes into the unknown", "boxes anywhere", "boxes shifted"),
+            *("frontier, silence says nothing", "frontier, by SC alone", "bare: frontier"),
+            *("bare: ramming", "stop zone of 1 m: ramming", "stop zone of 3 m: ramming"),
+        ),
+        "The same seeds. `bare`: without a decision module; `stop zone`: it brakes while anything "
+        "is measured within so many metres, and reckons with no time.",
     ),
     Benchmark(
         "A rover among people",
         ("bench/exploration/people.py",),
         "examples/exploration/people.soter, simulated: 120 s a run, three people, W = 1 m/s, the "
         "same seeds for each rover.",
+    ),
+    Benchmark(
+        "A rover among people, proved",
+        (
+            *("bench/verify/generality.py", "--recheck", "--program"),
+            "examples/exploration/people.soter",
+        ),
+        "Beside much other work. P2b is not asked; an axis without ends.",
+    ),
+    Benchmark(
+        "Safe exploration, proved",
+        (
+            *("bench/verify/generality.py", "--recheck", "--program"),
+            "examples/exploration/exploration.soter",
+        ),
+        "Beside much other work. Six walls, a view each.",
     ),
     Benchmark(
         "A policy in another process",
