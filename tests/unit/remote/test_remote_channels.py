@@ -136,7 +136,7 @@ def test_a_writer_that_was_killed_is_followed_by_another(folder: Path) -> None:
             assert process.stdout is not None
             assert process.stdout.readline() == "written\n"
             assert here.read() == (1, b"x" * 12), "its number is the next, not the first"
-            assert "another process writes" in told(lambda: writer(folder))
+            assert "another program writes it" in told(lambda: writer(folder))
             process.send_signal(signal.SIGKILL)
             process.wait()
     own = writer(folder)
