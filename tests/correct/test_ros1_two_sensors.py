@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import processes
+
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 from bench.ros.ros1_bad_input import counters
@@ -77,7 +79,7 @@ SPEED = {
     "fields": {"value": "linear.x"},
 }
 WHEELS, CAMERA = "soter: /odom", "soter: /camera"
-PATIENCE_S = 60.0
+PATIENCE_S = processes.TIMEOUT_S
 Told = dict[tuple[str, str], str]
 
 
@@ -141,7 +143,7 @@ def speak(all_: Any, name: str, channel: str, every_ms: int) -> None:
     all_.start(name, SYSTEM_PYTHON, HERE / "ros1_source.py", name, channel, str(every_ms))
 
 
-def wait_for(all_: Any, holds: Callable[[Told], bool]) -> Told:
+def first_told(all_: Any, holds: Callable[[Told], bool]) -> Told:
     """The first state of /diagnostics that holds."""
     end = time.monotonic() + PATIENCE_S
     told: Told = {}
@@ -166,20 +168,20 @@ def test_the_second_is_read_when_the_first_is_killed_and_no_later_than_was_deriv
 ) -> None:
     speak(all_, "wheels", "/odom", WHEELS_MS)
     speak(all_, "camera", "/camera", CAMERA_MS)
-    before = wait_for(
+    before = first_told(
         all_,
         lambda told: is_read(WHEELS, 40)(told) and int(told[CAMERA, "not its turn"]) >= 3,
     )
     assert before[CAMERA, "message"] == "it stands by"
     all_.end("wheels", signal.SIGKILL)
-    after = wait_for(all_, is_read(CAMERA, int(before[CAMERA, "taken"]) + 3))
+    after = first_told(all_, is_read(CAMERA, int(before[CAMERA, "taken"]) + 3))
     assert after[CAMERA, "message"] == "it is read"
     assert int(after[CAMERA, "took over"]) == int(before[CAMERA, "took over"]) + 1
     gap_ms = int(after[WHEELS, "longest between stamps taken, us"]) / 1000
     assert AFTER_MS < gap_ms <= AFTER_MS + CAMERA_MS, "the stamps are not those of the bound"
 
     all_.start("wheels", SYSTEM_PYTHON, HERE / "ros1_source.py", "wheels", "/odom", str(WHEELS_MS))
-    back = wait_for(all_, is_read(WHEELS, int(after[WHEELS, "taken"]) + 20))
+    back = first_told(all_, is_read(WHEELS, int(after[WHEELS, "taken"]) + 20))
     assert int(back[WHEELS, "took over"]) == int(before[WHEELS, "took over"]) + 1
     assert int(back[WHEELS, "longest between stamps taken, us"]) / 1000 == gap_ms
     assert back[CAMERA, "of another publisher"] == "0"
