@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 
 LONG = wanderers(1000, extra="overrun N by 10ms; skip A at most 1;")
 """Of millions of configurations."""
+ENDLESS = wanderers(1000, most=4000, extra="overrun N by 10ms;")
+for bound, further in (("[-9, 9]", "[-2000, 2000]"), ("= 8", "= 1999"), ("-8", "-1999")):
+    ENDLESS = ENDLESS.replace(bound, further)
+"""Of more than any machine searches before it is interrupted."""
 
 
 @pytest.fixture
@@ -297,7 +301,7 @@ def test_it_is_not_written_where_a_violation_is_found(tmp_path: Path) -> None:
 def test_while_it_is_searched_it_is_written_again_and_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "w.soter").write_text(LONG)
+    (tmp_path / "w.soter").write_text(ENDLESS)
     written: list[int] = []
     honest = checkpoint_file.take_place
 
