@@ -27,7 +27,7 @@ def is_nearer(middle: Point, radius: float, box: tuple[float, float, float], gap
 
 
 def passes(origin: Point, along: Point, length: float, middle: Point, radius: float) -> bool:
-    """Whether a segment stays out of a disc; `along`: its direction, of length 1 but for rounding."""
+    """Whether a segment stays out of a disc; `along`: its direction, of length about 1."""
     ux, uy = map(Fraction, along)
     qx, qy = (Fraction(m) - Fraction(o) for m, o in zip(middle, origin, strict=True))
     norm = ux**2 + uy**2

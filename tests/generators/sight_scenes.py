@@ -133,7 +133,7 @@ class Scene:
     ranges: Array = field(default_factory=lambda: np.zeros(0))
     headings: Array = field(default_factory=lambda: np.zeros(0))
 
-    def x(self, t: Array | float) -> Any:  # noqa: ANN401 - an array where an array is given
+    def x(self, t: Array | float) -> Any:
         """Where the rover's middle is."""
         return self.v * t + 0.5 * self.pull * t * t
 
@@ -144,9 +144,7 @@ class Scene:
         return when
 
 
-def _hits(
-    x: Array, y: Array, dx: Array, dy: Array, disc: Walk, at: tuple[Array, Array]
-) -> Array:
+def _hits(x: Array, y: Array, dx: Array, dy: Array, disc: Walk, at: tuple[Array, Array]) -> Array:
     """How far rays go before they meet a disc, infinity: they do not."""
     qx, qy = at[0] - x, at[1] - y
     along, aside = qx * dx + qy * dy, qy * dx - qx * dy
@@ -186,7 +184,9 @@ class Sampler:
         old = draw.choice([0.0, 0.001, draw.uniform(0.0, d.oldest), d.oldest])
         middle = -old - 0.5 * d.fire * (d.firings - 1)
         newest = draw.choice([d.firings - 1, draw.randrange(d.firings)])
-        seam = (newest + 1) * 2.0 * pi / d.firings - pi  # where the newest rays are beside the oldest
+        seam = (
+            newest + 1
+        ) * 2.0 * pi / d.firings - pi  # where the newest rays are beside the oldest
         angle = draw.choice([self._angle(draw), self._angle(draw), seam])
         aside = draw.choice([-0.5, 0.5]) * pi
         turn = draw.choice([angle, angle + pi, angle + aside, draw.uniform(0.0, 2.0 * pi)])
@@ -331,5 +331,5 @@ class Sampler:
             a = d.directions() + error
             x, y = scene.x(t), np.zeros(d.rays)
             far = _hits(x, y, np.cos(a), np.sin(a), walk, walk.at(t, d.late))
-            fine |= far > free + LESS
+            fine |= far >= free
         return bool(fine.all())
