@@ -299,7 +299,9 @@ class Sampler:
         """Of some rays that hit somebody nothing comes back."""
         scene = self.with_people(draw)
         black = np.array([draw.random() < 0.9 for _ in scene.ranges]) & (scene.ranges < 5.0)
-        scene.ranges = np.where(black, self.declared.nothing, scene.ranges)
+        says = draw.choice([self.declared.nothing, self.declared.never])
+        black |= scene.ranges == self.declared.nothing
+        scene.ranges = np.where(black, says, scene.ranges)
         return scene
 
     def with_things(self, draw: Random) -> Scene:
