@@ -68,13 +68,11 @@ class Declared:
         values = {field: known[name] for field, name in names.items()}
         pull = known["people.A"] + known["people.SLOPE"]
         fire = known["worlds.FIRE"] * 1e-9
-        sizes = {"thick": 0.1, "long": 0.4, "wide": 0.3}
-        return cls(fire=fire, pull=pull, **sizes, **values)
+        return cls(fire=fire, pull=pull, thick=0.1, long=0.4, wide=0.3, **values)
 
     def directions(self) -> Array:
         """Of the rays, nominally, rad: counted from behind by the right."""
-        between: Array = 2.0 * pi / self.rays * (np.arange(self.rays) + 0.5) - pi
-        return between
+        return np.asarray(2.0 * pi / self.rays * (np.arange(self.rays) + 0.5) - pi, np.float64)
 
 
 @dataclass(frozen=True)
@@ -140,8 +138,8 @@ class Scene:
     def times(self, d: Declared) -> Array:
         """When each ray leaves."""
         firing = np.arange(d.rays) // (d.rays // d.firings)
-        when: Array = -self.old - d.fire * ((self.newest - firing) % d.firings)
-        return when
+        older = (self.newest - firing) % d.firings
+        return np.asarray(-self.old - d.fire * older, np.float64)
 
 
 def _hits(x: Array, y: Array, dx: Array, dy: Array, disc: Walk, at: tuple[Array, Array]) -> Array:
