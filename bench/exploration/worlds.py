@@ -49,6 +49,7 @@ ARMS = {
     "frontier": Arm("Frontier", 1000, 300.0, {}),
     "ramming": Arm("Ramming", 1000, 100.0, {}),
     "jerking": Arm("Jerking", 100, 100.0, {}),
+    "OMPL's RRTConnect": Arm("Sampled", 100, 300.0, {}),
     "boxes into the unknown": Arm("Bugs", 100, 100.0, {"BUG": "IntoUnknown"}),
     "boxes anywhere": Arm("Bugs", 100, 100.0, {"BUG": "IgnoresMap"}),
     "boxes shifted": Arm("Bugs", 100, 100.0, {"BUG": "ShiftedMap"}),
