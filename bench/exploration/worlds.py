@@ -53,6 +53,7 @@ ARMS = {
     "boxes into the unknown": Arm("Bugs", 100, 100.0, {"BUG": "IntoUnknown"}),
     "boxes anywhere": Arm("Bugs", 100, 100.0, {"BUG": "IgnoresMap"}),
     "boxes shifted": Arm("Bugs", 100, 100.0, {"BUG": "ShiftedMap"}),
+    "boxes of an old map": Arm("Bugs", 100, 300.0, {"BUG": "StaleMap"}),
     "frontier, silence says nothing": Arm("Frontier", 50, 300.0, {"mapper.SILENCE": False}),
     "frontier, by SC alone": Arm("Careful", 50, 300.0, {}),
     "bare: frontier": Arm("BareFrontier", 50, 300.0, {}),
