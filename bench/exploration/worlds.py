@@ -8,11 +8,11 @@ Non-goals: what is proved (`soter verify`), the lemma (`tests/correct/test_explo
     python bench/exploration/worlds.py                     as the table in docs/benchmarks.md
     python bench/exploration/worlds.py --worlds 20 --only frontier ramming
 
-A cell is *wrong* if it is called free and a wall touches it, in exact arithmetic. *Explored*: of the cells that can
-be reached, in which the middle of the vehicle can be, from home, with the module's margins and
-STRIP, which no scan frees before a wall. *Without*: of those that could be, if all that is free
-were known. *Stuck*: time without a new cell, beyond 10 s at a time, until all that can be reached
-are known.
+A cell is *wrong* if it is called free and a wall touches it, in exact arithmetic. *Explored*: of
+the cells that can be reached, in which the middle of the vehicle can be, from home, with the
+module's margins and STRIP, which no scan frees before a wall. *Without*: of those that could be,
+if all that is free were known. *Stuck*: time without a new cell, beyond 10 s at a time, until all
+that can be reached are known.
 """
 
 from __future__ import annotations
@@ -30,9 +30,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
-from generators.exploration_referee import Grid, met_cells, rectangle  # noqa: E402 - from tests/
-
-import soter  # noqa: E402 - after the path
+import soter
+from generators.exploration_referee import Grid, met_cells, rectangle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,8 +1,8 @@
 """RRTConnect from OMPL in the known map, as an extern node: a planner that nobody can certify.
 
 Purpose: a way from cell to cell through what is known to be free, from the real library; lengths
-are sides of cells, counted from the corner of the map. It is seeded by the run and the request's number and stopped by iterations, so the same run gives the
-same ways.
+are sides of cells, counted from the corner of the map. It is seeded by the run and the request's
+number and stopped by iterations, so the same run gives the same ways.
 Non-goals: where to fly (`Chooser`), boxes (`Boxed`), safety: mapper.soter trusts nothing that
 comes from here.
 

@@ -11,6 +11,7 @@ import importlib
 import os
 import sys
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -77,7 +78,7 @@ def test_a_way_leads_from_start_to_goal_over_places_with_room(rrt: Any) -> None:
         points = plan["points"]
         assert (points[0], points[-1]) == ((5.5, 5.5), (33.5, 5.5))
         assert max(y for _, y in points) > SIDE - 9, "the wall is closed before that"
-        for a, b in zip(points, points[1:], strict=False):
+        for a, b in pairwise(points):
             for share in np.linspace(0.0, 1.0, 400):
                 x, y = (p + share * (q - p) for p, q in zip(a, b, strict=True))
                 assert fits[int(x - 0.3) : int(x + 0.3) + 1, int(y)].any()

@@ -9,7 +9,6 @@ stands in `test_exploration_flights.py`.
 from __future__ import annotations
 
 from math import cos, inf, nan, pi
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from generators.exploration_mappers import EXAMPLES, Mappers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from soter.simulate.result import Run
 
