@@ -8,6 +8,7 @@ Non-goals: figures (`bench/exploration/worlds.py`).
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import sys
 from functools import cache
@@ -141,3 +142,60 @@ def test_without_ompl_the_exploration_goes_on_and_the_run_says_why(tmp_path: Pat
     assert done.returncode == 0, done.stderr
     assert "pip install 'soter[planner]'" in done.stdout
     assert "NEVER ANSWERED" in done.stdout
+
+
+# ---------------------------------------------------------------- a learned one
+
+
+@pytest.fixture
+def learning(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """examples/exploration/learned_train.py."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    return importlib.import_module("learned_train")
+
+
+def weights() -> np.ndarray:
+    """Those that are shipped, (neurons, sights + 1)."""
+    told = json.loads((FOLDER / "learned.json").read_text(encoding="utf-8"))
+    return np.column_stack([told["hidden"], told["output"]])
+
+
+def test_the_network_that_flies_is_the_one_that_was_trained(learning: Any) -> None:
+    shipped = weights()
+    assert shipped.shape == (learning.NEURONS, learning.SIGHTS + 1)
+    flying = program("exploration_adversaries.soter").simulate("Learned", until="15s", seed=2)
+    taught = soter.load(FOLDER / "learned.soter").bind("Pupil", learning.Pupil(shipped))
+    school = taught.simulate("School", until="15s", seed=2)
+    assert school.extern_failures == {}
+    choices = flying.topic("e.learned.choice")
+    assert (choices == school.topic("e.choice")).all()
+    assert len(set(choices.tolist())) > 5
+    wrong = learning.Pupil(np.column_stack([shipped[:, :-1], -shipped[:, -1]]))
+    other = taught.bind("Pupil", wrong).simulate("School", until="15s", seed=2)
+    assert (choices != other.topic("e.choice")).any()
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_what_was_learned_touches_nothing_behind_the_module_and_a_wall_alone(seed: int) -> None:
+    flights = [
+        program("exploration_adversaries.soter").simulate(
+            system, until="60s", seed=seed, trace=False, sha256=False
+        )
+        for system in ("Learned", "BareLearned")
+    ]
+    assert flights[0].violation_list == []
+    assert topic(flights[0], "progress")["cells"] > 4000
+    assert any("Collides" in v.what for v in flights[1].violation_list)
+
+
+def test_equal_seeds_train_equal_weights(
+    learning: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name, value in (("CANDIDATES", 3), ("BEST", 2), ("WORLDS", 1)):
+        monkeypatch.setattr(learning, name, value)
+    one, again, other = (learning.train(seed, rounds=1, workers=1) for seed in (1, 1, 2))
+    assert (one == again).all()
+    assert (one != other).any()
+    learning.write(one, "a table", tmp_path / "learned.json")
+    told = json.loads((tmp_path / "learned.json").read_text(encoding="utf-8"))
+    assert (np.column_stack([told["hidden"], told["output"]]) == one).all()
