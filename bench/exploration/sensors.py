@@ -17,13 +17,18 @@ doubt, *after*, and *without* any.
 from __future__ import annotations
 
 import argparse
+import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import repeat
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from worlds import grid, loaded, wrong_cells
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from bench.exploration.worlds import grid, loaded, wrong_cells
 
 UNTIL = 120.0
 SYSTEM, DOUBT = "Frontier", "e.mapper.doubt"
@@ -62,7 +67,7 @@ def flight(fault: str, seed: int) -> Flight:
     times = run.time_s()[np.asarray(run.topic(DOUBT), dtype=bool)]
     walls = run.final["topics"]["e.worlds.walls"]
     known = np.array(run.final["e.Recorder"]["since"]).reshape(grid()[3], -1) > 0.0
-    touches = (v.time_s for v in run.violation_list if "Collides" in v.what)
+    touches = (v.time_s or 0.0 for v in run.violation_list if "Collides" in v.what)
     return Flight(
         doubted=float(times[0]) if len(times) else np.inf,
         touched=min(touches, default=np.inf),
