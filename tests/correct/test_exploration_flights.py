@@ -96,9 +96,9 @@ def test_nothing_is_doubted_where_everything_is_as_declared() -> None:
 
 @pytest.mark.long
 def test_with_mirrors_only_those_collide_who_take_silence_for_free() -> None:
-    trusting = flown("exploration.soter", "Explore", 2, "60s", worlds__MIRRORS=True)
+    trusting = flown("exploration.soter", "Explore", 5, "60s", worlds__MIRRORS=True)
     careful = flown(
-        "exploration.soter", "Explore", 2, "60s", worlds__MIRRORS=True, mapper__SILENCE=False
+        "exploration.soter", "Explore", 5, "60s", worlds__MIRRORS=True, mapper__SILENCE=False
     )
     assert any("Collides" in v.what for v in trusting.violation_list)
     assert careful.violation_list == []
