@@ -65,6 +65,7 @@ int main(int count, char** words) {
               [](const double& value, int64_t stamp) {
                 std::printf("%g %lld\\n", value, static_cast<long long>(stamp));
               });
+    std::fprintf(stderr, "%s\\n", out.status().message.c_str());
     return 0;
   }
   soter::Inward<Topic> in(std::atoll(words[6]));
@@ -147,6 +148,26 @@ def test_a_value_that_its_writer_held_back_does_not_go_out(
 ) -> None:
     """An actuator that was stopped between the time and the value writes a command of back then."""
     assert published(bridge, tmp_path, code, 1, 0) == []
+
+
+@pytest.mark.parametrize(
+    ("written", "silent_ns", "message"),
+    [
+        (True, 1, "nobody writes it: the actuators, or the trusted part, are gone"),
+        (True, NEVER_SILENT_NS, "nothing to publish yet"),
+        (False, 1, "nothing to publish yet"),
+    ],
+)
+def test_a_bridge_says_of_a_writer_that_was_gone_before_that_it_is(
+    bridge: Path, code: ctypes.CDLL, tmp_path: Path, written: bool, silent_ns: int, message: str
+) -> None:
+    if written:
+        Number(code, tmp_path, "x", 7, writes=True).write(0.5, 0)
+    words = (bridge, "out", tmp_path, str(silent_ns), "0")
+    nothing = processes.DEVNULL
+    said = processes.run(words, check=True, capture_output=True, text=True, stdin=nothing)
+    assert said.stdout == "it runs\n"
+    assert said.stderr == f"{message}\n"
 
 
 @pytest.mark.parametrize(

@@ -290,7 +290,8 @@ class Outward {
   void turn(int64_t now, const Tell& tell) {
     Value value;
     int64_t written = 0;
-    if (soter_outside_read(&channel_, &written, &value, nullptr) && is_of_now(written)) {
+    const bool there = soter_outside_read(&channel_, &written, &value, nullptr);
+    if (there && is_of_now(written)) {
       const bool changed = std::memcmp(&value, &value_, sizeof value) != 0;
       value_ = value;
       heard_ = now;
@@ -303,6 +304,8 @@ class Outward {
       if (T::law(&value_)) {
         told(now, tell, now);
       }
+    } else if (there && heard_ == 0 && now - begun_ > T::silent_ns()) {
+      silent_ = true; /* whoever wrote it was gone before this bridge began */
     }
   }
 
