@@ -27,7 +27,7 @@ MAIN = """\
 #include "soter_bridge_core.hpp"
 #include <cstdio>
 #include <cstdlib>
-static int64_t silent = 0;
+static int64_t silent = 0, delay = -1;
 struct Topic : soter::OneSource {
   struct Message { int64_t stamp; double value; };
   typedef double Value;
@@ -36,7 +36,8 @@ struct Topic : soter::OneSource {
   static const char* topic() { return "/x"; }
   static const char* publisher() { return ""; }
   static bool frame(const Message&) { return true; }
-  static bool stamped() { return true; }
+  static bool stamped() { return delay < 0; }
+  static int64_t delay_ns() { return delay < 0 ? 0 : delay; }
   static int64_t stamp_ns(const Message& m) { return m.stamp; }
   static bool convert(const Message& m, Value* to) { *to = m.value; return true; }
   static bool law(Value*) { return false; }
@@ -44,7 +45,8 @@ struct Topic : soter::OneSource {
 };
 /* out FOLDER SILENT_NS HELD_UP_NS: says that it runs, and after a line of input what two turns
  * publish, with its stamp; whoever reads the clock of the stamps, which stands still, is held up.
- * in FOLDER NOW NOW_OF_STAMPS STAMP ERROR: when a message counts as measured. */
+ * in FOLDER NOW NOW_OF_STAMPS STAMP ERROR [DELAY]: when a message counts as measured; with a DELAY
+ * it has no stamp. */
 int main(int count, char** words) {
   if (count == 5) {
     silent = std::atoll(words[3]);
@@ -68,6 +70,7 @@ int main(int count, char** words) {
     std::fprintf(stderr, "%s\\n", out.status().message.c_str());
     return 0;
   }
+  delay = count > 7 ? std::atoll(words[7]) : -1;
   soter::Inward<Topic> in(std::atoll(words[6]));
   if (in.open(words[2]) != nullptr) return 1;
   in.take({std::atoll(words[5]), 1.0}, "node", std::atoll(words[3]), std::atoll(words[4]));
@@ -180,3 +183,12 @@ def test_a_message_is_as_old_as_its_stamp_on_a_clock_that_was_read_before(
     now = [str(x) for x in (10_000, 5000, stamp, error)]
     said = processes.run([bridge, "in", tmp_path, *now], check=True, capture_output=True, text=True)
     assert int(said.stdout) == measured
+
+
+@pytest.mark.parametrize("delay_ns", [0, 30])
+def test_a_message_without_a_stamp_was_measured_its_declared_delay_before_it_came(
+    bridge: Path, tmp_path: Path, delay_ns: int
+) -> None:
+    now = [str(x) for x in (10_000, 5000, 0, 50, delay_ns)]
+    said = processes.run([bridge, "in", tmp_path, *now], check=True, capture_output=True, text=True)
+    assert int(said.stdout) == 10_000 - delay_ns

@@ -83,6 +83,7 @@ inline soter_outside* shared_channel() {
  *   publisher()          who may publish; "": the first one that is heard
  *   frame(m)             whether the message is in the frame of the mapping
  *   stamped()            whether messages say when they were measured
+ *   delay_ns()           where not: how long before its arrival a message may have been measured
  *   stamp_ns(m)          when; 0: it does not
  *   convert(m, &value)   false: something that is needed is not there
  * and those of OneSource, or of one of several. */
@@ -201,7 +202,7 @@ class Inward {
   }
 
   bool measured_at(const Message& m, int64_t now, int64_t now_ns, int64_t* measured) {
-    *measured = now;
+    *measured = now - T::delay_ns();
     if (!T::stamped()) {
       return true;
     }

@@ -136,7 +136,7 @@ static bool fits(const struct ddsi_serdata* sample, const void* message) {
 static bool measured_at(soter_dds_topic* topic, int64_t* measured) {
   const int64_t error = topic->bridge->clock_error_ns;
   const int64_t now = soter_dds_monotonic_ns(); /* first: see the wall clock below */
-  *measured = now;
+  *measured = now - topic->in->delay_ns;
   if (!topic->in->stamped) {
     return true;
   }

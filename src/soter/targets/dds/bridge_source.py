@@ -122,7 +122,7 @@ static bool {name}_convert(const void* given, void* value) {{
         stamped = "true" if mapped.stamp else "false"
         return f"""\
     {{{self._head(index, mapped)},
-     {text_literal(mapped.publisher or "")}, {stamped}, {name}_frame, {name}_stamp, \
+     {text_literal(mapped.publisher or "")}, {stamped}, INT64_C({mapped.delay_ns}), {name}_frame, {name}_stamp, \
 {name}_convert}},
 """
 
