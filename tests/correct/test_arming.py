@@ -134,10 +134,13 @@ def test_a_command_in_a_state_to_begin_from_is_armed_and_obeyed(
         assert played.holds_law(), "nobody has armed them"
         told, said = arm(actuator, tmp_path)
         assert told == 0, said
-        assert f"armed: process {process.pid}" in said
+        assert f"armed: process {process.pid}\n" in said
         soon(lambda: played.speed.read() == AC)
+        told, said = arm(actuator, tmp_path)
+        assert told == 0, said
+        assert f"armed: process {process.pid}, which had not stopped to obey\n" in said
         counts = ended(process)
-    assert (counts["armed"], counts["not_armed"]) == (1, 0)
+    assert (counts["armed"], counts["not_armed"]) == (2, 0)
 
 
 @pytest.mark.parametrize(

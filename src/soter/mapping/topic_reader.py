@@ -50,14 +50,20 @@ GREATEST = {"float32": 3.4028234663852886e38, "float64": sys.float_info.max}
 class TopicReader:
     """Reads the table of a topic; what is wrong goes to `problems`.
 
-    `types`: those of messages, None where the mapping names none; `frame`: the program's.
+    `types`: those of messages, None where the mapping names none; `frame`: the program's;
+    `delay_ns`: from a measurement to its arrival, as the system declares (`delayed`).
     """
 
     def __init__(
-        self, topic: Topic, problems: MappingProblems, types: KnownTypes | None, frame: str
+        self,
+        topic: Topic,
+        problems: MappingProblems,
+        types: KnownTypes | None,
+        frame: str,
+        delay_ns: int,
     ) -> None:
         self.topic, self.problems, self.types, self.frame = topic, problems, types, frame
-        self.name = topic.name
+        self.name, self.delay_ns = topic.name, delay_ns
 
     def read(self, given: Mapping[str, Any]) -> tuple[TopicMap, ...]:
         """The topic as the mapping has it, once or a source each; useless where problems came."""
@@ -112,6 +118,7 @@ class TopicReader:
         message = self._message(given)
         leaf_reader = LeafReader(self.topic, problems, message, self._turn(given))
         leaf_by_path = leaf_reader.read(problems.table(given, "fields", where))
+        stamp = self._stamp(given, message)
         made = TopicMap(
             self.topic,
             leaf_by_path,
@@ -119,7 +126,8 @@ class TopicReader:
             between == "linear",
             gap,
             message=message,
-            stamp=self._stamp(given, message),
+            stamp=stamp,
+            delay_ns=self.delay_ns if stamp is None else 0,
             frame_id=self._frame_id(given, message),
             publisher=problems.name(given, "publisher", where),
             constants=self._constants(problems.table(given, "set", where), message),

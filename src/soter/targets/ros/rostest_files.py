@@ -35,14 +35,30 @@ RAYS = 36
 NAMED = "standing_by"
 
 
+def untested(p: RosPackage) -> str:
+    """Why the package has no test; "": it has one."""
+    if not p.bridged.actuated:
+        return "no actuators obey"
+    if not _sensed(p):
+        return "nothing comes in but for ACs"
+    several = _publishers(p)
+    if several[1:]:
+        names = ", ".join(f"`{name}`" for name in several)
+        return f"one node stands in for the sensors, and the mapping asks for {names}"
+    return ""
+
+
+def _publishers(p: RosPackage) -> list[str]:
+    return sorted({m.publisher.strip("/") for m in _sensed(p) if m.publisher})
+
+
 def rostest_files(p: RosPackage) -> list[PackageFile]:
-    """The test; none where no actuators obey, or where the sensors are to have several names."""
-    publishers = {m.publisher.strip("/") for m in _sensed(p) if m.publisher}
-    if not p.bridged.actuated or len(publishers) > 1 or not _sensed(p):
+    """The test; none where `untested`."""
+    if untested(p):
         return []
     document = json.dumps(_document(p), indent=1) + "\n"
     return [
-        PackageFile(f"test/{p.name}.test", _launch(p, *publishers)),
+        PackageFile(f"test/{p.name}.test", _launch(p, *_publishers(p))),
         PackageFile(f"test/{NODE}", STANDING_BY.replace("@NAME@", p.name)),
         PackageFile("test/stand_ins.json", document, yours=True),
     ]
