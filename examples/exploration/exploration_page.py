@@ -258,9 +258,9 @@ def _reached(reached: tuple[bool, ...]) -> str:
 def assumed_of_map() -> str:
     """What the mapper says at its head that it assumes."""
     text = (HERE / "mapper.soter").read_text(encoding="utf-8")
-    found = re.search(r"^// Assumed[^:]*: (.*?\.)\n// [A-Z]", text, re.DOTALL | re.MULTILINE)
-    assert found is not None, "mapper.soter says at its head what it assumes"
-    text = found[1].replace("\n// ", " ")
+    match = re.search(r"^// Assumed[^:]*: (.*?\.)\n// [A-Z]", text, re.DOTALL | re.MULTILINE)
+    assert match is not None, "mapper.soter says at its head what it assumes"
+    text = match[1].replace("\n// ", " ")
     return text[0].upper() + text[1:]
 
 
