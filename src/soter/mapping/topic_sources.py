@@ -4,9 +4,10 @@ Purpose: the records and the reading of `sources`; the rule by which one of them
 that of `runtime/bridge/soter_sources.hpp`.
 Non-goals: what a deploying system declares, and whether the promises fit (`targets/`).
 
-The rule, of stamps alone (docs/mapping.md, "Several sources", has the reason and the bound): it is
-a sample's turn where it was measured more than `after` later than the newest sample of the sources
-before it whose turn it was; in its turn it is taken where it is newer than all that was taken.
+The rule, of stamps in the order of arrival (docs/mapping.md, "Several sources", has the reason and
+the bound): it is a sample's turn where it was measured more than `after` later than the newest
+sample of the sources before it whose turn it was; in its turn it is taken where it is newer than
+all that was taken.
 """
 
 from __future__ import annotations
