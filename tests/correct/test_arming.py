@@ -28,6 +28,7 @@ from generators.channel_programs import (
     library,
     number_of,
     soon,
+    source_in,
 )
 from generators.posix_packages import owned, report
 
@@ -49,8 +50,7 @@ HEAD, SURE, SAFER = 3, 1, 2
 def actuator(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program of the actuators, which take leases of any length."""
     folder = tmp_path_factory.mktemp("actuator")
-    (folder / "stop.soter").write_text(PROGRAM)
-    soter.load(folder / "stop.soter").build("posix", folder / "out", "Vehicle")
+    soter.load(source_in(folder)).build("posix", folder / "out", "Vehicle")
     law = folder / "out" / "stop_lease.c"
     text, count = re.subn(
         r"\.longest = INT64_C\(\d+\)", f".longest = {2 * LONG_NS}", law.read_text()
@@ -66,8 +66,8 @@ def actuator(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The trusted part over the clock of the test."""
     folder = tmp_path_factory.mktemp("vehicle")
-    (folder / "stop.soter").write_text(PROGRAM.replace("position > 30.0", "position > 45.0"))
-    return owned(folder / "stop.soter", folder / "out", "Vehicle")
+    source = source_in(folder, PROGRAM.replace("position > 30.0", "position > 45.0"))
+    return owned(source, folder / "out", "Vehicle")
 
 
 @pytest.fixture(scope="module")

@@ -252,11 +252,11 @@ def get(message, path):
 def is_law(message, fields):
     """Whether a message says the law, as exactly as 32 bits hold it."""
     for path, value in fields.items():
-        found = get(message, path)
+        actual = get(message, path)
         if isinstance(value, float):
-            if abs(found - value) > 1e-6 * max(1.0, abs(value)):
+            if abs(actual - value) > 1e-6 * max(1.0, abs(value)):
                 return False
-        elif found != value:
+        elif actual != value:
             return False
     return True
 
@@ -377,21 +377,21 @@ class StandingBy(unittest.TestCase):
         kind = roslib.message.get_message_class("@NAME@/ModuleStatus")
         if kind is None:
             self.skipTest("the workspace has made no class of ModuleStatus: no genmsg, or genpy")
-        told = {}
+        statuses = {}
 
         def hear(message):
-            told[message.module] = message
+            statuses[message.module] = message
 
         rospy.Subscriber("/@NAME@_bridge/status", kind, hear, queue_size=100)
         for name in self.about["modules"]:
             self.eventually(
-                lambda name=name: name in told and WAITS in told[name].message,
+                lambda name=name: name in statuses and WAITS in statuses[name].message,
                 f"~status never said that the actuators of {name} wait to be armed",
             )
-            self.assertFalse(told[name].armed)
-            self.assertFalse(told[name].unchecked)
-            self.assertIn(told[name].mode, ("AC", "SC"))
-            self.assertGreater(told[name].stamp.to_nsec(), 0)
+            self.assertFalse(statuses[name].armed)
+            self.assertFalse(statuses[name].unchecked)
+            self.assertIn(statuses[name].mode, ("AC", "SC"))
+            self.assertGreater(statuses[name].stamp.to_nsec(), 0)
 
 
 if __name__ == "__main__":
