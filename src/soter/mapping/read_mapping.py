@@ -151,7 +151,7 @@ class _MappingReader:
             self.problems.add(f"`{name}` is no table")
             return ()
         delay_ns = self.delays_ns.get(name, 0)
-        return TopicReader(topic, self.problems, types, frame, delay_ns).read(given)
+        return TopicReader(topic, self.problems, types, frame=frame, delay_ns=delay_ns).read(given)
 
     def _link(self, given: Mapping[str, Any], topics: Mapping[str, Any]) -> MavlinkLink | None:
         """The table `mavlink`, which messages of MAVLink need."""
