@@ -64,7 +64,7 @@ def known_share(weights: Array, seed: int) -> float:
     if run.extern_failures:
         raise RuntimeError(str(run.extern_failures))
     cells: int = program.constant("grid.CELLS")
-    return float(run.final["topics"]["e.recorder.progress"]["cells"]) / cells
+    return float(run.final["topics"]["e.mapper.known"].sum()) / cells
 
 
 def train(seed: int, rounds: int, workers: int) -> Array:
