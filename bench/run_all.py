@@ -646,6 +646,12 @@ BENCHMARKS = (
         "same seeds for each rover.",
     ),
     Benchmark(
+        "A rover among people whom a lidar sees",
+        ("bench/exploration/people.py", "--lidar"),
+        "examples/exploration/street.soter: 180 rays, errors at their bounds, 0.5 % of the rays "
+        "dropped, nobody thinner than 0.2 m, cars 2 m from the middle of the street.",
+    ),
+    Benchmark(
         "A rover among people, proved",
         (
             *("bench/verify/generality.py", "--recheck", "--program"),
