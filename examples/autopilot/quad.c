@@ -35,11 +35,12 @@ static const double ROTOR_S = 0.03;                  /* lag of a rotor */
 static const double DRAG = 0.05;                     /* N s/m */
 static const double GYRO_NOISE = 0.002, FORCE_NOISE = 0.05, HEIGHT_NOISE = 0.02;
 static const double STEP_S = 1e-6 * LOCKSTEP_STEP_US;
-static const double HOVER_M = 2.0; /* where a flight begins, above the ground */
+static const double HOVER_M = 3.0; /* where a flight begins, above the ground */
 
 /* The adapter: the reference is two lags of REFERENCE; it leads by what the firmware lags behind. */
-static const double REFERENCE = 12.0; /* 1/s */
-static const double LEAD_S = 0.0, LEAD_UP_S = 0.0;
+static const double REFERENCE = 6.0; /* 1/s */
+static const double LEAD_S = 0.19, LEAD_UP_S = 0.015;
+static const double PULL = 1.0; /* of a tilt that is not what the reference wants */
 static const double IDLE = 0.055; /* the firmware's share of a motor at no throttle, 1050 of a stick */
 
 typedef struct {
@@ -249,6 +250,10 @@ static void steer(const double wanted[3], lockstep_request* in) {
   }
   double r[3][3];
   rotation(craft.q, r);
+  for (int i = 0; i < 2; i++) {
+    const double now = (GRAVITY + craft.reference[2]) * r[i][2] / r[2][2];
+    demand[i] += PULL * (craft.reference[i] - now);
+  }
   const double yaw = atan2(r[1][0], r[0][0]);
   const double ahead = cos(yaw) * demand[0] + sin(yaw) * demand[1];
   const double left = cos(yaw) * demand[1] - sin(yaw) * demand[0];
@@ -336,8 +341,7 @@ static int take_off(uint64_t draws) {
     }
     still = speed < 0.02 && craft.p[2] > 0.5 * HOVER_M ? still + 1 : 0;
     if (still == 200) {
-      memcpy(craft.home, craft.p, sizeof craft.p);
-      craft.home[2] -= HOVER_M;
+      memcpy(craft.home, craft.p, sizeof craft.p); /* the middle of the fence */
       return 0;
     }
   }
@@ -436,7 +440,7 @@ fly_state fly(fly_state s, fly_vec3 wanted, fly_vec3 wind, fly_fault fault, doub
     }
   }
   for (int i = 0; i < 3; i++) {
-    change[i] = (change[i] + craft.v[i]) / (FLY_STEPS * STEP_S) - expected[i];
+    change[i] = (change[i] + craft.v[i]) / (FLY_STEPS * STEP_S) - expected[i] + DRAG * craft.v[i];
     shown[i] = craft.p[i] - craft.home[i];
   }
   s.tick++;
@@ -444,6 +448,6 @@ fly_state fly(fly_state s, fly_vec3 wanted, fly_vec3 wind, fly_fault fault, doub
   s.v = of(craft.v);
   s.a = of(craft.first);
   s.b = of(craft.reference);
-  s.r = of(change);
+  s.residual = of(change);
   return s;
 }
