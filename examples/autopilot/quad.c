@@ -341,7 +341,11 @@ static int take_off(uint64_t draws) {
     }
     still = speed < 0.02 && craft.p[2] > 0.5 * HOVER_M ? still + 1 : 0;
     if (still == 200) {
-      memcpy(craft.home, craft.p, sizeof craft.p); /* the middle of the fence */
+      /* The middle of the fence, where the flight begins from rest: what was less than 2 cm/s is. */
+      memcpy(craft.home, craft.p, sizeof craft.p);
+      memset(craft.v, 0, sizeof craft.v);
+      memset(craft.first, 0, sizeof craft.first);
+      memset(craft.reference, 0, sizeof craft.reference);
       return 0;
     }
   }
@@ -424,7 +428,9 @@ fly_state fly(fly_state s, fly_vec3 wanted, fly_vec3 wind, fly_fault fault, doub
     s.p = nowhere; /* a step fault: the plant stops, and nothing flies */
     return s;
   }
-  craft.fault = fault;
+  if ((double)s.tick * FLY_STEPS * STEP_S >= fault.after) {
+    craft.fault = fault;
+  }
   double change[3], shown[3];
   for (int i = 0; i < 3; i++) {
     change[i] = -craft.v[i];
@@ -440,7 +446,7 @@ fly_state fly(fly_state s, fly_vec3 wanted, fly_vec3 wind, fly_fault fault, doub
     }
   }
   for (int i = 0; i < 3; i++) {
-    change[i] = (change[i] + craft.v[i]) / (FLY_STEPS * STEP_S) - expected[i] + DRAG * craft.v[i];
+    change[i] = (change[i] + craft.v[i]) / (FLY_STEPS * STEP_S) - expected[i];
     shown[i] = craft.p[i] - craft.home[i];
   }
   s.tick++;
@@ -448,6 +454,6 @@ fly_state fly(fly_state s, fly_vec3 wanted, fly_vec3 wind, fly_fault fault, doub
   s.v = of(craft.v);
   s.a = of(craft.first);
   s.b = of(craft.reference);
-  s.residual = of(change);
+  s.rest = of(change);
   return s;
 }
