@@ -60,15 +60,16 @@ class Flown:
 def fly(program: soter.Program, system: str, seeds: Iterable[int]) -> list[Flown]:
     """Flights of a system; ValueError where the vehicle does not fly (it said why)."""
     flights = []
+    vehicle = "h." if system == "Fenced" else ""
     for seed in seeds:
         run = program.simulate(system, seed=seed, sha256=False)
-        speed = run.array("q.truth.s.v")
+        speed = run.array(f"{vehicle}q.truth.s.v")
         if run.violations or not np.isfinite(speed).all() or not speed.any():
             raise ValueError(f"{system}, seed {seed}: {run.violation_list or 'nothing flew'}")
-        command = run.array("fence.command" if system == "Harmed" else "command")
+        command = run.array(f"{vehicle}command" if vehicle else "command")
         flights.append(
             Flown(
-                command[:-1], speed[1:], np.diff(speed, axis=0) / STEP_S, run.array("q.truth.s.rest")[1:]
+                command[:-1], speed[1:], np.diff(speed, axis=0) / STEP_S, run.array(f"{vehicle}q.truth.s.rest")[1:]
             )
         )
     return flights
@@ -149,7 +150,7 @@ def check(program: soter.Program, loop: dict[str, Any]) -> bool:
     """Whether flights that were not fitted stay within the bounds; prints the shares."""
     within = True
     sets = [(name, program, HELD_OUT) for name in EXCITED]
-    sets.append(("Harmed", soter.load(HERE / "flights.soter"), HOSTILE))
+    sets.append(("Fenced", soter.load(HERE / "flights.soter"), HOSTILE))
     for system, source, seeds in sets:
         level, vertical = residuals(fly(source, system, seeds), loop["drag"])
         shares = level / loop["side"], vertical / loop["up"]

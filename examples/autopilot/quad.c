@@ -44,10 +44,6 @@ static const double PULL = 1.0; /* of a tilt that is not what the reference want
 static const double IDLE = 0.055; /* the firmware's share of a motor at no throttle, 1050 of a stick */
 
 typedef struct {
-  double x[3];
-} vec;
-
-typedef struct {
   double p[3], v[3], q[4], rate[3], rotor[4], force[3];
   double first[3], reference[3]; /* the two lags between wanted and demanded acceleration */
   double home[3];
@@ -56,9 +52,10 @@ typedef struct {
   fly_fault fault; /* what is other than the adapter believes */
 } vehicle;
 
-static vehicle craft;
-static int line = -1; /* to the autopilot's process */
-static bool stood;    /* the test on the stand was passed */
+/* A campaign flies in threads, each a flight at a time, with an autopilot of its own. */
+static _Thread_local vehicle craft;
+static _Thread_local int line = -1; /* to the autopilot's process */
+static _Thread_local bool stood;    /* the test on the stand was passed */
 
 static int refuse(const char* why) {
   fprintf(stderr, "autopilot: %s\n", why);
