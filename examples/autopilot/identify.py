@@ -30,6 +30,10 @@ import soter
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.float64]
+
 HERE = Path(__file__).parent
 LOOP = HERE / "loop.json"
 EXCITED = ("Slowly", "Quickly", "Wildly")
@@ -50,10 +54,10 @@ LAG = 6.0
 class Flown:
     """A flight: commands, speeds and mean accelerations of steps of STEP_S; all (n, 3)."""
 
-    command: Any
-    speed: Any
-    acceleration: Any
-    rest: Any
+    command: Floats
+    speed: Floats
+    acceleration: Floats
+    rest: Floats
     """Acceleration less the adapter's reference, mean of the step."""
 
 
@@ -66,16 +70,19 @@ def fly(program: soter.Program, system: str, seeds: Iterable[int]) -> list[Flown
         speed = run.array(f"{vehicle}q.truth.s.v")
         if run.violations or not np.isfinite(speed).all() or not speed.any():
             raise ValueError(f"{system}, seed {seed}: {run.violation_list or 'nothing flew'}")
-        command = run.array(f"{vehicle}command" if vehicle else "command")
+        command = run.array(f"{vehicle}fence.command" if vehicle else "command")
         flights.append(
             Flown(
-                command[:-1], speed[1:], np.diff(speed, axis=0) / STEP_S, run.array(f"{vehicle}q.truth.s.rest")[1:]
+                command[:-1],
+                speed[1:],
+                np.diff(speed, axis=0) / STEP_S,
+                run.array(f"{vehicle}q.truth.s.rest")[1:],
             )
         )
     return flights
 
 
-def response(command: Any, order: int, lag: float, dead_s: float) -> Any:
+def response(command: Floats, order: int, lag: float, dead_s: float) -> Floats:
     """Commands (n, 3), each held for a step, behind a dead time and `order` lags: (n, 3)."""
     dead = round(dead_s / STEP_S)
     out = np.concatenate([np.zeros((dead, 3)), command])[: len(command)]
@@ -98,7 +105,9 @@ def fit(flights: list[Flown], axes: slice) -> list[tuple[float, float, int, floa
     for order in ORDERS:
         for dead in DEAD_S:
             for lag in LAGS:
-                model = np.concatenate([response(f.command, order, lag, dead)[:, axes] for f in flights])
+                model = np.concatenate(
+                    [response(f.command, order, lag, dead)[:, axes] for f in flights]
+                )
                 left = acceleration - model
                 drag = -float((left * speed).sum() / (speed * speed).sum())
                 left = left + drag * speed
@@ -155,7 +164,8 @@ def check(program: soter.Program, loop: dict[str, Any]) -> bool:
         level, vertical = residuals(fly(source, system, seeds), loop["drag"])
         shares = level / loop["side"], vertical / loop["up"]
         within = within and max(shares) <= 1.0
-        print(f"{system:<8} {len(seeds)} flights: {shares[0]:.2f} of the bound level, {shares[1]:.2f} up")
+        told = f"{shares[0]:.2f} of the bound level, {shares[1]:.2f} up"
+        print(f"{system:<8} {len(seeds)} flights: {told}")
     return within
 
 

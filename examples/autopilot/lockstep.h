@@ -42,8 +42,8 @@ typedef struct {
 /* First of all the autopilot's process says who it is. */
 typedef struct {
   uint32_t magic, size_of_request;
-  char version[32];  /* the firmware's own, such as 4.6.0 */
-  char sources[72];  /* SHA-256 over the source files that it was compiled from, in hex */
+  char version[32]; /* the firmware's own, such as 4.6.0 */
+  char sources[72]; /* SHA-256 over the source files that it was compiled from, in hex */
 } lockstep_hello;
 
 #endif

@@ -1,4 +1,5 @@
-/* quad.c: a quadrotor that Betaflight flies, as the extern function behind the plant of fence.soter.
+/* quad.c: a quadrotor that Betaflight flies, as the extern function behind the plant of
+ * fence.soter.
  *
  * Purpose: the autopilot's process (started once, a copy of it a flight), the rigid body with its
  * rotors, what the sensors say, and the adapter between a wanted acceleration and the four sticks.
@@ -26,22 +27,24 @@
 extern char** environ;
 
 static const double GRAVITY = 9.80665;
-static const double MASS = 1.0;                      /* kg */
+static const double MASS = 1.0;                        /* kg */
 static const double INERTIA[3] = {0.006, 0.006, 0.01}; /* kg m^2 */
-static const double ARM = 0.12;                      /* m, along x and y */
-static const double THRUST = 10.0;                   /* N, of one motor at full power */
-static const double YAW = 0.016;                     /* m: moment of a rotor over its thrust */
-static const double ROTOR_S = 0.03;                  /* lag of a rotor */
-static const double DRAG = 0.05;                     /* N s/m */
+static const double ARM = 0.12;                        /* m, along x and y */
+static const double THRUST = 10.0;                     /* N, of one motor at full power */
+static const double YAW = 0.016;                       /* m: moment of a rotor over its thrust */
+static const double ROTOR_S = 0.03;                    /* lag of a rotor */
+static const double DRAG = 0.05;                       /* N s/m */
 static const double GYRO_NOISE = 0.002, FORCE_NOISE = 0.05, HEIGHT_NOISE = 0.02;
 static const double STEP_S = 1e-6 * LOCKSTEP_STEP_US;
 static const double HOVER_M = 3.0; /* where a flight begins, above the ground */
 
-/* The adapter: the reference is two lags of REFERENCE; it leads by what the firmware lags behind. */
+/* The adapter: the reference is two lags of REFERENCE; it leads by what the firmware lags behind.
+ */
 static const double REFERENCE = 6.0; /* 1/s */
 static const double LEAD_S = 0.19, LEAD_UP_S = 0.015;
 static const double PULL = 1.0; /* of a tilt that is not what the reference wants */
-static const double IDLE = 0.055; /* the firmware's share of a motor at no throttle, 1050 of a stick */
+static const double IDLE =
+    0.055; /* the firmware's share of a motor at no throttle, 1050 of a stick */
 
 typedef struct {
   double p[3], v[3], q[4], rate[3], rotor[4], force[3];
@@ -67,7 +70,8 @@ static int refuse(const char* why) {
 static int talk(bool out, void* bytes, size_t size) {
   for (size_t done = 0; done < size;) {
     char* const at = (char*)bytes + done;
-    const ssize_t n = out ? send(line, at, size - done, MSG_NOSIGNAL) : recv(line, at, size - done, 0);
+    const ssize_t n =
+        out ? send(line, at, size - done, MSG_NOSIGNAL) : recv(line, at, size - done, 0);
     if (n < 0 && errno == EINTR) {
       continue;
     }
@@ -100,7 +104,8 @@ static int start_process(const char* path) {
   if (failed) {
     close(line);
     line = -1;
-    fprintf(stderr, "autopilot: cannot start %s: %s; firmware.py builds it\n", path, strerror(failed));
+    fprintf(stderr, "autopilot: cannot start %s: %s; firmware.py builds it\n", path,
+            strerror(failed));
     return -1;
   }
   return 0;
@@ -110,7 +115,10 @@ static int start_autopilot(void) {
   char path[4096];
   const char* const named = getenv("SOTER_AUTOPILOT");
   const char* const home = getenv("HOME");
-  snprintf(path, sizeof path, "%s%s", named ? named : home ? home : "",
+  snprintf(path, sizeof path, "%s%s",
+           named  ? named
+           : home ? home
+                  : "",
            named ? "" : "/.cache/soter/autopilot/betaflight");
   lockstep_hello hello;
   if (start_process(path) || talk(false, &hello, sizeof hello)) {
@@ -151,7 +159,9 @@ static double normal(void) {
   return sqrt(-2.0 * log(uniform())) * cos(6.283185307179586 * uniform());
 }
 
-static double within(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
+static double within(double x, double low, double high) {
+  return x < low ? low : x > high ? high : x;
+}
 
 static void rotation(const double q[4], double r[3][3]) {
   const double w = q[0], x = q[1], y = q[2], z = q[3];
@@ -182,8 +192,9 @@ static void turn(const double moment[3]) {
   for (int i = 0; i < 3; i++) {
     w[i] += STEP_S * dw[i];
   }
-  const double dq[4] = {-q[1] * w[0] - q[2] * w[1] - q[3] * w[2], q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
-                        q[0] * w[1] - q[1] * w[2] + q[3] * w[0], q[0] * w[2] + q[1] * w[1] - q[2] * w[0]};
+  const double dq[4] = {
+      -q[1] * w[0] - q[2] * w[1] - q[3] * w[2], q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
+      q[0] * w[1] - q[1] * w[2] + q[3] * w[0], q[0] * w[2] + q[1] * w[1] - q[2] * w[0]};
   double n = 0.0;
   for (int i = 0; i < 4; i++) {
     q[i] += 0.5 * STEP_S * dq[i];
@@ -227,7 +238,8 @@ static void move(const double motors[4], const double wind[3]) {
 
 /* ------------------------------------------------------------------ the adapter */
 
-/* The firmware's default rates: 70 degrees a second at the middle, 670 at the end, over 60 degrees. */
+/* The firmware's default rates: 70 degrees a second at the middle, 670 at the end, over 60 degrees.
+ */
 static uint16_t stick(double angle) {
   const double part = fabs(within(angle, -0.96, 0.96)) * (180.0 / 3.141592653589793) / 60.0 * 670.0;
   const double d = (sqrt(4900.0 + 2400.0 * part) - 70.0) / 1200.0;
@@ -290,7 +302,8 @@ static int arm(void) {
   }
   for (int k = 0; k < 1000; k++) {
     sense(&in);
-    const uint16_t sticks[LOCKSTEP_CHANNELS] = {1500, 1500, 1000, 1500, k < 100 ? 1000 : 2000, 2000};
+    const uint16_t sticks[LOCKSTEP_CHANNELS] = {1500, 1500, 1000, 1500, k < 100 ? 1000 : 2000,
+                                                2000};
     memcpy(in.sticks, sticks, sizeof sticks);
     if (ask(LOCKSTEP_STEP, &in, &out)) {
       return -1;
@@ -338,7 +351,8 @@ static int take_off(uint64_t draws) {
     }
     still = speed < 0.02 && craft.p[2] > 0.5 * HOVER_M ? still + 1 : 0;
     if (still == 200) {
-      /* The middle of the fence, where the flight begins from rest: what was less than 2 cm/s is. */
+      /* The middle of the fence, where the flight begins from rest: what was less than 2 cm/s is.
+       */
       memcpy(craft.home, craft.p, sizeof craft.p);
       memset(craft.v, 0, sizeof craft.v);
       memset(craft.first, 0, sizeof craft.first);

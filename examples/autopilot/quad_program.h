@@ -1,4 +1,5 @@
-/* quad_program.h: the names that Soter gives the types of autopilot.soter, in whichever program flies.
+/* quad_program.h: the names that Soter gives the types of autopilot.soter, in whichever program
+ * flies.
  *
  * Soter names the header after the main file, and types of an imported one after both.
  */
