@@ -2,8 +2,9 @@
 
 Purpose: the flights of docs/autopilot.md. *violated*: flights that pass a wall, or of which the
 monitor raises an alarm (Fenced); that pass one (Bare); that pass one before the alarm (others).
-*farthest*: the greatest |x| or |y| of all flights, of a wall at 10 m; *residual*: the
-greatest share of the bound that the proof assumes; *left*: flights that pass a wall or the floor after that.
+*farthest*: the greatest |x| or |y| of all flights, of a wall at 10 m; *residual*: the greatest
+share of the bound that the proof assumes; *left*: flights that pass a wall, floor or ceiling at
+all, alarm or not; *down*: how far below the middle, of a floor at 2.5 m.
 Non-goals: the proof (`soter verify`), the bound (`examples/autopilot/identify.py`).
 
     python bench/autopilot/flights.py                     as the table in docs/benchmarks.md

@@ -19,6 +19,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/time.h>
 #include <unistd.h>
 
 #include "lockstep.h"
@@ -101,6 +102,8 @@ static int start_process(const char* path) {
   posix_spawn_file_actions_destroy(&files);
   close(ends[1]);
   line = ends[0];
+  const struct timeval patience = {.tv_sec = 60}; /* one that hangs counts as gone */
+  setsockopt(line, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
   if (failed) {
     close(line);
     line = -1;

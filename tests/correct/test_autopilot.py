@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 import soter
+from soter.campaign.batch_flights import AT_ONCE
 
 ROOT = Path(__file__).resolve().parents[2]
 AUTOPILOT = ROOT / "examples" / "autopilot"
@@ -169,7 +170,8 @@ def test_a_flight_is_the_same_twice_and_from_elsewhere(
 @needs_firmware
 def test_flights_in_threads_are_those_of_one(tmp_path: Path) -> None:
     program = soter.load(AUTOPILOT / "flights.soter")
-    how: dict[str, Any] = {"system": "Fenced", "flights": 4, "until": "2s", "seed": 21}
+    # More than a batch, of which each thread flies one at a time.
+    how: dict[str, Any] = {"system": "Fenced", "flights": AT_ONCE + 8, "until": "100ms", "seed": 21}
     one = program.campaign(workers=1, output=tmp_path / "one", **how)
     two = program.campaign(workers=2, output=tmp_path / "two", **how)
     assert one.result.digest == two.result.digest
