@@ -136,11 +136,8 @@ def test_a_command_in_a_state_to_begin_from_is_armed_and_obeyed(
         assert told == 0, said
         assert f"armed: process {process.pid}\n" in said
         soon(lambda: played.speed.read() == AC)
-        told, said = arm(actuator, tmp_path)
-        assert told == 0, said
-        assert f"armed: process {process.pid}, which had not stopped to obey\n" in said
         counts = ended(process)
-    assert (counts["armed"], counts["not_armed"]) == (2, 0)
+    assert (counts["armed"], counts["not_armed"]) == (1, 0)
 
 
 @pytest.mark.parametrize(
@@ -169,6 +166,21 @@ def test_what_no_proof_speaks_of_is_not_armed_but_by_an_explicit_word(
         soon(lambda: played.speed.read() == AC)
         counts = ended(process)
     assert (counts["armed"], counts["not_armed"]) == (1, 1)
+
+
+def test_who_arms_what_is_armed_already_is_told_so_and_changes_nothing(
+    actuator: Path, code: ctypes.CDLL, tmp_path: Path
+) -> None:
+    already = "Guard: armed already: nothing was changed\n"
+    with going(actuator, tmp_path) as process:
+        soon(lambda: arm(actuator, tmp_path) == (0, already))  # since they began
+        played = Played(code, actuator, tmp_path)
+        played.command(AC, begin=True)
+        told, said = arm(actuator, tmp_path)
+        assert (told, already in said) == (0, False), said
+        assert arm(actuator, tmp_path, "--unchecked") == (0, already)
+        soon(lambda: played.speed.read() == AC)
+        ended(process)
 
 
 def test_who_asks_where_no_actuators_run_is_told(actuator: Path, tmp_path: Path) -> None:

@@ -31,9 +31,10 @@ enum {
 typedef enum {
   SOTER_ARM_FINE = 0,
   SOTER_ARM_SILENT = 1, /* no command with a lease in force was heard */
-  SOTER_ARM_STATE = 2   /* who gave it does not say that the proof speaks of this state */
+  SOTER_ARM_STATE = 2,  /* who gave it does not say that the proof speaks of this state */
+  SOTER_ARM_ALREADY = 3 /* it has not ended: nothing is changed */
 } soter_arm;
-#define SOTER_ARMS 3
+#define SOTER_ARMS 4
 
 /* Of a module, generated: constant. */
 typedef struct {

@@ -174,10 +174,11 @@ static bool may_arm(int64_t now) {
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
     module_times* const m = &us.module[k];
     SOTER_CHECK(m->lease.state >= SOTER_LEASE_ARMED && m->lease.state <= SOTER_LEASE_ENDED);
-    m->answer = SOTER_ARM_FINE;
-    if (m->lease.state == SOTER_LEASE_ENDED) {
-      m->answer = soter_lease_may_arm(&m->lease, now, m->head[0], m->head[1], m->head[2]);
+    if (m->lease.state != SOTER_LEASE_ENDED) {
+      m->answer = SOTER_ARM_ALREADY;
+      continue;
     }
+    m->answer = soter_lease_may_arm(&m->lease, now, m->head[0], m->head[1], m->head[2]);
     if (m->answer != SOTER_ARM_FINE && !us.quiet) {
       (void)fprintf(stderr, "%.6f %s: not armed: %s\n", (double)now / 1e9,
                     soter_actuator_modules[k].name, soter_arm_text(m->answer));
@@ -191,6 +192,7 @@ static bool may_arm(int64_t now) {
  * and wait might begin in another state. */
 static void arm_one(module_times* m, bool checked, int64_t now) {
   if (m->lease.state != SOTER_LEASE_ENDED) {
+    m->answer = SOTER_ARM_ALREADY;
     return;
   }
   soter_lease_arm(&m->lease);

@@ -75,31 +75,39 @@ static bool answered(soter_outside* channel, uint64_t before, uint64_t* words) {
   return false;
 }
 
-/* Whether no lease has ended, so that there is nothing to arm. */
-static bool none_ended(const uint64_t* words) {
-  bool none = true;
-  for (uint32_t k = 0; k < soter_actuator_count; k++) {
-    const uint64_t* const m = words + SOTER_ACTUATORS_HEAD + SOTER_ACTUATORS_MODULE * k;
-    SOTER_CHECK(k < ACTUATOR_MODULES);
-    none = none && m[SOTER_ACTUATORS_STATE] != (uint64_t)SOTER_LEASE_ENDED;
-  }
-  return none;
+static uint32_t answer_of(const uint64_t* words, uint32_t module) {
+  const uint64_t* const m = words + SOTER_ACTUATORS_HEAD + SOTER_ACTUATORS_MODULE * module;
+  SOTER_CHECK(module < ACTUATOR_MODULES);
+  return (uint32_t)m[SOTER_ACTUATORS_ANSWER];
 }
 
-static int tell(const uint64_t* words, uint64_t refused_before, bool unchecked, bool already) {
-  if (words[SOTER_ACTUATORS_REFUSED] == refused_before) {
-    (void)printf("armed%s: process %llu%s\n",
+static void tell_armed(const uint64_t* words, bool unchecked) {
+  const unsigned long long process = words[SOTER_ACTUATORS_PROCESS];
+  bool any = false;
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    const bool already = answer_of(words, k) == SOTER_ARM_ALREADY;
+    any = any || !already;
+    if (already) {
+      (void)printf("%s: %s\n", soter_actuator_modules[k].name, soter_arm_text(SOTER_ARM_ALREADY));
+    }
+  }
+  if (any) {
+    (void)printf("armed%s: process %llu\n",
                  unchecked ? ", without a look at the state, which no proof is about" : "",
-                 (unsigned long long)words[SOTER_ACTUATORS_PROCESS],
-                 already ? ", which had not stopped to obey" : "");
+                 process);
+  }
+}
+
+static int tell(const uint64_t* words, uint64_t refused_before, bool unchecked) {
+  if (words[SOTER_ACTUATORS_REFUSED] == refused_before) {
+    tell_armed(words, unchecked);
     return EXIT_SUCCESS;
   }
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
-    const uint64_t* const m = words + SOTER_ACTUATORS_HEAD + SOTER_ACTUATORS_MODULE * k;
-    SOTER_CHECK(k < ACTUATOR_MODULES);
-    if (m[SOTER_ACTUATORS_ANSWER] != SOTER_ARM_FINE) {
+    const uint32_t answer = answer_of(words, k);
+    if (answer != SOTER_ARM_FINE && answer != SOTER_ARM_ALREADY) {
       (void)fprintf(stderr, "not armed: %s: %s\n", soter_actuator_modules[k].name,
-                    soter_arm_text((uint32_t)m[SOTER_ACTUATORS_ANSWER]));
+                    soter_arm_text(answer));
     }
   }
   (void)fprintf(stderr, "--unchecked arms them all the same: no proof is about what follows\n");
@@ -127,7 +135,6 @@ int soter_actuator_request(const char* folder, bool unchecked) {
   }
   const uint64_t before = answers(words);
   const uint64_t refused = words[SOTER_ACTUATORS_REFUSED];
-  const bool already = none_ended(words);
   if (kill((pid_t)words[SOTER_ACTUATORS_PROCESS], unchecked ? SIGUSR2 : SIGUSR1) != 0) {
     perror("not armed");
     return EXIT_FAILURE;
@@ -136,5 +143,5 @@ int soter_actuator_request(const char* folder, bool unchecked) {
     (void)fprintf(stderr, "not armed: the actuators do not answer\n");
     return EXIT_FAILURE;
   }
-  return tell(words, refused, unchecked, already);
+  return tell(words, refused, unchecked);
 }

@@ -125,7 +125,8 @@ const char* soter_arming_text(const soter_module_facts* f) {
 const char* soter_arm_text(uint32_t answer) {
   static const char* const texts[SOTER_ARMS] = {
       "armed", "the trusted part gives no lease",
-      "safer does not hold in every module, or what it reads is old"};
+      "safer does not hold in every module, or what it reads is old",
+      "armed already: nothing was changed"};
   return texts[answer < SOTER_ARMS ? answer : SOTER_ARM_SILENT];
 }
 
