@@ -45,6 +45,7 @@ struct Topic : soter::OneSource {
 };
 /* out FOLDER SILENT_NS HELD_UP_NS: says that it runs, and after a line of input what two turns
  * publish, with its stamp; whoever reads the clock of the stamps, which stands still, is held up.
+ * how FOLDER SILENT_NS: how its topic is after two turns.
  * in FOLDER NOW NOW_OF_STAMPS STAMP ERROR [DELAY]: when a message counts as measured; with a DELAY
  * it has no stamp. */
 int main(int count, char** words) {
@@ -67,7 +68,17 @@ int main(int count, char** words) {
               [](const double& value, int64_t stamp) {
                 std::printf("%g %lld\\n", value, static_cast<long long>(stamp));
               });
-    std::fprintf(stderr, "%s\\n", out.status().message.c_str());
+    return 0;
+  }
+  if (count == 4) {
+    silent = std::atoll(words[3]);
+    soter::Outward<Topic> out;
+    if (out.open(words[2]) != nullptr) return 1;
+    int turns = 2;
+    out.serve([&turns] { return turns-- > 0; }, [] { return int64_t{0}; },
+              [](const double&, int64_t) {});
+    const soter::Status how = out.status();
+    std::printf("%d %s\\n", how.level, how.message.c_str());
     return 0;
   }
   delay = count > 7 ? std::atoll(words[7]) : -1;
@@ -154,23 +165,27 @@ def test_a_value_that_its_writer_held_back_does_not_go_out(
 
 
 @pytest.mark.parametrize(
-    ("written", "silent_ns", "message"),
+    ("written", "silent_ns", "said"),
     [
-        (True, 1, "nobody writes it: the actuators, or the trusted part, are gone"),
-        (True, NEVER_SILENT_NS, "nothing to publish yet"),
-        (False, 1, "nothing to publish yet"),
+        (False, 1, "0 nothing to publish yet"),
+        (True, NEVER_SILENT_NS, "0 nothing to publish yet"),
+        (
+            True,
+            1,
+            "2 nobody writes it: the actuators, or the trusted part, were gone when the bridge "
+            "began, and nothing is published",
+        ),
     ],
 )
-def test_a_bridge_says_of_a_writer_that_was_gone_before_that_it_is(
-    bridge: Path, code: ctypes.CDLL, tmp_path: Path, written: bool, silent_ns: int, message: str
+def test_a_bridge_that_begins_after_the_end_of_who_writes_says_so(
+    bridge: Path, code: ctypes.CDLL, tmp_path: Path, written: bool, silent_ns: int, said: str
 ) -> None:
+    """A value of before tells that somebody wrote; where none is there nobody may have begun."""
     if written:
-        Number(code, tmp_path, "x", 7, writes=True).write(0.5, 0)
-    words = (bridge, "out", tmp_path, str(silent_ns), "0")
-    nothing = processes.DEVNULL
-    said = processes.run(words, check=True, capture_output=True, text=True, stdin=nothing)
-    assert said.stdout == "it runs\n"
-    assert said.stderr == f"{message}\n"
+        Number(code, tmp_path, "x", 7, writes=True).write(0.5)
+    words = [bridge, "how", tmp_path, str(silent_ns)]
+    done = processes.run(words, check=True, capture_output=True, text=True)
+    assert done.stdout == f"{said}\n"
 
 
 @pytest.mark.parametrize(

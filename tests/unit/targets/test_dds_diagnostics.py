@@ -158,6 +158,18 @@ def test_a_topic_that_goes_out_says_who_is_gone(
         assert heard.now["soter: /cmd_vel"].message_.startswith("nobody writes it")
 
 
+def test_a_topic_whose_writer_was_gone_when_the_bridge_began_says_so(
+    robot: Path, tmp_path: Path, peer: DomainParticipant
+) -> None:
+    push = Channel(robot, tmp_path, "push", 8, writes=True)
+    push.write(time.monotonic_ns(), struct.pack("<d", 0.5))
+    with bridge(robot, tmp_path) as b:
+        heard = Diagnostics(peer, b)
+        said = heard.until("soter: /cmd_vel", lambda line, _: level(line) == ERROR)
+        assert heard.now["soter: /cmd_vel"].message_.endswith("and nothing is published")
+        assert said["published"] == "0"
+
+
 def test_the_writer_has_the_qos_of_ros_2(
     robot: Path, tmp_path: Path, peer: DomainParticipant
 ) -> None:

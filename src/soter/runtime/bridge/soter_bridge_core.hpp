@@ -275,8 +275,7 @@ class Outward {
     Status to;
     to.name = std::string("soter: ") + T::topic();
     to.level = silent_ ? Status::ERROR : Status::OK;
-    to.message = silent_ ? "nobody writes it: the actuators, or the trusted part, are gone"
-                         : (count_ > 0 ? "published" : "nothing to publish yet");
+    to.message = soter_outward_text(silent_, count_);
     to.said("published", count_);
     if (!others_.empty()) {
       to.level = Status::ERROR;
@@ -292,6 +291,7 @@ class Outward {
     Value value;
     int64_t written = 0;
     const bool there = soter_outside_read(&channel_, &written, &value, nullptr);
+    before_ = before_ || there;
     if (there && is_of_now(written)) {
       const bool changed = std::memcmp(&value, &value_, sizeof value) != 0;
       value_ = value;
@@ -305,8 +305,8 @@ class Outward {
       if (T::law(&value_)) {
         told(now, tell, now);
       }
-    } else if (there && heard_ == 0 && now - begun_ > T::silent_ns()) {
-      silent_ = true; /* whoever wrote it was gone before this bridge began */
+    } else if (heard_ == 0 && before_ && now - begun_ > T::silent_ns()) {
+      silent_ = true; /* who wrote it was gone when the bridge began */
     }
   }
 
@@ -327,6 +327,7 @@ class Outward {
   Value value_;
   const int64_t begun_ = monotonic_ns();
   int64_t told_ = 0, heard_ = 0;
+  bool before_ = false; /* a value was there, of now or not */
   std::atomic<uint64_t> count_{0};
   std::atomic<bool> silent_{false};
   std::mutex named_;

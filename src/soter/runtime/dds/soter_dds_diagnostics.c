@@ -246,12 +246,8 @@ static int level_of(const soter_dds_topic* t, line* l, int64_t now, const char**
     *why = moves ? "taken" : taken > 0 ? "silent" : "nothing was taken yet";
     return moves ? SOTER_LEVEL_OK : SOTER_LEVEL_WARN;
   }
-  if (t->silent) {
-    *why = "nobody writes it: the actuators, or the trusted part, are gone";
-    return SOTER_LEVEL_ERROR;
-  }
-  *why = t->count[SOTER_DDS_PUBLISHED] > 0 ? "published" : "nothing to publish yet";
-  return SOTER_LEVEL_OK;
+  *why = soter_outward_text(t->silent, t->count[SOTER_DDS_PUBLISHED]);
+  return t->silent ? SOTER_LEVEL_ERROR : SOTER_LEVEL_OK;
 }
 
 static void of_topic(soter_dds_diagnostics* d, size_t k, soter_dds_topic* t, int64_t now) {

@@ -242,6 +242,7 @@ static void turn(soter_dds_topic* topic, int64_t now) {
   const soter_dds_outward* const out = topic->out;
   int64_t written = 0;
   const bool there = soter_outside_read(&topic->channel, &written, topic->value, NULL);
+  topic->before = topic->before || there;
   if (there && is_of_now(topic, written)) {
     const bool changed = memcmp(topic->value, topic->last_value, out->size) != 0;
     (void)memcpy(topic->last_value, topic->value, out->size);
@@ -256,8 +257,8 @@ static void turn(soter_dds_topic* topic, int64_t now) {
     if (out->law(topic->last_value)) {
       tell(topic, now, now);
     }
-  } else if (there && topic->heard == 0 && now - topic->begun > out->silent_ns) {
-    set_silent(topic, true); /* whoever wrote it was gone before this bridge began */
+  } else if (topic->heard == 0 && topic->before && now - topic->begun > out->silent_ns) {
+    set_silent(topic, true); /* who wrote it was gone when the bridge began */
   }
 }
 

@@ -61,6 +61,7 @@ typedef struct {
   int64_t last_stamp;
   void* last_value;
   int64_t begun, told, heard;
+  bool before; /* out: a value was there, of now or not */
 } soter_dds_topic;
 
 struct soter_dds_bridge {

@@ -132,12 +132,19 @@ static bool is_of_now(const soter_mavlink_topic* topic, int64_t written) {
   return written >= topic->begun && age >= 0 && age <= topic->out->silent_ns;
 }
 
+static void fall_silent(soter_mavlink_topic* topic) {
+  (void)pthread_mutex_lock(&topic->bridge->held);
+  topic->silent = true;
+  (void)pthread_mutex_unlock(&topic->bridge->held);
+}
+
 static void turn(soter_mavlink_topic* topic, int64_t now) {
   const soter_mavlink_outward* const out = topic->out;
   const int64_t resend = topic->bridge->system->resend_ns;
   int64_t written = 0;
-  if (soter_outside_read(&topic->channel, &written, out->value, NULL) &&
-      is_of_now(topic, written)) {
+  const bool found = soter_outside_read(&topic->channel, &written, out->value, NULL);
+  topic->before = topic->before || found;
+  if (found && is_of_now(topic, written)) {
     const bool changed = memcmp(out->value, out->last, out->size) != 0;
     (void)memcpy(out->last, out->value, out->size);
     topic->heard = now;
@@ -150,10 +157,10 @@ static void turn(soter_mavlink_topic* topic, int64_t now) {
     if (out->law(out->last)) {
       tell(topic, now, now, true);
     } else {
-      (void)pthread_mutex_lock(&topic->bridge->held);
-      topic->silent = true; /* set-points end, and the autopilot does what it does then */
-      (void)pthread_mutex_unlock(&topic->bridge->held);
+      fall_silent(topic); /* set-points end, and the autopilot does what it does then */
     }
+  } else if (topic->heard == 0 && topic->before && now - topic->begun > out->silent_ns) {
+    fall_silent(topic); /* who wrote it was gone when the bridge began: no set-point begins */
   }
 }
 

@@ -46,6 +46,7 @@ typedef struct {
   int64_t last_stamp;    /* in: of the autopilot; below 0: none yet */
   int64_t last_measured; /* in */
   int64_t begun, told, heard;
+  bool before; /* out: a value was there, of now or not */
   /* below the bridge's lock */
   uint64_t count[SOTER_MAVLINK_COUNTS];
   bool silent; /* out: nobody writes the channel */

@@ -136,3 +136,12 @@ const char* soter_takeover_text(uint32_t why) {
       "the gate", "AC is silent", "the trusted part was late"};
   return texts[why <= SOTER_STATUS_CAUSES ? why : 0U];
 }
+
+const char* soter_outward_text(bool silent, uint64_t published) {
+  if (silent) {
+    return published > 0U ? "nobody writes it: the actuators, or the trusted part, are gone"
+                          : "nobody writes it: the actuators, or the trusted part, were gone when "
+                            "the bridge began, and nothing is published";
+  }
+  return published > 0U ? "published" : "nothing to publish yet";
+}

@@ -68,6 +68,9 @@ const char* soter_arming_text(const soter_module_facts* f);
 const char* soter_arm_text(uint32_t answer);   /* of a soter_arm */
 const char* soter_takeover_text(uint32_t why); /* 0: never, 1 + soter_cause */
 
+/* Of a topic that a bridge publishes. `silent`: nobody writes its channel in time. */
+const char* soter_outward_text(bool silent, uint64_t published);
+
 #ifdef __cplusplus
 }
 #endif
