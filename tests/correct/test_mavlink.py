@@ -130,7 +130,10 @@ def test_without_timesync_messages_count_from_their_arrival_and_the_delay(
 ) -> None:
     with listening(package) as all_:
         wire = silent(wires(all_.port))
+        began = time.monotonic_ns()
         wire.during(1.5, wire.good)
+        _, measured = newest(all_.channels / "motion")
+        assert began - DELAY_NS <= measured <= time.monotonic_ns() - DELAY_NS
         told = taken(all_)
         assert told["motion"]["taken"] == told["motion"]["by_arrival"] > 0
         assert told["clock"]["exchanges"] == 0 < told["clock"]["requests"]

@@ -18,7 +18,7 @@ from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.mapping.frames import WORLD
 from soter.mapping.mavlink_link import read_link
-from soter.mapping.mavlink_types import is_mavlink
+from soter.mapping.mavlink_types import MavlinkMessage, is_mavlink
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
 from soter.mapping.problems import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.topic_mapping import LogMap
@@ -97,6 +97,13 @@ def _type_names(topics: Mapping[str, Any]) -> list[object]:
     return [t["type"] for t in tables if "type" in t]
 
 
+def _delayed(m: TopicMap, link: MavlinkLink | None) -> TopicMap:
+    """A message of MAVLink without a stamp is late as the mapping says of its link."""
+    if link is None or m.stamp is not None or not isinstance(m.message, MavlinkMessage):
+        return m
+    return replace(m, delay_ns=link.delay_ns or 0)
+
+
 class _Families:
     """Types of ROS and of MAVLink, each as far as a mapping needs it."""
 
@@ -138,7 +145,8 @@ class _MappingReader:
         link = self._link(given, topics)
         types = self._types(problems.table(given, "messages", "the mapping"), topics, link)
         maps = [self._topic(name, given_, frame, types) for name, given_ in topics.items()]
-        return LogMap(tuple(m for of_topic in maps for m in of_topic), time, unit, where, link)
+        mapped = tuple(_delayed(m, link) for of_topic in maps for m in of_topic)
+        return LogMap(mapped, time, unit, where, link)
 
     def _topic(
         self, name: str, given: object, frame: str, types: KnownTypes | None

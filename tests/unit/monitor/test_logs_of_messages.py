@@ -33,7 +33,10 @@ from generators.robot_logs import (
 )
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
+from soter.mapping.read_mapping import mapping_of
 from soter.monitor.logs.files import mcap_messages
+from soter.monitor.logs.files.read_columns import read_columns
+from soter.monitor.logs.samples import samples_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,6 +92,45 @@ def test_a_stamp_may_be_a_number_in_a_unit(tmp_path: Path) -> None:
     assert "its stamp is 0" in told
     judged = judge(log, stamp={"from": "header.stamp.sec", "unit": "s"})
     assert judged.left_out["motion"][0] == 38  # there are two seconds in it
+
+
+GEOFENCE = CART.parents[1] / "mavlink" / "geofence.soter"
+LINK = {"url": "udpin://127.0.0.1:14540", "delay": "70ms"}
+
+
+@pytest.mark.parametrize(
+    ("typed", "late_ms", "told"),
+    [
+        ({"stamp": "arrival"}, 70, "arrival less 70 ms"),
+        ({}, 30, "time_boot_ms"),
+        ({"type": "nav_msgs/Odometry", "stamp": "arrival"}, 60, "arrival less 60 ms"),
+    ],
+)
+def test_a_value_of_a_log_is_as_old_as_its_bridge_takes_it(
+    tmp_path: Path, typed: dict[str, Any], late_ms: int, told: str
+) -> None:
+    """As `by_arrival` of soter_mavlink_topics.c and `measured_at` of the others have it."""
+    pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+    of_ros = "type" in typed
+    p, v = ("pose.pose.position", "twist.twist.linear") if of_ros else ("", "v")
+    fields = {
+        "p": [f"{p}.{a}" if of_ros else a for a in "xyz"],
+        "v": [f"{v}.{a}" if of_ros else f"{v}{a}" for a in "xyz"],
+    }
+    columns = ("t", "time_boot_ms", *fields["p"], *fields["v"])
+    rows = [(k / 10, k * 100 - 30, *range(6)) for k in range(1, 30)]
+    lines = [",".join(map(str, row)) for row in (columns, *rows)]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    topic = {"type": "mavlink/LOCAL_POSITION_NED", "frame": "NED", "fields": fields, **typed}
+    given = {"mavlink": LINK, "time": {"from": "t"}, "topics": {"motion": topic}}
+    system = load(GEOFENCE).flat("Companion")
+    log_map = mapping_of(given, system)
+    columns_read = read_columns(tmp_path / "log.csv", log_map)
+    (samples,) = samples_of(tmp_path / "log.csv", log_map, columns_read)
+    assert len(samples.times_ns) == 29
+    ages = [t - s for t, s in zip(samples.times_ns, samples.stamps_ns, strict=True)]
+    assert ages == [late_ms * MS] * 29
+    assert samples.stamp == told
 
 
 def test_an_element_beyond_the_end_of_a_list_leaves_the_message_out(tmp_path: Path) -> None:

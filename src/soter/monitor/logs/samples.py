@@ -156,6 +156,8 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
     stamps: Sequence[int | None] = [now - t.delay_ns for now in columns.times_ns]
     if t.stamp is not None:
         stamps, made.stamp = columns.stamps_ns[t.stamp], t.stamp.path
+    elif t.delay_ns > 0:
+        made.stamp = f"arrival less {show_ns(t.delay_ns)}"
     for i, now in enumerate(columns.times_ns):
         why = _foreign(t, columns, i)
         if t.stamp is not None and not why:
