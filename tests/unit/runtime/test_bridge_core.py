@@ -172,8 +172,10 @@ def test_a_value_that_its_writer_held_back_does_not_go_out(
         (
             True,
             1,
-            "2 nobody writes it: the actuators, or the trusted part, were gone when the bridge "
-            "began, and nothing is published",
+            (
+                "2 nobody writes it: the actuators, or the trusted part, were gone when the bridge "
+                "began, and nothing is published"
+            ),
         ),
     ],
 )
