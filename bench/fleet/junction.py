@@ -91,20 +91,20 @@ def one_run(program: soter.Program, row: Row, who: int, seed: int, tally: Tally)
     error = int(program.flat("Junction").params["reservation.E_CLOCK"])
     parts = ("base.truth", "Guard", "reservation.permit")
     trace = [f"r[{i}].car.{part}" for i in range(ROBOTS) for part in parts]
-    trace += [f"r[{i}].cut" for i in range(ROBOTS)]
+    trace += [f"r[{i}].cut" for i in range(ROBOTS)] + ["post.reservation.suspects"]
     params = row.params(who, error)
     run = program.simulate(seed=seed, params=params, sha256=False, trace=trace)
     t = run.time_s()
     ahead = params.get("post.reservation.OFFSET", 0)
     tally.runs += 1
     tally.collisions += run.violations
+    noticed = bool(run.topic("post.reservation.suspects")[-1].any())
     for i in range(ROBOTS):
         ac = run.mode(f"r[{i}].car.Guard") == 1
         permit = run.topic(f"r[{i}].car.reservation.permit")
         tally.crossings += int((np.diff(permit["through"].astype(int)) < 0).sum())
         tally.in_ac += float(ac.mean()) / ROBOTS
-        if permit["wrong"][-1]:
-            tally.noticed += 1
+        noticed |= bool(permit["wrong"][-1])
         if ac.any():
             news = t - 0.001 * (permit["newest"] - ahead)
             tally.news_s = max(tally.news_s, float(news[ac].max()))
@@ -115,6 +115,7 @@ def one_run(program: soter.Program, row: Row, who: int, seed: int, tally: Tally)
             until = t[min(int(last[-1]) + 1, len(t) - 1)] if len(last) else 0.0
             tally.never_sc += int(ac[-1])
             tally.to_sc_s.append(max(0.0, float(until - t[since])))
+    tally.noticed += int(noticed)
 
 
 def tallied(program: soter.Program, row: Row, runs: int) -> Tally:
