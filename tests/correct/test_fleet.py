@@ -1,0 +1,133 @@
+"""examples/fleet: each robot is proved, the leases exclude, and what goes wrong with one machine collides nowhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bench.fleet import junction as bench
+from bench.fleet.protocol_bugs import BUGS, Bug, found
+
+import soter
+
+FLEET = Path(__file__).resolve().parents[2] / "examples" / "fleet"
+UNCLAIMED = {"P2b", "failsafe"}
+BOUND_S = 0.56
+"""docs/fleet.md: CONTACT, a step of Gauge, a period of the DM."""
+
+
+@pytest.fixture(scope="module")
+def junction() -> soter.Program:
+    return soter.load(FLEET / "junction.soter")
+
+
+# ---------------------------------------------------------------- one robot
+
+
+def test_a_robot_is_proved_and_rechecked(tmp_path: Path) -> None:
+    report = soter.load(FLEET / "robot.soter").verify(cert=tmp_path / "cert")
+    verdicts = {k: f.verdict for k, f in report["Guard"].findings.items()}
+    assert report["Guard"].verdict == "proved"
+    assert {k for k, v in verdicts.items() if v != "proved"} == UNCLAIMED
+    assert soter.recheck(tmp_path / "cert").accepted
+
+
+def test_a_robot_whose_dm_looks_too_late_is_not_proved(tmp_path: Path) -> None:
+    text = (FLEET / "robot.soter").read_text("utf-8")
+    changed = text.replace("const NEED: float = 0.36;", "const NEED: float = 0.15;")
+    assert changed != text
+    (tmp_path / "robot.soter").write_text(changed, "utf-8")
+    (tmp_path / "reservation.soter").write_bytes((FLEET / "reservation.soter").read_bytes())
+    report = soter.load(tmp_path / "robot.soter").verify(refute=False)
+    assert report["Guard"].findings["P3"].verdict == "undecided"
+
+
+def _left(program: soter.Program, run: Any, i: int) -> tuple[Any, Any, Any]:
+    """What is left, truly, after every instant; the deviation that acts; whether the permit is the same."""
+    number = program.constant
+    truth = run.truth(f"r[{i}].car.base")
+    permit = run.topic(f"r[{i}].car.reservation.permit")
+    speed = run.array(f"r[{i}].car.robot.speed") / number("robot.FASTEST")
+    x, v, through = truth["x"], np.maximum(truth["v"], 0.0), permit["through"]
+    offset = 25 if i % 2 == 0 else -25
+    lasts = 0.001 * (permit["until"] - offset) - run.time_s()
+    line = np.where(x > number("robot.LENGTH"), number("robot.LAP"), 0.0)
+    room = line - x - v**2 / (2.0 * number("robot.BRAKE"))
+    sure, gain = number("robot.SURE"), number("robot.GAIN")
+    way = np.maximum(number("robot.LENGTH") + 2.0 * number("robot.NOISE_X") - x, 0.0)
+    way = way + np.maximum(sure - v, 0.0) ** 2 / (2.0 * gain)
+    out = (x > number("robot.LENGTH") + number("robot.NOISE_X")) | (x < -number("robot.NEAR") - 1)
+    top = number("robot.TOP")
+    left = np.where(through, np.where(out, top, sure * lasts - way), room)
+    deviation = np.where(through, 1.0 - speed, speed)
+    return np.clip(left, -top, top), deviation, through
+
+
+@pytest.mark.parametrize("hurry", [True, False])
+def test_a_robot_moves_as_the_plant_of_its_proof(junction: soter.Program, *, hurry: bool) -> None:
+    """Step by step: a command takes no more than COST of what is left, and what else changes gives."""
+    cost = junction.constant("robot.COST") * junction.constant("robot.FASTEST")
+    safe_from = junction.constant("robot.NEED") - junction.constant("robot.ERROR")
+    fell = 0.0
+    for seed in (1, 2, 3):
+        run = junction.simulate(system="Junction", seed=seed, params={"HURRY": hurry}, sha256=False)
+        at = np.flatnonzero(run.trace["header"]["ct"] % 10_000_000 == 0)  # steps of the base
+        for i in range(bench.ROBOTS):
+            left, deviation, through = (a[at] for a in _left(junction, run, i))
+            same = (through[1:] == through[:-1]) & (left[:-1] < junction.constant("robot.TOP"))
+            lost = left[:-1] - left[1:]
+            most = cost * np.maximum(deviation[1:], deviation[:-1]) * 0.01
+            assert (lost[same] <= most[same] + 1e-4).all()
+            assert (left[1:][~same] >= np.minimum(safe_from, left[:-1][~same])).all()
+            assert (left > 0.0).all()
+            fell = max(fell, float(lost.max()))
+    assert fell > 0.001
+
+
+# ---------------------------------------------------------------- what crosses
+
+
+@pytest.mark.long
+def test_leases_exclude_whatever_is_lost_late_or_out_of_order(tmp_path: Path) -> None:
+    report = soter.load(FLEET / "reservation_test.soter").explore(
+        memory="4G", horizon="600ms", output=tmp_path
+    )
+    assert {t.name: t.verdict for t in report.tests} == dict.fromkeys(
+        ("Alike", "Behind", "Ahead", "Restarted", "TwoManagers", "FromStrangers"), "exhausted"
+    )
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("bug", BUGS, ids=lambda b: b.name)
+def test_each_bug_of_the_protocol_is_found_by_a_shortest_run(bug: Bug, tmp_path: Path) -> None:
+    told = found(bug, tmp_path / "wrong")
+    assert told.test
+    assert told.minimal
+
+
+# ---------------------------------------------------------------- all of them
+
+
+@pytest.mark.parametrize("row", bench.ROWS, ids=lambda r: r.name)
+def test_nobody_collides_whatever_one_machine_does(
+    row: bench.Row, junction: soter.Program
+) -> None:
+    told = bench.tallied(junction, row, 10)
+    assert told.collisions == 0
+    assert told.never_sc == 0
+    assert max(told.to_sc_s, default=0.0) <= BOUND_S
+    assert told.news_s <= BOUND_S
+    assert told.crossings > 10
+
+
+def test_robots_without_their_modules_collide(junction: soter.Program) -> None:
+    run = junction.simulate(system="Unprotected", trace=False, sha256=False)
+    assert run.violations > 0
+
+
+def test_a_robot_that_hears_nobody_stays_before_the_line() -> None:
+    run = soter.load(FLEET / "robot.soter").simulate(until="60s", params={"START": -1.0})
+    assert run.truth("base")["x"].max() < 0.0
+    assert (run.mode("Guard") == 0).all()
