@@ -83,7 +83,17 @@ class Machine:
         shutil.rmtree(self.channels, ignore_errors=True)
         self.channels.mkdir(parents=True)
         words: list[str | Path] = [package / "trusted" / "vehicle", "--channels", self.channels]
-        more = ["--misses", "1000000000", "--wait", "1", "--policy", "other", "--quiet", "--core", "none"]
+        more = [
+            "--misses",
+            "1000000000",
+            "--wait",
+            "1",
+            "--policy",
+            "other",
+            "--quiet",
+            "--core",
+            "none",
+        ]
         bridge = [next((package / "build").glob("*_bridge")), "--channels", self.channels]
         for command in ([*words, *more], [*bridge, "--clock-error", "0.05"]):
             said = (self.channels.parent / f"{self.name}_{len(self.processes)}.txt").open("wb")
@@ -216,7 +226,7 @@ class World:
 
 @dataclass(frozen=True)
 class Row:
-    """What happens to which machine, and when: as soon as `when` holds of the bases, from 20 s on."""
+    """What happens to which machine, from 20 s on, once robot 1 is in the junction or not."""
 
     name: str
     machine: str

@@ -82,7 +82,7 @@ class Tally:
 
 
 def _silent(who: int) -> range | tuple[int, ...]:
-    """The robots whose proof reads a machine that falls silent: they hear the manager, and no other."""
+    """The robots whose proof reads a machine that falls silent: they hear the manager alone."""
     return range(ROBOTS) if who == MANAGER else (who,)
 
 

@@ -1,4 +1,4 @@
-"""The leases of examples/fleet with a bug put in: does `soter test` find each, and how short is the run?
+"""The leases of examples/fleet with a bug put in, each found by `soter test`, or not.
 
 Purpose: a table, a line a bug: which test of `reservation_test.soter` is violated, after how many
 steps, at what time, and whether the explorer says that no shorter run violates it. Each bug is one
@@ -33,7 +33,9 @@ class Bug:
 UNTIL = "granted == NEVER ? NEVER : granted + LEASE - E_CLOCK"
 BUGS = (
     Bug("no age check: a grant lasts for ever", UNTIL, "granted == NEVER ? NEVER : 1000000000"),
-    Bug("aged from its arrival, not its sending", "{ granted = heard.sent; }", "{ granted = now; }"),
+    Bug(
+        "aged from its arrival, not its sending", "{ granted = heard.sent; }", "{ granted = now; }"
+    ),
     Bug("E_CLOCK forgotten", UNTIL, "granted == NEVER ? NEVER : granted + LEASE"),
     Bug("an old grant accepted", "heard.to == ID && heard.number == number", "heard.to == ID"),
     Bug("a grant to somebody else taken", "heard.to == ID &&", "heard.to != NOBODY &&"),

@@ -52,6 +52,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("drone.md", "The drone"),
             ("surveillance.md", "The surveillance drone"),
             ("exploration.md", "Safe exploration"),
+            ("fleet.md", "Several robots"),
             ("mountain_car.md", "The mountain car"),
             ("results.md", "Results"),
             ("newcomers.md", "Newcomers"),

@@ -1,4 +1,9 @@
-"""examples/fleet: each robot is proved, the leases exclude, and what goes wrong with one machine collides nowhere."""
+"""examples/fleet: robots that are proved, leases that exclude, and one machine in trouble.
+
+Purpose: the claims of docs/fleet.md: proof and recheck, every step against the plant of the proof,
+the protocol's tests, its bugs found, no collision and SC in time.
+Non-goals: processes over DDS (`bench/fleet/dds_junction.py`).
+"""
 
 from __future__ import annotations
 
@@ -45,7 +50,7 @@ def test_a_robot_whose_dm_looks_too_late_is_not_proved(tmp_path: Path) -> None:
 
 
 def _left(program: soter.Program, run: Any, i: int) -> tuple[Any, Any, Any]:
-    """What is left, truly, after every instant; the deviation that acts; whether the permit is the same."""
+    """What is truly left after every instant, the deviation that acts, and `through`."""
     number = program.constant
     truth = run.truth(f"r[{i}].car.base")
     permit = run.topic(f"r[{i}].car.reservation.permit")
@@ -67,7 +72,7 @@ def _left(program: soter.Program, run: Any, i: int) -> tuple[Any, Any, Any]:
 
 @pytest.mark.parametrize("hurry", [True, False])
 def test_a_robot_moves_as_the_plant_of_its_proof(junction: soter.Program, *, hurry: bool) -> None:
-    """Step by step: a command takes no more than COST of what is left, and what else changes gives."""
+    """A command takes no more than COST of what is left, and what else changes gives."""
     cost = junction.constant("robot.COST") * junction.constant("robot.FASTEST")
     safe_from = junction.constant("robot.NEED") - junction.constant("robot.ERROR")
     fell = 0.0
@@ -111,9 +116,7 @@ def test_each_bug_of_the_protocol_is_found_by_a_shortest_run(bug: Bug, tmp_path:
 
 
 @pytest.mark.parametrize("row", bench.ROWS, ids=lambda r: r.name)
-def test_nobody_collides_whatever_one_machine_does(
-    row: bench.Row, junction: soter.Program
-) -> None:
+def test_nobody_collides_whatever_one_machine_does(row: bench.Row, junction: soter.Program) -> None:
     told = bench.tallied(junction, row, 10)
     assert told.collisions == 0
     assert told.never_sc == 0
