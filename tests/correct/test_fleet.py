@@ -7,6 +7,7 @@ Non-goals: processes over DDS (`bench/fleet/dds_junction.py`).
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +32,21 @@ def junction() -> soter.Program:
 # ---------------------------------------------------------------- one robot
 
 
-def test_a_robot_is_proved_and_rechecked(tmp_path: Path) -> None:
-    report = soter.load(FLEET / "robot.soter").verify(cert=tmp_path / "cert")
+def changed(folder: Path, name: str, old: str, new: str) -> Path:
+    """The fleet in a new folder, one file of it with another text; its path."""
+    shutil.copytree(FLEET, folder)
+    text = (folder / name).read_text("utf-8")
+    assert old in text, old
+    (folder / name).write_text(text.replace(old, new), "utf-8")
+    return folder / name
+
+
+@pytest.mark.parametrize("i", range(bench.ROBOTS))
+def test_each_robot_is_proved_and_rechecked_as_the_junction_has_it(i: int, tmp_path: Path) -> None:
+    """Its own name, clock and start: no value of them is left to another proof."""
+    own = {"reservation.ID": i, "reservation.OFFSET": 25 if i % 2 == 0 else -25}
+    program = soter.load(FLEET / "robot.soter")
+    report = program.verify(params={**own, "START": -2.0 - 0.5 * i}, cert=tmp_path / "cert")
     verdicts = {k: f.verdict for k, f in report["Guard"].findings.items()}
     assert report["Guard"].verdict == "proved"
     assert {k for k, v in verdicts.items() if v != "proved"} == UNCLAIMED
@@ -40,12 +54,10 @@ def test_a_robot_is_proved_and_rechecked(tmp_path: Path) -> None:
 
 
 def test_a_robot_whose_dm_looks_too_late_is_not_proved(tmp_path: Path) -> None:
-    text = (FLEET / "robot.soter").read_text("utf-8")
-    changed = text.replace("const NEED: float = 0.36;", "const NEED: float = 0.15;")
-    assert changed != text
-    (tmp_path / "robot.soter").write_text(changed, "utf-8")
-    (tmp_path / "reservation.soter").write_bytes((FLEET / "reservation.soter").read_bytes())
-    report = soter.load(tmp_path / "robot.soter").verify(refute=False)
+    path = changed(
+        tmp_path / "late", "robot.soter", "const NEED: float = 0.36;", "const NEED: float = 0.15;"
+    )
+    report = soter.load(path).verify(refute=False)
     assert report["Guard"].findings["P3"].verdict == "undecided"
 
 
@@ -128,6 +140,23 @@ def test_nobody_collides_whatever_one_machine_does(row: bench.Row, junction: sot
 def test_robots_without_their_modules_collide(junction: soter.Program) -> None:
     run = junction.simulate(system="Unprotected", trace=False, sha256=False)
     assert run.violations > 0
+
+
+def test_robots_that_do_not_ask_how_old_news_are_go_on_for_longer(tmp_path: Path) -> None:
+    wanted = "const CONTACT: float = 0.5;"
+    path = changed(tmp_path / "deaf", "robot.soter", wanted, "const CONTACT: float = 0.9;")
+    (row,) = (r for r in bench.ROWS if r.name == "cut off")
+    told = bench.tallied(soter.load(path.parent / "junction.soter"), row, 5)
+    assert max(told.to_sc_s) > BOUND_S
+    assert told.news_s > BOUND_S
+
+
+def test_without_the_loop_somebody_drives_into_a_robot_that_died(tmp_path: Path) -> None:
+    """What `occupied` is for: no lease speaks of a machine that is no more."""
+    seen = "inside(at_0.x) || inside(at_1.x) || inside(at_2.x) || inside(at_3.x)"
+    path = changed(tmp_path / "blind", "junction.soter", seen, "false")
+    (row,) = (r for r in bench.ROWS if r.name == "stopped")
+    assert bench.tallied(soter.load(path), row, 50).collisions > 0
 
 
 def test_a_robot_that_hears_nobody_stays_before_the_line() -> None:
