@@ -57,7 +57,15 @@ def build(folder: Path) -> None:
         (maps / own).write_text(text, "utf-8")
         system = "Post" if name == "post" else "Vehicle"
         more = [] if name == "post" else ["--set", f"reservation.ID={number}"]
-        words = ("-m", "soter", "build", FLEET / "vehicle.soter", "--system", system, *more)
+        words: tuple[str | Path, ...] = (
+            "-m",
+            "soter",
+            "build",
+            FLEET / "vehicle.soter",
+            "--system",
+            system,
+            *more,
+        )
         _run(sys.executable, *words, "--target", "dds", "--map", maps / own, "-o", package)
         _run("make", "-C", package)
 

@@ -80,7 +80,9 @@ def found(bug: Bug, folder: Path) -> Found:
     for test in TESTS:
         (result,) = program.explore(test=test, memory="4G", output=folder / "traces").tests
         if result.verdict == "violated":
-            steps = soter.replay(result.trace).trace.steps
+            assert result.replayed is not None
+            assert result.broken is not None
+            steps = result.replayed.steps
             at = steps[-1].time_ns // 1_000_000
             return Found(test, len(steps), at, result.minimal, result.broken.text)
     return Found()

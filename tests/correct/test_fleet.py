@@ -17,6 +17,7 @@ from bench.fleet import junction as bench
 from bench.fleet.protocol_bugs import BUGS, Bug, found
 
 import soter
+from soter.cli.main import main
 
 FLEET = Path(__file__).resolve().parents[2] / "examples" / "fleet"
 UNCLAIMED = {"P2b", "failsafe"}
@@ -90,7 +91,9 @@ def test_a_robot_moves_as_the_plant_of_its_proof(junction: soter.Program, *, hur
     fell = 0.0
     for seed in (1, 2, 3):
         run = junction.simulate(system="Junction", seed=seed, params={"HURRY": hurry}, sha256=False)
-        at = np.flatnonzero(run.trace["header"]["ct"] % 10_000_000 == 0)  # steps of the base
+        at = np.flatnonzero(
+            run.require_trace()["header"]["ct"] % 10_000_000 == 0
+        )  # steps of the base
         for i in range(bench.ROBOTS):
             left, deviation, through = (a[at] for a in _left(junction, run, i))
             same = (through[1:] == through[:-1]) & (left[:-1] < junction.constant("robot.TOP"))
@@ -122,6 +125,20 @@ def test_each_bug_of_the_protocol_is_found_by_a_shortest_run(bug: Bug, tmp_path:
     told = found(bug, tmp_path / "wrong")
     assert told.test
     assert told.minimal
+
+
+@pytest.mark.parametrize(("system", "map_"), [("Vehicle", "vehicle.toml"), ("Post", "post.toml")])
+def test_a_machine_of_the_fleet_is_a_process_that_speaks_dds(
+    system: str, map_: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags", reason="the extra is absent: soter[ros]")
+    out = tmp_path / "out"
+    words = ["build", str(FLEET / "vehicle.soter"), "--system", system, "--target", "dds"]
+    assert main([*words, "--map", str(FLEET / map_), "-o", str(out)]) == 0
+    (idl,) = (out / "idl").glob("*.idl")
+    text = idl.read_text("utf-8")
+    assert "Grant_" in text
+    assert "Request_" in text
 
 
 # ---------------------------------------------------------------- all of them
