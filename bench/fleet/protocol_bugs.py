@@ -77,8 +77,9 @@ def with_bug(bug: Bug, folder: Path) -> Path:
 def found(bug: Bug, folder: Path) -> Found:
     """What its test says of it."""
     program = soter.load(with_bug(bug, folder))
-    how = {"memory": "4G", "minimise": 600.0}  # s: as long as it takes on a busy machine
-    (result,) = program.explore(test=bug.test, output=folder / "traces", **how).tests
+    (result,) = program.explore(
+        test=bug.test, memory="4G", minimise=600.0, output=folder / "traces"
+    ).tests  # 600 s: a shortest run, on a busy machine, too
     if result.verdict == "violated":
         assert result.replayed is not None
         assert result.broken is not None
