@@ -53,6 +53,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("surveillance.md", "The surveillance drone"),
             ("exploration.md", "Safe exploration"),
             ("autopilot.md", "Somebody else's autopilot"),
+            ("fleet.md", "Several robots"),
             ("mountain_car.md", "The mountain car"),
             ("results.md", "Results"),
             ("newcomers.md", "Newcomers"),

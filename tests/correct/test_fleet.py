@@ -1,0 +1,182 @@
+"""examples/fleet: robots that are proved, leases that exclude, and one machine in trouble.
+
+Purpose: the claims of docs/fleet.md: proof and recheck, every step against the plant of the proof,
+the protocol's tests, its bugs found, no collision and SC in time.
+Non-goals: processes over DDS (`bench/fleet/dds_junction.py`).
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bench.fleet import junction as bench
+from bench.fleet.protocol_bugs import BUGS, Bug, found
+
+import soter
+from soter.cli.main import main
+
+FLEET = Path(__file__).resolve().parents[2] / "examples" / "fleet"
+UNCLAIMED = {"P2b", "failsafe"}
+BOUND_S = 0.56
+"""docs/fleet.md: CONTACT, a step of Gauge, a period of the DM."""
+
+
+@pytest.fixture(scope="module")
+def junction() -> soter.Program:
+    return soter.load(FLEET / "junction.soter")
+
+
+# ---------------------------------------------------------------- one robot
+
+
+def changed(folder: Path, name: str, old: str, new: str) -> Path:
+    """The fleet in a new folder, one file of it with another text; its path."""
+    shutil.copytree(FLEET, folder)
+    text = (folder / name).read_text("utf-8")
+    assert old in text, old
+    (folder / name).write_text(text.replace(old, new), "utf-8")
+    return folder / name
+
+
+@pytest.mark.parametrize("i", range(bench.ROBOTS))
+def test_each_robot_is_proved_and_rechecked_as_the_junction_has_it(i: int, tmp_path: Path) -> None:
+    """Its own name, clock and start: no value of them is left to another proof."""
+    own = {"reservation.ID": i, "reservation.OFFSET": 25 if i % 2 == 0 else -25}
+    program = soter.load(FLEET / "robot.soter")
+    report = program.verify(params={**own, "START": -2.0 - 0.5 * i}, cert=tmp_path / "cert")
+    verdicts = {k: f.verdict for k, f in report["Guard"].findings.items()}
+    assert report["Guard"].verdict == "proved"
+    assert {k for k, v in verdicts.items() if v != "proved"} == UNCLAIMED
+    assert soter.recheck(tmp_path / "cert").accepted
+
+
+def test_a_robot_whose_dm_looks_too_late_is_not_proved(tmp_path: Path) -> None:
+    path = changed(
+        tmp_path / "late", "robot.soter", "const NEED: float = 0.36;", "const NEED: float = 0.15;"
+    )
+    report = soter.load(path).verify(refute=False)
+    assert report["Guard"].findings["P3"].verdict == "undecided"
+
+
+def _left(program: soter.Program, run: Any, i: int) -> tuple[Any, Any, Any]:
+    """What is truly left after every instant, the deviation that acts, and `through`."""
+    number = program.constant
+    truth = run.truth(f"r[{i}].car.base")
+    permit = run.topic(f"r[{i}].car.reservation.permit")
+    speed = run.array(f"r[{i}].car.robot.speed") / number("robot.FASTEST")
+    x, v, through = truth["x"], np.maximum(truth["v"], 0.0), permit["through"]
+    offset = 25 if i % 2 == 0 else -25
+    lasts = 0.001 * (permit["until"] - offset) - run.time_s()
+    line = np.where(x > number("robot.LENGTH"), number("robot.LAP"), 0.0)
+    room = line - x - v**2 / (2.0 * number("robot.BRAKE"))
+    sure, gain = number("robot.SURE"), number("robot.GAIN")
+    way = np.maximum(number("robot.LENGTH") + 2.0 * number("robot.NOISE_X") - x, 0.0)
+    way = way + np.maximum(sure - v, 0.0) ** 2 / (2.0 * gain)
+    out = (x > number("robot.LENGTH") + number("robot.NOISE_X")) | (x < -number("robot.NEAR") - 1)
+    top = number("robot.TOP")
+    left = np.where(through, np.where(out, top, sure * lasts - way), room)
+    deviation = np.where(through, 1.0 - speed, speed)
+    return np.clip(left, -top, top), deviation, through
+
+
+@pytest.mark.parametrize("hurry", [True, False])
+def test_a_robot_moves_as_the_plant_of_its_proof(junction: soter.Program, *, hurry: bool) -> None:
+    """A command takes no more than COST of what is left, and what else changes gives."""
+    cost = junction.constant("robot.COST") * junction.constant("robot.FASTEST")
+    safe_from = junction.constant("robot.NEED") - junction.constant("robot.ERROR")
+    fell = 0.0
+    for seed in (1, 2, 3):
+        run = junction.simulate(system="Junction", seed=seed, params={"HURRY": hurry}, sha256=False)
+        at = np.flatnonzero(
+            run.require_trace()["header"]["ct"] % 10_000_000 == 0
+        )  # steps of the base
+        for i in range(bench.ROBOTS):
+            left, deviation, through = (a[at] for a in _left(junction, run, i))
+            same = (through[1:] == through[:-1]) & (left[:-1] < junction.constant("robot.TOP"))
+            lost = left[:-1] - left[1:]
+            most = cost * np.maximum(deviation[1:], deviation[:-1]) * 0.01
+            assert (lost[same] <= most[same] + 1e-4).all()
+            assert (left[1:][~same] >= np.minimum(safe_from, left[:-1][~same])).all()
+            assert (left > 0.0).all()
+            fell = max(fell, float(lost.max()))
+    assert fell > 0.001
+
+
+# ---------------------------------------------------------------- what crosses
+
+
+@pytest.mark.long
+def test_leases_exclude_whatever_is_lost_late_or_out_of_order(tmp_path: Path) -> None:
+    report = soter.load(FLEET / "reservation_test.soter").explore(
+        memory="4G", horizon="600ms", output=tmp_path
+    )
+    assert {t.name: t.verdict for t in report.tests} == dict.fromkeys(
+        ("Alike", "Behind", "Ahead", "Restarted", "TwoManagers", "FromStrangers"), "exhausted"
+    )
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("bug", BUGS, ids=lambda b: b.name)
+def test_each_bug_of_the_protocol_is_found_by_a_shortest_run(bug: Bug, tmp_path: Path) -> None:
+    told = found(bug, tmp_path / "wrong")
+    assert told.test
+    assert told.minimal
+
+
+@pytest.mark.parametrize(("system", "map_"), [("Vehicle", "vehicle.toml"), ("Post", "post.toml")])
+def test_a_machine_of_the_fleet_is_a_process_that_speaks_dds(
+    system: str, map_: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags", reason="the extra is absent: soter[ros]")
+    out = tmp_path / "out"
+    words = ["build", str(FLEET / "vehicle.soter"), "--system", system, "--target", "dds"]
+    assert main([*words, "--map", str(FLEET / map_), "-o", str(out)]) == 0
+    (idl,) = (out / "idl").glob("*.idl")
+    text = idl.read_text("utf-8")
+    assert "Grant_" in text
+    assert "Request_" in text
+
+
+# ---------------------------------------------------------------- all of them
+
+
+@pytest.mark.parametrize("row", bench.ROWS, ids=lambda r: r.name)
+def test_nobody_collides_whatever_one_machine_does(row: bench.Row, junction: soter.Program) -> None:
+    told = bench.tallied(junction, row, 10)
+    assert told.collisions == 0
+    assert told.never_sc == 0
+    assert max(told.to_sc_s, default=0.0) <= BOUND_S
+    assert told.news_s <= BOUND_S
+    assert told.crossings > 10
+
+
+def test_robots_without_their_modules_collide(junction: soter.Program) -> None:
+    run = junction.simulate(system="Unprotected", trace=False, sha256=False)
+    assert run.violations > 0
+
+
+def test_robots_that_do_not_ask_how_old_news_are_go_on_for_longer(tmp_path: Path) -> None:
+    wanted = "const CONTACT: float = 0.5;"
+    path = changed(tmp_path / "deaf", "robot.soter", wanted, "const CONTACT: float = 0.9;")
+    (row,) = (r for r in bench.ROWS if r.name == "cut off")
+    told = bench.tallied(soter.load(path.parent / "junction.soter"), row, 5)
+    assert max(told.to_sc_s) > BOUND_S
+    assert told.news_s > BOUND_S
+
+
+def test_without_the_loop_somebody_drives_into_a_robot_that_died(tmp_path: Path) -> None:
+    """What `occupied` is for: no lease speaks of a machine that is no more."""
+    seen = "inside(at_0.x) || inside(at_1.x) || inside(at_2.x) || inside(at_3.x)"
+    path = changed(tmp_path / "blind", "junction.soter", seen, "false")
+    (row,) = (r for r in bench.ROWS if r.name == "stopped")
+    assert bench.tallied(soter.load(path), row, 50).collisions > 0
+
+
+def test_a_robot_that_hears_nobody_stays_before_the_line() -> None:
+    run = soter.load(FLEET / "robot.soter").simulate(until="60s", params={"START": -1.0})
+    assert run.truth("base")["x"].max() < 0.0
+    assert (run.mode("Guard") == 0).all()
