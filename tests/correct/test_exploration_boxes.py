@@ -178,3 +178,16 @@ def test_a_flight_with_a_lidar_at_its_worst_ends_with_a_true_map(
             assert met_cells(grid, corners, free.__contains__) == set(), (system, seed)
         assert not end_of(run, "mapper.doubt")
         assert run.violations == 0 or system == "BareFrontier"
+
+
+@pytest.mark.parametrize("axis", ["", "x", "y", "z"])
+def test_a_box_that_is_upside_down_is_not_known_to_be_free(axis: str) -> None:
+    program = soter.load(EXAMPLES / "exploration" / "grid.soter")
+    start = program.constant("START")
+    low = {a: getattr(start, a) - 0.2 for a in "xyz"}
+    high = {a: getattr(start, a) + 0.2 for a in "xyz"}
+    if axis:
+        low[axis], high[axis] = high[axis], low[axis]
+    sums = program.function("sums")(program.constant("AT_START"))
+    box = {"low": low, "high": high, "aim": low}
+    assert program.function("KnownFree")(sums, box) is (not axis)
