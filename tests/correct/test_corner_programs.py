@@ -34,7 +34,7 @@ NOTHING_TO_RUN = {
         *("drone/logbook", "drone/planner", "drone/roadmap", "drone/surveillance"),
         *("evidence/courier", "evidence/reel"),
         *("exploration/frontier", "exploration/grid", "exploration/mapper"),
-        *("exploration/recorder", "exploration/worlds"),
+        *("exploration/recorder", "exploration/walkers", "exploration/worlds"),
         *("mountain_car/gymnasium", "testing/late_sc_on_time", "drone/mujoco_quad"),
     )
 } | {f"tests/correct/{name}.soter" for name in ("a_library", "externs", "files/shapes")}
