@@ -1,7 +1,8 @@
 """Vehicles that stand whoever comes: no wrong one is proved.
 
-Purpose: each edit of `generators/passive_vehicles.py` leaves `safe`, and the prover does not say otherwise.
-Non-goals: the right ones (`correct/test_passive_vehicles.py`).
+Purpose: each edit of `generators/passive_vehicles.py` leaves `safe`, and the prover does
+not say otherwise.
+Non-goals: the right ones (`correct/test_vehicles_among_people.py`).
 """
 
 from __future__ import annotations

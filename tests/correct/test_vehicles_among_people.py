@@ -1,8 +1,8 @@
 """Other vehicles among moving things: nobody is touched by one that moves.
 
-Purpose: `examples/exploration/wheels.soter` is proved, and somebody else agrees; those who mean to be
-hit are not, by a vehicle that moves; one that does not switch hits them; and what is simulated
-does as the plant of the proof may.
+Purpose: `examples/exploration/wheels.soter` is proved, and somebody else agrees; those who mean
+to be hit are not, by a vehicle that moves; one that does not switch hits them; and what is
+simulated does as the plant of the proof may.
 Non-goals: wrong modules (`unit/verify/claims/test_passive_vehicles.py`); `people.soter`.
 """
 
