@@ -622,6 +622,24 @@ BENCHMARKS = (
         "is measured within so many metres, and reckons with no time.",
     ),
     Benchmark(
+        "Safe exploration: planners of others",
+        (
+            *("bench/exploration/worlds.py", "--only", "OMPL's RRTConnect", "learned"),
+            *("bare: learned", "boxes of an old map"),
+        ),
+        "The same seeds; none of these worlds was trained in. `bare`: without a decision module.",
+    ),
+    Benchmark(
+        "Safe exploration: the mapper's margins",
+        ("bench/exploration/mapper.py",),
+        "Scenes with every error at its bound, judged in exact arithmetic.",
+    ),
+    Benchmark(
+        "Safe exploration: a lidar that is worse than assumed",
+        ("bench/exploration/sensors.py",),
+        "Frontier exploration for 2 min; detection, no proof.",
+    ),
+    Benchmark(
         "A rover among people",
         ("bench/exploration/people.py",),
         "examples/exploration/people.soter, simulated: 120 s a run, three people, W = 1 m/s, the "

@@ -136,7 +136,7 @@ def main() -> int:
                 said = told["of roscpp", "log"]
                 shown = f"of roscpp, rospy: {said}"
             silent += said in ("", "0", "published")
-            shown = f"ENDED: {ended}" if ended else shown[:90]
+            shown = f"ENDED: {ended}" if ended else shown[:90].rstrip("\\")
             print(f"{case:<26} {', '.join(dict.fromkeys(commands)):<18} {shown}", flush=True)
     print(
         f"{len(chosen)} cases: {wrong} with a wrong command, {silent} of which nobody said a word"

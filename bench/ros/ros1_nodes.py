@@ -16,6 +16,7 @@ import tempfile
 import threading
 import time
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,8 +28,10 @@ HERE = Path(__file__).resolve().parent
 SYSTEM_PYTHON = "/usr/bin/python3"
 """Debian's ROS is of the system's Python."""
 PACKAGES = ("roscpp", "nav_msgs", "geometry_msgs", "std_msgs", "rosgraph_msgs")
+PYTHON_PACKAGES = ("rospy", "nav_msgs", "geometry_msgs", "sensor_msgs", "std_msgs")
 
 
+@cache
 def missing() -> str:
     """What of ROS 1 this machine lacks; "": nothing."""
     if shutil.which("rosmaster") is None:
@@ -36,7 +39,14 @@ def missing() -> str:
     if shutil.which("cmake") is None:
         return "cmake"
     told = subprocess.run(["pkg-config", "--exists", *PACKAGES], check=False)
-    return "" if told.returncode == 0 else "roscpp (Debian: libroscpp-dev)"
+    if told.returncode != 0:
+        return "roscpp (Debian: libroscpp-dev)"
+    absent_of = f"print(*[n for n in {PYTHON_PACKAGES} if not find_spec(n)])"
+    look = f"from importlib.util import find_spec; {absent_of}"
+    words = [SYSTEM_PYTHON, "-c", look]
+    absent = subprocess.run(words, check=True, capture_output=True, text=True).stdout.split()
+    debian = " ".join(f"python3-{name.replace('_', '-')}" for name in absent)
+    return f"rospy's {' '.join(absent)} (Debian: {debian})" if absent else ""
 
 
 def built_package(example: Path, system: str, mapping: Path, folder: Path) -> Path:

@@ -165,10 +165,14 @@ def picture(e: Exploration) -> str:
     return f"{head}><style>{_report_colours()}{_colours()}</style>{drawing}\n"
 
 
+def _of_reports(asset: str) -> str:
+    """What the pages of reports are made with, too."""
+    return (resources.files("soter.report") / "assets" / asset).read_text(encoding="utf-8")
+
+
 def _report_colours() -> str:
     """The variables of the report's style sheet, light and dark."""
-    sheet = resources.files("soter.report") / "assets" / "report.css"
-    text = sheet.read_text(encoding="utf-8")
+    text = _of_reports("report.css")
     return text[text.index(":root") : text.index("\n* {")]
 
 
@@ -254,9 +258,9 @@ def _reached(reached: tuple[bool, ...]) -> str:
 def assumed_of_map() -> str:
     """What the mapper says at its head that it assumes."""
     text = (HERE / "mapper.soter").read_text(encoding="utf-8")
-    found = re.search(r"^// Assumed[^:]*: (.*?\.)\n// [A-Z]", text, re.DOTALL | re.MULTILINE)
-    assert found is not None, "mapper.soter says at its head what it assumes"
-    text = found[1].replace("\n// ", " ")
+    match = re.search(r"^// Assumed[^:]*: (.*?\.)\n// [A-Z]", text, re.DOTALL | re.MULTILINE)
+    assert match is not None, "mapper.soter says at its head what it assumes"
+    text = match[1].replace("\n// ", " ")
     return text[0].upper() + text[1:]
 
 
@@ -388,8 +392,8 @@ def page(e: Exploration, command: str) -> str:
     )
     grounds = [assumed_of_map(), *_silence(e), *e.run.notes, *of_run(e.run.system)]
     items = "".join(f"<li>{escape(text)}</li>" for text in grounds)
-    packed_script = resources.files("soter.report") / "assets" / "packed.js"
-    scripts = packed_script.read_text(encoding="utf-8") + (HERE / "replay.js").read_text("utf-8")
+    shared = _of_reports("packed.js") + _of_reports("player.js")
+    scripts = shared + (HERE / "replay.js").read_text(encoding="utf-8")
     main = (
         f"<style>{_style()}</style>"
         '<header class="top"><h1>Safe exploration: what was known when</h1>'

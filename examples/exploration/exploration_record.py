@@ -85,7 +85,7 @@ class Watch:
         self.corridors: list[Boxes] = []
         self.next_goal: list[tuple[float, int]] = []
         self._topics = topics
-        self._kept: list[dict[str, NDArray[Any]]] = []
+        self._samples: list[dict[str, NDArray[Any]]] = []
         self._last: NDArray[Any] | None = None
 
     def begin(self, *_: object) -> None:
@@ -102,19 +102,19 @@ class Watch:
         changed = np.concatenate([[False], mode[1:] != mode[:-1]])
         new = np.arange(len(rows)) >= (0 if first else 1)
         chosen = rows[new & (changed | (rows["header"]["ct"] % STEP_NS == 0))]
-        self._kept.append(self._sampled(chosen))
+        self._samples.append(self._sampled(chosen))
 
     def end(self, _run: object, _why: str) -> None:
         """Keep the last state, too."""
         if self._last is not None:
-            self._kept.append(self._sampled(self._last))
+            self._samples.append(self._sampled(self._last))
 
     def end_by(self, error: BaseException) -> None:
         """Nothing is to be kept."""
 
     def column(self, name: str) -> NDArray[Any]:
         """What was sampled, (n,) or (n, 2)."""
-        return np.concatenate([part[name] for part in self._kept])
+        return np.concatenate([part[name] for part in self._samples])
 
     def _topic(self, states: NDArray[Any], own_name: str) -> NDArray[Any]:
         values: NDArray[Any] = states["topics"][self._topics[own_name]]

@@ -1,6 +1,6 @@
 // Replays an exploration: which cells were known, where the vehicle was, who was in control.
-// Purpose: a canvas, a slider, a play button; `window.exploredAt(t)` tells tests what is shown.
-// Non-goals: the still picture, the strips over time: Python has drawn them.
+// Purpose: a canvas; `window.exploredAt(t)` tells tests what is shown.
+// Non-goals: the player (`player.js` of the reports); the still picture, the strips over time: Python drew them.
 "use strict";
 
 (() => {
@@ -9,11 +9,8 @@
   const root = document.documentElement;
   root.classList.add("scripted");
   const canvas = document.getElementById("map");
-  const slider = document.getElementById("when");
   const reading = document.getElementById("reading");
   const player = document.querySelector(".explored .player");
-  const play = player.querySelector(".play");
-  const pace = player.querySelector("select");
   const NEW_MS = 1000; // for so long a cell is drawn as new
   const DOTS = run.decisions.length > 160 ? 1.8 : run.decisions.length > 48 ? 2.8 : 4; // px
 
@@ -25,19 +22,12 @@
   const path = Object.fromEntries(Object.entries(run.path).map(([name, list]) => [name, soterUnpacked(list)]));
 
   // How many of the first entries are not later than t.
-  function count(list, t, of = (x) => x) {
-    let [low, high] = [0, list.length];
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      of(list[middle]) <= t ? (low = middle + 1) : (high = middle);
-    }
-    return low;
-  }
-  const latest = (rows, t) => rows[count(rows, t, ([since]) => since) - 1];
+  const count = (list, t, of) => soterLatest(list, t, of) + 1;
+  const latest = (rows, t) => rows[soterLatest(rows, t, ([since]) => since)];
 
   function shownAt(t) {
     const upTo = t + 1e-6;
-    const at = Math.max(count(path.t, upTo) - 1, 0);
+    const at = Math.max(soterLatest(path.t, upTo), 0);
     return {
       known: count(sorted, 1000 * upTo) / (n * n),
       ac: path.ac[at] === 1,
@@ -196,8 +186,10 @@
     dot(path.x[now.at], path.y[now.at], 6, colours.ink, colours.paper, 1.5);
   }
 
+  let drawn = run.end; // s
   function draw(t) {
     const now = shownAt(t);
+    drawn = t;
     drawCells(1000 * (t + 1e-6));
     run.walls.forEach((wall) => outline(wall, { fill: hatch, stroke: colours.hidden, dash: [5, 3] }));
     now.corridor.forEach((b) => box(b, { stroke: colours.ink, dash: [2, 3] }));
@@ -211,9 +203,7 @@
     reading.textContent =
       `${t.toFixed(1)} s · ${(100 * now.known).toFixed(1)} % known · ${now.ac ? "AC" : "SC"} in control · ` +
       `${now.speed.toFixed(1)} m/s${goal}`;
-    slider.value = t;
-    slider.setAttribute("aria-valuetext", reading.textContent);
-    player.style.setProperty("--at", run.end ? t / run.end : 0);
+    player.querySelector("input").setAttribute("aria-valuetext", reading.textContent);
     for (const line of document.querySelectorAll(".explored .now")) {
       const x = Number(line.dataset.left) + t * Number(line.dataset.scale);
       line.setAttribute("x1", x);
@@ -221,63 +211,14 @@
     }
   }
 
-  // ---------------------------------------------------------------- the player
-  let now = run.end; // s
-  let last = null; // the clock's ms at the frame before, while it plays
-  function go(t) {
-    now = Math.min(Math.max(t, 0), run.end);
-    draw(now);
-  }
-
-  function stop() {
-    last = null;
-    play.textContent = "▶";
-    play.setAttribute("aria-label", "play");
-  }
-
-  function frame(clock) {
-    if (last === null) {
-      return;
-    }
-    const next = now + ((clock - last) / 1000) * Number(pace.value);
-    last = clock;
-    go(next);
-    if (now >= run.end) {
-      stop();
-      return;
-    }
-    window.requestAnimationFrame(frame);
-  }
-
-  play.addEventListener("click", () => {
-    if (last !== null) {
-      stop();
-      return;
-    }
-    if (now >= run.end) {
-      go(0);
-    }
-    last = performance.now();
-    play.textContent = "❚❚";
-    play.setAttribute("aria-label", "pause");
-    window.requestAnimationFrame(frame);
-  });
-  slider.addEventListener("input", () => {
-    stop();
-    go(Number(slider.value));
-  });
-  player.querySelector(".strip").addEventListener("click", (event) => {
-    const area = event.currentTarget.getBoundingClientRect();
-    stop();
-    go(((event.clientX - area.left) / area.width) * run.end);
-  });
+  // ---------------------------------------------------------------- what moves it
+  const go = soterPlayer(player, run.end, draw);
   for (const strip of document.querySelectorAll(".explored .seek")) {
     strip.addEventListener("click", (event) => {
       const svg = strip.querySelector("svg");
       const line = svg.querySelector(".now");
       const area = svg.getBoundingClientRect();
       const x = ((event.clientX - area.left) / area.width) * svg.viewBox.baseVal.width;
-      stop();
       go((x - Number(line.dataset.left)) / Number(line.dataset.scale));
     });
   }
@@ -289,7 +230,7 @@
     canvas.width = canvas.height = Math.round(size * ratio);
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     readColours();
-    draw(now);
+    draw(drawn);
   }
   window.addEventListener("resize", fit);
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", fit);
@@ -300,4 +241,5 @@
     fit();
   });
   fit();
+  go(run.end);
 })();

@@ -36,20 +36,20 @@ def arguments() -> argparse.ArgumentParser:
 def main() -> None:
     """Fly, print, write; exit code 3 where a property was violated."""
     parser = arguments()
-    given = parser.parse_args()
-    program = soter.load(str(given.file))
-    missing = [name for name in NEEDED if name not in topics_of(program, given.system)]
+    options = parser.parse_args()
+    program = soter.load(str(options.file))
+    missing = [name for name in NEEDED if name not in topics_of(program, options.system)]
     if missing:
-        parser.error(f"{given.file} explores nothing: it has no topic {', '.join(missing)}")
-    explored = fly(program, given.system, seed=given.seed, until=given.until)
+        parser.error(f"{options.file} explores nothing: it has no topic {', '.join(missing)}")
+    explored = fly(program, options.system, seed=options.seed, until=options.until)
     for what, text in quantities(explored).items():
         print(f"  {what:32} {text}")
     command = shlex.join(["python", "examples/exploration/replay.py", *sys.argv[1:]])
-    given.output.parent.mkdir(parents=True, exist_ok=True)
-    write_text(page(explored, command), given.output)
-    if given.svg is not None:
-        write_text(picture(explored), given.svg)
-    print(f"wrote {', '.join(str(p) for p in (given.output, given.svg) if p is not None)}")
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    write_text(page(explored, command), options.output)
+    if options.svg is not None:
+        write_text(picture(explored), options.svg)
+    print(f"wrote {', '.join(str(p) for p in (options.output, options.svg) if p is not None)}")
     sys.exit(3 if explored.run.violations else 0)
 
 

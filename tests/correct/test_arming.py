@@ -28,6 +28,7 @@ from generators.channel_programs import (
     library,
     number_of,
     soon,
+    source_in,
 )
 from generators.posix_packages import owned, report
 
@@ -49,8 +50,7 @@ HEAD, SURE, SAFER = 3, 1, 2
 def actuator(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program of the actuators, which take leases of any length."""
     folder = tmp_path_factory.mktemp("actuator")
-    (folder / "stop.soter").write_text(PROGRAM)
-    soter.load(folder / "stop.soter").build("posix", folder / "out", "Vehicle")
+    soter.load(source_in(folder)).build("posix", folder / "out", "Vehicle")
     law = folder / "out" / "stop_lease.c"
     text, count = re.subn(
         r"\.longest = INT64_C\(\d+\)", f".longest = {2 * LONG_NS}", law.read_text()
@@ -66,8 +66,8 @@ def actuator(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The trusted part over the clock of the test."""
     folder = tmp_path_factory.mktemp("vehicle")
-    (folder / "stop.soter").write_text(PROGRAM.replace("position > 30.0", "position > 45.0"))
-    return owned(folder / "stop.soter", folder / "out", "Vehicle")
+    source = source_in(folder, PROGRAM.replace("position > 30.0", "position > 45.0"))
+    return owned(source, folder / "out", "Vehicle")
 
 
 @pytest.fixture(scope="module")
@@ -134,10 +134,13 @@ def test_a_command_in_a_state_to_begin_from_is_armed_and_obeyed(
         assert played.holds_law(), "nobody has armed them"
         told, said = arm(actuator, tmp_path)
         assert told == 0, said
-        assert f"armed: process {process.pid}" in said
+        assert f"armed: process {process.pid}\n" in said
         soon(lambda: played.speed.read() == AC)
+        told, said = arm(actuator, tmp_path)
+        assert told == 0, said
+        assert f"armed: process {process.pid}, which had not stopped to obey\n" in said
         counts = ended(process)
-    assert (counts["armed"], counts["not_armed"]) == (1, 0)
+    assert (counts["armed"], counts["not_armed"]) == (2, 0)
 
 
 @pytest.mark.parametrize(

@@ -34,14 +34,15 @@ NOTHING_TO_RUN = {
         *("drone/logbook", "drone/planner", "drone/roadmap", "drone/surveillance"),
         *("evidence/courier", "evidence/reel"),
         *("exploration/frontier", "exploration/grid", "exploration/mapper"),
-        *("exploration/recorder", "exploration/walkers", "exploration/worlds"),
+        *("exploration/recorder", "exploration/rrt_connect", "exploration/sight"),
+        *("exploration/walkers", "exploration/worlds"),
         *("mountain_car/gymnasium", "testing/late_sc_on_time", "drone/mujoco_quad"),
     )
 } | {f"tests/correct/{name}.soter" for name in ("a_library", "externs", "files/shapes")}
 """Libraries, and programs whose nodes somebody else answers or has still to write."""
 LARGE = {
     *("surveillance_adversaries.soter", "corridor_adversaries.soter"),
-    *("exploration_adversaries.soter", "exploration.soter", "paper.soter"),
+    *("exploration_adversaries.soter", "exploration.soter", "learned.soter", "paper.soter"),
 }
 """A dozen systems of what `corridor.soter` and `adversaries.soter` have, too; large maps."""
 FILES = [

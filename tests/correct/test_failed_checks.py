@@ -31,6 +31,7 @@ from generators.channel_programs import (
     library,
     number_of,
     soon,
+    source_in,
 )
 from generators.elf import undefined_symbols
 from generators.posix_packages import FORGIVING, PATIENT, QUIET, owned
@@ -93,9 +94,7 @@ def broken(folder: Path, target: str) -> Path:
         'extern fun sc_of(x: float): float from "c:breaks.c:sc_of";\n\nplant Cart',
         1,
     )
-    source = folder / "stop.soter"
-    source.write_text(text)
-    return source
+    return source_in(folder, text)
 
 
 # ---------------------------------------------------------------- at a desk
@@ -220,8 +219,7 @@ def test_actuators_whose_own_check_fails_hold_the_law_until_they_are_ended(
     code: ctypes.CDLL, tmp_path: Path
 ) -> None:
     out, applied = tmp_path / "out", tmp_path / "applied"
-    (tmp_path / "stop.soter").write_text(PROGRAM)
-    soter.load(tmp_path / "stop.soter").build("posix", out, "Vehicle")
+    soter.load(source_in(tmp_path)).build("posix", out, "Vehicle")
     (out / "actuate.c").write_text(ACTUATE)
     assert make(out, "CFLAGS=-O2 -Werror", "stop_actuator").returncode == 0
     table = (out / "soter_actuator_app.c").read_text()

@@ -19,7 +19,6 @@ from generators.c_packages import EXAMPLES
 from generators.channel_programs import (
     AC,
     LAW,
-    PROGRAM,
     Number,
     Programs,
     ended,
@@ -28,6 +27,7 @@ from generators.channel_programs import (
     number_of,
     programs,
     soon,
+    source_in,
 )
 from generators.posix_packages import FORGIVING, QUIET, built, owned, report
 from soter.native.compiler import WARNINGS
@@ -48,8 +48,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Programs:
 def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The trusted part over the clock of the test."""
     folder = tmp_path_factory.mktemp("vehicle")
-    (folder / "stop.soter").write_text(PROGRAM)
-    return owned(folder / "stop.soter", folder / "out", "Vehicle")
+    return owned(source_in(folder), folder / "out", "Vehicle")
 
 
 @pytest.fixture(scope="module")

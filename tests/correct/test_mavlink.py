@@ -26,6 +26,7 @@ from pymavlink.dialects.v20 import common as mavlink
 import processes
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=f"not here: {missing()}")
@@ -81,6 +82,15 @@ def running(all_: Any) -> None:
         time.sleep(0.01)
 
 
+@contextlib.contextmanager
+def listening(package: Path) -> Iterator[Any]:
+    """The programs of a package, of which the bridge alone runs, and hears."""
+    with stack(package) as all_:
+        all_.bridge()
+        running(all_)
+        yield all_
+
+
 def taken(all_: Any) -> dict[str, Any]:
     """What the bridge says of motion, at its end."""
     all_.end("bridge")
@@ -107,9 +117,7 @@ def without_delay(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_without_timesync_and_without_a_delay_nothing_that_has_a_stamp_is_taken(
     without_delay: Path, wires: Any
 ) -> None:
-    with stack(without_delay) as all_:
-        all_.bridge()
-        running(all_)
+    with listening(without_delay) as all_:
         wire = silent(wires(all_.port))
         wire.during(1.5, wire.good)
         told = taken(all_)
@@ -120,9 +128,7 @@ def test_without_timesync_and_without_a_delay_nothing_that_has_a_stamp_is_taken(
 def test_without_timesync_messages_count_from_their_arrival_and_the_delay(
     package: Path, wires: Any
 ) -> None:
-    with stack(package) as all_:
-        all_.bridge()
-        running(all_)
+    with listening(package) as all_:
         wire = silent(wires(all_.port))
         wire.during(1.5, wire.good)
         told = taken(all_)
@@ -141,9 +147,7 @@ def test_a_message_that_waited_for_a_stopped_bridge_is_as_old_as_it_is(
     package: Path, wires: Any
 ) -> None:
     """It came when nobody looked: after the last time that somebody did, and no later."""
-    with stack(package) as all_:
-        all_.bridge()
-        running(all_)
+    with listening(package) as all_:
         wire = silent(wires(all_.port))
         wire.during(1.0, wire.good)
         bridge, motion = all_.running["bridge"], all_.channels / "motion"
@@ -161,9 +165,7 @@ def test_a_message_that_waited_for_a_stopped_bridge_is_as_old_as_it_is(
 
 def test_what_comes_after_a_silence_counts_from_its_own_stamp(package: Path, wires: Any) -> None:
     """Whoever was silent for long may send again what was measured before that."""
-    with stack(package) as all_:
-        all_.bridge()
-        running(all_)
+    with listening(package) as all_:
         wire, motion = wires(all_.port), all_.channels / "motion"
         wire.during(1.5, wire.good)
         silent(wire).during(3.5, lambda: None)
@@ -174,9 +176,7 @@ def test_what_comes_after_a_silence_counts_from_its_own_stamp(package: Path, wir
 
 
 def test_an_autopilot_that_began_anew_is_heard_again(package: Path, wires: Any) -> None:
-    with stack(package) as all_:
-        all_.bridge()
-        running(all_)
+    with listening(package) as all_:
         wire = wires(all_.port)
         wire.during(1.5, wire.good)
         wire.began = time.monotonic_ns()
@@ -187,9 +187,7 @@ def test_an_autopilot_that_began_anew_is_heard_again(package: Path, wires: Any) 
 
 
 def test_gaps_and_repetitions_of_a_sequence_are_counted(package: Path, wires: Any) -> None:
-    with stack(package) as all_:
-        all_.bridge()
-        running(all_)
+    with listening(package) as all_:
         wire = wires(all_.port)
         wire.during(0.5, wire.good)
         wire.link.seq = (wire.link.seq + 5) % 256

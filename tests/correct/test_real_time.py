@@ -16,7 +16,7 @@ import pytest
 import processes
 import soter
 from generators.c_packages import CART
-from generators.channel_programs import PROGRAM
+from generators.channel_programs import source_in
 from generators.posix_packages import (
     FAST,
     QUIET,
@@ -54,9 +54,7 @@ def cart_apart(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def track(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A module with a fail-safe law; its plant is here."""
     folder = tmp_path_factory.mktemp("track")
-    source = folder / "stop.soter"
-    source.write_text(PROGRAM)
-    return owned(source, folder / "out")
+    return owned(source_in(folder), folder / "out")
 
 
 def faulty(tmp_path: Path, body: str, before: str = "") -> tuple[str, str]:

@@ -20,7 +20,7 @@ import pytest
 import processes
 import soter
 from generators.c_packages import CART
-from generators.channel_programs import PROGRAM
+from generators.channel_programs import source_in
 from generators.posix_packages import (
     FAST,
     FORGIVING,
@@ -163,9 +163,7 @@ def test_a_signal_ends_the_run_with_its_report(cart: Path) -> None:
 
 
 def test_plants_that_are_here_obey_leases_until_one_ends(tmp_path: Path) -> None:
-    source = tmp_path / "stop.soter"
-    source.write_text(PROGRAM)
-    track = built(source, tmp_path / "out")
+    track = built(source_in(tmp_path), tmp_path / "out")
     leases = report(track, "--until", "1", *FORGIVING)["leases"]["Guard"]
     assert leases["ended_ns"] is None
     assert leases["given"] > 10

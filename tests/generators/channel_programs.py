@@ -76,10 +76,16 @@ class Programs:
     world: Path
 
 
+def source_in(folder: Path, text: str = PROGRAM) -> Path:
+    """The program, or another text, as FOLDER/stop.soter."""
+    source = folder / "stop.soter"
+    source.write_text(text)
+    return source
+
+
 def programs(folder: Path) -> Programs:
     """All three, compiled without a warning."""
-    source = folder / "stop.soter"
-    source.write_text(PROGRAM)
+    source = source_in(folder)
     for system in ("Vehicle", "World"):
         soter.load(source).build("posix", folder / system, system)
         done = make(folder / system, "CFLAGS=-O2 -Werror")

@@ -41,12 +41,16 @@ _KIND = {"float": "float32", "double": "float64", "char": "string"}
 
 @dataclass(frozen=True)
 class MavlinkMessage(MessageType):
-    """A message of a dialect. `invalid`: by field, the number that means that it is not known."""
+    """A message of a dialect. `invalid`: by field, the number that means that it is not known.
+
+    `extensions`: the fields that frames of MAVLink 1 do not have.
+    """
 
     id: int = 0
     units: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     invalid: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     fields_in_order: tuple[str, ...] = ()
+    extensions: frozenset[str] = frozenset()
 
     def unit(self, path: str) -> str | None:
         """What a field is in, as MAVLink says."""
@@ -202,8 +206,9 @@ def _message(m: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without t
         PACKAGE,
         m.name,
         {MAVLINK: {f"{PACKAGE}/msg/{m.name}": ([], kinds)}},
-        m.id,
-        units,
-        {f.name: f.invalid for f in m.fields if f.invalid},
-        tuple(f.name for f in m.fields),
+        id=m.id,
+        units=units,
+        invalid={f.name: f.invalid for f in m.fields if f.invalid},
+        fields_in_order=tuple(f.name for f in m.fields),
+        extensions=frozenset(f.name for f in m.fields[m.base_fields() :]),
     )

@@ -117,6 +117,7 @@ class _MappingReader:
 
     def __init__(self, system: System, folder: Path) -> None:
         self.known = {t.name: t for t in system.topics if t.queue_of is None and not t.held}
+        self.delays_ns = {system.topics[e.topic].name: e.delay_ns or 0 for e in system.externals}
         self.folder = folder
         self.problems = MappingProblems()
 
@@ -149,7 +150,8 @@ class _MappingReader:
         if not isinstance(given, dict):
             self.problems.add(f"`{name}` is no table")
             return ()
-        return TopicReader(topic, self.problems, types, frame).read(given)
+        delay_ns = self.delays_ns.get(name, 0)
+        return TopicReader(topic, self.problems, types, frame=frame, delay_ns=delay_ns).read(given)
 
     def _link(self, given: Mapping[str, Any], topics: Mapping[str, Any]) -> MavlinkLink | None:
         """The table `mavlink`, which messages of MAVLink need."""

@@ -89,9 +89,10 @@ class TopicMap:
     `channel`: whose messages of a bag or an MCAP, or the topic of a middleware; of a CSV nothing.
     `linear`: floats go on along the line through the last two samples, for at most `gap_ns`.
     `message`: the type of its messages, where the mapping says. `stamp`: None counts ages from
-    arrival. `frame_id`: messages whose `header.frame_id` differs are not taken. `publisher`: the
-    node that may publish, as written. `constants`: fields of a message that goes out, by path.
-    `qos`: of a topic of DDS; others have none. `promise`: of one of several sources of the topic.
+    `delay_ns` before arrival, the longest that a message may have been on its way. `frame_id`:
+    messages whose `header.frame_id` differs are not taken. `publisher`: the node that may publish,
+    as written. `constants`: fields of a message that goes out, by path. `qos`: of a topic of DDS;
+    others have none. `promise`: of one of several sources of the topic.
     """
 
     topic: Topic
@@ -101,6 +102,7 @@ class TopicMap:
     gap_ns: int = GAP_NS
     message: MessageType | None = None
     stamp: StampSource | None = None
+    delay_ns: int = 0
     frame_id: str | None = None
     publisher: str | None = None
     constants: Mapping[str, object] = field(default_factory=dict)

@@ -50,22 +50,28 @@ GREATEST = {"float32": 3.4028234663852886e38, "float64": sys.float_info.max}
 class TopicReader:
     """Reads the table of a topic; what is wrong goes to `problems`.
 
-    `types`: those of messages, None where the mapping names none; `frame`: the program's.
+    `types`: those of messages, None where the mapping names none; `frame`: the program's;
+    `delay_ns`: from a measurement to its arrival, as the system declares (`delayed`).
     """
 
     def __init__(
-        self, topic: Topic, problems: MappingProblems, types: KnownTypes | None, frame: str
+        self,
+        topic: Topic,
+        problems: MappingProblems,
+        types: KnownTypes | None,
+        frame: str,
+        delay_ns: int,
     ) -> None:
         self.topic, self.problems, self.types, self.frame = topic, problems, types, frame
-        self.name = topic.name
+        self.name, self.delay_ns = topic.name, delay_ns
 
-    def read(self, given: Mapping[str, Any]) -> tuple[TopicMap, ...]:
+    def read(self, table: Mapping[str, Any]) -> tuple[TopicMap, ...]:
         """The topic as the mapping has it, once or a source each; useless where problems came."""
-        if "sources" not in given:
-            self.problems.only(given, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
-            return (self._read(given),)
-        self.problems.only(given, ("sources",), f"`{self.name}`, which has `sources`,")
-        tables = given["sources"]
+        if "sources" not in table:
+            self.problems.only(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
+            return (self._read(table),)
+        self.problems.only(table, ("sources",), f"`{self.name}`, which has `sources`,")
+        tables = table["sources"]
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             self.problems.add(f"`sources` of `{self.name}` is no list of tables")
             return ()
@@ -79,18 +85,18 @@ class TopicReader:
         self._fit_together(maps)
         return maps
 
-    def _source(self, rank: int, given: Mapping[str, Any]) -> TopicMap:
+    def _source(self, rank: int, table: Mapping[str, Any]) -> TopicMap:
         self.name = f"{self.topic.name}.sources.{rank + 1}"
         where = f"`{self.name}`"
-        self.problems.only(given, SOURCE_KEYS, where)
-        made = self._read({k: v for k, v in given.items() if k in TOPIC_KEYS})
+        self.problems.only(table, SOURCE_KEYS, where)
+        made = self._read({k: v for k, v in table.items() if k in TOPIC_KEYS})
         if made.stamp is None:
             self.problems.add(f"{where} has no stamp: sources take over by when they measured")
         if made.leaves and all(isinstance(x, ConstantSource) for x in made.leaves.values()):
             self.problems.add(f"{where} is constant: it measures nothing")
         if any(isinstance(leaf, SlopeSource) for leaf in made.leaves.values()):
             self.problems.add(f"{where} has a slope, which jumps where another source takes over")
-        promise = read_promise(given, rank, self.topic, self.problems, self.name)
+        promise = read_promise(table, rank, self.topic, self.problems, self.name)
         return replace(made, promise=promise)
 
     def _fit_together(self, maps: tuple[TopicMap, ...]) -> None:
@@ -103,29 +109,31 @@ class TopicReader:
         for problem in early_turns(self.name, promises):
             self.problems.add(problem)
 
-    def _read(self, given: Mapping[str, Any]) -> TopicMap:
+    def _read(self, table: Mapping[str, Any]) -> TopicMap:
         problems, where = self.problems, f"`{self.name}`"
-        between = given.get("between", "hold")
+        between = table.get("between", "hold")
         if between not in ("hold", "linear"):
             problems.add(f"`between` of {where} is hold or linear, not {between!r}")
-        gap = problems.duration(given, "gap", self.name) if "gap" in given else GAP_NS
-        message = self._message(given)
-        leaf_reader = LeafReader(self.topic, problems, message, self._turn(given))
-        leaf_by_path = leaf_reader.read(problems.table(given, "fields", where))
+        gap = problems.duration(table, "gap", self.name) if "gap" in table else GAP_NS
+        message = self._message(table)
+        leaf_reader = LeafReader(self.topic, problems, message, self._turn(table))
+        leaf_by_path = leaf_reader.read(problems.table(table, "fields", where))
+        stamp = self._stamp(table, message)
         made = TopicMap(
             self.topic,
             leaf_by_path,
-            problems.name(given, "channel", where),
+            problems.name(table, "channel", where),
             between == "linear",
             gap,
             message=message,
-            stamp=self._stamp(given, message),
-            frame_id=self._frame_id(given, message),
-            publisher=problems.name(given, "publisher", where),
-            constants=self._constants(problems.table(given, "set", where), message),
-            qos=read_qos(problems.table(given, "qos", where), problems, f"`qos` of {where}"),
+            stamp=stamp,
+            delay_ns=self.delay_ns if stamp is None else 0,
+            frame_id=self._frame_id(table, message),
+            publisher=problems.name(table, "publisher", where),
+            constants=self._constants(problems.table(table, "set", where), message),
+            qos=read_qos(problems.table(table, "qos", where), problems, f"`qos` of {where}"),
         )
-        if "frame" in given and not leaf_reader.vectors:
+        if "frame" in table and not leaf_reader.vectors:
             problems.add(
                 f"`frame` of {where} turns nothing: a vector is three names, "
                 'such as "p" = ["x", "y", "z"]'
@@ -136,8 +144,8 @@ class TopicReader:
                 problems.add(f"`set` of {where} has `{path}`, which its fields have, too")
         return made
 
-    def _message(self, given: Mapping[str, Any]) -> MessageType | None:
-        name = self.problems.name(given, "type", f"`{self.name}`")
+    def _message(self, table: Mapping[str, Any]) -> MessageType | None:
+        name = self.problems.name(table, "type", f"`{self.name}`")
         if name is None or self.types is None:
             return None
         try:
@@ -146,8 +154,8 @@ class TopicReader:
             self.problems.add(f"`type` of `{self.name}` is `{name}`, which is not known: {error}")
             return None
 
-    def _turn(self, given: Mapping[str, Any]) -> Turn | None:
-        frame = given.get("frame")
+    def _turn(self, table: Mapping[str, Any]) -> Turn | None:
+        frame = table.get("frame")
         if frame is None:
             return None
         if not isinstance(frame, str) or frame not in FRAMES:
@@ -157,8 +165,8 @@ class TopicReader:
             return None
         return turn_between(frame, self.frame)
 
-    def _frame_id(self, given: Mapping[str, Any], message: MessageType | None) -> str | None:
-        frame = self.problems.name(given, "frame_id", f"`{self.name}`")
+    def _frame_id(self, table: Mapping[str, Any], message: MessageType | None) -> str | None:
+        frame = self.problems.name(table, "frame_id", f"`{self.name}`")
         if frame is not None and message is not None and not message.has_header:
             self.problems.add(
                 f"`frame_id` of `{self.name}` needs a header, which {message.ros1} has not"
@@ -167,8 +175,8 @@ class TopicReader:
 
     # ---------------------------------------------------------------- when it was measured
 
-    def _stamp(self, given: Mapping[str, Any], message: MessageType | None) -> StampSource | None:
-        stamp = given.get("stamp")
+    def _stamp(self, table: Mapping[str, Any], message: MessageType | None) -> StampSource | None:
+        stamp = table.get("stamp")
         if stamp is None:
             return message.default_stamp if message is not None else None
         if stamp == ARRIVAL:
@@ -214,10 +222,10 @@ class TopicReader:
     # ---------------------------------------------------------------- what goes out
 
     def _constants(
-        self, given: Mapping[str, Any], message: MessageType | None
+        self, table: Mapping[str, Any], message: MessageType | None
     ) -> dict[str, object]:
         constants: dict[str, object] = {}
-        for path, value in given.items():
+        for path, value in table.items():
             where = f"`{path}` in `set` of `{self.name}`"
             if not isinstance(value, (str, bool, int, float)) or _is_infinite(value):
                 self.problems.add(f"{where} is a text, a truth or a finite number, not {value!r}")
@@ -226,14 +234,14 @@ class TopicReader:
             if message is None:
                 continue
             try:
-                found = message.field(path)
+                part = message.field(path)
             except NoSuchFieldError as error:
                 self.problems.add(f"{where}: {error}")
                 continue
-            if found.through == "sequence":
+            if part.through == "sequence":
                 self.problems.add(f"{where} is an element of a list, which may not be there")
-            elif not _fits(value, found.type):
-                shown = f"`{found.type}` in {message.ros1}"
+            elif not _fits(value, part.type):
+                shown = f"`{part.type}` in {message.ros1}"
                 self.problems.add(f"{where} is {shown}, which takes no {value!r}")
         return constants
 

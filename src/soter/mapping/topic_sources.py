@@ -4,9 +4,10 @@ Purpose: the records and the reading of `sources`; the rule by which one of them
 that of `runtime/bridge/soter_sources.hpp`.
 Non-goals: what a deploying system declares, and whether the promises fit (`targets/`).
 
-The rule, of stamps alone (docs/mapping.md, "Several sources", has the reason and the bound): it is
-a sample's turn where it was measured more than `after` later than the newest sample of the sources
-before it whose turn it was; in its turn it is taken where it is newer than all that was taken.
+The rule, of stamps in the order of arrival (docs/mapping.md, "Several sources", has the reason and
+the bound): it is a sample's turn where it was measured more than `after` later than the newest
+sample of the sources before it whose turn it was; in its turn it is taken where it is newer than
+all that was taken.
 """
 
 from __future__ import annotations
@@ -80,26 +81,26 @@ class SourceTurns:
 
 
 def read_promise(
-    given: Mapping[str, Any], rank: int, topic: Topic, problems: MappingProblems, name: str
+    table: Mapping[str, Any], rank: int, topic: Topic, problems: MappingProblems, name: str
 ) -> SourcePromise:
     """What a source says of itself; of no use where problems were added."""
-    delayed = problems.duration(given, "delayed", name) if "delayed" in given else 0
+    delayed = problems.duration(table, "delayed", name) if "delayed" in table else 0
     after = 0
     if rank > 0:
-        after = problems.duration(given, "after", name)
-    elif "after" in given:
+        after = problems.duration(table, "after", name)
+    elif "after" in table:
         problems.add(f"`after` of `{name}`: the first source takes over from nobody")
-    errors = _errors(problems.table(given, "measured", f"`{name}`"), topic, problems, name)
-    return SourcePromise(rank, problems.duration(given, "every", name), delayed, errors, after)
+    errors = _errors(problems.table(table, "measured", f"`{name}`"), topic, problems, name)
+    return SourcePromise(rank, problems.duration(table, "every", name), delayed, errors, after)
 
 
 def _errors(
-    given: Mapping[str, Any], topic: Topic, problems: MappingProblems, name: str
+    measured: Mapping[str, Any], topic: Topic, problems: MappingProblems, name: str
 ) -> dict[tuple[str, ...], float]:
     """The errors of float leaves; a name of a part that has several is of each of them."""
     floats = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
     errors: dict[tuple[str, ...], float] = {}
-    for key, error in given.items():
+    for key, error in measured.items():
         parts = () if key == WHOLE else tuple(key.split("."))
         meant = [path for path in floats if path[: len(parts)] == parts]
         if not meant:

@@ -65,14 +65,14 @@ class BridgedSystem:
     @cached_property
     def programs(self) -> dict[str, list[str]]:
         """Its programs: flags and sources, seen from the whole package."""
-        given = self.trusted.programs
-        return {name: [_inside(word) for word in words] for name, words in given.items()}
+        own = self.trusted.programs
+        return {name: [_inside(word) for word in words] for name, words in own.items()}
 
     @cached_property
     def sources(self) -> dict[str, list[str]]:
         """Its programs: the C files alone."""
-        given = self.programs
-        return {n: [w for w in words if not w.startswith("-")] for n, words in given.items()}
+        programs = self.programs
+        return {n: [w for w in words if not w.startswith("-")] for n, words in programs.items()}
 
     @property
     def linked(self) -> list[str]:

@@ -82,8 +82,8 @@ def _too_rough(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -
         if most is None or not isinstance(t, FloatType) or (own is not None and own <= most):
             continue
         name = ".".join((topic.name, *path))
-        told = "does not say how exact it is" if own is None else f"is within {own!r}"
-        yield f"`{name}` from {m.channel} {told}, and the system declares within {most!r}"
+        exactness = "does not say how exact it is" if own is None else f"is within {own!r}"
+        yield f"`{name}` from {m.channel} {exactness}, and the system declares within {most!r}"
 
 
 def compared(system: System, mapped: Sequence[TopicMap]) -> list[str]:

@@ -108,6 +108,16 @@ def test_a_scale_is_taken_back_and_a_named_sensor_has_its_name(soter: Soter, shu
     assert [x.attrib["name"] for x in test.iter("test")] == ["ekf"]
 
 
+def test_where_no_test_can_be_written_the_build_says_why(soter: Soter, shuttle: Path) -> None:
+    source = {**POSITION, "every": "10ms", "measured": {"value": 0.05}, "publisher": "/ekf"}
+    again = {**source, "channel": "/slam", "after": "10ms", "publisher": "/slam"}
+    done = built(soter, shuttle, {**ALL, "position": {"sources": [source, again]}})
+    assert done.exit == 0
+    assert not (shuttle / "out" / "test").exists()
+    assert "there is no `test/`: one node stands in for the sensors" in str(done.document["notes"])
+    assert "`ekf`, `slam`" in str(done.document["notes"])
+
+
 @pytest.mark.parametrize("target", ["ros1", "ros2"])
 def test_a_system_with_its_plants_has_the_simulation_alone(
     soter: Soter, shuttle: Path, target: str

@@ -10,6 +10,9 @@ import pytest
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
+from soter.mapping.read_mapping import mapping_of
+from soter.monitor.logs.files.read_columns import read_columns
+from soter.monitor.logs.samples import samples_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -235,3 +238,19 @@ def test_options_that_do_not_go_together_are_refused(program: Any, capsys: Any) 
     ]:
         assert main(["monitor", program.path, *arguments]) == 2
         assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("delayed", "delay_ns"), [("", 0), ("every 1s delayed 5ms", 5_000_000)])
+def test_a_row_without_a_stamp_was_measured_the_declared_delay_before_it_was_logged(
+    tmp_path: Path, delayed: str, delay_ns: int
+) -> None:
+    """As a bridge counts: the same file is as old through every door."""
+    outside = f"external topic seen {delayed}; external topic push;"
+    outside += "external topic gear; external topic on; external topic count;"
+    path, log = tmp_path / "p.soter", tmp_path / "log.csv"
+    path.write_text(f"{PROGRAM}system V {{ {outside} module M; }}")
+    log.write_text(LOG)
+    mapped = mapping_of({**MAP, "system": "V"}, load(path).flat("V"))
+    seen, *_ = samples_of(log, mapped, read_columns(log, mapped))
+    assert seen.times_ns == [0, 100_000_000, 200_000_000]
+    assert seen.stamps_ns == [t - delay_ns for t in seen.times_ns]

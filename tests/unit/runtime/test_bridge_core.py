@@ -27,7 +27,7 @@ MAIN = """\
 #include "soter_bridge_core.hpp"
 #include <cstdio>
 #include <cstdlib>
-static int64_t silent = 0;
+static int64_t silent = 0, delay = -1;
 struct Topic : soter::OneSource {
   struct Message { int64_t stamp; double value; };
   typedef double Value;
@@ -36,7 +36,8 @@ struct Topic : soter::OneSource {
   static const char* topic() { return "/x"; }
   static const char* publisher() { return ""; }
   static bool frame(const Message&) { return true; }
-  static bool stamped() { return true; }
+  static bool stamped() { return delay < 0; }
+  static int64_t delay_ns() { return delay < 0 ? 0 : delay; }
   static int64_t stamp_ns(const Message& m) { return m.stamp; }
   static bool convert(const Message& m, Value* to) { *to = m.value; return true; }
   static bool law(Value*) { return false; }
@@ -44,7 +45,8 @@ struct Topic : soter::OneSource {
 };
 /* out FOLDER SILENT_NS HELD_UP_NS: says that it runs, and after a line of input what two turns
  * publish, with its stamp; whoever reads the clock of the stamps, which stands still, is held up.
- * in FOLDER NOW NOW_OF_STAMPS STAMP ERROR: when a message counts as measured. */
+ * in FOLDER NOW NOW_OF_STAMPS STAMP ERROR [DELAY]: when a message counts as measured; with a DELAY
+ * it has no stamp. */
 int main(int count, char** words) {
   if (count == 5) {
     silent = std::atoll(words[3]);
@@ -65,8 +67,10 @@ int main(int count, char** words) {
               [](const double& value, int64_t stamp) {
                 std::printf("%g %lld\\n", value, static_cast<long long>(stamp));
               });
+    std::fprintf(stderr, "%s\\n", out.status().message.c_str());
     return 0;
   }
+  delay = count > 7 ? std::atoll(words[7]) : -1;
   soter::Inward<Topic> in(std::atoll(words[6]));
   if (in.open(words[2]) != nullptr) return 1;
   in.take({std::atoll(words[5]), 1.0}, "node", std::atoll(words[3]), std::atoll(words[4]));
@@ -150,6 +154,26 @@ def test_a_value_that_its_writer_held_back_does_not_go_out(
 
 
 @pytest.mark.parametrize(
+    ("written", "silent_ns", "message"),
+    [
+        (True, 1, "nobody writes it: the actuators, or the trusted part, are gone"),
+        (True, NEVER_SILENT_NS, "nothing to publish yet"),
+        (False, 1, "nothing to publish yet"),
+    ],
+)
+def test_a_bridge_says_of_a_writer_that_was_gone_before_that_it_is(
+    bridge: Path, code: ctypes.CDLL, tmp_path: Path, written: bool, silent_ns: int, message: str
+) -> None:
+    if written:
+        Number(code, tmp_path, "x", 7, writes=True).write(0.5, 0)
+    words = (bridge, "out", tmp_path, str(silent_ns), "0")
+    nothing = processes.DEVNULL
+    said = processes.run(words, check=True, capture_output=True, text=True, stdin=nothing)
+    assert said.stdout == "it runs\n"
+    assert said.stderr == f"{message}\n"
+
+
+@pytest.mark.parametrize(
     ("stamp", "error", "measured"), [(4000, 0, 9000), (4000, 50, 8950), (5020, 50, 9970)]
 )
 def test_a_message_is_as_old_as_its_stamp_on_a_clock_that_was_read_before(
@@ -159,3 +183,12 @@ def test_a_message_is_as_old_as_its_stamp_on_a_clock_that_was_read_before(
     now = [str(x) for x in (10_000, 5000, stamp, error)]
     said = processes.run([bridge, "in", tmp_path, *now], check=True, capture_output=True, text=True)
     assert int(said.stdout) == measured
+
+
+@pytest.mark.parametrize("delay_ns", [0, 30])
+def test_a_message_without_a_stamp_was_measured_its_declared_delay_before_it_came(
+    bridge: Path, tmp_path: Path, delay_ns: int
+) -> None:
+    now = [str(x) for x in (10_000, 5000, 0, 50, delay_ns)]
+    said = processes.run([bridge, "in", tmp_path, *now], check=True, capture_output=True, text=True)
+    assert int(said.stdout) == 10_000 - delay_ns

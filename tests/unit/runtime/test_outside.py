@@ -102,6 +102,42 @@ def test_a_writer_that_is_killed_leaves_whole_values_and_the_next_goes_on(tmp_pa
     assert total >= KILLS // 10, "beside one that writes all the time"
 
 
+ONE_VALUE = """\
+#include "soter_outside.h"
+#include <stdio.h>
+int main(int count, char** words) {
+  soter_outside channel;
+  static const uint8_t value[40000];
+  const char* wrong = "usage";
+  if (count > 1) wrong = soter_outside_open(&channel, words[1], "x", 7, sizeof value, true);
+  puts(wrong != NULL ? wrong : "open");
+  if (wrong == NULL) soter_outside_write(&channel, 1, value);
+  return wrong != NULL;
+}
+"""
+SMALL = "mount -t tmpfs -o size=64k none {0} && {{ {1}; {2} {0}; }}"
+
+
+@pytest.mark.parametrize("hole", [False, True])
+def test_a_full_file_system_is_told_when_the_channel_is_opened(tmp_path: Path, hole: bool) -> None:
+    """Not by the signal that ends whoever writes; nor where the file is there, and is a hole."""
+    apart = ["unshare", "--user", "--map-root-user", "--mount"]
+    if processes.run([*apart, "true"], capture_output=True, check=False).returncode != 0:
+        pytest.skip("no mounts of our own here (user namespaces)")
+    writer = program(tmp_path, "one", ONE_VALUE)
+    plain = tmp_path / "plain"
+    plain.mkdir()
+    done = processes.run([writer, plain], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "open\n")
+    before = f"truncate -s {(plain / 'x').stat().st_size} {{0}}/x" if hole else "true"
+    full = tmp_path / "full"
+    full.mkdir()
+    told = SMALL.format(full, before.format(full), writer)
+    done = processes.run([*apart, "sh", "-c", told], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done
+    assert done.stdout == "there is no room for it: the file system of the folder is full\n"
+
+
 def test_a_place_in_the_making_hides_nothing(code: ctypes.CDLL, tmp_path: Path) -> None:
     writer = Number(code, tmp_path, "x", 7, writes=True)
     writer.write(1.0)

@@ -130,8 +130,18 @@ def test_stamps_frames_and_publishers_are_those_of_the_mapping(tmp_path: Path) -
     source = bridge(tmp_path, mapping(seen={"publisher": "localizer"}, near={"stamp": "arrival"}))
     assert 'return strcmp((*m).header_.frame_id_, "odom") == 0;' in source
     assert "soter_dds_stamp((*m).header_.stamp_.sec_, (*m).header_.stamp_.nanosec_)" in source
-    assert '"localizer", true, seen_frame, seen_stamp, seen_convert}' in source
-    assert '"", false, near_frame, near_stamp, near_convert}' in source
+    assert '"localizer", true, INT64_C(0), seen_frame, seen_stamp, seen_convert}' in source
+    assert '"", false, INT64_C(0), near_frame, near_stamp, near_convert}' in source
+
+
+@pytest.mark.parametrize(("stamp", "delay_ns"), [("arrival", 7_000_000), ("header.stamp", 0)])
+def test_a_message_that_counts_from_its_arrival_is_as_much_older_as_the_topic_is_delayed(
+    tmp_path: Path, stamp: str, delay_ns: int
+) -> None:
+    program = PROGRAM.replace("topic near;", "topic near every 50ms delayed 7ms;")
+    assert program != PROGRAM
+    source = bridge(tmp_path, mapping(near={"stamp": stamp}), program)
+    assert f"INT64_C({delay_ns}), near_frame" in source
 
 
 def test_a_stamp_that_is_a_number_has_its_unit(tmp_path: Path) -> None:

@@ -37,6 +37,7 @@ topic attitude: Attitude;
 topic battery: Battery;
 topic beat: Beat;
 topic far: float unit "m";
+topic off: float unit "m";
 topic out: Place in { x in [-9.0, 9.0], y in [-9.0, 9.0], z in [-9.0, 9.0] }
   = { x: 0.0, y: 0.0, z: 0.0 };
 plant P period 10ms {
@@ -46,16 +47,18 @@ plant P period 10ms {
   drives battery = { first: x, third: x, current: x, left: 1 };
   drives beat = { mode: 1, armed: 1 };
   drives far = x;
+  drives off = x;
   state x: float = 0.0;
   der x = out.x;
 }
 node N period 10ms {
-  subscribes place, attitude, battery, beat, far; publishes out; step { publish out = place; }
+  subscribes place, attitude, battery, beat, far, off; publishes out; step { publish out = place; }
 }
 system S default { p: P; node N; until 1s; }
 system W deploys S {
   external topic place every 10ms; external topic attitude every 10ms;
   external topic battery every 10ms; external topic beat every 10ms; external topic far every 10ms;
+  external topic off every 10ms;
   external topic out; node N;
 }
 """
@@ -73,6 +76,7 @@ MAPPING = {
                  "fields": {"mode": "custom_mode", "armed": "base_mode"}},
         "far": {"type": "mavlink/DISTANCE_SENSOR",
                 "fields": {"value": {"from": "current_distance", "scale": 1.5, "offset": -0.1}}},
+        "off": {"type": "mavlink/GPS_RAW_INT", "fields": {"value": "h_acc"}},
         "out": {"type": "mavlink/SET_POSITION_TARGET_LOCAL_NED", "frame": "NED",
                 "set": {"type_mask": 0xDF8, "coordinate_frame": 1},
                 "fields": {"value": ["x", "y", "z"]}},
@@ -145,9 +149,9 @@ def converted(tmp_path_factory: pytest.TempPathFactory) -> Any:
     done = processes.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
-    def run(messages: list[Any]) -> list[list[str]]:
+    def run(messages: list[Any], version: int = 2) -> list[list[str]]:
         link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-        frames = b"".join(bytes(m.pack(link)) for m in messages)
+        frames = b"".join(bytes(m.pack(link, force_mavlink1=version == 1)) for m in messages)
         (folder / "frames").write_bytes(frames)
         with (folder / "frames").open("rb") as stream:
             told = processes.run(
@@ -226,6 +230,25 @@ def test_integers_are_scaled_from_their_unit(converted: Any) -> None:
 def test_a_number_that_means_not_known_is_no_value(converted: Any, values: Any) -> None:
     (row, _) = converted([battery(*values)])
     assert row[:3] == ["battery", "1", "0"]
+
+
+def gps(h_acc: int) -> Any:
+    return mavlink.MAVLink_gps_raw_int_message(
+        5, 3, 0, 0, 0, 65535, 65535, 65535, 65535, 255, h_acc=h_acc
+    )
+
+
+def test_an_extension_is_no_value_in_mavlink_1_and_an_omitted_zero_is_0_in_mavlink_2(
+    converted: Any,
+) -> None:
+    """Bytes of zero at the end of a frame are left out in version 2, as the standard says."""
+    (known, zero, _) = converted([gps(1500), gps(0)])
+    assert known == ["off", "1", "1", "5000", *bits(1.5)]
+    assert zero[2:] == ["1", "5000", *bits(0.0)]
+    place = mavlink.MAVLink_local_position_ned_message(7, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+    (old, whole, _) = converted([gps(1500), place], version=1)
+    assert old[:3] == ["off", "1", "0"]
+    assert whole == ["place", "1", "1", str(7 * 10**6), *bits(2.0, 1.0, -3.0)]
 
 
 def test_modes_are_whole_numbers(converted: Any) -> None:

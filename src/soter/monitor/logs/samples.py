@@ -61,7 +61,7 @@ class DerivedValue:
 class TopicSamples:
     """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
 
-    `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the same as `times_ns`.
+    `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the declared delay before.
     `left_out`: rows without a usable value, and `first_left_out` why. `sources`: of several, how
     many samples each gave.
     """
@@ -153,7 +153,7 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
     read: dict[LeafPath, list[Any]] = {
         p: [] for p, x in t.leaves.items() if isinstance(x, SignalSource)
     }
-    stamps: Sequence[int | None] = columns.times_ns
+    stamps: Sequence[int | None] = [now - t.delay_ns for now in columns.times_ns]
     if t.stamp is not None:
         stamps, made.stamp = columns.stamps_ns[t.stamp], t.stamp.path
     for i, now in enumerate(columns.times_ns):

@@ -1,6 +1,6 @@
 // Replays a run on the diagram of its program: values, who is in control, who steps.
-// Purpose: a slider, a play button, steps from instant to instant; `window.soterMoment` for tests.
-// Non-goals: time lines. Everything comes ready from Python; figures lend the numbers they drew.
+// Purpose: what the program shows at a time, steps from instant to instant.
+// Non-goals: the player (`player.js`), time lines. Everything comes ready from Python; figures lend what they drew.
 "use strict";
 
 (() => {
@@ -11,27 +11,14 @@
   const live = JSON.parse(data.textContent);
   const figures = soterFigures();
   const player = document.querySelector(".player");
-  const slider = document.getElementById("moment");
-  const [shown, play] = [player.querySelector("output"), player.querySelector(".play")];
-  const speed = player.querySelector("select");
+  const shown = player.querySelector("output");
   const END = Math.round(live.end * 1e9);
   const LIT_MS = 150;
   let now = 0; // ns of the run
-  let last = null; // the clock's ms at the frame before, while it plays
 
   const boxes = (kind, name) =>
     [...document.querySelectorAll(`.program [data-${kind}]`)].filter((e) => e.dataset[kind].split(" ").includes(name));
   const texts = (key) => [...document.querySelectorAll(".program [data-value]")].filter((e) => e.dataset.value === key);
-
-  // The last entry whose time is not later: its index, -1 before the first.
-  function latest(times, t, of = (x) => x) {
-    let [low, high] = [0, times.length];
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      of(times[middle]) <= t ? (low = middle + 1) : (high = middle);
-    }
-    return low - 1;
-  }
 
   // Rows of values. A signal that a time line draws is read from there.
   const grid = soterUnpacked(live.grid);
@@ -65,7 +52,7 @@
   // How many steps there have been, the one at t among them.
   function count(s, t) {
     const end = upTo(s, t);
-    return s.at ? latest(s.at, end) + 1 : end < s.phase ? 0 : Math.floor((end - s.phase) / s.period) + 1;
+    return s.at ? soterLatest(s.at, end) + 1 : end < s.phase ? 0 : Math.floor((end - s.phase) / s.period) + 1;
   }
   const nth = (s, n) => (s.at ? s.at[n] : s.phase + n * s.period);
   const after = (s, t) => {
@@ -77,93 +64,42 @@
     return n > 0 ? nth(s, n - 1) : -Infinity;
   };
 
-  function show(from, clock) {
-    const t = now / 1e9 + 1e-9;
-    slider.value = now / 1e9;
-    shown.textContent = (now / 1e9).toFixed(live.end < 100 ? 3 : 2) + " s";
-    player.style.setProperty("--at", END ? now / END : 0);
+  function show(seconds, clock, plays) {
+    const ns = Math.round(seconds * 1e9);
+    const from = plays ? now : ns - 1;
+    now = ns;
+    const t = seconds + 1e-9;
+    shown.textContent = seconds.toFixed(live.end < 100 ? 3 : 2) + " s";
     for (const row of rows) {
       const values = row.columns.map(({ t: times, v }) => {
-        const at = latest(times, t + 5e-5);
+        const at = soterLatest(times, t + 5e-5);
         return at < 0 ? null : v[at];
       });
       const text = `${row.label} ${values.map((v) => written(row, v)).join(", ")} ${row.unit}`.trim();
       row.places.forEach((e) => (e.textContent = text));
     }
     for (const c of control) {
-      const mode = c.modes[latest(c.modes, t + 5e-5, ([since]) => since)]?.[1];
+      const mode = c.modes[soterLatest(c.modes, t + 5e-5, ([since]) => since)]?.[1];
       c.acs.forEach((e) => e.classList.toggle("on", mode === 1));
       c.scs.forEach((e) => e.classList.toggle("on", mode === 0));
-      const saw = c.saw[latest(c.saw, t + 5e-5, ([since]) => since)]?.[1] ?? "";
+      const saw = c.saw[soterLatest(c.saw, t + 5e-5, ([since]) => since)]?.[1] ?? "";
       c.places.forEach((e) => (e.textContent = saw));
     }
     for (const s of steps) {
       if (count(s, now) > count(s, from)) {
         s.lit = clock;
       }
-      const on = last === null ? s.lit === clock : clock - s.lit < LIT_MS;
+      const on = plays ? clock - s.lit < LIT_MS : s.lit === clock;
       s.places.forEach((e) => e.classList.toggle("step", on && s.lit > 0));
     }
   }
 
-  function go(to) {
-    now = Math.min(Math.max(to, 0), END);
-    show(now - 1, performance.now());
-  }
-
-  function stop() {
-    last = null;
-    play.textContent = "▶";
-    play.setAttribute("aria-label", "play");
-  }
-
-  function frame(clock) {
-    if (last === null) {
-      return;
-    }
-    const from = now;
-    now = Math.min(now + (clock - last) * 1e6 * Number(speed.value), END);
-    last = clock;
-    show(from, clock);
-    if (now >= END) {
-      stop();
-      return;
-    }
-    window.requestAnimationFrame(frame);
-  }
-
-  play.addEventListener("click", () => {
-    if (last !== null) {
-      stop();
-      go(now);
-      return;
-    }
-    if (now >= END) {
-      now = 0;
-    }
-    last = performance.now();
-    play.textContent = "❚❚";
-    play.setAttribute("aria-label", "pause");
-    window.requestAnimationFrame(frame);
-  });
-  slider.addEventListener("input", () => {
-    stop();
-    go(Math.round(Number(slider.value) * 1e9));
-  });
+  const go = soterPlayer(player, END / 1e9, show);
   player.querySelector(".next").addEventListener("click", () => {
-    stop();
-    go(Math.min(...steps.map((s) => after(s, now)), END));
+    go(Math.min(...steps.map((s) => after(s, now)), END) / 1e9);
   });
   player.querySelector(".back").addEventListener("click", () => {
-    stop();
-    go(Math.max(...steps.map((s) => before(s, now)), 0));
+    go(Math.max(...steps.map((s) => before(s, now)), 0) / 1e9);
   });
-  for (const strip of player.querySelectorAll(".strip")) {
-    strip.addEventListener("click", (event) => {
-      stop();
-      const box = strip.getBoundingClientRect();
-      go(Math.round(((event.clientX - box.left) / box.width) * END));
-    });
-  }
   go(0);
 })();

@@ -2,7 +2,7 @@
 
 Purpose: `Live`: rows of values, when components step, who is in control and what the decision
 modules saw; and all of it as JSON, as small as a screen allows. Times are seconds.
-Non-goals: the diagram, the player (`assets/replay.js`), reading runs and logs.
+Non-goals: the diagram, the script (`assets/replay.js`), reading runs and logs.
 """
 
 from __future__ import annotations

@@ -83,6 +83,7 @@ inline soter_outside* shared_channel() {
  *   publisher()          who may publish; "": the first one that is heard
  *   frame(m)             whether the message is in the frame of the mapping
  *   stamped()            whether messages say when they were measured
+ *   delay_ns()           where not: how long before its arrival a message may have been measured
  *   stamp_ns(m)          when; 0: it does not
  *   convert(m, &value)   false: something that is needed is not there
  * and those of OneSource, or of one of several. */
@@ -201,7 +202,7 @@ class Inward {
   }
 
   bool measured_at(const Message& m, int64_t now, int64_t now_ns, int64_t* measured) {
-    *measured = now;
+    *measured = now - T::delay_ns();
     if (!T::stamped()) {
       return true;
     }
@@ -290,7 +291,8 @@ class Outward {
   void turn(int64_t now, const Tell& tell) {
     Value value;
     int64_t written = 0;
-    if (soter_outside_read(&channel_, &written, &value, nullptr) && is_of_now(written)) {
+    const bool there = soter_outside_read(&channel_, &written, &value, nullptr);
+    if (there && is_of_now(written)) {
       const bool changed = std::memcmp(&value, &value_, sizeof value) != 0;
       value_ = value;
       heard_ = now;
@@ -303,6 +305,8 @@ class Outward {
       if (T::law(&value_)) {
         told(now, tell, now);
       }
+    } else if (there && heard_ == 0 && now - begun_ > T::silent_ns()) {
+      silent_ = true; /* whoever wrote it was gone before this bridge began */
     }
   }
 

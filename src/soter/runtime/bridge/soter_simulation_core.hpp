@@ -129,15 +129,15 @@ class SimulatedOutput : public Simulated {
  public:
   typedef typename T::Message Message;
 
-  void begin() override { told_ = SOTER_NEVER; }
+  void begin() override { published_stamp_ = SOTER_NEVER; }
 
   void out(const APP_STATE* state, int64_t origin) override {
     /* the kernel takes states that it may change; this one it does not */
     const int64_t stamp = soter_stamps_of(APP_PROGRAM, const_cast<APP_STATE*>(state))[T::index()];
-    if (stamp == SOTER_NEVER || stamp == told_) {
+    if (stamp == SOTER_NEVER || stamp == published_stamp_) {
       return;
     }
-    told_ = stamp;
+    published_stamp_ = stamp;
     typename T::Value value;
     const uint8_t* const bytes = reinterpret_cast<const uint8_t*>(state);
     (void)std::memcpy(&value, bytes + APP_PROGRAM->topic[T::index()].offset, sizeof value);
@@ -150,7 +150,7 @@ class SimulatedOutput : public Simulated {
   virtual void publish(const Message& message) = 0;
 
  private:
-  int64_t told_ = SOTER_NEVER;
+  int64_t published_stamp_ = SOTER_NEVER;
 };
 
 class SimulationCore {
@@ -171,10 +171,10 @@ class SimulationCore {
     return soter_self_test(APP_PROGRAM);
   }
 
-  /* The time of /clock; nothing happens after the end. */
-  void clock(int64_t now) {
+  /* The time of /clock; whether the end came with it. Nothing happens after the end. */
+  bool clock(int64_t now) {
     if (ended_) {
-      return;
+      return false;
     }
     if (!began_ || now < now_) {
       begin(now);
@@ -188,6 +188,7 @@ class SimulationCore {
       instant();
     }
     ended_ = soter_next_instant(APP_PROGRAM, &state_) > until_ns_;
+    return ended_;
   }
 
   bool ended() const { return ended_; }

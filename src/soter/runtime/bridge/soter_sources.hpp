@@ -1,10 +1,11 @@
 /* soter_sources.hpp: which of several sources of one topic is read.
  *
- * Purpose: the rule, by stamps alone: it is a sample's turn where it was measured more than `after`
+ * Purpose: the rule, by stamps: it is a sample's turn where it was measured more than `after`
  * later than the newest sample of the sources before it whose turn it was; in its turn it is taken
  * where it is newer than all that was taken. So the topic never goes back in measuring time, the
- * first source is read again as soon as it speaks again, and a log gives the same samples
- * (docs/mapping.md, "Several sources"). Each source is judged by its own rules before.
+ * first source is read again as soon as it speaks again, and a log that has the same samples in the
+ * same order gives the same ones (docs/mapping.md, "Several sources"). Each source is judged by
+ * its own rules before.
  * Non-goals: what the sources promise, which `soter build` compared. C++11.
  */
 #ifndef SOTER_SOURCES_HPP

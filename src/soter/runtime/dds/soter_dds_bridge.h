@@ -39,6 +39,7 @@ typedef struct {
   soter_dds_qos qos;
   const char* publisher; /* the name of the entity that may write; "": the first that is heard */
   bool stamped;
+  int64_t delay_ns; /* where not: how long before its arrival a message may have been measured */
   bool (*frame)(const void* m);    /* whether it is in the frame of the mapping */
   int64_t (*stamp)(const void* m); /* ns since 1970 at which it was measured; 0 or less: none */
   bool (*convert)(const void* m, void* value); /* false: something that is needed is not there */

@@ -136,7 +136,7 @@ static bool fits(const struct ddsi_serdata* sample, const void* message) {
 static bool measured_at(soter_dds_topic* topic, int64_t* measured) {
   const int64_t error = topic->bridge->clock_error_ns;
   const int64_t now = soter_dds_monotonic_ns(); /* first: see the wall clock below */
-  *measured = now;
+  *measured = now - topic->in->delay_ns;
   if (!topic->in->stamped) {
     return true;
   }
@@ -241,8 +241,8 @@ static bool is_of_now(const soter_dds_topic* topic, int64_t written) {
 static void turn(soter_dds_topic* topic, int64_t now) {
   const soter_dds_outward* const out = topic->out;
   int64_t written = 0;
-  if (soter_outside_read(&topic->channel, &written, topic->value, NULL) &&
-      is_of_now(topic, written)) {
+  const bool there = soter_outside_read(&topic->channel, &written, topic->value, NULL);
+  if (there && is_of_now(topic, written)) {
     const bool changed = memcmp(topic->value, topic->last_value, out->size) != 0;
     (void)memcpy(topic->last_value, topic->value, out->size);
     topic->heard = now;
@@ -256,6 +256,8 @@ static void turn(soter_dds_topic* topic, int64_t now) {
     if (out->law(topic->last_value)) {
       tell(topic, now, now);
     }
+  } else if (there && topic->heard == 0 && now - topic->begun > out->silent_ns) {
+    set_silent(topic, true); /* whoever wrote it was gone before this bridge began */
   }
 }
 

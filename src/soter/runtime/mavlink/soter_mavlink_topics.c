@@ -90,8 +90,10 @@ void soter_mavlink_judge(soter_mavlink_topic* topic, const mavlink_message_t* m)
   }
   (void)memset(in->value, 0, in->size);
   if (!in->convert(m, in->value)) {
-    soter_mavlink_count(topic, SOTER_MAVLINK_ABSENT,
-                        "a message says that a value is not known, or the topic cannot hold it");
+    soter_mavlink_count(
+        topic, SOTER_MAVLINK_ABSENT,
+        "a message says that a value is not known, or has none, as it is of MAVLink "
+        "1 and the field an extension, or the topic cannot hold it");
     return;
   }
   if (!measured_at(topic, m, &measured)) {

@@ -75,11 +75,23 @@ static bool answered(soter_outside* channel, uint64_t before, uint64_t* words) {
   return false;
 }
 
-static int tell(const uint64_t* words, uint64_t refused_before, bool unchecked) {
+/* Whether no lease has ended, so that there is nothing to arm. */
+static bool none_ended(const uint64_t* words) {
+  bool none = true;
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    const uint64_t* const m = words + SOTER_ACTUATORS_HEAD + SOTER_ACTUATORS_MODULE * k;
+    SOTER_CHECK(k < ACTUATOR_MODULES);
+    none = none && m[SOTER_ACTUATORS_STATE] != (uint64_t)SOTER_LEASE_ENDED;
+  }
+  return none;
+}
+
+static int tell(const uint64_t* words, uint64_t refused_before, bool unchecked, bool already) {
   if (words[SOTER_ACTUATORS_REFUSED] == refused_before) {
-    (void)printf("armed%s: process %llu\n",
+    (void)printf("armed%s: process %llu%s\n",
                  unchecked ? ", without a look at the state, which no proof is about" : "",
-                 (unsigned long long)words[SOTER_ACTUATORS_PROCESS]);
+                 (unsigned long long)words[SOTER_ACTUATORS_PROCESS],
+                 already ? ", which had not stopped to obey" : "");
     return EXIT_SUCCESS;
   }
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
@@ -115,6 +127,7 @@ int soter_actuator_request(const char* folder, bool unchecked) {
   }
   const uint64_t before = answers(words);
   const uint64_t refused = words[SOTER_ACTUATORS_REFUSED];
+  const bool already = none_ended(words);
   if (kill((pid_t)words[SOTER_ACTUATORS_PROCESS], unchecked ? SIGUSR2 : SIGUSR1) != 0) {
     perror("not armed");
     return EXIT_FAILURE;
@@ -123,5 +136,5 @@ int soter_actuator_request(const char* folder, bool unchecked) {
     (void)fprintf(stderr, "not armed: the actuators do not answer\n");
     return EXIT_FAILURE;
   }
-  return tell(words, refused, unchecked);
+  return tell(words, refused, unchecked, already);
 }

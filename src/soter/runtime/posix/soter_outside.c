@@ -39,6 +39,19 @@ static void* mapped(int file, size_t bytes) {
   return at == MAP_FAILED ? NULL : at;
 }
 
+/* Room that is there: a page of a hole, in a tmpfs that is full, would end whoever touches it. */
+static const char* make_room(int file, size_t bytes, bool empty) {
+  SOTER_CHECK(file >= 0 && bytes > 0U);
+  if (fallocate(file, 0, 0, (off_t)bytes) == 0) {
+    return NULL;
+  }
+  if (errno == EOPNOTSUPP && (!empty || ftruncate(file, (off_t)bytes) == 0)) {
+    return NULL; /* this file system promises no room */
+  }
+  return errno == ENOSPC ? "there is no room for it: the file system of the folder is full"
+                         : strerror(errno);
+}
+
 static const char* map_file(soter_outside* c, int file) {
   const size_t bytes = 2U * place_bytes(c->size) + LINE;
   struct stat found;
@@ -46,11 +59,12 @@ static const char* map_file(soter_outside* c, int file) {
   if (fstat(file, &found) != 0 || !S_ISREG(found.st_mode)) {
     return "it is no file";
   }
-  if (found.st_size == 0 && ftruncate(file, (off_t)bytes) != 0) {
-    return strerror(errno);
-  }
   if (found.st_size != 0 && (size_t)found.st_size != bytes) {
     return "it is of another layout: built for another program, or of an older one; remove it";
+  }
+  const char* const wrong = make_room(file, bytes, found.st_size == 0);
+  if (wrong != NULL) {
+    return wrong;
   }
   uint8_t* const at = mapped(file, bytes);
   c->room = mapped(-1, 8U * SOTER_CHANNEL_WORDS(c->size) + 8U);

@@ -82,11 +82,7 @@ class Simulation : public SimulationCore {
 
  private:
   void on(const rosgraph_msgs::Clock::ConstPtr& message) {
-    if (ended()) {
-      return;
-    }
-    clock(static_cast<int64_t>(message->clock.toNSec()));
-    if (ended()) {
+    if (clock(static_cast<int64_t>(message->clock.toNSec()))) {
       say();
       ros::requestShutdown();
     }

@@ -100,11 +100,7 @@ class Simulation : public SimulationCore {
 
  private:
   void on(const rosgraph_msgs::msg::Clock& message) {
-    if (ended()) {
-      return;
-    }
-    clock(ns_of(message.clock));
-    if (ended()) {
+    if (clock(ns_of(message.clock))) {
       say();
       rclcpp::shutdown();
     }

@@ -120,9 +120,10 @@ static bool {name}_convert(const void* given, void* value) {{
     def _row_in(self, index: int, mapped: TopicMap) -> str:
         name = self.world.names[index]
         stamped = "true" if mapped.stamp else "false"
+        delay = f"INT64_C({mapped.delay_ns})"
         return f"""\
     {{{self._head(index, mapped)},
-     {text_literal(mapped.publisher or "")}, {stamped}, {name}_frame, {name}_stamp, \
+     {text_literal(mapped.publisher or "")}, {stamped}, {delay}, {name}_frame, {name}_stamp, \
 {name}_convert}},
 """
 

@@ -103,7 +103,7 @@ sizeof({self.bridged.value_type(index)}), {text(_message(mapped).name)}"""
     def _in(self, index: int, mapped: TopicMap) -> str:
         name, message = self.world.names[index], _message(mapped)
         converter = MessageConverter(mapped, MAVLINK, MAVLINK_C, "m")
-        lines = [*_unknown(mapped, converter), *converter.inward("(*to)")]
+        lines = [*_extended(mapped), *_unknown(mapped, converter), *converter.inward("(*to)")]
         body = "\n".join(f"  {line}" for line in lines)
         tests = [_same(message, path, value, converter) for path, value in mapped.constants.items()]
         stamp = "-1"
@@ -197,6 +197,16 @@ def _same(message: MavlinkMessage, path: str, value: object, converter: MessageC
     if kind in FLOATS:
         return f"{what} == {f'(float){float(str(value))!r}' if kind == 'float32' else value}"
     return f"(int64_t){what} == INT64_C({value})"
+
+
+def _extended(mapped: TopicMap) -> Iterator[str]:
+    """What is not taken, as a frame of MAVLink 1 has no extensions: a zero there nobody sent."""
+    stamp = [mapped.stamp.path] if mapped.stamp is not None else []
+    read = {path.partition(".")[0] for path in (*mapped.names, *mapped.constants, *stamp)}
+    if read & _message(mapped).extensions:
+        yield "if (raw->magic != MAVLINK_STX) {"
+        yield "  return false;"
+        yield "}"
 
 
 def _unknown(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:

@@ -254,6 +254,7 @@ struct {self._named(mapped)}{of} {{
     return {frame};
   }}
   static bool stamped() {{ return {"true" if mapped.stamp else "false"}; }}
+  static int64_t delay_ns() {{ return INT64_C({mapped.delay_ns}); }}
   static int64_t stamp_ns(const Message& m) {{
     (void)m;
     return {stamp};

@@ -21,6 +21,7 @@ from soter.targets.ros.catkin_files import SIMULATED, catkin_files
 from soter.targets.ros.module_status import message_files
 from soter.targets.ros.node_sources import ROS1, ROS2, Flavour, NodeSources
 from soter.targets.ros.ros_package import RosPackage, package_name
+from soter.targets.ros.rostest_files import untested
 from soter.targets.source_promises import compared
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     package.files += catkin_files(ros)
     if system.externals:
         package.files += message_files(ros.name)
+    if system.externals and untested(ros):
+        package.notes.append(f"there is no `test/`: {untested(ros)}")
     launch = ros.name if system.externals else f"{ros.name}_simulation"
     package.commands = [
         f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",

@@ -35,14 +35,30 @@ RAYS = 36
 NAMED = "standing_by"
 
 
+def untested(p: RosPackage) -> str:
+    """Why the package has no test; "": it has one."""
+    if not p.bridged.actuated:
+        return "no actuators obey"
+    if not _sensed(p):
+        return "nothing comes in but for ACs"
+    several = _publishers(p)
+    if several[1:]:
+        names = ", ".join(f"`{name}`" for name in several)
+        return f"one node stands in for the sensors, and the mapping asks for {names}"
+    return ""
+
+
+def _publishers(p: RosPackage) -> list[str]:
+    return sorted({m.publisher.strip("/") for m in _sensed(p) if m.publisher})
+
+
 def rostest_files(p: RosPackage) -> list[PackageFile]:
-    """The test; none where no actuators obey, or where the sensors are to have several names."""
-    publishers = {m.publisher.strip("/") for m in _sensed(p) if m.publisher}
-    if not p.bridged.actuated or len(publishers) > 1 or not _sensed(p):
+    """The test; none where `untested`."""
+    if untested(p):
         return []
     document = json.dumps(_document(p), indent=1) + "\n"
     return [
-        PackageFile(f"test/{p.name}.test", _launch(p, *publishers)),
+        PackageFile(f"test/{p.name}.test", _launch(p, *_publishers(p))),
         PackageFile(f"test/{NODE}", STANDING_BY.replace("@NAME@", p.name)),
         PackageFile("test/stand_ins.json", document, yours=True),
     ]
@@ -236,11 +252,11 @@ def get(message, path):
 def is_law(message, fields):
     """Whether a message says the law, as exactly as 32 bits hold it."""
     for path, value in fields.items():
-        found = get(message, path)
+        actual = get(message, path)
         if isinstance(value, float):
-            if abs(found - value) > 1e-6 * max(1.0, abs(value)):
+            if abs(actual - value) > 1e-6 * max(1.0, abs(value)):
                 return False
-        elif found != value:
+        elif actual != value:
             return False
     return True
 
@@ -361,21 +377,21 @@ class StandingBy(unittest.TestCase):
         kind = roslib.message.get_message_class("@NAME@/ModuleStatus")
         if kind is None:
             self.skipTest("the workspace has made no class of ModuleStatus: no genmsg, or genpy")
-        told = {}
+        statuses = {}
 
         def hear(message):
-            told[message.module] = message
+            statuses[message.module] = message
 
         rospy.Subscriber("/@NAME@_bridge/status", kind, hear, queue_size=100)
         for name in self.about["modules"]:
             self.eventually(
-                lambda name=name: name in told and WAITS in told[name].message,
+                lambda name=name: name in statuses and WAITS in statuses[name].message,
                 f"~status never said that the actuators of {name} wait to be armed",
             )
-            self.assertFalse(told[name].armed)
-            self.assertFalse(told[name].unchecked)
-            self.assertIn(told[name].mode, ("AC", "SC"))
-            self.assertGreater(told[name].stamp.to_nsec(), 0)
+            self.assertFalse(statuses[name].armed)
+            self.assertFalse(statuses[name].unchecked)
+            self.assertIn(statuses[name].mode, ("AC", "SC"))
+            self.assertGreater(statuses[name].stamp.to_nsec(), 0)
 
 
 if __name__ == "__main__":

@@ -152,6 +152,7 @@ def test_beyond_an_end_nothing_is_said_of_what_no_proof_follows() -> None:
     for old, new, what in (
         ("  ttf seen.x > 0.0;\n  safer seen.x > 1.0;\n", "", "predicates that are computed"),
         ("der x = -8.0", "next x = x - 0.8", "steps"),
+        (" / 10 open, seen.v", " / 10 open; grid seen.v", "several groups"),
     ):
         text = FALLING.replace(
             "ttf true;\n  safer false;", "ttf seen.x > 0.0;\n  safer seen.x > 1.0;"
@@ -160,3 +161,14 @@ def test_beyond_an_end_nothing_is_said_of_what_no_proof_follows() -> None:
         with pytest.raises(SoterError, match="is `open`") as raised:
             verified(text.replace(old, new))
         assert what in raised.value.diagnostics[0].message
+
+
+def test_beyond_an_end_no_controller_is_looked_for() -> None:
+    text = FALLING.replace("ttf true;\n  safer false;", "ttf seen.x > 0.0;\n  safer seen.x > 1.0;")
+    text = text.replace("sc Slow;", "sc synthesized period 100ms;")
+    text = text.replace(
+        "recover never;", "core seen.x > 1.0; commands u in { 0.0, 0.001 }; recover never;"
+    )
+    flat = system_of(check_file("rover.soter", text), None)
+    with pytest.raises(SoterError, match=r"R007.*`open`.*an SC that is to be found"):
+        extract(flat, flat.modules[0], synthesize=True)
