@@ -63,7 +63,7 @@ WRONG_VEHICLES = [
         ),
         ("ttf without the time until SC acts", "LOOK: float = 0.12", "LOOK: float = 0.0"),
         ("reads are older than ttf allows for", "max_age 50ms", "max_age 200ms"),
-        ("ttf without what people walk", "W * (LOOK + 0.4 + s / BRAKE)", "0.0"),
+        ("ttf without what people walk", "W * meanwhile(v)", "0.0"),
         ("ttf without the way to a stop", "s * s / (2.0 * BRAKE)", "0.0"),
         ("a slope on which nothing stands", "der v = grip", "der v = 8.0 * slope + grip"),
         (
