@@ -92,5 +92,38 @@ WRONG_VEHICLES = [
             "failsafe drive = { v: 0.3, w: 0.0 }",
         ),
     ),
+    *_wrong(
+        "hover.soter",
+        DRIVES_ON,
+        (
+            "people run, and the drone counts with people who walk",
+            "in [-W - DRIFT, W + DRIFT]",
+            "in [-2.0 * W, 2.0 * W]",
+        ),
+        ("at rest is less than the error", "REST: float = 0.4", "REST: float = 0.09"),
+        ("wind that SC does not stand against", "dx: float in [-D, D]", "dx: float in [-2.0, 2.0]"),
+        ("the drone reads too old a state", "max_age 20ms", "max_age 120ms"),
+        (
+            "the drone's ttf without the time until SC acts",
+            "LOOK: float = 0.05",
+            "LOOK: float = 0.0",
+        ),
+        (
+            "the drone's ttf without what people walk",
+            "(W + DRIFT) * (LOOK + 0.4 + max(x, y) / B)",
+            "0.0",
+        ),
+        (
+            "SC brakes on one axis",
+            "vec2(brake(near.wx), brake(near.wy)); }",
+            "vec2(brake(near.wx), 0.0); }",
+        ),
+        ("ttf knows of no speed aside", " || abs(near.wy) > FAST;", ";"),
+        (
+            "the speed aside is off by more than ttf allows for",
+            "near.wy within E_V",
+            "near.wy within 0.5",
+        ),
+    ),
 ]
 """Each leaves `safe`, or loses what the proof rests on."""
