@@ -98,11 +98,11 @@ WRONG_VEHICLES = [
         (
             "people run, and the drone counts with people who walk",
             "in [-W - DRIFT, W + DRIFT]",
-            "in [-2.0 * W, 2.0 * W]",
+            "in [-3.0 * W, 3.0 * W]",
         ),
         ("at rest is less than the error", "REST: float = 0.4", "REST: float = 0.09"),
         ("wind that SC does not stand against", "dx: float in [-D, D]", "dx: float in [-2.0, 2.0]"),
-        ("the drone reads too old a state", "max_age 20ms", "max_age 120ms"),
+        ("the drone reads too old a state", "max_age 20ms", "max_age 150ms"),
         (
             "the drone's ttf without the time until SC acts",
             "LOOK: float = 0.05",
@@ -110,7 +110,7 @@ WRONG_VEHICLES = [
         ),
         (
             "the drone's ttf without what people walk",
-            "(W + DRIFT) * (LOOK + 0.4 + max(x, y) / B)",
+            "(W + DRIFT) * (LOOK + 0.15 + max(x, y) / B)",
             "0.0",
         ),
         (
