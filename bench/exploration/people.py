@@ -1,16 +1,17 @@
-"""A rover among people: who is touched while it moves, how fast it gets along.
+"""Vehicles among what moves: who is touched while they move, how fast they get along.
 
 Purpose: `examples/exploration/people.soter` with people who walk into the rover, who lure it, and
 who stroll; the proved module, a stop zone without timing and AC alone, from the same seeds. The
-same in `street.soter`, where a lidar sees them, and those who lure step out from behind things.
+same in `street.soter`, where a lidar sees them, and those who lure step out from behind things, and
+for a robot on wheels, one among robots that announce their speed, and a drone.
 Non-goals: what is proved (`soter verify`).
 
     python bench/exploration/people.py               10,000 encounters and more
     python bench/exploration/people.py --runs 10
-    python bench/exploration/people.py --lidar --set PASSAGE=1.5
+    python bench/exploration/people.py --only street --set PASSAGE=1.5
 
-An *encounter* begins where somebody comes within 1 m of the rover's box and ends beyond 2 m.
-*Touched*: onsets of a distance of 0 or less while the rover is faster than what counts as rest.
+An *encounter* begins where somebody comes within 1 m of the vehicle's hull and ends beyond 2 m.
+*Touched*: onsets of a distance of 0 or less while the vehicle is faster than what counts as rest.
 *x real*: simulated seconds for each of the processor's, one core.
 """
 
@@ -30,23 +31,32 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parents[2] / "examples" / "exploration"
 RUNS = {"Hunting": 330, "Luring": 100, "Strolling": 100}
-ROVERS = {
-    "Soter": ("Hunted", "Passive"),
-    "stop zone": ("Zoned", "h.Passive"),
-    "AC alone": ("Bare", "h.Passive"),
-}
-LIDAR = {
-    "Soter": ("Hunted", "Sighted"),
-    "stop zone": ("Zoned", "h.Sighted"),
-    "AC alone": ("Bare", "h.Sighted"),
+
+
+def _arms(module: str, second: str = "stop zone") -> dict[str, tuple[str, str]]:
+    """The system and the module of each vehicle in a table."""
+    other = {"stop zone": "Zoned", "not heard": "Unheard"}[second]
+    return {
+        "Soter": ("Hunted", module),
+        second: (other, f"h.{module}"),
+        "AC alone": ("Bare", f"h.{module}"),
+    }
+
+
+VEHICLES = {
+    "people": _arms("Passive"),
+    "street": _arms("Sighted"),
+    "wheels": _arms("Passive"),
+    "announced": _arms("Passive", "not heard"),
+    "hover": _arms("Passive"),
 }
 
 
 def row(
-    program: soter.Program, rover: tuple[str, str], runs: int, params: Mapping[str, object]
+    program: soter.Program, vehicle: tuple[str, str], runs: int, params: Mapping[str, object]
 ) -> tuple[str, int]:
     """What stands in a line of the table, and the encounters in it."""
-    system, module = rover
+    system, module = vehicle
     touched = encounters = 0
     far, share = [], []
     began, simulated = time.process_time(), 0.0
@@ -69,23 +79,24 @@ def row(
     return text, encounters
 
 
-def table(path: Path, rovers: Mapping[str, tuple[str, str]], asked: argparse.Namespace) -> None:
-    """Print what comes of each rover with each kind of people."""
+def table(name: str, asked: argparse.Namespace) -> None:
+    """Print what comes of each vehicle of a file with each kind of people."""
+    path = FOLDER / f"{name}.soter"
     program = soter.load(path)
-    kind_of_people = "KIND" if path.stem == "people" else "people.KIND"
+    kind_of_people = {"people": "KIND", "street": "people.KIND"}.get(name, "walkers.KIND")
     params = dict(text.split("=", 1) for text in asked.set)
     print(
-        f"{path.name:<14}{'people':<12}{'runs':>6}{'encounters':>12}{'touched':>9}{'m/s':>10}"
+        f"{path.name:<17}{'people':<12}{'runs':>6}{'encounters':>12}{'touched':>9}{'m/s':>10}"
         f"{'AC %':>8}{'x real':>8}"
     )
-    for name, rover in rovers.items():
+    for arm, vehicle in VEHICLES[name].items():
         total = 0
         for kind, runs in RUNS.items():
             values = {kind_of_people: kind, **{n: float(v) for n, v in params.items()}}
-            text, encounters = row(program, rover, asked.runs or runs, values)
+            text, encounters = row(program, vehicle, asked.runs or runs, values)
             total += encounters
-            print(f"{name:<14}{kind:<12}{text}", flush=True)
-        print(f"{name:<14}{'all':<12}{'':>6}{total:>12}")
+            print(f"{arm:<17}{kind:<12}{text}", flush=True)
+        print(f"{arm:<17}{'all':<12}{'':>6}{total:>12}")
 
 
 def main() -> None:
@@ -96,12 +107,11 @@ def main() -> None:
     parser.add_argument(
         "--runs", type=int, help="of each kind; by default as many as the table has"
     )
-    parser.add_argument("--lidar", action="store_true", help="the street with a lidar alone")
+    parser.add_argument("--only", choices=VEHICLES, help="one file of them")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=NUMBER")
     asked = parser.parse_args()
-    if not asked.lidar:
-        table(FOLDER / "people.soter", ROVERS, asked)
-    table(FOLDER / "street.soter", LIDAR, asked)
+    for name in [asked.only] if asked.only else VEHICLES:
+        table(name, asked)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ NOTHING_TO_RUN = {
         *("evidence/courier", "evidence/reel"),
         *("exploration/frontier", "exploration/grid", "exploration/mapper"),
         *("exploration/recorder", "exploration/rrt_connect", "exploration/sight"),
-        "exploration/worlds",
+        *("exploration/walkers", "exploration/worlds"),
         *("mountain_car/gymnasium", "testing/late_sc_on_time", "drone/mujoco_quad"),
     )
 } | {f"tests/correct/{name}.soter" for name in ("a_library", "externs", "files/shapes")}
