@@ -16,6 +16,8 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 from bench.ros import ros1_bad_input, ros1_clock
 from bench.ros.ros1_nodes import ROOT, SYSTEM_PYTHON, built_node, built_package, missing, nodes
 
+import processes
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
@@ -66,6 +68,42 @@ def test_a_clock_error_that_is_no_number_ends_the_bridge(
         assert bridge.wait(60) == 1
         all_.end("bridge")
         assert "clock_error is no time" in "".join(all_.heard["bridge"])
+
+
+LATCHED = """
+import sys, time, rospy
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
+rospy.init_node(sys.argv[2])
+clock = rospy.Publisher("/clock", Clock, queue_size=100)
+wish = rospy.Publisher("/wish", Float64, queue_size=100, latch=sys.argv[1] == "latched")
+while not clock.get_num_connections() or not wish.get_num_connections():
+    time.sleep(0.01)
+for second in range(100, 10**6):
+    clock.publish(Clock(rospy.Time(second)))
+    time.sleep(0.05)
+    wish.publish(1.0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("how", "why"),
+    [
+        ("latched", "a latched message has no stamp: nobody knows how old it is"),
+        ("plain", "a second node publishes it"),
+    ],
+)
+def test_under_clock_what_is_latched_and_has_no_stamp_is_refused(
+    shuttle: Path, how: str, why: str
+) -> None:
+    """Two that do not latch are told apart, so the first of them was heard."""
+    with nodes() as all_:
+        program = shuttle / "shuttle_ros_simulation"
+        simulation = all_.start("simulation", program, "_until:=1000000")
+        for name in ("one", "other"):
+            all_.start(name, SYSTEM_PYTHON, "-c", LATCHED, how, name)
+        processes.until(lambda: "/wish: " in "".join(all_.heard["simulation"]), simulation)
+        assert f"/wish: {why}" in "".join(all_.heard["simulation"])
 
 
 @pytest.mark.real_time

@@ -61,18 +61,11 @@ class BridgedIn : public Bridged {
 
   void on(const Event& event) {
     const int64_t now = monotonic_ns();
-    if (!T::stamped() && is_latched(event)) {
+    if (!T::stamped() && is_latched(event.getConnectionHeader())) {
       inward_.refuse_undated();
       return;
     }
     inward_.take(*event.getConstMessage(), event.getPublisherName(), now, ns_of(ros::Time::now()));
-  }
-
-  /* Whether its publisher sends the last message again, however old, to whoever connects. */
-  static bool is_latched(const Event& event) {
-    const ros::M_string& header = event.getConnectionHeader();
-    const ros::M_string::const_iterator found = header.find("latching");
-    return found != header.end() && found->second == "1";
   }
 
   Inward<T> inward_;

@@ -26,6 +26,10 @@ class SimulatedIn : public SimulatedInput<T> {
 
  private:
   void on(const ros::MessageEvent<typename T::Message const>& event) {
+    if (!T::stamped() && is_latched(event.getConnectionHeader())) {
+      refused("a latched message has no stamp: nobody knows how old it is");
+      return;
+    }
     this->take(*event.getConstMessage(), event.getPublisherName());
   }
 
