@@ -7,6 +7,7 @@ busy elsewhere takes longer now and then, so whoever rests on that is marked `re
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 import time
@@ -130,6 +131,13 @@ def test_a_trusted_part_that_is_held_up_gives_no_more_leases(
 # ---------------------------------------------------------------- sensors
 
 
+def old_reads(run_report: dict[str, Any], module: str, topic: str) -> list[float]:
+    """How old a topic was whose read ended the leases, and how old it may be, ms; no note: []."""
+    read = re.compile(rf"leases of {module} ended as \S+ read `{topic}` ([\d.]+) ms old, of (.+) ms")
+    (found,) = [m for n in run_report["notes"] if (m := read.fullmatch(n))] or [None]
+    return [] if found is None else [float(x) for x in found.groups()]
+
+
 def heard_by(vehicle: Path, folder: Path, until: str) -> dict[str, Any]:
     """The report of the trusted part, whose clock stands at this time as its run begins."""
     events = [f"clock:{time.monotonic_ns()}:0"]
@@ -148,6 +156,9 @@ def test_a_sensor_that_falls_silent_ends_the_lease(
     assert lease["given"] > 0
     assert lease["stale"] > 0
     assert 400_000_000 < lease["ended_ns"] < 800_000_000, "0.6 s after the last value"
+    (age_ms, most_ms) = old_reads(run_report, "Guard", "position")
+    assert most_ms == 600.0
+    assert most_ms < age_ms <= lease["ended_ns"] / 1e6 + 100.0, "the first read that was too old"
     assert run_report["modules"]["Guard"]["takeovers"]["stale"] == 1
     assert run_report["misses"] == 0
 
@@ -207,6 +218,9 @@ def test_a_sensor_that_nobody_speaks_for_is_told(made: Programs, tmp_path: Path)
     assert any("nobody speaks on `position`" in n for n in run_report["notes"])
     assert run_report["leases"]["Guard"]["given"] == 0
     assert run_report["leases"]["Guard"]["stale"] > 0
+    said = [n for n in run_report["notes"] if n.startswith("leases of Guard ended as ")]
+    assert len(said) == 1
+    assert said[0].endswith("read `position`, which nobody had published")
 
 
 @pytest.mark.real_time
@@ -231,6 +245,7 @@ def test_an_sc_that_latched_gives_no_leases_whoever_has_control(
     assert run_report["violations"] == 1, "the fault of SC"
     assert run_report["leases"]["Guard"]["ended_ns"] > 0
     assert run_report["misses"] == run_report["leases"]["Guard"]["stale"] == 0
+    assert old_reads(run_report, "Guard", "position") == []
     guard = run_report["modules"]["Guard"]
     assert guard["switches_to_ac"] > guard["switches_to_sc"], "AC has control, and is not obeyed"
 

@@ -128,6 +128,12 @@ typedef struct {
   int64_t stamp;    /* of the value that went out last */
 } soter_outside_times;
 
+/* A read that the proof of a module is not about. */
+typedef struct {
+  const soter_posix_age* of; /* NULL: there was none */
+  int64_t age_ns;            /* SOTER_NEVER: nobody had published it */
+} soter_old_read;
+
 /* Of the leases of a module. */
 typedef struct {
   soter_outside channel;
@@ -137,6 +143,7 @@ typedef struct {
   uint64_t given;         /* messages with a lease */
   uint64_t stale;         /* releases that read what was too old: not done */
   int64_t ended_ns;       /* ct from which on no lease is given; -1: they are */
+  soter_old_read old[APP_BUDGETS]; /* of each node, the first one since it was done last */
   uint64_t law;           /* instants in which plants obeyed the law */
   int64_t silence_law_ns; /* how long of the longest silence the law was applied */
   uint64_t message[APP_WORDS];
@@ -322,6 +329,7 @@ void soter_posix_release(soter_posix* d); /* at the end: no process is left */
 bool soter_posix_open(soter_posix* d); /* before the start: channels; false: one cannot be had */
 bool soter_posix_hear(soter_posix* d); /* waits until sensors speak; false: it is to end */
 bool soter_posix_leases_over(const soter_posix* d);
+void soter_posix_note_old_reads(soter_posix* d); /* after the run: by which leases ended */
 void soter_posix_begin(soter_posix* d);  /* the calendar's origin is known */
 void soter_posix_listen(soter_posix* d); /* an instant has begun: what came is published */
 /* a component that was released has run, from `start` to `end`, CLOCK_MONOTONIC */

@@ -269,6 +269,7 @@ static int go(soter_posix* d, const sigset_t* ending) {
     (void)pthread_join(logger, NULL);
   }
   soter_posix_release(d);
+  soter_posix_note_old_reads(d);
   return finish(d);
 }
 

@@ -115,6 +115,7 @@ void soter_posix_begin(soter_posix* d) {
     soter_grant_begin(&t->grant, soter_app_leases[k].grant, t->done, d->origin_ns);
     soter_lease_init(&t->lease, soter_app_leases[k].lease, t->command);
     t->ended_ns = -1;
+    (void)memset(t->old, 0, sizeof t->old);
   }
   for (uint32_t i = 0; i < APP_PROGRAM->modules; i++) {
     d->next_look_ns[i] = SOTER_NEVER;
@@ -200,19 +201,40 @@ static void give(soter_posix* d, uint32_t k) {
   t->given++;
 }
 
-/* Whether what a component read its proof is not about. */
-static bool stale(soter_posix* d, const soter_posix_lease* l, uint32_t component) {
+/* What a component read and its proof is not about. */
+static soter_old_read old_read(soter_posix* d, const soter_posix_lease* l, uint32_t component) {
   const int64_t* const stamps = soter_stamps_of(APP_PROGRAM, &d->state);
   const int64_t ct = soter_header_of(&d->state)->ct;
-  bool found = false;
-  for (uint32_t i = 0; i < l->ages; i++) {
+  soter_old_read found = {NULL, 0};
+  for (uint32_t i = 0; i < l->ages && found.of == NULL; i++) {
     const soter_posix_age* const a = &l->age[i];
     SOTER_CHECK(a->topic < APP_PROGRAM->topics);
     const int64_t stamp = stamps[a->topic];
     const bool old = stamp == SOTER_NEVER ? a->outside : ct - stamp > a->most_ns;
-    found = found || (a->component == component && old);
+    if (a->component == component && old) {
+      found = (soter_old_read){a, stamp == SOTER_NEVER ? SOTER_NEVER : ct - stamp};
+    }
   }
   return found;
+}
+
+/* A node of a grant has run; `out_ns`: when what it says was out. */
+static void done(soter_posix* d, uint32_t k, uint32_t n, int64_t start_ns, int64_t out_ns) {
+  const soter_posix_lease* const l = &soter_app_leases[k];
+  soter_lease_times* const t = &d->lease[k];
+  const soter_old_read old = old_read(d, l, l->component[n]);
+  SOTER_CHECK(n < APP_BUDGETS);
+  if (old.of != NULL) {
+    t->stale++; /* not done: a sensor that is late is a part that is late */
+    t->old[n] = t->old[n].of == NULL && t->ended_ns < 0 ? old : t->old[n];
+    return;
+  }
+  if (soter_grant_done(&t->grant, n, start_ns, out_ns)) {
+    t->old[n].of = NULL; /* no release is missing */
+  }
+  if (n == SC) {
+    give(d, k);
+  }
 }
 
 void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int64_t end_ns) {
@@ -222,18 +244,34 @@ void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int6
   }
   for (uint32_t k = 0; k < soter_app_lease_count; k++) {
     const soter_posix_lease* const l = &soter_app_leases[k];
-    soter_lease_times* const t = &d->lease[k];
     for (uint32_t n = 0; n < l->grant->nodes; n++) {
-      if (l->component[n] != component) {
-        continue;
+      if (l->component[n] == component) {
+        done(d, k, n, start_ns, n == SC ? soter_posix_clock() : end_ns);
       }
-      if (stale(d, l, component)) {
-        t->stale++; /* not done: a sensor that is late is a part that is late */
-      } else if (n != SC) {
-        (void)soter_grant_done(&t->grant, n, start_ns, end_ns);
-      } else {
-        (void)soter_grant_done(&t->grant, n, start_ns, soter_posix_clock());
-        give(d, k);
+    }
+  }
+}
+
+static void note_old_read(soter_posix* d, const soter_posix_lease* l, const soter_old_read* old) {
+  const char* const node = APP_PROGRAM->component[old->of->component].name;
+  const char* const topic = APP_PROGRAM->topic[old->of->topic].name;
+  SOTER_CHECK(old->of->topic < APP_PROGRAM->topics);
+  if (old->age_ns == SOTER_NEVER) {
+    soter_posix_note(d, "leases of %s ended as %s read `%s`, which nobody had published", l->name,
+                     node, topic);
+  } else {
+    soter_posix_note(d, "leases of %s ended as %s read `%s` %.3f ms old, of %.3f ms", l->name, node,
+                     topic, (double)old->age_ns / 1e6, (double)old->of->most_ns / 1e6);
+  }
+}
+
+void soter_posix_note_old_reads(soter_posix* d) {
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    const soter_lease_times* const t = &d->lease[k];
+    SOTER_CHECK(soter_app_leases[k].grant->nodes <= APP_BUDGETS);
+    for (uint32_t n = 0; n < soter_app_leases[k].grant->nodes && t->ended_ns >= 0; n++) {
+      if (t->old[n].of != NULL) {
+        note_old_read(d, &soter_app_leases[k], &t->old[n]);
       }
     }
   }
