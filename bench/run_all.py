@@ -647,7 +647,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "A rover among people whom a lidar sees",
-        ("bench/exploration/people.py", "--lidar"),
+        ("bench/exploration/people.py", "--only", "street"),
         "examples/exploration/street.soter: 180 rays, errors at their bounds, 0.5 % of the rays "
         "dropped, nobody thinner than 0.2 m, cars 2 m from the middle of the street.",
     ),

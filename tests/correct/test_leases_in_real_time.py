@@ -133,7 +133,9 @@ def test_a_trusted_part_that_is_held_up_gives_no_more_leases(
 
 def old_reads(run_report: dict[str, Any], module: str, topic: str) -> list[float]:
     """How old a topic was whose read ended the leases, and how old it may be, ms; no note: []."""
-    read = re.compile(rf"leases of {module} ended as \S+ read `{topic}` ([\d.]+) ms old, of (.+) ms")
+    read = re.compile(
+        rf"leases of {module} ended as \S+ read `{topic}` ([\d.]+) ms old, of (.+) ms"
+    )
     (found,) = [m for n in run_report["notes"] if (m := read.fullmatch(n))] or [None]
     return [] if found is None else [float(x) for x in found.groups()]
 
