@@ -60,7 +60,9 @@ def flown(tmp_path: Path, driver: Callable[[int], dict[str, Any] | None]) -> Run
 
 def cells(run: Run) -> np.ndarray:
     """How many are known after every instant."""
-    return np.asarray(run.topic("mapper.known")).sum(axis=1)
+    known: np.ndarray = np.asarray(run.topic("mapper.known"))
+    counts: np.ndarray = known.sum(axis=1)
+    return counts
 
 
 @pytest.fixture(scope="module")

@@ -136,8 +136,9 @@ def old_reads(run_report: dict[str, Any], module: str, topic: str) -> list[float
     read = re.compile(
         rf"leases of {module} ended as \S+ read `{topic}` ([\d.]+) ms old, of (.+) ms"
     )
-    (found,) = [m for n in run_report["notes"] if (m := read.fullmatch(n))] or [None]
-    return [] if found is None else [float(x) for x in found.groups()]
+    matches = [m for n in run_report["notes"] if (m := read.fullmatch(n))]
+    assert len(matches) <= 1
+    return [float(x) for m in matches for x in m.groups()]
 
 
 def heard_by(vehicle: Path, folder: Path, until: str) -> dict[str, Any]:

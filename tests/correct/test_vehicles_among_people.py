@@ -84,7 +84,7 @@ def test_a_base_of_any_lag_and_strength_is_one_of_the_proof(
 
 def cascade(
     w: float, rest: float, band: float, fast: float, wind: float
-) -> list[tuple[float, ...]]:
+) -> list[tuple[float, float, float]]:
     """Bounds every ms from when |w| fell from `w` to `rest`: s, of |p - q3| in the plane, of |v|.
 
     Each stage of `motion_primitive.soter` is a lag of non-negative terms: bounds go in for values.

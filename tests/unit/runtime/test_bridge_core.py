@@ -185,7 +185,7 @@ def test_a_bridge_that_begins_after_the_end_of_who_writes_says_so(
     """A value of before tells that somebody wrote; where none is there nobody may have begun."""
     if written:
         Number(code, tmp_path, "x", 7, writes=True).write(0.5)
-    words = [bridge, "how", tmp_path, str(silent_ns)]
+    words = (bridge, "how", tmp_path, str(silent_ns))
     done = processes.run(words, check=True, capture_output=True, text=True)
     assert done.stdout == f"{said}\n"
 

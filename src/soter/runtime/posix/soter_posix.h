@@ -139,13 +139,13 @@ typedef struct {
   soter_outside channel;
   soter_grant grant;
   int64_t done[APP_BUDGETS];
-  soter_lease lease;      /* what plants that are here obey */
-  uint64_t given;         /* messages with a lease */
-  uint64_t stale;         /* releases that read what was too old: not done */
-  int64_t ended_ns;       /* ct from which on no lease is given; -1: they are */
+  soter_lease lease;               /* what plants that are here obey */
+  uint64_t given;                  /* messages with a lease */
+  uint64_t stale;                  /* releases that read what was too old: not done */
+  int64_t ended_ns;                /* ct from which on no lease is given; -1: they are */
   soter_old_read old[APP_BUDGETS]; /* of each node, the first one since it was done last */
-  uint64_t law;           /* instants in which plants obeyed the law */
-  int64_t silence_law_ns; /* how long of the longest silence the law was applied */
+  uint64_t law;                    /* instants in which plants obeyed the law */
+  int64_t silence_law_ns;          /* how long of the longest silence the law was applied */
   uint64_t message[APP_WORDS];
   uint64_t command[APP_WORDS];
 } soter_lease_times;
@@ -330,8 +330,8 @@ bool soter_posix_open(soter_posix* d); /* before the start: channels; false: one
 bool soter_posix_hear(soter_posix* d); /* waits until sensors speak; false: it is to end */
 bool soter_posix_leases_over(const soter_posix* d);
 void soter_posix_note_old_reads(soter_posix* d); /* after the run: by which leases ended */
-void soter_posix_begin(soter_posix* d);  /* the calendar's origin is known */
-void soter_posix_listen(soter_posix* d); /* an instant has begun: what came is published */
+void soter_posix_begin(soter_posix* d);          /* the calendar's origin is known */
+void soter_posix_listen(soter_posix* d);         /* an instant has begun: what came is published */
 /* a component that was released has run, from `start` to `end`, CLOCK_MONOTONIC */
 void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int64_t end_ns);
 void soter_posix_tell(soter_posix* d); /* what goes out, as it is now */
