@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import platform
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -750,7 +751,7 @@ def main() -> int:
         if "Traceback (most recent call last)" in done.stderr:
             print("no figures: the section stays as it was", flush=True)
             continue
-        command = "python " + " ".join(b.arguments)
+        command = shlex.join(["python", *b.arguments])
         section_by_name[b.name] = f"`{command}`\n\n{b.about}\n\n```\n{done.stdout.rstrip()}\n```"
         write(section_by_name)
     print(f"wrote {PAGE.relative_to(ROOT)}")
