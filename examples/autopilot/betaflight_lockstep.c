@@ -125,12 +125,8 @@ static void lockstep_init(void) {
   rxRuntimeState.rxProvider = RX_PROVIDER_UDP;
 }
 
-/* One step. The simulator target's packet wants other signs than ours: see Gazebo's plugin for it.
- */
-static void lockstep_step(const lockstep_request* in, lockstep_answer* out) {
-  for (int i = 0; i < SIMULATOR_MAX_RC_CHANNELS; i++) {
-    rcPkt.channels[i] = i < LOCKSTEP_CHANNELS ? in->sticks[i] : 1000;
-  }
+/* What the sensors say. The simulator target wants other signs than ours: see Gazebo's plugin. */
+static void lockstep_sense(const lockstep_request* in) {
   fdm_packet p;
   memset(&p, 0, sizeof p);
   p.timestamp = (double)lockstep_now * 1e-9;
@@ -145,6 +141,13 @@ static void lockstep_step(const lockstep_request* in, lockstep_answer* out) {
   }
   p.pressure = in->pressure;
   updateState(&p);
+}
+
+static void lockstep_step(const lockstep_request* in, lockstep_answer* out) {
+  for (int i = 0; i < SIMULATOR_MAX_RC_CHANNELS; i++) {
+    rcPkt.channels[i] = i < LOCKSTEP_CHANNELS ? in->sticks[i] : 1000;
+  }
+  lockstep_sense(in);
   simRate = 1.0; /* the simulator's time is the firmware's */
   const long long until = lockstep_now + LOCKSTEP_STEP_US * 1000LL;
   while (lockstep_now < until) {

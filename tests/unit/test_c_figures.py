@@ -182,6 +182,7 @@ NO_INVARIANT = {
         *("status_text.c soter_module_message", "status_text.c soter_module_level"),
         *("status_text.c soter_armed_text", "status_text.c soter_arming_text"),
         *("status_text.c soter_arm_text", "status_text.c soter_takeover_text"),
+        "status_text.c soter_outward_text",
     },
     "what the system grants or not, which is told": {
         *("posix_setup.c soter_posix_lock", "posix_setup.c chosen_core", "posix_setup.c pin"),

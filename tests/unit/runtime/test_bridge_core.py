@@ -23,6 +23,10 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is f
 
 POSIX, BRIDGE = RUNTIME / "posix", RUNTIME / "bridge"
 HOUR_NS, NEVER_SILENT_NS = 3600 * 10**9, 10**18
+GONE = (
+    "nobody writes it: the actuators, or the trusted part, were gone when the bridge began, and "
+    "nothing is published"
+)
 MAIN = """\
 #include "soter_bridge_core.hpp"
 #include <cstdio>
@@ -172,10 +176,7 @@ def test_a_value_that_its_writer_held_back_does_not_go_out(
         (
             True,
             1,
-            (
-                "2 nobody writes it: the actuators, or the trusted part, were gone when the bridge "
-                "began, and nothing is published"
-            ),
+            f"2 {GONE}",
         ),
     ],
 )

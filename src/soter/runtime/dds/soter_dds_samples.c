@@ -238,12 +238,22 @@ static bool is_of_now(const soter_dds_topic* topic, int64_t written) {
   return written >= topic->begun && age >= 0 && age <= topic->out->silent_ns;
 }
 
+/* A value of now; `topic->before`: whether there was one at all. */
+static bool read_channel(soter_dds_topic* topic, int64_t* written) {
+  const bool found = soter_outside_read(&topic->channel, written, topic->value, NULL);
+  topic->before = topic->before || found;
+  return found && is_of_now(topic, *written);
+}
+
+/* Who wrote it was gone when the bridge began. */
+static bool was_gone(const soter_dds_topic* topic, int64_t now) {
+  return topic->heard == 0 && topic->before && now - topic->begun > topic->out->silent_ns;
+}
+
 static void turn(soter_dds_topic* topic, int64_t now) {
   const soter_dds_outward* const out = topic->out;
   int64_t written = 0;
-  const bool there = soter_outside_read(&topic->channel, &written, topic->value, NULL);
-  topic->before = topic->before || there;
-  if (there && is_of_now(topic, written)) {
+  if (read_channel(topic, &written)) {
     const bool changed = memcmp(topic->value, topic->last_value, out->size) != 0;
     (void)memcpy(topic->last_value, topic->value, out->size);
     topic->heard = now;
@@ -257,8 +267,8 @@ static void turn(soter_dds_topic* topic, int64_t now) {
     if (out->law(topic->last_value)) {
       tell(topic, now, now);
     }
-  } else if (topic->heard == 0 && topic->before && now - topic->begun > out->silent_ns) {
-    set_silent(topic, true); /* who wrote it was gone when the bridge began */
+  } else if (was_gone(topic, now)) {
+    set_silent(topic, true);
   }
 }
 

@@ -90,10 +90,9 @@ void soter_mavlink_judge(soter_mavlink_topic* topic, const mavlink_message_t* m)
   }
   (void)memset(in->value, 0, in->size);
   if (!in->convert(m, in->value)) {
-    soter_mavlink_count(
-        topic, SOTER_MAVLINK_ABSENT,
-        "a message says that a value is not known, or has none, as it is of MAVLink "
-        "1 and the field an extension, or the topic cannot hold it");
+    soter_mavlink_count(topic, SOTER_MAVLINK_ABSENT,
+                        "a message says that a value is not known, is of MAVLink 1, which has no "
+                        "extensions, or the topic cannot hold it");
     return;
   }
   if (!measured_at(topic, m, &measured)) {
@@ -132,6 +131,18 @@ static bool is_of_now(const soter_mavlink_topic* topic, int64_t written) {
   return written >= topic->begun && age >= 0 && age <= topic->out->silent_ns;
 }
 
+/* A value of now; `topic->before`: whether there was one at all. */
+static bool read_channel(soter_mavlink_topic* topic, int64_t* written) {
+  const bool found = soter_outside_read(&topic->channel, written, topic->out->value, NULL);
+  topic->before = topic->before || found;
+  return found && is_of_now(topic, *written);
+}
+
+/* Who wrote it was gone when the bridge began. */
+static bool was_gone(const soter_mavlink_topic* topic, int64_t now) {
+  return topic->heard == 0 && topic->before && now - topic->begun > topic->out->silent_ns;
+}
+
 static void fall_silent(soter_mavlink_topic* topic) {
   (void)pthread_mutex_lock(&topic->bridge->held);
   topic->silent = true;
@@ -142,9 +153,7 @@ static void turn(soter_mavlink_topic* topic, int64_t now) {
   const soter_mavlink_outward* const out = topic->out;
   const int64_t resend = topic->bridge->system->resend_ns;
   int64_t written = 0;
-  const bool found = soter_outside_read(&topic->channel, &written, out->value, NULL);
-  topic->before = topic->before || found;
-  if (found && is_of_now(topic, written)) {
+  if (read_channel(topic, &written)) {
     const bool changed = memcmp(out->value, out->last, out->size) != 0;
     (void)memcpy(out->last, out->value, out->size);
     topic->heard = now;
@@ -159,8 +168,8 @@ static void turn(soter_mavlink_topic* topic, int64_t now) {
     } else {
       fall_silent(topic); /* set-points end, and the autopilot does what it does then */
     }
-  } else if (topic->heard == 0 && topic->before && now - topic->begun > out->silent_ns) {
-    fall_silent(topic); /* who wrote it was gone when the bridge began: no set-point begins */
+  } else if (was_gone(topic, now)) {
+    fall_silent(topic); /* no set-point begins */
   }
 }
 

@@ -84,6 +84,7 @@ static uint32_t answer_of(const uint64_t* words, uint32_t module) {
 static void tell_armed(const uint64_t* words, bool unchecked) {
   const unsigned long long process = words[SOTER_ACTUATORS_PROCESS];
   bool any = false;
+  SOTER_CHECK(soter_actuator_count <= ACTUATOR_MODULES);
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
     const bool already = answer_of(words, k) == SOTER_ARM_ALREADY;
     any = any || !already;
@@ -99,6 +100,7 @@ static void tell_armed(const uint64_t* words, bool unchecked) {
 }
 
 static int tell(const uint64_t* words, uint64_t refused_before, bool unchecked) {
+  SOTER_CHECK(soter_actuator_count <= ACTUATOR_MODULES);
   if (words[SOTER_ACTUATORS_REFUSED] == refused_before) {
     tell_armed(words, unchecked);
     return EXIT_SUCCESS;
