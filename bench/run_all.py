@@ -643,14 +643,11 @@ BENCHMARKS = (
     Benchmark(
         "A rover among people",
         ("bench/exploration/people.py",),
-        "examples/exploration/people.soter, simulated: 120 s a run, three people, W = 1 m/s, the "
-        "same seeds for each rover.",
-    ),
-    Benchmark(
-        "A rover among people whom a lidar sees",
-        ("bench/exploration/people.py", "--only", "street"),
-        "examples/exploration/street.soter: 180 rays, errors at their bounds, 0.5 % of the rays "
-        "dropped, nobody thinner than 0.2 m, cars 2 m from the middle of the street.",
+        "examples/exploration, simulated: 120 s a run, three people, W = 1 m/s, the same seeds for "
+        "each vehicle. people: a rover with a perfect scanner; street: with a lidar of 180 rays, "
+        "errors at their bounds, 0.5 % of the rays dropped, nobody thinner than 0.2 m, cars 2 m "
+        "from the middle; wheels: a velocity command; announced: others are robots that say how "
+        "fast they go (not proved), or are not heard; hover: the drone.",
     ),
     Benchmark(
         "A rover among people, proved",
