@@ -6,7 +6,7 @@
 Purpose: mutants at lines that both checkouts have (a comparison, an operation, a truth or a whole
 number is another), drawn by seed; each in a copy of either tree, judged by quick tests: of those
 that name the mutated module, else of its room, the `FILES_MAX` with the fewest bytes. Killed: one
-of them fails, or all take longer than `LIMIT_S`. What is done is written to `--keep`, and not done
+of them fails, or they take longer than `CPU_S`. What is done is written to `--keep`, and not done
 again.
 Non-goals: mutants that only longer tests or tests of other rooms see; C.
 """
@@ -17,6 +17,7 @@ import argparse
 import ast
 import os
 import random
+import resource
 import shutil
 import subprocess
 import sys
@@ -34,7 +35,10 @@ from bench.pieces import Pieces  # noqa: E402 - needs the path
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-LIMIT_S = 180.0
+CPU_S = 180
+"""A mutant's tests may use as many seconds of a processor: a busy machine kills none."""
+WALL_S = 1800.0
+"""And may wait as long: a mutant that waits for ever is killed, too."""
 FILES_MAX = 6
 """As many files of tests judge a mutant."""
 PARTS = ("src", "tests", "bench", "examples", "docs", "pyproject.toml", "README.md", "Makefile")
@@ -101,7 +105,7 @@ def mutants(path: Path, name: str) -> Iterator[Mutant]:
 
 def common(before: Path) -> list[Mutant]:
     """The mutants at lines which stand in the same file of both trees just once."""
-    found: list[Mutant] = []
+    mutants_of_both: list[Mutant] = []
     room = ROOT / "src" / "soter"
     for path in sorted(room.rglob("*.py")):
         name = str(path.relative_to(room))
@@ -109,10 +113,10 @@ def common(before: Path) -> list[Mutant]:
         if other.exists():
             here = path.read_text(encoding="utf-8").split("\n")
             there = other.read_text(encoding="utf-8").split("\n")
-            found += [
+            mutants_of_both += [
                 m for m in mutants(path, name) if here.count(m.line) == there.count(m.line) == 1
             ]
-    return found
+    return mutants_of_both
 
 
 def judges(tree: Path, mutant: Mutant) -> list[str]:
@@ -130,7 +134,7 @@ def judges(tree: Path, mutant: Mutant) -> list[str]:
 
 
 def passes(tree: Path, tests: list[str]) -> bool:
-    """Whether quick tests of a tree pass; not, where they take longer than `LIMIT_S`."""
+    """Whether quick tests of a tree pass; not, where they take longer than `CPU_S`."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
     try:
         done = subprocess.run(
@@ -138,8 +142,9 @@ def passes(tree: Path, tests: list[str]) -> bool:
             cwd=tree,
             env={**os.environ, "PYTHONPATH": str(tree / "src")},
             capture_output=True,
-            timeout=LIMIT_S,
+            timeout=WALL_S,
             check=False,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S)),
         )
     except subprocess.TimeoutExpired:
         return False

@@ -33,9 +33,9 @@ from soter.certificate.polytope.dm_half_spaces import compare_half_spaces
 from soter.certificate.polytope.predicates import narrowed
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.failsafe_law import law_of
+from soter.certificate.reading.module_views import left_out
 from soter.certificate.reading.problem import DiffersError, Facts, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.reading.views import left_out
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
 from soter.certificate.terms.terms import NotRecheckedError

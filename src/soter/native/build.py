@@ -22,7 +22,7 @@ RUNTIME = SOTER / "runtime"
 NEVER_SHIPPED = SOTER / "native" / "c"
 """What only runs on this machine use."""
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
-CHECK_FAILED = NEVER_SHIPPED / "soter_check_desk.c"
+CHECK_FAILED = NEVER_SHIPPED / "soter_check_failed_exit.c"
 """What a check of the run-time or of an engine that fails does on this machine."""
 FAULTS = "soter_faults.h"
 """What programs include whose system has faults."""

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 from soter.explore.checkpoint.checkpoint_file import no_checkpoint
 from soter.explore.checkpoint.saver import COUNTS
-from soter.explore.engine.composed import ComposedSearch
 from soter.explore.engine.coverage import (
     Coverage,
     CoveredLeaf,
@@ -34,6 +33,7 @@ from soter.explore.engine.explorer_library import (
     SearchResult,
 )
 from soter.explore.engine.guided_execution import Guided, array_of, steps_of
+from soter.explore.engine.joined_parts import ComposedSearch
 from soter.explore.engine.progress import EngineProgress
 from soter.explore.engine.shrink import Shrinker
 from soter.explore.engine.trace_slice import Slicer

@@ -1,17 +1,19 @@
 /* soter_explore_internal.h: what the files of the explorer share (not for drivers).
  *
- * soter_explore_step.c  which moves a configuration has, what a move does, what is violated then
- * soter_explore_ample_sets.c sleep sets and ample sets
- * soter_explore_store.c the table of packed configurations; soter_explore_memory.c its memory
- * soter_explore_expand.c the configurations that come after a configuration; _memo what is
- * remembered of that soter_explore_expander.c what does so, opened and closed; soter_explore_rows.c
- * rows of configurations soter_explore_instant.c only ends of instants; _calendar whether that is
- * all; _way the steps between two of them soter_explore_independent_groups.c and what groups of
- * actors do in one, remembered soter_explore_symmetry.c  one configuration for all that differ by
- * the places of equal instances soter_explore_composed.c properties of parts that share nothing
- * else soter_explore_checkpoint.c breadth-first search on a disk, and back one file per strategy:
- * _bfs, _dfs, _deepening, _random, _pct, _coverage, _falsify, _replay; _least minimises, _guided
- * runs what shrinking tries
+ * - soter_explore_step.c: which moves a configuration has, what a move does, what it violates
+ * - soter_explore_ample_sets.c: sleep sets and ample sets
+ * - soter_explore_store.c: the table of packed configurations; _memory.c its memory
+ * - soter_explore_expand.c: the successors of a configuration; _transition_cache.c remembers them
+ * - soter_explore_expander.c: what expands, opened and closed
+ * - soter_explore_rows.c: rows of configurations
+ * - soter_explore_instant.c: only ends of instants; _calendar.c whether that is all; _trace_steps.c
+ *   the steps between two of them
+ * - soter_explore_independent_groups.c: what groups of actors do in an instant, remembered
+ * - soter_explore_symmetry.c: one configuration for all that differ by places of equal instances
+ * - soter_explore_joined_parts.c: properties of parts that share nothing else
+ * - soter_explore_checkpoint.c: breadth-first search on a disk, and back
+ * - a file a strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _falsify, _replay
+ * - soter_explore_shortest_trace.c minimises; _guided_execution.c runs what shrinking tries
  */
 #ifndef SOTER_EXPLORE_IN_H
 #define SOTER_EXPLORE_IN_H

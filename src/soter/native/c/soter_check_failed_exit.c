@@ -1,4 +1,4 @@
-/* soter_check_desk.c: a check that fails on this machine (soter_check.h).
+/* soter_check_failed_exit.c: a check that fails on this machine (soter_check.h).
  *
  * Purpose: what fails in an engine, or in the kernel under one, is a defect of soter, and nothing
  * that was computed may be read as a verdict: the process ends here, with the exit code of a
