@@ -17,7 +17,7 @@ from generators.explorer_configurations import Decoder
 from generators.small_test_programs import small_program
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.explore.engine.joined_parts import ComposedSearch
+from soter.explore.engine.properties_across_parts import ComposedSearch
 from soter.explore.engine.search import Search
 from soter.explore.methods import EXHAUSTIVE
 from soter.explore.search_options import SearchOptions

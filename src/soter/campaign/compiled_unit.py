@@ -20,8 +20,8 @@ from soter.codegen.frame import S
 from soter.codegen.storage.value_locations import MADE
 from soter.codegen.unit import UnitBuilder
 from soter.core.core import Call, Fact, If, Loop
-from soter.core.footprint import walk
 from soter.core.layout import size_of, state_dtype
+from soter.core.read_write_footprint import walk
 from soter.core.steps import lower
 from soter.native.cache import cached, digest
 from soter.native.includes import included

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         raise SoterError((problem,)) from error
     if args.tcp is not None:
         console.note(f"waiting for a client at port {args.tcp}")
-    from soter.native.editor_verdicts import stored_verdicts  # noqa: PLC0415 - only then
+    from soter.native.cached_verdicts import stored_verdicts  # noqa: PLC0415 - only then
 
     serve(stored_verdicts, None if args.tcp is None else ("127.0.0.1", args.tcp))
     return CommandOutcome()

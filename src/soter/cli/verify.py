@@ -248,7 +248,7 @@ def _remember(report: VerifyReport) -> None:
     """Keep the verdicts for editors to show (`soter lsp`)."""
     from pathlib import Path  # noqa: PLC0415 - only then
 
-    from soter.native.editor_verdicts import store_verdicts  # noqa: PLC0415 - only then
+    from soter.native.cached_verdicts import store_verdicts  # noqa: PLC0415 - only then
 
     kept: dict[str, dict[str, object]] = {}
     for m in report.modules:

@@ -14,7 +14,7 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
 from soter.codegen.storage.storage_plan import PlannedBody, output_name
 from soter.core import core
-from soter.core.footprint import always_published
+from soter.core.read_write_footprint import always_published
 
 if TYPE_CHECKING:
     from soter.codegen.body import Body, StepBranch

@@ -14,7 +14,7 @@ from soter.codegen.c.names import field_name
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.frame import CT, HEADER
 from soter.core import core
-from soter.core.footprint import walk
+from soter.core.read_write_footprint import walk
 from soter.language.model.types import ArrayType, RecordType
 
 if TYPE_CHECKING:

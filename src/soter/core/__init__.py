@@ -1,8 +1,9 @@
 """Checked system -> Core, the small language that is compiled and proved.
 
-`core.py` is the tree, `expressions.py` keeps the order of evaluation, `layout.py` decides how a
-state lies in memory: header, a record per component, module and property, a stamp per topic, then
+`core.py` is the tree, `lower_expressions.py` keeps the order of evaluation, `layout.py` decides how
+a state lies in memory: header, a record per component, module and property, a stamp per topic, then
 topics, locals and plant states, ordered by alignment and padded explicitly. A state is its bytes, a
-trace the state after every instant; `trace_sha256` hashes it. `footprint.py`: what a step reads.
+trace the state after every instant; `trace_sha256` hashes it. `read_write_footprint.py`: what a
+step reads.
 `execute.py` walks Core once for all that reads it over other values: enclosures, terms.
 """

@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.footprint import footprint_of, written_topics
-from soter.core.statements import Builder
+from soter.core.lower_statements import Builder
+from soter.core.read_write_footprint import footprint_of, written_topics
 from soter.core.vector_values import rebuild, select
 from soter.language.model.tree_walk import chosen_lets, first_lets
 from soter.language.model.types import FLOAT, RecordType
@@ -19,7 +19,7 @@ from soter.language.model.types import FLOAT, RecordType
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.core.statements import FunctionTable
+    from soter.core.lower_statements import FunctionTable
     from soter.language.model import typed
     from soter.language.model.system import Component, System
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.footprint import footprint_of, written_names, written_topics
+from soter.core.lower_statements import Builder, FunctionTable
 from soter.core.plants import lower_plant
-from soter.core.statements import Builder, FunctionTable
+from soter.core.read_write_footprint import footprint_of, written_names, written_topics
 from soter.language.evaluate.conjuncts import premise_of
 from soter.language.model import typed
 from soter.language.model.system import queues_of

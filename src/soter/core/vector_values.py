@@ -1,7 +1,7 @@
 """Types and vector values in Core: leaves, parts, and values put together from them.
 
 Purpose: what expressions and plants need to work on records and arrays leaf by leaf.
-Non-goals: order of evaluation (`expressions.py`), storage (`layout.py`).
+Non-goals: order of evaluation (`lower_expressions.py`), storage (`layout.py`).
 """
 
 from __future__ import annotations

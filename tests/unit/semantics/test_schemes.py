@@ -13,7 +13,7 @@ import soter
 from generators.random_programs import program
 from soter.core import core
 from soter.core import plants as lowered
-from soter.core.footprint import walk
+from soter.core.read_write_footprint import walk
 from soter.core.steps import lower
 from soter.language.front_end import check_file, system_of
 from soter.language.syntax.schemes import SCHEMES

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.footprint import walk, written_names
+from soter.core.read_write_footprint import walk, written_names
 from soter.language.model.types import RecordType
 
 if TYPE_CHECKING:

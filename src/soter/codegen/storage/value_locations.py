@@ -22,8 +22,8 @@ from soter.codegen.storage.storage_plan import (
     plan_of,
 )
 from soter.core import core
-from soter.core.footprint import walk
 from soter.core.layout import struct_of
+from soter.core.read_write_footprint import walk
 from soter.language.model.types import ArrayType, ListType, RecordType
 
 if TYPE_CHECKING:

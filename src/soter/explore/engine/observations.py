@@ -1,7 +1,7 @@
 """What a search of a part keeps of the ends of instants, and what it looks for among them.
 
 Purpose: plain data for `soter_explore_options` (`noted`, `goal`, `sought`, `noted_bytes`).
-Non-goals: what it is for (`joined_parts.py`).
+Non-goals: what it is for (`properties_across_parts.py`).
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ from soter.explore.engine.explorer_library import (
     SearchResult,
 )
 from soter.explore.engine.guided_execution import Guided, array_of, steps_of
-from soter.explore.engine.joined_parts import ComposedSearch
 from soter.explore.engine.progress import EngineProgress
+from soter.explore.engine.properties_across_parts import ComposedSearch
 from soter.explore.engine.shrink import Shrinker
 from soter.explore.engine.trace_slice import Slicer
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, PARTS

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.footprint import walk
+from soter.core.read_write_footprint import walk
 from soter.language.model.types import BOOL, FLOAT, FloatType, IntType
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.execute import TooManyStatementsError
-from soter.core.footprint import walk
+from soter.core.read_write_footprint import walk
 from soter.explore.model.symbolic_terms import (
     InternedTerms,
     exact,

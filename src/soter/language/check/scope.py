@@ -12,7 +12,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
-from soter.language.check import names_of_other_languages
+from soter.language.check import foreign_name_hints
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -225,7 +225,7 @@ class Names:
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
     ) -> bool:
         """N006 for `math.sin` and the like, which the prelude has; False for anything else."""
-        helps = names_of_other_languages.of_a_library(qualifier, name, wanted)
+        helps = foreign_name_hints.of_a_library(qualifier, name, wanted)
         if helps is None or qualifier.text in scope.entries or qualifier.text in scope.broken:
             return False
         self.diagnostics.error(
@@ -293,11 +293,9 @@ class Names:
         if dotted:
             self._missing.add((id(scope), name))
         if not helps and kind == "type":
-            helps = names_of_other_languages.a_type(name, span)
+            helps = foreign_name_hints.a_type(name, span)
         elif not helps and kind == "name":
-            helps = names_of_other_languages.a_value(
-                (e.decl for e in scope.entries.values()), name, span
-            )
+            helps = foreign_name_hints.a_value((e.decl for e in scope.entries.values()), name, span)
         if not helps:
             helps = self.diagnostics.did_you_mean(name, chain(more, scope.entries), span)
         if not helps:

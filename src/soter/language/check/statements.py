@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import insert, replace
 from soter.diagnostics.span import Span
-from soter.language.check import names_of_other_languages
+from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import error_expr, is_error, plain
 from soter.language.check.expression_context import SPECIALS
 from soter.language.check.scope import BUILTIN_FUNCTIONS
@@ -241,9 +241,9 @@ class StmtChecker:
             return
         if entry is None:
             helps: tuple[Help, ...] = ()
-            otherwise = () if steps else names_of_other_languages.a_declaration(base.name)
+            otherwise = () if steps else foreign_name_hints.a_declaration(base.name)
             if steps and isinstance(steps[-1], tree.FieldExpr):
-                helps = names_of_other_languages.without_object(base.name, steps[-1].field)
+                helps = foreign_name_hints.without_object(base.name, steps[-1].field)
             self.expressions.unknown(base.name, context, helps=helps, otherwise=otherwise)
             return
         if self.shared.resolve(entry, base.span) is None:
@@ -331,9 +331,7 @@ class StmtChecker:
                 s.topic.span,
                 also=((context.node.span, "the node"),),
                 helps=(
-                    names_of_other_languages.listed_too(
-                        "publishes", s.topic.text, context.node.span
-                    ),
+                    foreign_name_hints.listed_too("publishes", s.topic.text, context.node.span),
                 ),
             )
             return None
@@ -381,7 +379,7 @@ class StmtChecker:
         return typed.ForRange(s.span, variable, low, high, body)
 
     def _for_each(self, s: tree.ForEachStmt, context: Context) -> typed.TypedStmt | None:
-        counted = names_of_other_languages.a_range(s.sequence)
+        counted = foreign_name_hints.a_range(s.sequence)
         if counted and isinstance(s.sequence, tree.CallExpr):
             self.diagnostics.error(
                 "T002", "a loop counts over a range", s.sequence.span, helps=counted

@@ -22,7 +22,7 @@ from soter.targets.ros.catkin_files import (
 )
 
 if TYPE_CHECKING:
-    from soter.targets.ros.ros_package import RosPackage
+    from soter.targets.ros.ros_package_record import RosPackage
 
 NEEDED = ("rclcpp", "diagnostic_msgs", "builtin_interfaces", "rosgraph_msgs", "std_msgs")
 

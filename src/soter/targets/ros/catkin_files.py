@@ -17,7 +17,7 @@ from soter.targets.ros.module_status import MESSAGE
 from soter.targets.ros.rostest_files import NODE, rostest_files
 
 if TYPE_CHECKING:
-    from soter.targets.ros.ros_package import RosPackage
+    from soter.targets.ros.ros_package_record import RosPackage
 
 NEEDED = ("roscpp", "diagnostic_msgs", "rosgraph_msgs", "std_msgs")
 SIMULATED = "simulated"

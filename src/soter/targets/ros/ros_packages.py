@@ -20,7 +20,7 @@ from soter.targets.ros.ament_files import ament_files
 from soter.targets.ros.catkin_files import SIMULATED, catkin_files
 from soter.targets.ros.module_status import message_files
 from soter.targets.ros.node_sources import ROS1, ROS2, Flavour, NodeSources
-from soter.targets.ros.ros_package import RosPackage, package_name
+from soter.targets.ros.ros_package_record import RosPackage, package_name
 from soter.targets.ros.rostest_files import untested
 from soter.targets.source_promises import compared
 

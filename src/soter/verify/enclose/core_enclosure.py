@@ -209,8 +209,8 @@ class EnclosureBody(Execution[Item]):
     def _run_where(self, condition: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:
         """One side of a branch: there the condition is known, and so is the variable it reads.
 
-        `a && b` is a branch on a variable that already holds `a` (core/expressions.py): without
-        this an undecided `a` with a false `b` would stay undecided.
+        `a && b` is a branch on a variable that already holds `a` (core/lower_expressions.py):
+        without this an undecided `a` with a false `b` would stay undecided.
         """
         while isinstance(condition, core.Unary) and condition.op == "not":
             condition, truth = condition.operand, not truth

@@ -23,7 +23,7 @@ from soter.verify.enclose.c_emitter import (
     given,
     names_in,
 )
-from soter.verify.enclose.steps import Enclosed
+from soter.verify.enclose.enclosed_steps import Enclosed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.footprint import walk
+from soter.core.read_write_footprint import walk
 from soter.language.model.system import queues_of
 from soter.language.model.types import BOOL, MODE
 from soter.verify.induction.calendar import before, clusters, steps_of

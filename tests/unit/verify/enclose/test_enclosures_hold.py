@@ -25,7 +25,7 @@ from generators.python_enclosures import (
     value_of,
 )
 from generators.random_programs import program
-from soter.core.statements import FunctionTable
+from soter.core.lower_statements import FunctionTable
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from generators.python_enclosures import INPUTS, Compiled, enclosure
-from soter.core.statements import FunctionTable
+from soter.core.lower_statements import FunctionTable
 from soter.language.front_end import check_file, system_of
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@
  *   the steps between two of them
  * - soter_explore_independent_groups.c: what groups of actors do in an instant, remembered
  * - soter_explore_symmetry.c: one configuration for all that differ by places of equal instances
- * - soter_explore_joined_parts.c: properties of parts that share nothing else
+ * - soter_explore_properties_across_parts.c: properties of parts that share nothing else
  * - soter_explore_checkpoint.c: breadth-first search on a disk, and back
  * - a file a strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _falsify, _replay
  * - soter_explore_shortest_trace.c minimises; _guided_execution.c runs what shrinking tries

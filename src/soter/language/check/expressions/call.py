@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
-from soter.language.check import names_of_other_languages
+from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import (
     a_type,
     error_expr,
@@ -151,7 +151,7 @@ class CallChecker(FieldChecker):
             return self._mode_or_age(name, expr, context)
         if name not in TAKES:
             assert isinstance(expr.callee, tree.NameExpr)
-            helps = names_of_other_languages.a_function(expr, name, expr.callee.span)
+            helps = foreign_name_hints.a_function(expr, name, expr.callee.span)
             self.unknown(expr.callee.name, context, BUILTIN_FUNCTIONS, helps=helps)
             return self._failed(expr, context)
         arity = ARITY.get(name, 1)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.language.check import names_of_other_languages
+from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import (
     error_expr,
     float_literal,
@@ -281,9 +281,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             helps = (f"add `{topic.name}` to `{context.inputs}`",)
             if isinstance(context.owner, (typed.NodeSymbol, typed.PlantSymbol)):
                 helps = (
-                    names_of_other_languages.listed_too(
-                        context.inputs, span.text, context.owner.span
-                    ),
+                    foreign_name_hints.listed_too(context.inputs, span.text, context.owner.span),
                 )
         self.diagnostics.error("M010", message, span, helps=helps)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import insert, replace
-from soter.language.check import names_of_other_languages
+from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import ExprBase, error_expr, is_error
 from soter.language.check.expression_context import SPECIALS
 from soter.language.check.scope import BUILTIN_FUNCTIONS
@@ -78,7 +78,7 @@ class FieldChecker(ExprBase):
             if context.instances is not None and names[0].text in context.instances:
                 return self._below_instance(expr.span, names, context)
             if self._is_unknown(names[0].text, context):
-                helps = names_of_other_languages.without_object(names[0], names[1])
+                helps = foreign_name_hints.without_object(names[0], names[1])
                 self.unknown(names[0], context, dotted=not helps, helps=helps)
                 return error_expr(expr.span)
             typed_expr = self._constant_length(expr, names, context)

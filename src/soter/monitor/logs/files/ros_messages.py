@@ -22,7 +22,7 @@ from soter.mapping.message_types import (
     MessageTypes,
     require_ros_package,
 )
-from soter.monitor.logs.files.plain_idl import is_plain
+from soter.monitor.logs.files.idl_plainness import is_plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -2,7 +2,7 @@
 
 Purpose: strict left-to-right order made explicit: whatever may fault becomes a statement, the
 rest stays a pure expression; names and blocks.
-Non-goals: statements and functions (`statements.py`).
+Non-goals: statements and functions (`lower_statements.py`).
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 Purpose: each part's search notes what such a property can see of it at the ends of instants; the
 property is judged on all combinations of what was noted at one time
-(`soter_explore_joined_parts.c`); where one violates it, the parts are searched again for executions
-to it, which interleaved are an execution of the system. docs/testing.md, "Joined parts".
+(`soter_explore_properties_across_parts.c`); where one violates it, the parts are searched again for
+executions to it, which interleaved are an execution of the system. docs/testing.md, "Joined
+parts".
 Non-goals: which parts (`model/independent_parts.py`).
 """
 

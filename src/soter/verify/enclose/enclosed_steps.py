@@ -13,7 +13,7 @@ from functools import reduce
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.statements import FunctionTable
+from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.language.model.types import FloatType, IntType, RecordType, leaves
 from soter.verify.enclose.c_emitter import FAULT, EnclosureError, float_literal

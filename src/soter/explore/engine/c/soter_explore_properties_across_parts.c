@@ -1,10 +1,11 @@
-/* soter_explore_joined_parts.c: properties that read several parts of a system which share nothing
- * else (docs/testing.md, "Joined parts").
+/* soter_explore_properties_across_parts.c: properties that read several parts of a
+ * system which share nothing else (docs/testing.md, "Joined parts").
  *
  * Purpose: where all windows are points, what is reached at the end of an instant is every
  * combination of what the parts have reached then. So a property that reads several of them is
  * judged on all combinations of what it can see of each, which a search of each part alone noted.
- * Non-goals: executions (explore/engine/joined_parts.py puts those of the parts together).
+ * Non-goals: executions (explore/engine/properties_across_parts.py puts those of the parts
+ * together).
  */
 #include "soter_explore_internal.h"
 

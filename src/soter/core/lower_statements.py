@@ -2,7 +2,8 @@
 
 Purpose: early returns become a single exit. Functions are lowered on demand, callees first, under
 unique names.
-Non-goals: expressions (`expressions.py`), what steps consist of (`steps.py`, `plants.py`), C names.
+Non-goals: expressions (`lower_expressions.py`), what steps consist of (`steps.py`, `plants.py`),
+C names.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.expressions import ExpressionBuilder
+from soter.core.lower_expressions import ExpressionBuilder
 from soter.language.check.statements import always_returns
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model import typed
