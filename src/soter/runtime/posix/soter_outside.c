@@ -100,10 +100,10 @@ static uint64_t look(soter_outside* c, int place, soter_channel_head* head, uint
 }
 
 /* The lock is of the file as it was opened here, and the system takes it back when nobody has that
- * open, or mapped, any more: a second writer is refused in this process, too, and files of that name that are
- * closed here, as who reads closes his, free nothing. Where there are no such locks (Linux before
- * 3.15; an imitation of it says EINVAL) it is the process's: other processes are refused, a second
- * writer here is not, and whoever closes a file of that name here frees it. */
+ * open, or mapped, any more: a second writer is refused in this process, too, and files of that
+ * name that are closed here, as who reads closes his, free nothing. Where there are no such locks
+ * (Linux before 3.15; an imitation of it says EINVAL) it is the process's: other processes are
+ * refused, a second writer here is not, and whoever closes a file of that name here frees it. */
 static int lock_whole(int file) {
   struct flock whole = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
   SOTER_CHECK(file >= 0);
