@@ -326,8 +326,9 @@ def test_a_killed_trusted_part_is_followed_though_what_starts_its_workers_lives(
     cart_apart: Path, tmp_path: Path
 ) -> None:
     """It has the files of the channels, too, as a fork has: a lock of them would live in it."""
-    again = (cart_apart, "--channels", str(tmp_path), "--until", "0.1")
-    command = [cart_apart, *QUIET, *PATIENT, *again[1:], "--worker", "Fast=exec sleep 600"]
+    options = ("--channels", str(tmp_path), "--until", "0.1")
+    sleeps = ("--worker", "Fast=exec sleep 600")
+    command: list[str | Path] = [cart_apart, *QUIET, *PATIENT, *options, *sleeps]
     with processes.started(command, stdout=processes.DEVNULL) as process:
         processes.until(lambda: children_of(process.pid), process)
         (keeper,) = children_of(process.pid)
@@ -339,7 +340,7 @@ def test_a_killed_trusted_part_is_followed_though_what_starts_its_workers_lives(
             assert "it has a writer already" in other.stderr
             process.kill()
             process.wait()
-            assert report(*again)["instants"] == 21
+            assert report(cart_apart, *options)["instants"] == 21
         finally:
             os.kill(keeper, signal.SIGKILL)
 

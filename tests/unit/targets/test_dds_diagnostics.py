@@ -271,7 +271,7 @@ def test_a_module_says_who_has_control_and_why_and_that_it_waits_to_be_armed(
     ("old", "told"),
     [
         ([1, 93 * 10**6, 80 * 10**6], "position 93.000 ms old, of 80.000 ms"),
-        ([2, 2**64 - 2**62, 0], "speed, which nobody had published"),
+        ([2, 2**64 - 2**62, 0], "wish, which nobody had published"),
         ([3, 1, 0], "a topic inside 0.000 ms old, of 0.000 ms"),
         ([0, 0, 0], None),
     ],
