@@ -43,6 +43,8 @@ NEVER = -1
 PERIOD_NS, LATE_NS = 200_000_000, 20_000_000
 """Of the DM of the program."""
 HEAD, SURE, SAFER = 3, 1, 2
+LEASE = HEAD + 9
+MAX_AGE_NS = 600_000_000
 """Words of soter_status.h: of the head; of a module, after its mode."""
 
 
@@ -214,7 +216,7 @@ def run_at(
     sensor.write(position)
     table = vehicle.with_name("soter_app.h").read_text()
     (number,) = re.findall(r"APP_STATUS_HASH UINT64_C\((\w+)\)", table)
-    status = Words(code, folder, "soter.status", int(number, 16), 21, writes=False)
+    status = Words(code, folder, "soter.status", int(number, 16), 24, writes=False)
     channel = leases(code, vehicle, folder, writes=False)
     events = [f"clock:{time.monotonic_ns()}:0"]
     options = ["--channels", str(folder), "--until", until, "--wait", "0"]
@@ -223,6 +225,17 @@ def run_at(
     assert given is not None
     assert told is not None
     return given[1], told[1]
+
+
+def test_the_status_says_which_reading_the_leases_ended_with(
+    vehicle: Path, code: ctypes.CDLL, tmp_path: Path
+) -> None:
+    _, words = run_at(vehicle, code, tmp_path, 10.0, "1.5")
+    _, stale, ended, topic, age_ns, most_ns = words[LEASE : LEASE + 6]
+    assert (stale > 0, ended, topic) == (True, 1, 1), "position is the first of those outside"
+    assert most_ns == MAX_AGE_NS < age_ns < MAX_AGE_NS + PERIOD_NS
+    _, words = run_at(vehicle, code, tmp_path, 10.0, "0.35")
+    assert words[LEASE + 1 : LEASE + 6] == [0] * 5, "they go on"
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -19,6 +20,7 @@ from generators.c_packages import CART
 from generators.channel_programs import source_in
 from generators.posix_packages import (
     FAST,
+    PATIENT,
     QUIET,
     built,
     cart_in_c,
@@ -29,9 +31,6 @@ from generators.posix_packages import (
     report,
     worker_in_c,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is for Linux")
 
@@ -316,6 +315,34 @@ def test_restarts_are_bounded(cart_apart: Path, tmp_path: Path) -> None:
     run_report = report(cart_apart, *option, "--until", "2.5", "--restarts", "1", events=events)
     worker = run_report["workers"][WORKER]
     assert (worker["starts"], worker["ends"]) == (2, 2)
+
+
+def children_of(pid: int) -> list[int]:
+    found = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(child) for child in found.read_text().split()]
+
+
+def test_a_killed_trusted_part_is_followed_though_what_starts_its_workers_lives(
+    cart_apart: Path, tmp_path: Path
+) -> None:
+    """It has the files of the channels, too, as a fork has: a lock of them would live in it."""
+    options = ("--channels", str(tmp_path), "--until", "0.1")
+    sleeps = ("--worker", "Fast=exec sleep 600")
+    command: list[str | Path] = [cart_apart, *QUIET, *PATIENT, *options, *sleeps]
+    with processes.started(command, stdout=processes.DEVNULL) as process:
+        processes.until(lambda: children_of(process.pid), process)
+        (keeper,) = children_of(process.pid)
+        try:
+            processes.until(lambda: children_of(keeper), process)
+            os.kill(keeper, signal.SIGSTOP)
+            other = processes.run(command, capture_output=True, text=True)
+            assert "`soter.status`" in other.stderr
+            assert "it has a writer already" in other.stderr
+            process.kill()
+            process.wait()
+            assert report(cart_apart, *options)["instants"] == 21
+        finally:
+            os.kill(keeper, signal.SIGKILL)
 
 
 # ---------------------------------------------------------------- what is not there

@@ -126,7 +126,7 @@ def library(folder: Path) -> ctypes.CDLL:
 
 
 class Number:
-    """A channel of one float."""
+    """A channel of one float; its writer until it is dropped."""
 
     def __init__(
         self, code: ctypes.CDLL, folder: Path, name: str, number: int, *, writes: bool
@@ -142,6 +142,9 @@ class Number:
         )
         self._last = None if writes else float("nan")
         self.fresh = False
+
+    def __del__(self) -> None:
+        self._code.soter_outside_close(ctypes.byref(self._channel))
 
     def wait(self, most_ns: int) -> None:
         self._code.soter_outside_wait(ctypes.byref(self._channel), ctypes.c_int64(most_ns))
@@ -164,7 +167,7 @@ class Number:
 
 
 class Words:
-    """A channel of whole numbers of 64 bits."""
+    """A channel of whole numbers of 64 bits; its writer until it is dropped."""
 
     def __init__(
         self, code: ctypes.CDLL, folder: Path, name: str, number: int, count: int, *, writes: bool
@@ -179,6 +182,9 @@ class Words:
             ctypes.c_bool(writes),
         )
         assert wrong is None, wrong
+
+    def __del__(self) -> None:
+        self._code.soter_outside_close(ctypes.byref(self._channel))
 
     def write(self, *words: float) -> None:
         """Now; a float is written as its bits."""

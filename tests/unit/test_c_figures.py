@@ -182,7 +182,7 @@ NO_INVARIANT = {
         *("status_text.c soter_module_message", "status_text.c soter_module_level"),
         *("status_text.c soter_armed_text", "status_text.c soter_arming_text"),
         *("status_text.c soter_arm_text", "status_text.c soter_takeover_text"),
-        "status_text.c soter_outward_text",
+        *("status_text.c soter_outward_text", "status_text.c soter_old_read_text"),
     },
     "what the system grants or not, which is told": {
         *("posix_setup.c soter_posix_lock", "posix_setup.c chosen_core", "posix_setup.c pin"),
@@ -197,6 +197,8 @@ NO_INVARIANT = {
         *("posix_status.c of_modules", "posix_status.c of_leases", "posix_status.c of_topics"),
         *(
             "outside.c place_bytes",
+            "outside.c file_bytes",
+            "outside.c room_bytes",
             "posix.c stopped",
             "posix_report.c bin_of",
             "actuator.c most",

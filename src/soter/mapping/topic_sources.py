@@ -114,11 +114,16 @@ def _errors(
 
 
 def early_turns(name: str, promises: Sequence[SourcePromise]) -> Iterator[str]:
-    """Problems: sources that take over from others that keep what they promise."""
+    """Problems: sources that take over from others that keep what they promise.
+
+    What those before it have had in their turn may be as old as the topic is with one of them that
+    keeps its promise: its own sample is newer, but may have waited for its turn in vain.
+    """
     for promise in promises[1:]:
-        patience = max(p.alone_ns for p in promises[: promise.rank])
+        patience = max(p.oldest_ns for p in promises[: promise.rank])
         if promise.after_ns < patience:
             yield (
                 f"`after` of `{name}.sources.{promise.rank + 1}` is {show_ns(promise.after_ns)}: "
-                f"a source before it may be {show_ns(patience)} old while it keeps its promise"
+                f"with a source before it the topic may be {show_ns(patience)} old while it keeps "
+                "its promise"
             )

@@ -8,14 +8,13 @@ Non-goals: what the bytes mean (`topics.py`); who may write: whoever may write i
 
 from __future__ import annotations
 
-import fcntl
 import os
 from functools import lru_cache
 from threading import Lock
 from typing import TYPE_CHECKING, Any
+from weakref import WeakSet
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
 from soter.native.build import CHECK_FAILED, OWN_SYMBOLS, RUNTIME, include_flags, texts
 from soter.native.cache import cached, digest
 from soter.native.cffi_interface import declarations, interface
@@ -27,9 +26,6 @@ if TYPE_CHECKING:
 POSIX = RUNTIME / "posix"
 SOURCES = (POSIX / "soter_outside.c", POSIX / "soter_channel.c", CHECK_FAILED)
 LIBRARY = "channels.so"
-UNMAP = "int munmap(void *, size_t);"
-LINE = 64
-"""Behind the two places of a channel: its bell."""
 ANEW = "stop everything that uses the folder, empty it, start anew"
 
 
@@ -47,29 +43,28 @@ def compiled() -> tuple[Any, Any]:
     content = digest((compiler.identity, *flags, *texts(*SOURCES)))
     built = cached("channels", content, (LIBRARY,), make) / LIBRARY
     headers = [declarations(POSIX / n) for n in ("soter_channel.h", "soter_outside.h")]
-    ffi = interface(*headers, UNMAP)
+    ffi = interface(*headers)
     return ffi, ffi.dlopen(str(built))
 
 
 class Channel:
-    """One topic's file; `writes`: as its only writer, of those that ask here."""
+    """One topic's file; `writes`: as its only writer. A forked process is none."""
 
     def __init__(self, folder: Path, name: str, number: int, size: int, *, writes: bool) -> None:
         self._c: Any = None
         self._ffi, self._lib = compiled()
         self._name, self._size = name, size
         self._lock = Lock()
-        self._held: int | None = None
         self._c = self._ffi.new("soter_outside *")
         self._value = self._ffi.new("uint8_t[]", max(size, 1))
         self._time = self._ffi.new("int64_t *")
         self._head = self._ffi.new("soter_channel_head *")
+        if writes:
+            WRITERS.add(self)
         where = (str(folder).encode(), name.encode())
         wrong = self._lib.soter_outside_open(self._c, *where, number, size, writes)
         if wrong != self._ffi.NULL:
             raise self._unusable(self._ffi.string(wrong).decode(errors="replace"))
-        if writes:
-            self._hold(folder / name)
         if self._is_foreign():
             self.close()
             raise self._foreign()
@@ -104,18 +99,12 @@ class Channel:
     def close(self) -> None:
         """Gives its memory back; the file stays."""
         with self._lock:
-            if self._c.place[0] == self._ffi.NULL:
-                return
-            start = self._ffi.cast("char *", self._c.place[0])
-            whole = self._ffi.cast("char *", self._c.bell) - start + LINE
-            room = 8 * ((self._size + 7) // 8) + 8
-            self._lib.munmap(self._c.place[0], whole)
-            self._lib.munmap(self._c.room, room)
-            self._c.place[0] = self._ffi.NULL
-            if self._c.file >= 0:
-                os.close(self._c.file)
-            if self._held is not None:
-                os.close(self._held)
+            self._lib.soter_outside_close(self._c)
+
+    def close_in_child(self) -> None:
+        """In a forked process, where no other thread has the handle, whoever had its lock."""
+        self._lock = Lock()
+        self.close()
 
     def __del__(self) -> None:
         if self._c is not None:
@@ -126,18 +115,6 @@ class Channel:
             raise ValueError(
                 f"the connection is closed: `{self._name}` is neither read nor written"
             )
-
-    def _hold(self, path: Path) -> None:
-        """Two writers would spoil each other's values: the second is told. Exits give it free."""
-        try:
-            self._held = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
-            fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            self.close()
-            raise self._unusable("another process writes it already; end that first") from error
-        except OSError as error:
-            self.close()
-            raise self._unusable(reason(error)) from error
 
     def _is_foreign(self) -> bool:
         """Whether a value of another layout stands here, and none of ours."""
@@ -157,3 +134,13 @@ class Channel:
         return SoterError(
             (Diagnostic("X013", f"the channel `{self._name}` cannot be used: {why}"),)
         )
+
+
+def _close_in_child() -> None:
+    for channel in tuple(WRITERS):
+        channel.close_in_child()
+
+
+WRITERS: WeakSet[Channel] = WeakSet()
+"""A forked process has their locks, too, and would keep them when the writer has ended."""
+os.register_at_fork(after_in_child=_close_in_child)

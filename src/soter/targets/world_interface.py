@@ -120,6 +120,7 @@ class WorldTables:
             {
                 "status": [modules, leases, [self.names[t.index] for t in self.topics]],
                 "words of a module": 9,
+                "words of a lease": 6,
             }
         )
 

@@ -12,7 +12,7 @@ import pytest
 
 import processes
 from soter.diagnostics.diagnostic import SoterError
-from soter.remote.channel import LINE, Channel
+from soter.remote.channel import Channel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,6 +22,8 @@ SIZE = 12
 A, B, C = (letter * SIZE for letter in (b"a", b"b", b"c"))
 PLACE = 128
 """Bytes of a place: a head of 64, then two words, rounded up to lines."""
+BELL = 64
+REFUSED = "it has a writer already; end that one first"
 WRITER = """
 import sys
 from pathlib import Path
@@ -32,6 +34,37 @@ channel.write(1, b"x" * 12)
 print("written", flush=True)
 sys.stdin.read()
 """
+
+OPENS = """
+import sys
+from soter.remote.channel import compiled
+
+ffi, lib = compiled()
+channel = ffi.new("soter_outside *")
+wrong = lib.soter_outside_open(channel, sys.argv[1].encode(), b"wish", 1, 12, True)
+print("open" if wrong == ffi.NULL else ffi.string(wrong).decode())
+"""
+FORKS = """
+import os
+import signal
+import sys
+from pathlib import Path
+from soter.remote.channel import Channel
+
+folder, number = Path(sys.argv[1]), int(sys.argv[2])
+channel = Channel(folder, "wish", number, 12, writes=True)
+reads = Channel(folder, "wish", number, 12, writes=False)
+if os.fork() != 0:
+    signal.pause()
+try:
+    channel.write(1, b"x" * 12)
+except ValueError as error:
+    print(f"the child: {str(error).partition(':')[0]}", flush=True)
+while (value := reads.read()) is None:
+    reads.wait(10**18)
+print(f"the child reads {value}", flush=True)
+"""
+PIPES = {"stdin": processes.PIPE, "stdout": processes.PIPE, "text": True}
 
 
 def reader(folder: Path, number: int = NUMBER, size: int = SIZE) -> Channel:
@@ -121,7 +154,7 @@ def test_a_writer_of_another_program_that_comes_later_is_told(folder: Path) -> N
 def test_the_second_writer_is_told(folder: Path) -> None:
     there = writer(folder)
     there.write(5, A)
-    assert "another process writes it already" in told(lambda: writer(folder))
+    assert REFUSED in told(lambda: writer(folder))
     there.close()
     writer(folder).write(6, B)
     assert reader(folder).read() == (6, B)
@@ -129,19 +162,48 @@ def test_the_second_writer_is_told(folder: Path) -> None:
 
 def test_a_writer_that_was_killed_is_followed_by_another(folder: Path) -> None:
     command = [sys.executable, "-c", WRITER, str(folder), str(NUMBER)]
-    pipes = {"stdin": processes.PIPE, "stdout": processes.PIPE, "text": True}
     here = reader(folder)
     for _ in range(3):
-        with processes.started(command, **pipes) as process:
+        with processes.started(command, **PIPES) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == "written\n"
             assert here.read() == (1, b"x" * 12), "its number is the next, not the first"
-            assert "another program writes it" in told(lambda: writer(folder))
+            assert REFUSED in told(lambda: writer(folder))
             process.send_signal(signal.SIGKILL)
             process.wait()
     own = writer(folder)
     own.write(9, B)
     assert here.read() == (9, B)
+
+
+def test_a_writer_that_also_reads_keeps_its_lock(folder: Path) -> None:
+    """Seen by a writer that is no Python: the lock is C's, and it is of the open file."""
+    there = writer(folder)
+    there.write(5, A)
+    here = reader(folder)
+    assert here.read() == (5, A)
+    here.close()
+    with processes.started([sys.executable, "-c", OPENS, str(folder)], **PIPES) as process:
+        said, _ = process.communicate()
+    assert said == f"{REFUSED}\n"
+    there.close()
+    with processes.started([sys.executable, "-c", OPENS, str(folder)], **PIPES) as process:
+        said, _ = process.communicate()
+    assert said == "open\n"
+
+
+def test_a_killed_writer_is_followed_though_what_it_forked_lives(folder: Path) -> None:
+    """The child reads on, and neither writes nor keeps its parent's lock."""
+    command = [sys.executable, "-c", FORKS, str(folder), str(NUMBER)]
+    with processes.started(command, **PIPES) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "the child: the connection is closed\n"
+        assert REFUSED in told(lambda: writer(folder))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        own = writer(folder)
+        own.write(9, B)
+        assert process.stdout.readline() == f"the child reads {(9, B)}\n"
 
 
 def test_what_is_closed_is_neither_read_nor_written(folder: Path) -> None:
@@ -181,4 +243,4 @@ def test_what_is_no_file_is_told(folder: Path, what: str) -> None:
 
 def test_the_file_is_two_places_and_a_bell(folder: Path) -> None:
     writer(folder)
-    assert (folder / "wish").stat().st_size == 2 * PLACE + LINE
+    assert (folder / "wish").stat().st_size == 2 * PLACE + BELL

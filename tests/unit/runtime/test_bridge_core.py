@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import processes
-from generators.channel_programs import Number, library
+from generators.channel_programs import Number, Words, library
 from soter.native.build import RUNTIME
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ struct Topic : soter::OneSource {
 /* out FOLDER SILENT_NS HELD_UP_NS: says that it runs, and after a line of input what two turns
  * publish, with its stamp; whoever reads the clock of the stamps, which stands still, is held up.
  * how FOLDER SILENT_NS: how its topic is after two turns.
+ * diagnostics FOLDER: what the trusted part says of the module M.
  * in FOLDER NOW NOW_OF_STAMPS STAMP ERROR [DELAY]: when a message counts as measured; with a DELAY
  * it has no stamp. */
 int main(int count, char** words) {
@@ -83,6 +84,15 @@ int main(int count, char** words) {
               [](const double&, int64_t) {});
     const soter::Status how = out.status();
     std::printf("%d %s\\n", how.level, how.message.c_str());
+    return 0;
+  }
+  if (count == 3) {
+    soter::TrustedPart part({9, {"M"}, {"M"}, {"position"}, 8, "arm"});
+    if (part.open(words[2]) != nullptr) return 1;
+    (void)part.hear();
+    const soter::Status module = part.statuses()[0];
+    for (const std::pair<std::string, std::string>& value : module.values)
+      std::printf("%s: %s\\n", value.first.c_str(), value.second.c_str());
     return 0;
   }
   delay = count > 7 ? std::atoll(words[7]) : -1;
@@ -210,3 +220,26 @@ def test_a_message_without_a_stamp_was_measured_its_declared_delay_before_it_cam
     now = [str(x) for x in (10_000, 5000, 0, 50, delay_ns)]
     said = processes.run([bridge, "in", tmp_path, *now], check=True, capture_output=True, text=True)
     assert int(said.stdout) == 10_000 - delay_ns
+
+
+OLD_READS = [
+    ((1, 93_000_000, 80_000_000), "position 93.000 ms old, of 80.000 ms"),
+    ((1, -(2**62), 0), "position, which nobody had published"),
+    ((2, 2_000_000, 1_000_000), "a topic inside 2.000 ms old, of 1.000 ms"),
+    ((0, 0, 0), None),
+]
+
+
+@pytest.mark.parametrize(("old", "told"), OLD_READS)
+def test_diagnostics_say_which_reading_the_leases_ended_with(
+    bridge: Path, code: ctypes.CDLL, tmp_path: Path, old: tuple[int, ...], told: str | None
+) -> None:
+    words = [*[0] * (3 + 9), 5, 1, 1, *old, *[0] * 6]
+    status = Words(code, tmp_path, "soter.status", 9, len(words), writes=True)
+    status.write(*words)
+    said = processes.run(
+        [bridge, "diagnostics", tmp_path], check=True, capture_output=True, text=True
+    )
+    values = dict(line.split(": ", 1) for line in said.stdout.splitlines())
+    assert values.get("its leases ended with a read of") == told
+    assert values["leases given"] == "5"

@@ -69,12 +69,12 @@ def code(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     return library(tmp_path_factory.mktemp("library"))
 
 
-def program(folder: Path, name: str, text: str) -> Path:
+def program(folder: Path, name: str, text: str, *more: str) -> Path:
     (folder / f"{name}.c").write_text(text)
     own = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c")
     sources = [folder / f"{name}.c", *(POSIX / file for file in own)]
     flags = ["-std=c99", "-O2", "-fsanitize=address,undefined", f"-I{POSIX}", f"-I{RUNTIME}"]
-    processes.run(["cc", *flags, "-o", folder / name, *sources], check=True)
+    processes.run(["cc", *flags, *more, "-o", folder / name, *sources], check=True)
     return folder / name
 
 
@@ -224,6 +224,63 @@ def test_what_is_no_channel_is_refused_in_words(
         assert (tmp_path / "x").read_bytes() == b"!" * 100
 
 
+# ---------------------------------------------------------------- one writer
+
+MAIN = """\
+#define _GNU_SOURCE
+#include "soter_outside.h"
+#include <stdio.h>
+#include <unistd.h>
+static const char* to(soter_outside* channel, const char* folder, bool write) {
+  const char* const wrong = soter_outside_open(channel, folder, "many", 7, 400, write);
+  return wrong != NULL ? wrong : "open";
+}
+static void tell(const char* said) {
+  puts(said);
+  (void)fflush(stdout);
+}
+int main(int count, char** words) {
+  soter_outside channel, other;
+  if (count < 2) return 1;
+  tell(to(&channel, words[1], true));
+  ACT
+}
+"""
+"""Opens the channel to write, says what came of it, and does what stands for ACT."""
+AND_WAITS = "(void)getchar(); return 0;"
+READS = f"tell(to(&other, words[1], false)); {AND_WAITS}"
+WRITES_AGAIN = "tell(to(&other, words[1], true)); return 0;"
+FORKS = """const pid_t child = fork();
+  if (child == 0) {
+    soter_outside_close(&channel);
+    tell("left");
+    for (;;) pause();
+  }
+  return getchar();"""
+OF_PROCESSES = """
+#include <errno.h>
+#include <fcntl.h>
+#include <stdarg.h>
+#include <sys/syscall.h>
+int fcntl_of_old(int file, int command, ...) {
+  va_list more;
+  va_start(more, command);
+  void* const given = va_arg(more, void*);
+  va_end(more);
+  if (command == F_OFD_SETLK) errno = EINVAL;
+  return command == F_OFD_SETLK ? -1 : (int)syscall(SYS_fcntl, file, command, given);
+}
+"""
+"""A system that has no locks of open files, for who is compiled with -Dfcntl=fcntl_of_old."""
+REFUSED = "it has a writer already; end that one first"
+
+
+def lines_of(process: processes.Process, count: int) -> list[str]:
+    """The next lines that it says."""
+    assert process.stdout is not None
+    return [process.stdout.readline().rstrip() for _ in range(count)]
+
+
 def test_a_channel_has_one_writer_until_that_one_ends(code: ctypes.CDLL, tmp_path: Path) -> None:
     """A second trusted part, or a second actuator that was never armed, would speak in between."""
     writer = program(tmp_path, "w", WRITER)
@@ -239,8 +296,59 @@ def test_a_channel_has_one_writer_until_that_one_ends(code: ctypes.CDLL, tmp_pat
             )
             return wrong
 
-        assert opened(True) == b"another program writes it"
+        assert opened(True) == REFUSED.encode()
         assert opened(False) is None
         process.kill()
         process.wait()
         assert opened(True) is None
+
+
+def test_a_writer_that_also_reads_keeps_its_lock(tmp_path: Path) -> None:
+    """A POSIX lock goes with any of the process's files of that name that is closed."""
+    first = program(tmp_path, "first", MAIN.replace("ACT", READS))
+    second = program(tmp_path, "second", MAIN.replace("ACT", "return 0;"))
+    pipes = {"stdin": processes.PIPE, "stdout": processes.PIPE, "text": True}
+    with processes.started([first, tmp_path], **pipes) as process:
+        assert lines_of(process, 2) == ["open", "open"]
+        beside = processes.run([second, tmp_path], capture_output=True, text=True)
+        assert beside.stdout == f"{REFUSED}\n"
+    after = processes.run([second, tmp_path], capture_output=True, text=True)
+    assert after.stdout == "open\n"
+
+
+def test_a_second_writer_in_the_same_process_is_refused(tmp_path: Path) -> None:
+    both = program(tmp_path, "both", MAIN.replace("ACT", WRITES_AGAIN))
+    said = processes.run([both, tmp_path], capture_output=True, text=True).stdout
+    assert said == f"open\n{REFUSED}\n"
+
+
+def test_a_killed_writer_is_followed_though_what_it_forked_lives(tmp_path: Path) -> None:
+    """Its child has left the channel: the lock is of the file that both have open."""
+    first = program(tmp_path, "first", MAIN.replace("ACT", FORKS))
+    second = program(tmp_path, "second", MAIN.replace("ACT", "return 0;"))
+    pipes = {"stdin": processes.PIPE, "stdout": processes.PIPE, "text": True}
+    with processes.started([first, tmp_path], **pipes) as process:
+        assert lines_of(process, 2) == ["open", "left"]
+        assert processes.run([second, tmp_path], capture_output=True, text=True).stdout == (
+            f"{REFUSED}\n"
+        )
+        process.kill()
+        process.wait()
+        after = processes.run([second, tmp_path], capture_output=True, text=True)
+        assert after.stdout == "open\n"
+
+
+def test_where_files_have_no_locks_of_their_own_processes_keep_each_other_out(
+    tmp_path: Path,
+) -> None:
+    waits = MAIN.replace("ACT", AND_WAITS).replace("int main", f"{OF_PROCESSES}int main")
+    old = program(tmp_path, "old", waits, "-Dfcntl=fcntl_of_old")
+    new = program(tmp_path, "new", MAIN.replace("ACT", AND_WAITS))
+    pipes = {"stdin": processes.PIPE, "stdout": processes.PIPE, "text": True}
+    for first, second in ((old, old), (old, new), (new, old)):
+        with processes.started([first, tmp_path], **pipes) as process:
+            assert lines_of(process, 1) == ["open"]
+            beside = processes.run(
+                [second, tmp_path], stdin=processes.DEVNULL, capture_output=True, text=True
+            )
+            assert beside.stdout == f"{REFUSED}\n"

@@ -41,7 +41,7 @@ pytestmark = [
 SHUTTLE = Path(__file__).resolve().parents[3] / "examples" / "ros" / "shuttle_ros.soter"
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=5))
 OK, WARN, ERROR, STALE = range(4)
-HEAD, OF_MODULE, OF_LEASE, OF_TOPIC = 3, 9, 3, 6
+HEAD, OF_MODULE, OF_LEASE, OF_TOPIC = 3, 9, 6, 6
 """Words of soter_status.h."""
 HOLDS, ENDED = 2, 3
 """States of a lease: soter_lease.h."""
@@ -265,6 +265,33 @@ def test_a_module_says_who_has_control_and_why_and_that_it_waits_to_be_armed(
         assert waits["armed"] == "no"
         arm = f"shuttle_ros_actuator --channels {tmp_path} --arm"
         assert f"until a person arms them: {arm}" in heard.now[name].message_
+
+
+@pytest.mark.parametrize(
+    ("old", "told"),
+    [
+        ([1, 93 * 10**6, 80 * 10**6], "position 93.000 ms old, of 80.000 ms"),
+        ([2, 2**64 - 2**62, 0], "wish, which nobody had published"),
+        ([3, 1, 0], "a topic inside 0.000 ms old, of 0.000 ms"),
+        ([0, 0, 0], None),
+    ],
+)
+def test_a_module_whose_leases_have_ended_says_which_reading_was_too_old(
+    shuttle: Path, tmp_path: Path, peer: DomainParticipant, old: list[int], told: str | None
+) -> None:
+    name = "soter: module Guard"
+    with bridge(shuttle, tmp_path) as b:
+        heard = Diagnostics(peer, b)
+        trusted = Trusted(shuttle, tmp_path)
+        lease = HEAD + OF_MODULE
+        trusted.status[lease : lease + OF_LEASE] = [5, 1, 1, *old]
+
+        def ended(line: Any, _: dict[str, str]) -> bool:
+            trusted.say()
+            return "its leases have ended" in line.message_
+
+        said = heard.until(name, ended)
+        assert said.get("its leases ended with a read of") == told
 
 
 def test_what_is_new_of_a_module_is_said_at_once(

@@ -477,6 +477,13 @@ class TrustedPart {
     }
     if (f.leased) {
       to.said("leases given", f.given);
+      if (f.old_topic > 0) {
+        const bool outside = f.old_topic <= names_.topics.size();
+        char text[SOTER_MESSAGE_MAX];
+        soter_old_read_text(&f, outside ? names_.topics[f.old_topic - 1].c_str() : "a topic inside",
+                            text, sizeof text);
+        to.values.emplace_back(SOTER_OLD_READ, text);
+      }
     }
     to.said("late releases and completions", f.missed);
     return to;

@@ -33,6 +33,7 @@ typedef struct {
   char name[SOTER_DDS_NAME + 32], message[SOTER_MESSAGE_MAX], of[SOTER_DDS_NAME];
   char key[VALUES_MAX][KEY_MAX], number[VALUES_MAX][NUMBER_MAX];
   value_message value[VALUES_MAX];
+  char old[SOTER_MESSAGE_MAX];            /* of a module: soter_old_read_text */
   char news[SOTER_MESSAGE_MAX + KEY_MAX]; /* of a module: what is not only a number that goes on */
   /* of a topic of the bridge: what was counted, and when a look found it changed */
   uint64_t good, bad;
@@ -194,6 +195,12 @@ static bool of_module(soter_dds_diagnostics* d, const soter_dds_trusted* t, uint
   }
   if (f.leased) {
     number(d, k, "", "leases given", f.given);
+    if (f.old_topic > 0) {
+      const char* const of =
+          f.old_topic <= t->topic_count ? t->topics[f.old_topic - 1] : "a topic inside";
+      soter_old_read_text(&f, of, l->old, sizeof l->old);
+      text(d, k, SOTER_OLD_READ, l->old);
+    }
   }
   number(d, k, "", "late releases and completions", f.missed);
   (void)snprintf(news, sizeof news, "%s %.16s %.40s", l->message, mode, soter_armed_text(&f));

@@ -33,6 +33,14 @@ static size_t place_bytes(size_t size) {
   return (soter_channel_bytes(size) + LINE - 1U) / LINE * LINE;
 }
 
+static size_t file_bytes(size_t size) {
+  return 2U * place_bytes(size) + LINE;
+}
+
+static size_t room_bytes(size_t size) {
+  return 8U * SOTER_CHANNEL_WORDS(size) + 8U;
+}
+
 static void* mapped(int file, size_t bytes) {
   const int shared = file < 0 ? MAP_PRIVATE | MAP_ANONYMOUS : MAP_SHARED;
   void* const at = mmap(NULL, bytes, PROT_READ | PROT_WRITE, shared | MAP_POPULATE, file, 0);
@@ -53,7 +61,7 @@ static const char* make_room(int file, size_t bytes, bool empty) {
 }
 
 static const char* map_file(soter_outside* c, int file) {
-  const size_t bytes = 2U * place_bytes(c->size) + LINE;
+  const size_t bytes = file_bytes(c->size);
   struct stat found;
   SOTER_CHECK(file >= 0 && c->place[0] == NULL);
   if (fstat(file, &found) != 0 || !S_ISREG(found.st_mode)) {
@@ -66,9 +74,9 @@ static const char* map_file(soter_outside* c, int file) {
   if (wrong != NULL) {
     return wrong;
   }
-  uint8_t* const at = mapped(file, bytes);
-  c->room = mapped(-1, 8U * SOTER_CHANNEL_WORDS(c->size) + 8U);
-  if (at == NULL || c->room == NULL) {
+  c->room = mapped(-1, room_bytes(c->size));
+  uint8_t* const at = c->room == NULL ? NULL : mapped(file, bytes);
+  if (at == NULL) {
     return strerror(errno);
   }
   c->place[0] = at;
@@ -91,15 +99,31 @@ static uint64_t look(soter_outside* c, int place, soter_channel_head* head, uint
   return 0U;
 }
 
-/* One process writes a channel: a lock that the system takes back when the process ends, however,
- * and that no process which it forks has. */
-static const char* become_writer(int file) {
+/* The lock is of the file as it was opened here, and the system takes it back when nobody has that
+ * open, or mapped, any more: a second writer is refused in this process, too, and files of that
+ * name that are closed here, as who reads closes his, free nothing. Where there are no such locks
+ * (Linux before 3.15; an imitation of it says EINVAL) it is the process's: other processes are
+ * refused, a second writer here is not, and whoever closes a file of that name here frees it. */
+static int lock_whole(int file) {
   struct flock whole = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
   SOTER_CHECK(file >= 0);
-  if (fcntl(file, F_SETLK, &whole) == 0) {
+#ifdef F_OFD_SETLK
+  const int locked = fcntl(file, F_OFD_SETLK, &whole);
+  if (locked == 0 || errno != EINVAL) {
+    return locked;
+  }
+#endif
+  return fcntl(file, F_SETLK, &whole);
+}
+
+/* One writer, until it ends, however. */
+static const char* become_writer(int file) {
+  SOTER_CHECK(file >= 0);
+  if (lock_whole(file) == 0) {
     return NULL;
   }
-  return errno == EAGAIN || errno == EACCES ? "another program writes it" : strerror(errno);
+  return errno == EAGAIN || errno == EACCES ? "it has a writer already; end that one first"
+                                            : strerror(errno);
 }
 
 /* The file of who writes stays open, as its lock is gone when it is closed. */
@@ -138,6 +162,19 @@ const char* soter_outside_open(soter_outside* channel, const char* folder, const
     channel->number = first > second ? first : second;
   }
   return wrong;
+}
+
+void soter_outside_close(soter_outside* channel) {
+  SOTER_CHECK(channel != NULL);
+  if (channel->place[0] == NULL) {
+    return;
+  }
+  (void)munmap(channel->place[0], file_bytes(channel->size));
+  (void)munmap(channel->room, room_bytes(channel->size));
+  if (channel->file >= 0) {
+    (void)close(channel->file);
+  }
+  *channel = (soter_outside){.size = channel->size, .hash = channel->hash, .file = -1};
 }
 
 void soter_outside_write(soter_outside* channel, int64_t time_ns, const void* value) {

@@ -29,10 +29,15 @@ typedef struct {
 } soter_outside;
 
 /* Opens `folder`/`name`, and makes it where it is not there, to read or, `writes`, to write. NULL,
- * or what is wrong, in words: to write, that another process does, too. Not for a loop: it asks the
+ * or what is wrong, in words: to write, that somebody does already. Not for a loop: it asks the
  * system for memory, and the file of who writes stays open. */
 const char* soter_outside_open(soter_outside* channel, const char* folder, const char* name,
                                uint64_t hash, size_t size, bool writes);
+
+/* Gives back what `open` took; nothing where nothing is open. Who wrote is no writer any more. A
+ * process that a writer forked, and that goes on without exec, has to: it has the writer's lock, as
+ * long as the file is open or mapped there, and would keep it when the writer has ended. */
+void soter_outside_close(soter_outside* channel);
 
 /* `time_ns` on CLOCK_MONOTONIC: of a sensor's value, when it was measured. */
 void soter_outside_write(soter_outside* channel, int64_t time_ns, const void* value);

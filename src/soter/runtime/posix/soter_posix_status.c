@@ -49,11 +49,38 @@ static uint64_t* of_modules(soter_posix* d, uint64_t* to, uint32_t modes) {
   return to;
 }
 
+/* With which reading the leases of a module ended, the first of its nodes; NULL: with none. */
+static const soter_old_read* ended_with(const soter_lease_times* t, uint32_t nodes) {
+  SOTER_CHECK(nodes <= APP_BUDGETS);
+  for (uint32_t n = 0; n < nodes && t->ended_ns >= 0; n++) {
+    if (t->old[n].of != NULL) {
+      return &t->old[n];
+    }
+  }
+  return NULL;
+}
+
+static void of_old_read(const soter_old_read* old, uint64_t* to) {
+  uint32_t k = 0;
+  SOTER_CHECK(old->of != NULL);
+  while (k < soter_app_outside_count && soter_app_outside[k].topic != old->of->topic) {
+    k++;
+  }
+  to[SOTER_STATUS_OLD_TOPIC] = 1U + k;
+  to[SOTER_STATUS_OLD_NS] = (uint64_t)old->age_ns;
+  to[SOTER_STATUS_OLD_MOST_NS] = (uint64_t)old->of->most_ns;
+}
+
 static uint64_t* of_leases(const soter_posix* d, uint64_t* to) {
   for (uint32_t k = 0; k < soter_app_lease_count; k++) {
     to[SOTER_STATUS_GIVEN] = d->lease[k].given;
     to[SOTER_STATUS_STALE] = d->lease[k].stale;
     to[SOTER_STATUS_ENDED] = d->lease[k].ended_ns >= 0 ? 1U : 0U;
+    const soter_old_read* const old = ended_with(&d->lease[k], soter_app_leases[k].grant->nodes);
+    to[SOTER_STATUS_OLD_TOPIC] = 0U;
+    if (old != NULL) {
+      of_old_read(old, to);
+    }
     to += SOTER_STATUS_LEASE;
   }
   return to;

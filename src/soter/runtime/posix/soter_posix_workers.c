@@ -244,10 +244,23 @@ static void reap_orphans(const soter_posix* d) {
   (void)waitpid(ended.si_pid, NULL, WNOHANG);
 }
 
+/* The one writer of a channel is the trusted process: another may follow as soon as it ends. */
+static void close_channels(soter_posix* d) {
+  SOTER_CHECK(d->keeper == 0); /* we are the process that was forked */
+  for (uint32_t k = 0; k < soter_app_outside_count; k++) {
+    soter_outside_close(&d->outside[k].channel);
+  }
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    soter_outside_close(&d->lease[k].channel);
+  }
+  soter_outside_close(&d->status_channel);
+}
+
 static void keep_workers(soter_posix* d, pid_t parent) {
   const struct timespec nap = {0, NAP_NS};
   int64_t ended_ns[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
   (void)memset(ended_ns, 0, sizeof ended_ns);
+  close_channels(d);
   (void)setsid(); /* who ends our whole group does not end what ends workers */
   (void)prctl(PR_SET_CHILD_SUBREAPER, 1);
   while (getppid() == parent && !__atomic_load_n(&d->status->over, __ATOMIC_ACQUIRE)) {

@@ -38,7 +38,13 @@
 #define SOTER_STATUS_GIVEN 0
 #define SOTER_STATUS_STALE 1 /* releases that read what was too old */
 #define SOTER_STATUS_ENDED 2 /* 1: no lease is given any more */
-#define SOTER_STATUS_LEASE 3
+/* where they ended with a read that was too old: 1 + the topic, of those that meet the world, one
+ * more than there are of a topic inside; 0: they did not. How old it was, ns as an int64_t,
+ * negative: nobody had published it; and how old it might be */
+#define SOTER_STATUS_OLD_TOPIC 3
+#define SOTER_STATUS_OLD_NS 4
+#define SOTER_STATUS_OLD_MOST_NS 5
+#define SOTER_STATUS_LEASE 6
 
 /* of a topic that meets the world */
 #define SOTER_STATUS_TOLD 0

@@ -31,6 +31,9 @@ soter_module_facts soter_module_facts_of(soter_module_place place, int64_t now,
         status + SOTER_STATUS_HEAD + SOTER_STATUS_MODULE * place.modules + SOTER_STATUS_LEASE * k;
     const uint64_t* const a = actuators + SOTER_ACTUATORS_HEAD + SOTER_ACTUATORS_MODULE * k;
     f.given = lease[SOTER_STATUS_GIVEN];
+    f.old_topic = (uint32_t)lease[SOTER_STATUS_OLD_TOPIC];
+    f.old_ns = (int64_t)lease[SOTER_STATUS_OLD_NS];
+    f.old_most_ns = (int64_t)lease[SOTER_STATUS_OLD_MOST_NS];
     f.lease_over = lease[SOTER_STATUS_ENDED] != 0U;
     f.actuators_alive = alive(now, actuators_ns);
     f.state = (uint32_t)a[SOTER_ACTUATORS_STATE];
@@ -135,6 +138,15 @@ const char* soter_takeover_text(uint32_t why) {
       "never",    "ttf",          "what the DM reads is old",
       "the gate", "AC is silent", "the trusted part was late"};
   return texts[why <= SOTER_STATUS_CAUSES ? why : 0U];
+}
+
+void soter_old_read_text(const soter_module_facts* f, const char* name, char* to, size_t size) {
+  if (f->old_ns < 0) {
+    (void)snprintf(to, size, "%s, which nobody had published", name);
+  } else {
+    (void)snprintf(to, size, "%s %.3f ms old, of %.3f ms", name, (double)f->old_ns / 1e6,
+                   (double)f->old_most_ns / 1e6);
+  }
 }
 
 const char* soter_outward_text(bool silent, uint64_t published) {

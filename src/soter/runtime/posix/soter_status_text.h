@@ -35,6 +35,8 @@ typedef struct {
   bool leased;     /* it has a fail-safe law; the rest is about its actuators */
   bool lease_over; /* the trusted part gives none any more */
   uint64_t given;
+  uint32_t old_topic; /* its leases ended with a read of it: as SOTER_STATUS_OLD_TOPIC */
+  int64_t old_ns, old_most_ns;
   bool actuators_alive;
   uint32_t state, how, answer; /* SOTER_LEASE_ENDED and so on; how they were armed; soter_arm */
 } soter_module_facts;
@@ -67,6 +69,11 @@ const char* soter_arming_text(const soter_module_facts* f);
 
 const char* soter_arm_text(uint32_t answer);   /* of a soter_arm */
 const char* soter_takeover_text(uint32_t why); /* 0: never, 1 + soter_cause */
+
+#define SOTER_OLD_READ "its leases ended with a read of" /* a key, where `old_topic` is not 0 */
+
+/* What follows that key. `name`: of the topic. */
+void soter_old_read_text(const soter_module_facts* f, const char* name, char* to, size_t size);
 
 /* Of a topic that a bridge publishes. `silent`: nobody writes its channel in time. */
 const char* soter_outward_text(bool silent, uint64_t published);
