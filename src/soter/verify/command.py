@@ -52,9 +52,9 @@ def verify(
     """Verify the modules of a checked program; `SoterError` where a problem is not determined.
 
     `given`: the parameters as the user wrote them, for the report's command line; `search`: see
-    `verify_module`.
+    `verify_by_induction`.
     """
-    from soter.verify.verify_module import verify_module  # noqa: PLC0415 - needs a compiler
+    from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
 
     began = time.perf_counter()
     assert checked.program is not None
@@ -73,7 +73,8 @@ def verify(
         share = _part(progress, i, len(problems))
         # a run of a view, or of a plant that others move as they like, is none of the vehicle
         attack = refute and not problem.view and not problem.influences
-        results.append(verify_module(problem, refute=attack, progress=share, search=search))
+        prove = module_method(problem).verify
+        results.append(prove(problem, refute=attack, progress=share, search=search))
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     verification = VerifyReport(

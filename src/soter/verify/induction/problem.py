@@ -69,8 +69,7 @@ class InductionProblem(Problem):
     lemmas: tuple[Predicate, ...]
     lemma_texts: tuple[str, ...]
     progress: tuple[Predicate, ...]
-    """What P2b takes for granted at all times."""
-    progress_texts: tuple[str, ...]
+    """`progress_texts`, lowered."""
     any_value: dict[str, str] = field(default_factory=dict)
     """Topics of which nothing but their set is known: name -> why, in words."""
     heard: frozenset[int] = frozenset()

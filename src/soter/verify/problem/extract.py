@@ -18,7 +18,7 @@ from soter.language.model.system import modules_above
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.verify.enclose.scheme_error import NS, ORDER
-from soter.verify.induction.problem import InductionProblem, extract_induction
+from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
@@ -51,7 +51,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     With that of its fail-safe law, where one is declared.
     """
     problem = _extract(flat, module, synthesize=synthesize)
-    if module.law and not isinstance(problem, InductionProblem):
+    if module.law and module.symbol.verify.induction is None:
         try:
             problem.law_unread = behind(flat, module) or _beyond_the_law(problem)
             if not problem.law_unread:
@@ -213,13 +213,13 @@ def extract_sets(flat: System, module: Module) -> Problem:
 
 def require_sets(problem: Problem) -> None:
     """`SoterError` R031 for a module that is proved by induction."""
-    if isinstance(problem, InductionProblem):
+    asked = problem.module.symbol.verify.induction
+    if asked is not None:
         diagnostics = Diagnostics()
-        verify = problem.module.symbol.verify
         diagnostics.error(
             "R031",
             f"module `{problem.name}` is proved by induction: there are no sets of states",
-            verify.induction or problem.module.symbol.span,
+            asked,
             notes=("monitors and advice rest on sets",),
         )
         raise SoterError(diagnostics.items)
