@@ -46,7 +46,7 @@ def tools() -> list[str]:
 
 
 def told(*words: str) -> str:
-    return processes.run(list(words), capture_output=True, text=True, check=True).stdout
+    return str(processes.run(list(words), capture_output=True, text=True, check=True).stdout)
 
 
 def _is_program(path: Path) -> bool:

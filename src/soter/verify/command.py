@@ -119,8 +119,7 @@ def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
                     "or the other modules of this one: `--module NAME`",
                 ),
             )
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
 
 
 def _command_line(
@@ -204,8 +203,7 @@ def _views(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
         except SoterError as error:
             for d in error.diagnostics:
                 diagnostics.add(d)
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
     return views
 
 
@@ -219,8 +217,7 @@ def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
         except SoterError as error:
             for d in error.diagnostics:
                 diagnostics.add(d)
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
     return problems
 
 

@@ -46,8 +46,7 @@ def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
     proved = faultless(at_once(there))
     _all_sensed(here, there, diagnostics)
     inheritances = [_of_module(here, m, proved, diagnostics) for m in here.modules]
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
     return tuple(inheritances)
 
 

@@ -79,24 +79,24 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     diagnostics = Diagnostics()
     refuse_views(module)
     _stands_alone(flat, module, diagnostics)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     flat, module, modes = modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
     _no_lemmas(module, diagnostics)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     at = place(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     inputs = inputs_of(at, diagnostics)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     groups = Axes(at, inputs, diagnostics)
     axis_groups = groups.groups()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     calculator = Calculator(diagnostics, at.module.scope.params)
     symbol = at.module.symbol
     levels = symbol.verify.levels
@@ -242,11 +242,6 @@ def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
             notes=(OF_VIEWS if word == "enters" else OF_NODES,),
             helps=(f"leave `{word}` out",),
         )
-
-
-def _stop(diagnostics: Diagnostics) -> None:
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
 
 
 def _extents(groups: tuple[Group, ...], count: int) -> tuple[Interval, ...]:
