@@ -16,7 +16,7 @@ BLOCK = re.compile(r"^```json schema=(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL
 SCHEMAS: dict[str, dict[str, Any]] = {
     name: json.loads(text) for name, text in BLOCK.findall(PAGE.read_text(encoding="utf-8"))
 }
-MADE = ("check", "test", "recheck", "verify", "run")
+MADE = ("check", "test", "recheck", "verify", "run", "campaign", "monitor")
 """Documents whose schemas `docs/site/json_schemas.py` makes: they have all fields."""
 TYPES: dict[str, tuple[type, ...]] = {
     "object": (dict,),
@@ -54,6 +54,10 @@ def _check(schema: dict[str, Any], value: object, path: str, *, strict: bool = F
     """What is wrong; `strict`: so is a field that the schema of an object in it has not."""
     if "$ref" in schema:
         yield from _check(SCHEMAS[schema["$ref"]], value, path, strict=strict)
+        return
+    if "anyOf" in schema:
+        problems = [list(_check(s, value, path, strict=strict)) for s in schema["anyOf"]]
+        yield from min(problems, key=len)
         return
     if "const" in schema and value != schema["const"]:
         yield f"{path}: {value!r} is not {schema['const']!r}"

@@ -36,8 +36,8 @@ from soter.language.front_end import check_file  # noqa: E402
 from soter.report.summary import table  # noqa: E402
 from soter.targets.leases import lease_times  # noqa: E402
 from soter.verify.command import modules_of, verify  # noqa: E402
-from soter.verify.induction.problem import InductionProblem  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402
+from soter.verify.problem.problem import NODES  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -73,7 +73,7 @@ def timing_of(flat: System, module: Module) -> Timing | str:
         problem = extract(flat, module)
     except SoterError as error:
         return error.diagnostics[0].message
-    if isinstance(problem, InductionProblem):
+    if problem.kind == NODES:
         return "proved by induction: no H"
     times, leases = problem.times, lease_times(flat, module)
     nodes = tuple(Node(b.name, b.period, b.phase, b.late, b.response) for b in leases.budgets)

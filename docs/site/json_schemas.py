@@ -29,7 +29,10 @@ Hint: TypeAlias = Any
 PAGE = Path(__file__).resolve().parents[1] / "json.md"
 BLOCK = re.compile(r"^(```json schema=(\w+)\n)(.*?)^```", re.MULTILINE | re.DOTALL)
 DOCUMENTS = {
-    **{name: f"soter.cli.{name}" for name in ("check", "test", "recheck", "verify")},
+    **{
+        name: f"soter.cli.{name}"
+        for name in ("check", "test", "recheck", "verify", "campaign", "monitor")
+    },
     "run": "soter.simulate.outputs.run_fields",
 }
 """Name of a block -> the module that has its `DOCUMENT`."""
@@ -169,6 +172,8 @@ def of_type(hint: Hint, shape: JsonObject | Mapping[str, Any] | None, where: str
 
 def or_null(schema: dict[str, Any]) -> dict[str, Any]:
     """The same, or null."""
+    if "$ref" in schema:
+        return {"anyOf": [schema, {"type": "null"}]}
     if "enum" in schema:
         return {"enum": list(dict.fromkeys([*schema["enum"], None]))}
     return {**schema, "type": [schema["type"], "null"]}

@@ -35,6 +35,12 @@ def program(name: str) -> soter.Program:
     return soter.load(FOLDER / name)
 
 
+@cache
+def answering() -> soter.Program:
+    """One whose planner is bound to something else, again and again."""
+    return soter.load(FOLDER / "rrt_connect.soter")
+
+
 def topic(run: Run, name: str) -> Any:
     topics = run.final["topics"]
     (full_name,) = [n for n in topics.dtype.names if f".{n}".endswith(f".{name}")]
@@ -104,7 +110,9 @@ def test_where_there_is_no_way_nothing_is_published(
 
 def test_it_explores_and_equal_seeds_give_equal_flights(rrt: Any) -> None:
     assert rrt.base is not None
-    flights = [program("rrt_connect.soter").simulate(until="20s", seed=2) for _ in range(2)]
+    flights = [
+        program("rrt_connect.soter").simulate(until="20s", seed=2, trace=False) for _ in range(2)
+    ]
     assert flights[0].trace_sha256 == flights[1].trace_sha256
     assert flights[0].violation_list == []
     assert flights[0].modules["AnyWay"].ac_share > 0.9
@@ -124,8 +132,8 @@ def test_it_explores_and_equal_seeds_give_equal_flights(rrt: Any) -> None:
     ],
 )
 def test_whatever_the_planner_answers_the_exploration_goes_on(answer: Any) -> None:
-    bound = soter.load(FOLDER / "rrt_connect.soter").bind("RRTConnect", lambda _: {"plan": answer})
-    run = bound.simulate(until="20s", seed=2, trace=False, sha256=False)
+    answering().bind("RRTConnect", lambda _: {"plan": answer})
+    run = answering().simulate(until="20s", seed=2, trace=False, sha256=False)
     assert run.violation_list == []
     assert topic(run, "known").sum() > 3000
 
@@ -165,15 +173,18 @@ def weights() -> np.ndarray:
 def test_the_network_that_flies_is_the_one_that_was_trained(learning: Any) -> None:
     shipped = weights()
     assert shipped.shape == (learning.NEURONS, learning.SIGHTS + 1)
-    flying = program("exploration_adversaries.soter").simulate("Learned", until="15s", seed=2)
+    how: dict[str, Any] = {"until": "15s", "seed": 2, "sha256": False}
+    flying = program("exploration_adversaries.soter").simulate(
+        "Learned", trace=["e.learned.choice"], **how
+    )
     taught = soter.load(FOLDER / "learned.soter").bind("Pupil", learning.Pupil(shipped))
-    school = taught.simulate("School", until="15s", seed=2)
+    school = taught.simulate("School", trace=["e.choice"], **how)
     assert school.extern_failures == {}
     choices = flying.topic("e.learned.choice")
     assert (choices == school.topic("e.choice")).all()
     assert len(set(choices.tolist())) > 5
     wrong = learning.Pupil(np.column_stack([shipped[:, :-1], -shipped[:, -1]]))
-    other = taught.bind("Pupil", wrong).simulate("School", until="15s", seed=2)
+    other = taught.bind("Pupil", wrong).simulate("School", trace=["e.choice"], **how)
     assert (choices != other.topic("e.choice")).any()
 
 

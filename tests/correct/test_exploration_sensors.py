@@ -19,9 +19,11 @@ from generators.exploration_mappers import EXAMPLES, Mappers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from soter.simulate.result import Run
+
+    Driver = Callable[[int], dict[str, Any] | None]
+    Flown = Callable[[Driver], Run]
 
 RAYS, RANGE, NOTHING, COUNT = 180, 8.0, -1.0, 120
 HOME = (1.2 + 12.0, 25.86 + 12.0, 0.0, 0.0)
@@ -48,14 +50,19 @@ def room(radius: float = 4.0) -> list[float]:
     return [radius] * RAYS
 
 
-def flown(tmp_path: Path, driver: Callable[[int], dict[str, Any] | None]) -> Run:
-    """Two seconds of what `driver` says at each step, 50 ms apart."""
-    path = tmp_path / "scans.soter"
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
+    """Two seconds of what a driver says at each step, 50 ms apart."""
+    path = tmp_path_factory.mktemp("scans") / "scans.soter"
     path.write_text(PROGRAM.format(folder=EXAMPLES / "exploration"), encoding="utf-8")
     program = soter.load(path)
-    steps = iter(range(10_000))
-    program.bind("Driver", lambda _: driver(next(steps)))
-    return program.simulate(seed=1)
+
+    def run(driver: Driver) -> Run:
+        steps = iter(range(10_000))
+        program.bind("Driver", lambda _: driver(next(steps)))
+        return program.simulate(seed=1, trace=["mapper.known", "mapper.doubt"], sha256=False)
+
+    return run
 
 
 def cells(run: Run) -> np.ndarray:
@@ -63,6 +70,13 @@ def cells(run: Run) -> np.ndarray:
     known: np.ndarray = np.asarray(run.topic("mapper.known"))
     counts: np.ndarray = known.sum(axis=1)
     return counts
+
+
+@pytest.fixture(scope="module")
+def with_a_ray_at_the_door(flown: Flown) -> int:
+    """Cells that are known where one ray hit at once."""
+    near = flown(lambda _: scan([0.0, *room()[1:]]))
+    return int(cells(near)[-1])
 
 
 @pytest.fixture(scope="module")
@@ -74,19 +88,19 @@ def at_home() -> int:
 # ---------------------------------------------------------------- at the door
 
 
-def test_a_scan_frees_cells_and_one_that_is_not_there_none(tmp_path: Path, at_home: int) -> None:
-    told = flown(tmp_path, lambda _: scan(room()))
-    silent = flown(tmp_path, lambda _: None)
+def test_a_scan_frees_cells_and_one_that_is_not_there_none(flown: Flown, at_home: int) -> None:
+    told = flown(lambda _: scan(room()))
+    silent = flown(lambda _: None)
     assert cells(told)[-1] > at_home + 400
     assert cells(silent)[-1] == at_home
     assert any("Driver" in note for note in silent.notes)
 
 
-def test_dropped_scans_cost_time_alone(tmp_path: Path, at_home: int) -> None:
+def test_dropped_scans_cost_time_alone(flown: Flown, at_home: int) -> None:
     def sometimes(step: int) -> dict[str, Any] | None:
         return scan(room(3.0)) if step == 0 else scan(room(5.0)) if step > 30 else None
 
-    run = flown(tmp_path, sometimes)
+    run = flown(sometimes)
     known, time = cells(run), run.time_s()
     gap = known[(time > 0.3) & (time < 1.5)]
     assert len(set(gap.tolist())) == 1
@@ -96,9 +110,9 @@ def test_dropped_scans_cost_time_alone(tmp_path: Path, at_home: int) -> None:
 
 @pytest.mark.parametrize("count", [0, 1, RAYS - 1, RAYS + 1, 3600])
 def test_too_few_and_too_many_rays_are_refused_and_named(
-    tmp_path: Path, at_home: int, count: int
+    flown: Flown, at_home: int, count: int
 ) -> None:
-    run = flown(tmp_path, lambda _: scan([4.0] * count))
+    run = flown(lambda _: scan([4.0] * count))
     assert cells(run)[-1] == at_home
     (said,) = run.extern_failures.values()
     assert str(count) in said
@@ -109,22 +123,21 @@ def test_too_few_and_too_many_rays_are_refused_and_named(
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("everywhere", [True, False])
 def test_a_range_that_is_none_frees_nothing_at_the_door(
-    tmp_path: Path, at_home: int, bad: float, everywhere: bool
+    flown: Flown, with_a_ray_at_the_door: int, at_home: int, bad: float, everywhere: bool
 ) -> None:
     ranges = [bad] * RAYS if everywhere else [bad, *room()[1:]]
-    run = flown(tmp_path, lambda _: scan(ranges))
-    near = flown(tmp_path, lambda _: scan([0.0, *room()[1:]]))
-    assert at_home <= cells(run)[-1] <= cells(near)[-1]
+    run = flown(lambda _: scan(ranges))
+    assert at_home <= cells(run)[-1] <= with_a_ray_at_the_door
     assert not run.topic("mapper.doubt")[-1]
 
 
 @pytest.mark.parametrize("k", range(4))
 @pytest.mark.parametrize("bad", [nan, inf, -inf, 1e300])
 def test_of_a_pose_that_is_none_no_scan_is_taken(
-    tmp_path: Path, at_home: int, bad: float, k: int
+    flown: Flown, at_home: int, bad: float, k: int
 ) -> None:
     at = tuple(bad if n == k else value for n, value in enumerate(HOME))
-    run = flown(tmp_path, lambda _: scan(room(), at))
+    run = flown(lambda _: scan(room(), at))
     assert cells(run)[-1] == at_home
 
 

@@ -20,16 +20,25 @@ import pytest
 pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
 
 from bench.mavlink import bad_input, peer_loss
-from bench.mavlink.mavlink_stack import MAPPING, built_package, missing, stack
+from bench.mavlink.mavlink_stack import EXAMPLE, MAPPING, missing, stack
 from pymavlink.dialects.v20 import common as mavlink
 
 import processes
+import soter
+from generators.c_packages import make
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=f"not here: {missing()}")
+
+
+def built_package(folder: Path, mapping: Path = MAPPING) -> Path:
+    soter.load(EXAMPLE).build("mavlink", folder, "Companion", mapping=mapping)
+    done = make(folder)
+    assert done.returncode == 0, done.stderr
+    return folder
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,11 @@ import pytest
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 from bench.ros.ros1_bad_input import EXAMPLE, counters
-from bench.ros.ros1_nodes import SYSTEM_PYTHON, Nodes, built_package, missing, nodes
+from bench.ros.ros1_nodes import SYSTEM_PYTHON, Nodes, missing, nodes
 
 import processes
 from generators.channel_programs import soon
+from generators.ros1_packages import built_package
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,7 +14,9 @@ import pytest
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
-from bench.ros.ros1_nodes import HERE, ROOT, SYSTEM_PYTHON, built_package, missing, nodes
+from bench.ros.ros1_nodes import HERE, ROOT, SYSTEM_PYTHON, missing, nodes
+
+from generators.ros1_packages import built_package
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

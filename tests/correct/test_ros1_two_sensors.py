@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import processes
+from generators.ros1_packages import built_package
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 from bench.ros.ros1_bad_input import counters
-from bench.ros.ros1_nodes import HERE, SYSTEM_PYTHON, built_package, missing, nodes
+from bench.ros.ros1_nodes import HERE, SYSTEM_PYTHON, missing, nodes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -6,9 +6,9 @@ package's test waits for what is said, and no command is a matter of time.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
-import sys
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
@@ -19,8 +19,10 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 from bench.ros.ros1_nodes import ROOT, missing
 
 import processes
+import soter
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 TOOLS = ("catkin_make", "rostest")
@@ -28,6 +30,8 @@ LACKING = missing() or " and ".join(t for t in TOOLS if not os.access(f"/usr/bin
 pytestmark = pytest.mark.skipif(bool(LACKING), reason=f"ROS 1 is not here: {LACKING}")
 
 EXAMPLE = ROOT / "examples" / "ros" / "shuttle_ros.soter"
+WORKSPACE = ROOT / "build" / "ros1-workspace"
+"""Stays from run to run: make compiles what has changed."""
 PATIENCE_S = 300.0
 LATE = "lease->state == SOTER_LEASE_ENDED || "
 """Of soter_lease.c: why what comes after the end of a lease is not taken."""
@@ -48,17 +52,33 @@ def in_workspace(folder: Path, command: str) -> tuple[int, str]:
 
 
 @pytest.fixture(scope="module")
-def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The workspace, built."""
-    folder = tmp_path_factory.mktemp("workspace")
-    words = [sys.executable, "-m", "soter", "build", str(EXAMPLE), "--system", "Vehicle"]
-    words += ["--target", "ros1", "--map", str(EXAMPLE.with_suffix(".toml"))]
-    package = folder / "src" / "shuttle_ros"
-    package.parent.mkdir()
-    assert processes.run([*words, "-o", str(package)], capture_output=True).returncode == 0
-    told, said = in_workspace(folder, "catkin_make -j1")
-    assert told == 0, said[-3000:]
-    return folder
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The workspace, built; nobody else has it meanwhile."""
+    package = tmp_path_factory.mktemp("package") / "shuttle_ros"
+    mapping = EXAMPLE.with_suffix(".toml")
+    soter.load(EXAMPLE).build("ros1", package, "Vehicle", mapping=mapping)
+    WORKSPACE.mkdir(parents=True, exist_ok=True)
+    with (WORKSPACE / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        made_alike(WORKSPACE / "src" / "shuttle_ros", package)
+        shutil.rmtree(WORKSPACE / "ros", ignore_errors=True)
+        told, said = in_workspace(WORKSPACE, "catkin_make -j1")
+        assert told == 0, said[-3000:]
+        yield WORKSPACE
+
+
+def made_alike(folder: Path, wanted: Path) -> None:
+    """The same files with the same bytes; what is already there is not touched."""
+    folder.mkdir(parents=True, exist_ok=True)
+    names = {p.relative_to(wanted) for p in wanted.rglob("*") if p.is_file()}
+    for path in [p for p in folder.rglob("*") if p.is_file()]:
+        if path.relative_to(folder) not in names:
+            path.unlink()
+    for name in names:
+        path = folder / name
+        if not path.is_file() or path.read_bytes() != (wanted / name).read_bytes():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(wanted / name, path)
 
 
 def outcome_of(folder: Path) -> tuple[int, dict[str, str]]:

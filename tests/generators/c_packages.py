@@ -19,6 +19,8 @@ from soter.native.cache import cached, digest
 from soter.native.compiler import find
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.targets.package import Package
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -29,8 +31,8 @@ Done = processes.Done
 Files = dict[str, str]
 
 
-class _NotMadeError(Exception):
-    """`make` failed, and has said why: that is never kept."""
+class NotMadeError(Exception):
+    """What makes a package failed, and has said why: that is never kept."""
 
     def __init__(self, done: Done) -> None:
         super().__init__(done.stderr)
@@ -54,34 +56,54 @@ def make(folder: Path, *settings: str, reads: tuple[Path, ...] = ()) -> Done:
     words = ["make", "-B", f"CC={' '.join(compiler.command)}", *settings]
     if any(setting.startswith("CC=") for setting in settings):
         return command(words, folder)  # nothing identifies another compiler
-    before = _files(folder)
     read = [hashlib.sha256(file.read_bytes()).hexdigest() for file in reads]
-    parts = [compiler.identity, *words, *read]
+    try:
+        said = made_or_kept("make", folder, [words], [compiler.identity, *read])
+    except NotMadeError as error:
+        return error.done
+    return Done(words, 0, said, "")
+
+
+def made_or_kept(
+    kind: str,
+    folder: Path,
+    commands: list[list[str]],
+    tools: list[str],
+    wanted: Callable[[Path], bool] = Path.is_file,
+) -> str:
+    """What commands make of the files in a folder, or have made of the same; what they said.
+
+    `tools`: what else that depends on, as text; `wanted`: of the files that are new. NotMadeError
+    where one fails.
+    """
+    before = _files(folder)
+    parts = [*tools, *(word for words in commands for word in words)]
     parts += [x for name, sha256 in sorted(before.items()) for x in (name, sha256)]
 
     def build(at: Path) -> None:
-        done = command(words, folder)
-        if done.returncode != 0:
-            raise _NotMadeError(done)
-        (at / SAID).write_text(done.stdout, encoding="utf-8")
+        said = ""
+        for words in commands:
+            done = command(words, folder)
+            if done.returncode != 0:
+                raise NotMadeError(done)
+            said += done.stdout
+        (at / SAID).write_text(said, encoding="utf-8")
         with tarfile.open(at / MADE, "w") as tar:
             for name, sha256 in sorted(_files(folder).items()):
-                if before.get(name) != sha256:
+                if before.get(name) != sha256 and wanted(folder / name):
                     tar.add(folder / name, name)
 
-    try:
-        at = cached("make", digest(parts), (MADE, SAID), build)
-    except _NotMadeError as error:
-        return error.done
+    at = cached(kind, digest(parts), (MADE, SAID), build)
     with tarfile.open(at / MADE) as tar:
         for member in tar:
             file = tar.extractfile(member)
             assert file is not None
             made = folder / member.name
+            made.parent.mkdir(parents=True, exist_ok=True)
             made.unlink(missing_ok=True)
             made.write_bytes(file.read())  # and so it is younger than its sources
             made.chmod(member.mode)
-    return Done(words, 0, (at / SAID).read_text(encoding="utf-8"), "")
+    return (at / SAID).read_text(encoding="utf-8")
 
 
 def _files(folder: Path) -> Files:

@@ -11,7 +11,7 @@ import re
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from math import ceil, isfinite
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -330,93 +330,6 @@ def _folder(path: str, about: CampaignIdentity) -> Path:
     parts += [f"{k}={v}" for k, v in about.params.items()]
     name = re.sub(r"[^A-Za-z0-9_.=+-]", "_", "-".join(parts))[:120]
     return Path(".soter") / f"campaign-{name}"
-
-
-def figures(flown_campaign: Campaign) -> dict[str, Any]:
-    """The fields of `--json` (docs/json.md)."""
-    return {
-        "system": flown_campaign.system,
-        **_figures(flown_campaign.result),
-        "flight_s": flown_campaign.until_s,
-        "seed": flown_campaign.first_seed,
-        "saves_horizon_s": flown_campaign.horizon_s or None,
-        "arms": {a.name: {"text": a.text, **_figures(a.result)} for a in flown_campaign.arms},
-        "lateness": flown_campaign.lateness or None,
-        "faults": [
-            {"fault": t, "inside": w or None, "times": flown_campaign.occurred[t]}
-            for t, w in flown_campaign.faults
-        ],
-        "folder": str(flown_campaign.folder),
-        "wall_s": flown_campaign.wall_s,
-        "workers": flown_campaign.workers,
-    }
-
-
-def _figures(r: Result) -> dict[str, Any]:
-    counted = r.modules and r.modules[0].saves is not None
-    return {
-        "hours": r.rate_hours,
-        "hours_of": "all" if r.hours_aloft is None else "aloft",
-        "hours_flown": r.hours,
-        "km": r.km,
-        "flights": r.flights,
-        "distinct_flights": r.distinct,
-        "properties": r.properties,
-        "violations": r.violations,
-        "violations_per_hour": [_number(x) for x in r.per_hour],
-        "violations_basis": r.per_hour_basis,
-        "flights_violated": r.flights_violated,
-        "violated_per_flight": list(r.per_flight),
-        "violated_inside": r.violated_inside,
-        "violated_outside": r.flights_violated - r.violated_inside,
-        "excused": {text: {"flights": n, "met": met} for text, n, met in r.excused},
-        "disengagements": sum(m.disengagements for m in r.modules),
-        "episodes": sum(m.episodes for m in r.modules),
-        "saves": sum(m.saves or 0 for m in r.modules) if counted else None,
-        "precautions": sum(m.precautions or 0 for m in r.modules) if counted else None,
-        "ac_share": r.ac_share,
-        "modules": {
-            m.name: {
-                "ac_share": m.ac_share,
-                "disengagements": m.disengagements,
-                "episodes": m.episodes,
-                "episodes_per_hour": [_number(x) for x in m.per_hour],
-                "episodes_basis": m.basis,
-                "gate_faults": m.gate_faults,
-                "saves": m.saves,
-                "precautions": m.precautions,
-            }
-            for m in r.modules
-        },
-        "measures": {
-            m.name: {
-                "mean": _number(m.mean),
-                "least": _number(m.least),
-                "most": _number(m.most),
-                "edges": list(m.edges),
-                "histogram": list(m.bins),
-            }
-            for m in r.measures
-        },
-        "broken": dict(r.broken),
-        "violated_flights": [
-            {
-                "flight": f.number,
-                "seed": f.seed,
-                "first_s": f.first_s,
-                "what": list(f.broken),
-                "outside": list(blame.met),
-                "clean_without": blame.clean_without,
-                "needed": list(blame.needed),
-            }
-            for f, blame in zip(r.worst, r.blames, strict=True)
-        ],
-        "digest": r.digest,
-    }
-
-
-def _number(x: float) -> float | None:
-    return x if isfinite(x) else None
 
 
 def written(

@@ -94,8 +94,7 @@ def _tests(
                 diagnostics.add(d)
         else:
             systems.append(with_times(system, skew_ns, horizon_ns))
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
     for system in systems:
         complete(system)
     return systems

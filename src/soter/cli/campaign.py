@@ -1,24 +1,34 @@
 """`soter campaign FILE`: many seeded runs, and what they say.
 
-Purpose: fly, keep every flight, print totals with exact intervals; exit 3 where one was violated.
+Purpose: fly, keep every flight, print totals with exact intervals, for people and as JSON; exit 3
+where one was violated.
 Non-goals: flying (`campaign/`).
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from math import isfinite
+from typing import TYPE_CHECKING, TypeAlias
 
 from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CommandParser, add_file, add_settings, at_least_one, seed
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.json_object import JsonObject, Shape, one_of
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Mapping
 
-    from soter.api.campaigning import Campaign
+    from soter.api.campaigning import Campaign, FlownArm
+    from soter.campaign.fault_attribution import FaultAttribution
+    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.result import MetricResult, ModuleStatistics
     from soter.cli.terminal.console import Console
+
+Flown: TypeAlias = "Campaign | FlownArm"
 
 EXAMPLES = """\
   soter campaign cart.soter                       one hour of the default system
@@ -74,7 +84,6 @@ def parser() -> CommandParser:
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Fly."""
     from soter.api.campaigning import (  # noqa: PLC0415 - needs NumPy
-        figures,
         settings_of,
         written,
     )
@@ -98,7 +107,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     for page in pages:
         console.say(f"written {page}")
     code = VIOLATED if campaign.result.violations else FINE
-    fields = {"file": args.file, "program_sha256": program.sha256, **figures(campaign)}
+    fields = {"file": args.file, **DOCUMENT.of(campaign)}
     return CommandOutcome(code, (*program.diagnostics, *campaign.diagnostics), fields)
 
 
@@ -151,3 +160,166 @@ def _say(campaign: Campaign, console: Console) -> None:
         f"{campaign.wall_s:.1f} s" + (f", {speed:,.0f} x real time" if speed else ", flown before")
     )
     console.say(console.paint("muted", f"digest  {r.digest}"))
+
+
+# ---------------------------------------------------------------- for programs
+
+
+@dataclass(frozen=True)
+class ViolatedFlight:
+    """A flight, and whose fault it is."""
+
+    flight: FlightOutcome
+    blame: FaultAttribution
+
+
+@dataclass(frozen=True)
+class ExcusingFault:
+    """A fault outside: violated flights that are clean without it, and those that met it."""
+
+    flights: int
+    met: int
+
+
+@dataclass(frozen=True)
+class CampaignFault:
+    """What goes wrong: the assumption that it keeps, how often it was there; None: none, always."""
+
+    fault: str
+    inside: str | None
+    times: int | None
+
+
+def _finite(*numbers: float) -> list[float | None]:
+    return [x if isfinite(x) else None for x in numbers]
+
+
+def _hours_of(c: Flown) -> str:
+    return "all" if c.result.hours_aloft is None else "aloft"
+
+
+def _violations_per_hour(c: Flown) -> list[float | None]:
+    return _finite(*c.result.per_hour)
+
+
+def _violated_outside(c: Flown) -> int:
+    return c.result.flights_violated - c.result.violated_inside
+
+
+def _excused(c: Flown) -> dict[str, ExcusingFault]:
+    return {text: ExcusingFault(n, met) for text, n, met in c.result.excused}
+
+
+def _disengagements(c: Flown) -> int:
+    return sum(m.disengagements for m in c.result.modules)
+
+
+def _episodes(c: Flown) -> int:
+    return sum(m.episodes for m in c.result.modules)
+
+
+def _counted(c: Flown) -> bool:
+    return bool(c.result.modules) and c.result.modules[0].saves is not None
+
+
+def _saves(c: Flown) -> int | None:
+    return sum(m.saves or 0 for m in c.result.modules) if _counted(c) else None
+
+
+def _precautions(c: Flown) -> int | None:
+    return sum(m.precautions or 0 for m in c.result.modules) if _counted(c) else None
+
+
+def _modules(c: Flown) -> dict[str, ModuleStatistics]:
+    return {m.name: m for m in c.result.modules}
+
+
+def _episodes_per_hour(m: ModuleStatistics) -> list[float | None]:
+    return _finite(*m.per_hour)
+
+
+def _measures(c: Flown) -> dict[str, MetricResult]:
+    return {m.name: m for m in c.result.measures}
+
+
+def _mean(m: MetricResult) -> float | None:
+    return _finite(m.mean)[0]
+
+
+def _least(m: MetricResult) -> float | None:
+    return _finite(m.least)[0]
+
+
+def _most(m: MetricResult) -> float | None:
+    return _finite(m.most)[0]
+
+
+def _violated_flights(c: Flown) -> list[ViolatedFlight]:
+    return [ViolatedFlight(*x) for x in zip(c.result.worst, c.result.blames, strict=True)]
+
+
+def _arms(c: Campaign) -> dict[str, FlownArm]:
+    return {a.name: a for a in c.arms}
+
+
+def _faults(c: Campaign) -> list[CampaignFault]:
+    return [CampaignFault(text, keeps or None, c.occurred[text]) for text, keeps in c.faults]
+
+
+BASIS = one_of("poisson", "flights")
+FIGURES = (
+    "hours=result.rate_hours hours_of hours_flown=result.hours km=result.km flights=result.flights "
+    "distinct_flights=result.distinct properties=result.properties violations=result.violations "
+    "violations_per_hour violations_basis=result.per_hour_basis "
+    "flights_violated=result.flights_violated violated_per_flight=result.per_flight "
+    "violated_inside=result.violated_inside violated_outside excused disengagements episodes saves "
+    "precautions ac_share=result.ac_share modules measures broken=result.broken* violated_flights "
+    "digest=result.digest"
+)
+MADE = {
+    "hours_of": _hours_of,
+    "violations_per_hour": _violations_per_hour,
+    "violated_outside": _violated_outside,
+    "excused": _excused,
+    "disengagements": _disengagements,
+    "episodes": _episodes,
+    "saves": _saves,
+    "precautions": _precautions,
+    "modules": _modules,
+    "measures": _measures,
+    "violated_flights": _violated_flights,
+}
+SHAPES: Mapping[str, Shape] = {
+    "hours_of": one_of("aloft", "all"),
+    "violations_basis": BASIS,
+    "excused": JsonObject(ExcusingFault, "flights met"),
+    "modules": JsonObject(
+        "soter.campaign.result.ModuleStatistics",
+        "ac_share disengagements episodes episodes_per_hour episodes_basis=basis gate_faults saves "
+        "precautions",
+        {"episodes_per_hour": _episodes_per_hour},
+        episodes_basis=BASIS,
+    ),
+    "measures": JsonObject(
+        "soter.campaign.result.MetricResult",
+        "mean least most edges histogram=bins",
+        {"mean": _mean, "least": _least, "most": _most},
+    ),
+    "violated_flights": JsonObject(
+        ViolatedFlight,
+        "flight=flight.number seed=flight.seed first_s=flight.first_s what=flight.broken "
+        "outside=blame.met clean_without=blame.clean_without needed=blame.needed",
+    ),
+}
+DOCUMENT = JsonObject(
+    "soter.api.campaigning.Campaign",
+    f"program_sha256 system {FIGURES} flight_s=until_s seed=first_seed saves_horizon_s=horizon_s? "
+    "arms lateness=lateness? faults folder wall_s workers",
+    {**MADE, "arms": _arms, "faults": _faults},
+    beside={"file": str},
+    shapes=SHAPES,
+    arms=JsonObject(
+        "soter.api.campaigning.FlownArm", f"text {FIGURES}", MADE, named="arm", shapes=SHAPES
+    ),
+    faults=JsonObject(CampaignFault, "fault inside times"),
+)

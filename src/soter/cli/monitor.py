@@ -7,6 +7,7 @@ Non-goals: the judgements (`monitor/model_membership.py`, `monitor/logs/`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.api import load
@@ -14,11 +15,12 @@ from soter.cli.ci.findings_of_monitor import of_judgements, of_log
 from soter.cli.ci.formats import add_format
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
-from soter.cli.terminal.log_judgement import as_json, lines, undecided
+from soter.cli.terminal.log_judgement import FOREIGN_LOG, lines, undecided
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CommandParser, add_file, add_settings, seed
 from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.json_object import JsonObject, one_of
 
 if TYPE_CHECKING:
     import argparse
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
     from soter.api import Program
     from soter.cli.terminal.console import Console
+    from soter.monitor.logs.result import LogJudgement
     from soter.monitor.model_membership import Judgement
 
 EXAMPLES = """\
@@ -98,8 +101,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
                 alarm=args.alarm,
             )
             console.say(f"wrote {args.emit}")
-            fields = {"file": args.file, "emitted": args.emit, "modules": {}, "log": None}
-            return CommandOutcome(FINE, warnings, fields)
+            return CommandOutcome(FINE, warnings, _fields(args, Monitored(args.emit)))
         judged = program.monitor(
             args.log,
             args.module,
@@ -124,8 +126,7 @@ def _judged(
     """Tell the judgement of the model."""
     _say(judged, args, console)
     alarms = sum(j.alarms for j in judged)
-    modules = {j.module: _fields(j) for j in judged}
-    fields = {"file": args.file, "emitted": None, "modules": modules, "log": None}
+    fields = _fields(args, Monitored(judged=tuple(judged)))
     code = VIOLATED if alarms else FINE
     return CommandOutcome(code, tuple(warnings), fields, of_judgements(judged))
 
@@ -158,7 +159,7 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     for text in lines(judged, console):
         console.say(text)
     outside = any(m.outside for m in judged.modules)
-    fields = {"file": args.file, "emitted": None, "modules": {}, "log": as_json(judged)}
+    fields = _fields(args, Monitored(log=judged))
     return CommandOutcome(VIOLATED if outside else FINE, items, fields, of_log(judged))
 
 
@@ -217,13 +218,40 @@ def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) ->
         )
 
 
-def _fields(j: Judgement) -> dict[str, object]:
-    return {
-        "source": j.source,
-        "steps": j.steps,
-        "alarms": j.alarms,
-        "first_alarm_s": j.first_alarm_s,
-        "largest_share": None if j.source == "estimates" else j.share,
-        "state": j.state or None,
-        "alarm_states": j.alarm_states,
-    }
+# ---------------------------------------------------------------- for programs
+
+
+@dataclass(frozen=True)
+class Monitored:
+    """What came of it: the file of a monitor, judgements of a record, or that of a log."""
+
+    emitted: str | None = None
+    judged: tuple[Judgement, ...] = ()
+    log: LogJudgement | None = None
+
+
+def _fields(args: argparse.Namespace, monitored: Monitored) -> dict[str, object]:
+    return {"file": args.file, **DOCUMENT.of(monitored)}
+
+
+def _modules(m: Monitored) -> dict[str, Judgement]:
+    return {j.module: j for j in m.judged}
+
+
+def _largest_share(j: Judgement) -> float | None:
+    return None if j.source == "estimates" else j.share
+
+
+DOCUMENT = JsonObject(
+    Monitored,
+    "emitted modules log",
+    {"modules": _modules},
+    beside={"file": str},
+    modules=JsonObject(
+        "soter.monitor.model_membership.Judgement",
+        "source steps alarms first_alarm_s largest_share state=state? alarm_states",
+        {"largest_share": _largest_share},
+        source=one_of("truth", "estimates"),
+    ),
+    log=FOREIGN_LOG,
+)

@@ -191,6 +191,11 @@ class Diagnostics:
         """How many of them are errors."""
         return self._errors
 
+    def raise_errors(self) -> None:
+        """`SoterError` with all of them where one is an error."""
+        if self._errors:
+            raise SoterError(self.items)
+
     def __len__(self) -> int:
         return len(self._items)
 

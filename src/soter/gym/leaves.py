@@ -19,6 +19,7 @@ from soter.language.model.types import (
     IntType,
     ListType,
     RecordType,
+    has_list,
 )
 
 if TYPE_CHECKING:
@@ -41,15 +42,7 @@ class MemoryLeaf(NamedTuple):
 
 def is_flat(types: Iterable[Type]) -> bool:
     """Whether values of these types have a fixed number of numbers: no lists."""
-    return not any(_has_list(t) for t in types)
-
-
-def _has_list(t: Type) -> bool:
-    if isinstance(t, RecordType):
-        return any(_has_list(f) for _, f in t.fields)
-    if isinstance(t, ArrayType):
-        return _has_list(t.element)
-    return isinstance(t, ListType)
+    return not any(has_list(t) for t in types)
 
 
 def places(t: Type, offset: int) -> Iterator[MemoryLeaf]:

@@ -204,12 +204,6 @@ def _check_the_rest(
         span,
         default=False,
         instances=instances,
-        until=None,
-        properties=(),
-        forces=(),
-        replaces=(),
-        sets=(),
-        inputs=(),
     )
     elaborator = Elaborator(program, loose, {}, diagnostics)
     flat = elaborator.run_loose(topics)

@@ -16,7 +16,7 @@ import numpy as np
 from soter.core.layout import group_field
 from soter.diagnostics.near import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.model.types import ArrayType, ListType, RecordType
+from soter.language.model.types import ArrayType, RecordType, has_list
 from soter.simulate.decisions import DecisionStepRecord, changes, margins
 from soter.simulate.run_settings import usage_error
 
@@ -337,7 +337,7 @@ def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
             help_ = nearest_or_all(part, fields)
             raise usage_error("U001", f"`{path}`: there is no field `{part}`", help_)
         t, values = fields[part], values[part]
-    if _has_list(t):
+    if has_list(t):
         raise usage_error("U001", f"`{path}` has a list in it, which is no array", "use run.topic")
     numbers = _numbers(t, values)
     return numbers if isinstance(t, (RecordType, ArrayType)) else numbers[:, 0]
@@ -356,12 +356,6 @@ def _numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         parts = _numbers(t.element, values)
         return parts.reshape(*parts.shape[:-2], -1)
     return values.astype(np.float64)[..., np.newaxis]
-
-
-def _has_list(t: Type) -> bool:
-    if isinstance(t, RecordType):
-        return any(_has_list(f) for _, f in t.fields)
-    return isinstance(t, ListType) or (isinstance(t, ArrayType) and _has_list(t.element))
 
 
 # ---------------------------------------------------------------- what a person should know

@@ -52,9 +52,9 @@ def verify(
     """Verify the modules of a checked program; `SoterError` where a problem is not determined.
 
     `given`: the parameters as the user wrote them, for the report's command line; `search`: see
-    `verify_module`.
+    `verify_by_induction`.
     """
-    from soter.verify.verify_module import verify_module  # noqa: PLC0415 - needs a compiler
+    from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
 
     began = time.perf_counter()
     assert checked.program is not None
@@ -73,7 +73,8 @@ def verify(
         share = _part(progress, i, len(problems))
         # a run of a view, or of a plant that others move as they like, is none of the vehicle
         attack = refute and not problem.view and not problem.influences
-        results.append(verify_module(problem, refute=attack, progress=share, search=search))
+        prove = module_method(problem).verify
+        results.append(prove(problem, refute=attack, progress=share, search=search))
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     verification = VerifyReport(
@@ -118,8 +119,7 @@ def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
                     "or the other modules of this one: `--module NAME`",
                 ),
             )
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
 
 
 def _command_line(
@@ -203,8 +203,7 @@ def _views(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
         except SoterError as error:
             for d in error.diagnostics:
                 diagnostics.add(d)
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
     return views
 
 
@@ -218,8 +217,7 @@ def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
         except SoterError as error:
             for d in error.diagnostics:
                 diagnostics.add(d)
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
     return problems
 
 

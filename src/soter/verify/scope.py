@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
-from soter.verify.induction.problem import InductionProblem
 from soter.verify.problem.extract import extract
 from soter.verify.scope_data import ScopeGuarantee, VerificationScope
 from soter.verify.topic_contracts import publisher_of, topic_contract_of
@@ -199,12 +198,10 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarante
     for parameter in problem.parameters:
         what = f"{parameter.name} changes only inside S_0 of the new value"
         guarantees.append(ScopeGuarantee(problem.name, what, "whoever changes it", "assumed"))
-    if isinstance(problem, InductionProblem):
-        for text in problem.progress_texts:
-            what = f"progress, for P2b alone: {text}"
-            guarantees.append(
-                ScopeGuarantee(problem.name, what, "the program: proved by nobody", "assumed")
-            )
+    for text in problem.progress_texts:
+        what = f"progress, for P2b alone: {text}"
+        by = "the program: proved by nobody"
+        guarantees.append(ScopeGuarantee(problem.name, what, by, "assumed"))
     plants = [c.name for c in problem.system.components if c.plant is not None]
     if plants and not module.symbol.verify.abstracts:
         moved = " and what is said of others" if problem.influences else ""

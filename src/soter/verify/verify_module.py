@@ -1,9 +1,9 @@
-"""Verify one module: every property, a verdict each.
+"""Verify one module over sets of states: every property, a verdict each.
 
 Purpose: run the engine over all cases, refine where only borders fail, look for counterexamples to
 what is not proved, and put it all into a `ModuleResult`. Whatever could not be bounded is
 undecided.
-Non-goals: the claims themselves (`verify/claims/`).
+Non-goals: the claims themselves (`verify/claims/`), proofs by induction (`induction/verify.py`).
 """
 
 from __future__ import annotations
@@ -37,8 +37,6 @@ from soter.verify.diagnosis.vacuity import at_the_start, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid.sets import UnboundedError
-from soter.verify.induction.problem import InductionProblem
-from soter.verify.induction.verify import verify_by_induction
 from soter.verify.problem.assumption import SCHEME, Assumption
 from soter.verify.problem.extract import cases
 from soter.verify.problem.other_modes import said
@@ -91,11 +89,10 @@ def verify_module(
 ) -> ModuleResult:
     """Everything about one module. `SoterError` R... where a program cannot be enclosed.
 
-    `explain`: measure why something stays undecided; None: where `refute` is. `search`: finds runs
-    that refute a proof by induction.
+    `explain`: measure why something stays undecided; None: where `refute` is. `search`: as every
+    method takes it; these runs are looked for without it.
     """
-    if isinstance(problem, InductionProblem):
-        return verify_by_induction(problem, search=search if refute else None, progress=progress)
+    del search
     began = time.perf_counter()
     library, prelude = library_of(problem)
     done = _all_cases(problem, library, _upto(progress, CASES))

@@ -46,12 +46,7 @@ def verification_system_of(
             span=span,
             default=False,
             instances=instances,
-            until=None,
-            properties=(),
-            forces=(),
-            replaces=(),
             sets=_own_parameters(module, instances),
-            inputs=(),
         )
         diagnostics = Diagnostics()
         around = {p.name: v for p, v in module.around.items()}

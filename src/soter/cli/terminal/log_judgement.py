@@ -7,10 +7,12 @@ Non-goals: the judgement (`monitor/logs/`), the command (`cli/monitor.py`).
 from __future__ import annotations
 
 import textwrap
+from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Severity
+from soter.diagnostics.json_object import JsonObject, one_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -116,48 +118,69 @@ def _near(n: NearestMargin | None) -> str:
 # ---------------------------------------------------------------- for programs
 
 
-def as_json(j: LogJudgement) -> dict[str, object]:
-    """The judgement as the JSON document has it."""
-    return {
-        "path": j.log,
-        "from_s": j.from_s,
-        "to_s": j.to_s,
-        "samples": j.samples,
-        "nodes": list(j.nodes),
-        "derived": [{"name": d.name, "how": d.how, "error": list(d.error)} for d in j.derived],
-        "constants": list(j.constants),
-        "left_out": {n: {"samples": c, "first": f} for n, (c, f) in j.left_out.items()},
-        "refused": {n: {"samples": c, "first": f} for n, (c, f) in j.refused.items()},
-        "faulted": j.faulted,
-        "assumptions": j.assumptions,
-        "modules": {m.module: _module(m) for m in j.modules},
-    }
+@dataclass(frozen=True)
+class LostSamples:
+    """How many samples of a topic were not used, and the first of them."""
+
+    samples: int
+    first: str
 
 
-def _module(m: ModuleOfLog) -> dict[str, object]:
-    return {
-        "decided": m.decided,
-        "missing": list(m.missing),
-        "safe_missing": list(m.blind),
-        "steps": m.steps,
-        "ac_share": m.ac_share if m.decided else None,
-        "first_switch_s": m.first_switch_s,
-        "switches": len(m.switches),
-        "changes": [{"time_s": c.time_s, "to": c.to, "reason": c.reason} for c in m.changes],
-        "stale": m.stale,
-        "ttf": m.ttf,
-        "safer": m.safer,
-        "outside": m.outside,
-        "first_outside_s": m.first_outside_s,
-        "faults": m.faults,
-        "margin": _nearest(m.margin),
-        "clearance": _nearest(m.clearance),
-        "bounds": [_nearest(n) for n in m.bounds.values()],
-    }
+def _lost(told: dict[str, tuple[int, str]]) -> dict[str, LostSamples]:
+    return {name: LostSamples(*x) for name, x in told.items()}
 
 
-def _nearest(n: NearestMargin | None) -> dict[str, object] | None:
-    if n is None:
-        return None
-    distance = n.distance if isfinite(n.distance) else None
-    return {"distance": distance, "time_s": n.time_s, "bound": n.bound}
+def _left_out(j: LogJudgement) -> dict[str, LostSamples]:
+    return _lost(j.left_out)
+
+
+def _refused(j: LogJudgement) -> dict[str, LostSamples]:
+    return _lost(j.refused)
+
+
+def _modules(j: LogJudgement) -> dict[str, ModuleOfLog]:
+    return {m.module: m for m in j.modules}
+
+
+def _ac_share(m: ModuleOfLog) -> float | None:
+    return m.ac_share if m.decided else None
+
+
+def _switches(m: ModuleOfLog) -> int:
+    return len(m.switches)
+
+
+def _bounds(m: ModuleOfLog) -> list[NearestMargin]:
+    return list(m.bounds.values())
+
+
+def _distance(n: NearestMargin) -> float | None:
+    return n.distance if isfinite(n.distance) else None
+
+
+RESULT = "soter.monitor.logs.result"
+LOST = JsonObject(LostSamples, "samples first", named="samples_lost")
+NEAREST = JsonObject(
+    f"{RESULT}.NearestMargin", "distance time_s bound", {"distance": _distance}, named="nearest"
+)
+FOREIGN_LOG = JsonObject(
+    f"{RESULT}.LogJudgement",
+    "path=log from_s to_s samples nodes derived constants left_out refused faulted assumptions "
+    "modules",
+    {"left_out": _left_out, "refused": _refused, "modules": _modules},
+    named="foreign_log",
+    derived=JsonObject("soter.monitor.logs.samples.DerivedValue", "name how error"),
+    left_out=LOST,
+    refused=LOST,
+    modules=JsonObject(
+        f"{RESULT}.ModuleOfLog",
+        "decided missing safe_missing=blind steps ac_share first_switch_s switches changes stale "
+        "ttf safer outside first_outside_s faults margin clearance bounds",
+        {"ac_share": _ac_share, "switches": _switches, "bounds": _bounds},
+        changes=JsonObject(f"{RESULT}.LoggedModeChange", "time_s to reason", to=one_of("AC", "SC")),
+        margin=NEAREST,
+        clearance=NEAREST,
+        bounds=NEAREST,
+    ),
+)
+"""The judgement as the document of `soter monitor` has it (docs/json.md)."""

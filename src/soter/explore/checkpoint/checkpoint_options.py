@@ -93,8 +93,7 @@ def checkpoints(
         except SoterError as error:
             for d in error.diagnostics:
                 diagnostics.add(d)
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
     return list(made)
 
 

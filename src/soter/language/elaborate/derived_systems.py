@@ -141,12 +141,7 @@ def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol])
         span=symbol.verify.span or symbol.span,
         default=False,
         instances=instances,
-        until=None,
-        properties=(),
-        forces=(),
-        replaces=(),
         sets=tuple(own_of(module, instances)),
-        inputs=(),
     )
     diagnostics = Diagnostics()
     around = {p.name: v for p, v in module.around.items()}

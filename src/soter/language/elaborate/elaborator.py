@@ -880,10 +880,4 @@ def implicit_system(program: typed.TypedProgram) -> typed.SystemSymbol | None:
         span=own[0].span,
         default=True,
         instances=instances,
-        until=None,
-        properties=(),
-        forces=(),
-        replaces=(),
-        sets=(),
-        inputs=(),
     )

@@ -19,8 +19,8 @@ from soter.language.model.types import (
     FLOAT,
     ArrayType,
     FloatType,
-    ListType,
     RecordType,
+    has_list,
     leaves,
 )
 
@@ -59,7 +59,7 @@ def can_be_any(system: System, topic: int) -> bool:
     there = system.topics[topic]
     leaf_bounds = zip(leaves(there.type), there.bounds, strict=True)
     floats = all(isinstance(t, FloatType) and isinstance(b, Bound) for (_, t), b in leaf_bounds)
-    return floats and not _has_list(there.type)
+    return floats and not has_list(there.type)
 
 
 def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
@@ -144,12 +144,6 @@ def _value(t: Type, left: Iterator[typed.Variable], topic: typed.TopicSymbol) ->
 
 def _below(t: RecordType | ArrayType) -> list[Type]:
     return [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
-
-
-def _has_list(t: Type) -> bool:
-    if isinstance(t, (RecordType, ArrayType)):
-        return any(_has_list(p) for p in _below(t))
-    return isinstance(t, ListType)
 
 
 def _equations(plant: typed.PlantSymbol) -> list[typed.TypedExpr]:

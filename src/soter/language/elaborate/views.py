@@ -130,5 +130,4 @@ def _judge(symbol: typed.ModuleSymbol) -> None:
                     notes=("a view speaks of the topics that its plants drive, of all at once",),
                     helps=("write it as parts joined by `&&`, each about topics of one view",),
                 )
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()

@@ -815,12 +815,12 @@ class SystemSymbol(Symbol):
 
     default: bool
     instances: tuple[InstanceSymbol, ...]
-    until: TypedExpr | None
-    properties: tuple[PropertySymbol, ...]
-    forces: tuple[tuple[str, str, Span], ...]
-    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
-    sets: tuple[SetSymbol, ...]
-    inputs: tuple[InputSymbol, ...]
+    until: TypedExpr | None = None
+    properties: tuple[PropertySymbol, ...] = ()
+    forces: tuple[tuple[str, str, Span], ...] = ()
+    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...] = ()
+    sets: tuple[SetSymbol, ...] = ()
+    inputs: tuple[InputSymbol, ...] = ()
     faults: tuple[SystemFaultSymbol, ...] = ()
     measures: tuple[MeasureSymbol, ...] = ()
     inlines: tuple[tuple[str, Span], ...] = ()

@@ -209,6 +209,13 @@ def leaves(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...
         yield path, t
 
 
+def has_list(t: Type) -> bool:
+    """Whether it is a list, or a part of it is."""
+    if isinstance(t, RecordType):
+        return any(has_list(f) for _, f in t.fields)
+    return isinstance(t, ListType) or (isinstance(t, ArrayType) and has_list(t.element))
+
+
 def leaf_count(t: Type) -> int:
     """Number of scalar leaves of a full value; lists count their capacity and their length."""
     if isinstance(t, RecordType):

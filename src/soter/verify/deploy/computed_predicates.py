@@ -22,7 +22,6 @@ from soter.native.cache import find_cached, store
 from soter.native.own_files import SOTER, files_below
 from soter.verify.claims import claims
 from soter.verify.claims.levels import levels, withheld
-from soter.verify.deploy.proof_transfer import carry
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.estimates import seen
@@ -65,7 +64,7 @@ def complete(flat: System, progress: Progress | None = None) -> list[str]:
     """
     if flat.proved is not None:  # of a deployed system: what was computed where it was proved
         notes = complete(flat.proved, progress)
-        carry(flat, flat.proved)
+        _carry(flat, flat.proved)
         return notes
     todo = open_modules(flat)
     notes = []
@@ -84,6 +83,25 @@ def complete(flat: System, progress: Progress | None = None) -> list[str]:
         what = f"AC may have control on {share:.1%} of the grid (S_0)"
         notes.append(f"{module.name}: ttf and safer computed, {what}")
     return notes
+
+
+def _carry(here: System, there: System) -> None:
+    """Gives the modules of `here` the predicates that were computed for those of `there`.
+
+    A margin here counts until the next look and no further (`Module.looks` stays 1): that more
+    looks keep AC is an argument about sensors, which may be covered or not.
+    """
+    for m in here.modules:
+        proved = next(x for x in there.modules if x.name == m.name)
+        if m.symbol.ttf is not None or proved.symbol.ttf is None:
+            continue
+        dm, sc = here.components[m.dm], here.components[m.sc]
+        scope = {**sc.scope.topics, **m.scope.topics}
+        m.symbol, m.computed = proved.symbol, proved.computed
+        for topic in proved.symbol.topics_read:
+            m.scope.topics.setdefault(topic, scope[topic])
+            dm.scope.topics.setdefault(topic, scope[topic])
+        m.inputs = tuple(scope[topic] for topic in proved.symbol.topics_read)
 
 
 def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:

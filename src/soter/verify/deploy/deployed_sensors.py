@@ -61,8 +61,11 @@ class Sensors:
         return errors
 
 
-def covers(s: Sensors, problem: Problem, diagnostics: Diagnostics) -> tuple[list[str], list[str]]:
+def covers(
+    here: System, there: System, problem: Problem, diagnostics: Diagnostics
+) -> tuple[list[str], list[str]]:
     """What is covered, and what is assumed of the sensors besides, in words; D019 otherwise."""
+    s = Sensors(here, there, problem)
     before = len(diagnostics.items)
     stepped = problem.kind == "map"
     for topic in s.topics:

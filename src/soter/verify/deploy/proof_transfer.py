@@ -1,13 +1,9 @@
 """What a deployed system inherits of the one in which its modules were proved.
 
-Purpose: the tables that were computed there; which proofs are carried, and what is still assumed,
-module by module.
-Non-goals: that both are the same program (`elaborate/deployment/deployed_systems.py`), what sensors
-have to give (`deployed_sensors.py`), certificates (`api/deploying.py`).
-
-A proof by induction asks nothing of what comes from outside: to it a topic that no node of the
-relation publishes is any value of its set, of any age, at every read; and whatever is published
-lies in that set, or is refused.
+Purpose: which proofs are carried, and what is still assumed, module by module.
+Non-goals: tables that were computed there (`computed_predicates.py`); that both are the same
+program (`elaborate/deployment/deployed_systems.py`), what sensors have to give
+(`deployed_sensors.py`, `verify/induction/deployed_nodes.py`), certificates (`api/deploying.py`).
 """
 
 from __future__ import annotations
@@ -16,11 +12,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.elaborate.deployment.deployed_systems import allowed_lateness, from_outside
 from soter.language.elaborate.derived_systems import at_once, faultless
 from soter.language.elaborate.views import systems_by_view
-from soter.verify.deploy.deployed_sensors import Sensors, covers
-from soter.verify.induction.problem import InductionProblem
+from soter.verify.module_methods import module_method
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 
@@ -43,35 +37,6 @@ class TransferredProof:
     """What is assumed of the world and of the loop besides what the proof assumes."""
 
 
-# ---------------------------------------------------------------- tables
-
-
-def carry(here: System, there: System) -> None:
-    """Gives the modules of `here` the predicates that were computed for those of `there`.
-
-    A margin here counts until the next look and no further (`Module.looks` stays 1): that more
-    looks keep AC is an argument about sensors, which may be covered or not.
-    """
-    for m in here.modules:
-        proved = _module(there, m)
-        if m.symbol.ttf is not None or proved.symbol.ttf is None:
-            continue
-        dm, sc = here.components[m.dm], here.components[m.sc]
-        scope = {**sc.scope.topics, **m.scope.topics}
-        m.symbol, m.computed = proved.symbol, proved.computed
-        for topic in proved.symbol.topics_read:
-            m.scope.topics.setdefault(topic, scope[topic])
-            dm.scope.topics.setdefault(topic, scope[topic])
-        m.inputs = tuple(scope[topic] for topic in proved.symbol.topics_read)
-
-
-def _module(there: System, m: Module) -> Module:
-    return next(x for x in there.modules if x.name == m.name)
-
-
-# ---------------------------------------------------------------- what is covered
-
-
 def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
     """Of every module what it inherits; `there` as it was declared, without computed predicates.
 
@@ -81,8 +46,7 @@ def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
     proved = faultless(at_once(there))
     _all_sensed(here, there, diagnostics)
     inheritances = [_of_module(here, m, proved, diagnostics) for m in here.modules]
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
     return tuple(inheritances)
 
 
@@ -106,7 +70,7 @@ def _of_module(
     here: System, m: Module, there: System, diagnostics: Diagnostics
 ) -> TransferredProof:
     inheritance = TransferredProof(m.name)
-    proved = _module(there, m)
+    proved = next(x for x in there.modules if x.name == m.name)
     try:
         problems = [extract(*seen) for seen in systems_by_view(there, proved)]
     except SoterError as error:
@@ -121,28 +85,14 @@ def _of_module(
             text for text in texts(problem.assumptions) if text not in inheritance.assumptions
         ]
     (problem,) = problems
-    if isinstance(problem, InductionProblem):
-        inheritance.covered, assumed = _of_nodes(here, problem)
-    else:
-        inheritance.covered, assumed = covers(Sensors(here, there, problem), problem, diagnostics)
+    covers = module_method(problem).covers
+    inheritance.covered, assumed = covers(here, there, problem, diagnostics)
     inheritance.assumptions += [*assumed, IN_TIME]
     return inheritance
 
 
-def _of_nodes(here: System, problem: InductionProblem) -> tuple[list[str], list[str]]:
-    """Of a proof by induction what comes from outside may be; what is assumed of the loop."""
-    said = [here.topics[e.topic].name for e in from_outside(here)]
-    free = [f"{n}: any value of its set, of any age" for n in said if n in problem.any_value]
-    judged = {here.components[i].name for i in allowed_lateness(here)}
-    nodes = [c.name for c in problem.system.components if c.role == "node"]
-    untold = ", ".join(n for n in nodes if n not in judged)
-    return free, [f"{untold}: in time, which SOTER_LATE does not tell"] if untold else []
-
-
 def _beyond(problem: Problem, module: Module) -> str:
     """Why a proof of this kind is not carried into the world."""
-    if isinstance(problem, InductionProblem):
-        return ""
     if module.symbol.verify.abstracts or problem.view:
         return (
             "it was proved on verification plants (`abstracts`), and how old a state is behind the "

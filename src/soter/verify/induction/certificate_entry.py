@@ -9,17 +9,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.verify.claims.results import PROVED, UNCLAIMED
-from soter.verify.induction.problem import InductionProblem
 from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:
     from soter.verify.induction.verify import InductionResult
 
 
-def induction_entry(result: InductionResult, system: str) -> dict[str, object]:
-    """The module in a manifest."""
+def entry(
+    result: InductionResult, system: str, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    """The module in a manifest; it has no files."""
+    del stem, files
     problem, induction = result.problem, result.induction
-    assert isinstance(problem, InductionProblem)
     claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
     claims.pop("failsafe", None)  # of plants, and nothing is proved of it here
     returns = induction.returns if claims.get("P2b") == PROVED else 0

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from soter.core.steps import lower
-from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants import Calculator
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
@@ -69,8 +69,7 @@ class InductionProblem(Problem):
     lemmas: tuple[Predicate, ...]
     lemma_texts: tuple[str, ...]
     progress: tuple[Predicate, ...]
-    """What P2b takes for granted at all times."""
-    progress_texts: tuple[str, ...]
+    """`progress_texts`, lowered."""
     any_value: dict[str, str] = field(default_factory=dict)
     """Topics of which nothing but their set is known: name -> why, in words."""
     heard: frozenset[int] = frozenset()
@@ -100,7 +99,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     """
     diagnostics = Diagnostics()
     _refuse(flat, module, diagnostics)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     nodes, any_value, heard = _neighbours(flat, module, modes)
     kept = [module.dm, module.sc, module.ac, *nodes]
     system = derived_systems.undriven(flat, kept)
@@ -109,7 +108,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
     times, clocks, declared, absent = _times(system, at, diagnostics)
     rests = _rests(flat, module, system, declared, diagnostics)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     lemmas_, progress_ = at.symbol.verify.lemmas, at.symbol.verify.progress
     asked = (at.symbol.safe, *lemmas_, *progress_)
     texts = tuple(" ".join(e.span.text.split()) for e in asked)
@@ -157,11 +156,6 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     thread = [Assumption("thread", text) for text in rests]
     problem.assumptions = (*_assumptions(problem, absent), *thread, *modes.assumptions)
     return problem
-
-
-def _stop(diagnostics: Diagnostics) -> None:
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
 
 
 # ---------------------------------------------------------------- what induction is for

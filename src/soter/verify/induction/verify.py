@@ -55,18 +55,20 @@ UNTRIED = (typed.AgeRead, typed.ModeRead)
 class InductionResult(ModuleResult):
     """A module that was proved by induction: `induction` is what was found."""
 
+    problem: InductionProblem
     induction: Induction
 
 
 def verify_by_induction(
     problem: InductionProblem,
     *,
-    search: Search | None = None,
+    refute: bool = True,
     progress: Callable[[float], None] | None = None,
-) -> ModuleResult:
+    search: Search | None = None,
+) -> InductionResult:
     """Everything about one module. `SoterError` D007 where the solver is not installed.
 
-    `search`: finds runs that refute; None: nobody looks for one.
+    `search`: finds runs that refute, where `refute`; None: nobody looks for one.
     """
     began = time.perf_counter()
     induction = induct(problem, progress)
@@ -83,6 +85,7 @@ def verify_by_induction(
         result.recover_s = induction.returns_ns / 1e9
     elif (
         not induction.proved
+        and refute
         and search is not None
         and induction.about in ("safe", "fault")
         and induction.fails_ns is not None

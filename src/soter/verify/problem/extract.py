@@ -18,7 +18,7 @@ from soter.language.model.system import modules_above
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.verify.enclose.scheme_error import NS, ORDER
-from soter.verify.induction.problem import InductionProblem, extract_induction
+from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
@@ -51,7 +51,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     With that of its fail-safe law, where one is declared.
     """
     problem = _extract(flat, module, synthesize=synthesize)
-    if module.law and not isinstance(problem, InductionProblem):
+    if module.law and module.symbol.verify.induction is None:
         try:
             problem.law_unread = behind(flat, module) or _beyond_the_law(problem)
             if not problem.law_unread:
@@ -79,24 +79,24 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     diagnostics = Diagnostics()
     refuse_views(module)
     _stands_alone(flat, module, diagnostics)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     flat, module, modes = modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
     _no_lemmas(module, diagnostics)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     at = place(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     inputs = inputs_of(at, diagnostics)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     groups = Axes(at, inputs, diagnostics)
     axis_groups = groups.groups()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
-    _stop(diagnostics)
+    diagnostics.raise_errors()
     calculator = Calculator(diagnostics, at.module.scope.params)
     symbol = at.module.symbol
     levels = symbol.verify.levels
@@ -213,13 +213,13 @@ def extract_sets(flat: System, module: Module) -> Problem:
 
 def require_sets(problem: Problem) -> None:
     """`SoterError` R031 for a module that is proved by induction."""
-    if isinstance(problem, InductionProblem):
+    asked = problem.module.symbol.verify.induction
+    if asked is not None:
         diagnostics = Diagnostics()
-        verify = problem.module.symbol.verify
         diagnostics.error(
             "R031",
             f"module `{problem.name}` is proved by induction: there are no sets of states",
-            verify.induction or problem.module.symbol.span,
+            asked,
             notes=("monitors and advice rest on sets",),
         )
         raise SoterError(diagnostics.items)
@@ -242,11 +242,6 @@ def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
             notes=(OF_VIEWS if word == "enters" else OF_NODES,),
             helps=(f"leave `{word}` out",),
         )
-
-
-def _stop(diagnostics: Diagnostics) -> None:
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
 
 
 def _extents(groups: tuple[Group, ...], count: int) -> tuple[Interval, ...]:

@@ -249,6 +249,8 @@ class Problem:
     """T of P2b where it is declared: `recover within d;`."""
     stays: bool = False
     """`recover never;`: P2b is not asked, SC may keep control for ever."""
+    progress_texts: tuple[str, ...] = ()
+    """What P2b takes for granted at all times, as it is written."""
     law: Problem | None = None
     """The same module with its fail-safe law in the place of SC; None: none is declared."""
     law_unread: str = ""

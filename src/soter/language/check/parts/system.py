@@ -17,7 +17,7 @@ from soter.language.check.parts.external_topics import deployed_system, external
 from soter.language.check.parts.instance_arrays import Unroller
 from soter.language.check.parts.wiring import SettingReader, Wires
 from soter.language.model import typed
-from soter.language.model.types import BOOL, DURATION, ArrayType, ListType, RecordType
+from soter.language.model.types import BOOL, DURATION, has_list
 from soter.language.syntax import tree
 from soter.language.syntax.printer import print_expr
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
-    from soter.language.model.types import Type
 
     Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract, Span]
 
@@ -384,7 +383,7 @@ class SystemChecker:
             elif read.topic in input_by_topic:
                 first = input_by_topic[read.topic].span
                 self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
-            elif not item.values and _has_list(read.type):
+            elif not item.values and has_list(read.type):
                 self.diagnostics.error(
                     "T018",
                     f"{a_type(read.type)} cannot be drawn: it has a list inside",
@@ -447,14 +446,6 @@ def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
     for part in path.parts[1:]:
         expr = tree.FieldExpr(first.span.to(part.span), expr, part)
     return expr
-
-
-def _has_list(t: Type) -> bool:
-    if isinstance(t, ListType):
-        return True
-    if isinstance(t, ArrayType):
-        return _has_list(t.element)
-    return isinstance(t, RecordType) and any(_has_list(f) for _, f in t.fields)
 
 
 def source_line(expr: tree.SyntaxExpr) -> str:

@@ -16,11 +16,9 @@ from soter.language.elaborate.tests_and_faults.sc_waits_for_dm import waiting
 from soter.language.model.durations import show_ns
 from soter.language.model.system import Fault
 from soter.language.model.types import (
-    ArrayType,
     FloatType,
     IntType,
-    ListType,
-    RecordType,
+    has_list,
     leaves,
 )
 
@@ -242,7 +240,7 @@ class _Places:
         hit, below = False, parts[1:]
         for symbol in topics:
             bursts = c.node.bursts if c.node else {}
-            if item.kind != "silent" and (symbol in bursts or _has_list(symbol.type)):
+            if item.kind != "silent" and (symbol in bursts or has_list(symbol.type)):
                 if rest:
                     self._impossible(item, f"`{symbol.name}` is not one value of fixed size")
                     return
@@ -406,14 +404,6 @@ def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
 def _beside(m: Module, said: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
     """What a `verify` block says of nodes, by their names in the whole system."""
     return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in said.items()}
-
-
-def _has_list(t: Type) -> bool:
-    if isinstance(t, ListType):
-        return True
-    if isinstance(t, ArrayType):
-        return _has_list(t.element)
-    return isinstance(t, RecordType) and any(_has_list(f) for _, f in t.fields)
 
 
 def _leaves(kind: str, t: Type, path: Sequence[str]) -> tuple[int, ...]:

@@ -1,0 +1,50 @@
+"""How modules are proved, in one table: over sets of states, or by induction over nodes.
+
+Purpose: for each kind of problem the verdicts, the entry in a certificate, and what of a proof the
+world that a system is deployed in has to give.
+Non-goals: the proofs; how groups of states are proved (`proof_methods.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from soter.verify.deploy import deployed_sensors
+from soter.verify.induction import certificate_entry, deployed_nodes
+from soter.verify.induction.verify import verify_by_induction
+from soter.verify.sets_certificate_entry import entry_over_sets
+from soter.verify.verify_module import verify_module
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.model.system import System
+    from soter.verify.claims.results import ModuleResult
+    from soter.verify.problem.problem import Problem, ProblemKind
+
+
+@dataclass(frozen=True)
+class ModuleMethod:
+    """What a method does with problems of its kind, and with its own results."""
+
+    verify: Callable[..., ModuleResult]
+    """(problem, refute=, progress=, search=) -> every property, a verdict each."""
+    entry: Callable[[Any, str, str, dict[str, bytes]], dict[str, object]]
+    """(result, system, stem of its files, files) -> the module in a manifest."""
+    covers: Callable[[System, System, Any, Diagnostics], tuple[list[str], list[str]]]
+    """(deployed system, proved one, problem, diagnostics) -> what is covered, and assumed."""
+
+
+SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.covers)
+METHODS: dict[ProblemKind, ModuleMethod] = {
+    "flow": SETS,
+    "map": SETS,
+    "nodes": ModuleMethod(verify_by_induction, certificate_entry.entry, deployed_nodes.covers),
+}
+
+
+def module_method(problem: Problem) -> ModuleMethod:
+    """The method that proves the module of a problem."""
+    return METHODS[problem.kind]

@@ -1,0 +1,110 @@
+"""A module that was proved over sets of states, in a certificate (docs/verification.md, section 4).
+
+Purpose: its times, ranges, cases, claims and computed predicates.
+Non-goals: a group's own sets (`grid/certificate_entry.py`, `polytope/certificate_entry.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.verify.claims.results import PROVED, UNCLAIMED
+from soter.verify.problem.assumption import texts
+from soter.verify.proof_methods import pairs_of, tables
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.verify.claims.results import CaseSets, ModuleResult
+    from soter.verify.problem.problem import Interval, Problem, Times
+    from soter.verify.problem.quantities import Leaf
+
+
+def entry_over_sets(
+    result: ModuleResult, system: str, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    """The module in a manifest."""
+    problem = result.problem
+    q = problem.quantities
+    plants = [c.name for c in problem.system.components if c.role == "plant"]
+    claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
+    if not problem.module.law:
+        claims.pop("failsafe", None)  # none is declared: there is nothing to be claimed
+    recover = problem.recover_ns if claims.get("P2b") == PROVED else None
+    inputs = [
+        *_inputs("state", q.states, problem.states),
+        *_inputs("control", q.controls, problem.controls),
+        *_inputs("disturbance", q.disturbances, problem.disturbances),
+        *_inputs("error", q.errors, problem.errors),
+        *_inputs("other", q.others, problem.others),
+    ]
+    entry: dict[str, object] = {
+        "system": system,
+        "module": problem.name.removesuffix(f" as {problem.view}"),
+        "plants": plants,
+        "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
+        "times": _times(problem.times),
+        "inputs": inputs,
+        "cases": [
+            _case(problem, case, f"{stem}_{k}", files) for k, case in enumerate(result.cases)
+        ],
+        "claims": claims,
+        "assumptions": texts(result.assumptions),
+        "recover_ns": recover,
+    }
+    if problem.view:
+        entry["view"] = problem.view
+    if result.laws:
+        ruled = enumerate(result.laws)
+        entry["law"] = [_case(problem, case, f"{stem}_law{k}", files) for k, case in ruled]
+    if problem.computed:
+        entry["tables"] = _tables(result, stem, files)
+    return entry
+
+
+def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[dict[str, object]]:
+    """What the DM of the module holds: levels of every group, as in its C."""
+    cases = [pairs_of(case) for case in result.cases]
+    if not cases or any(len(case) != len(result.problem.groups) for case in cases):
+        return []  # not everything was computed: there is no table, and nothing to be claimed
+    names = [s.name for s in result.problem.quantities.states]
+    numbered_tables = enumerate(tables(result.problem, cases))
+    return [each.entry(names, f"{stem}_dm{k}", files) for k, each in numbered_tables]
+
+
+def _inputs(
+    kind: str, leaves: Sequence[Leaf], ranges: Sequence[Interval]
+) -> Iterator[dict[str, str]]:
+    for leaf, r in zip(leaves, ranges, strict=True):
+        low, high = float(r.low).hex(), float(r.high).hex()
+        yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
+
+
+def _times(times: Times) -> dict[str, int]:
+    return {
+        "Delta_ns": times.delta_dm,
+        "delta_ns": times.delta_sc,
+        "A_ns": times.age_dm,
+        "A_sc_ns": times.age_sc,
+        "J_dm_ns": times.late_dm,
+        "J_sc_ns": times.late_sc,
+        "R_dm_ns": times.response_dm,
+        "R_sc_ns": times.response_sc,
+        "L_ns": times.acts,
+        "H_ns": times.horizon_ns,
+        "H_star_ns": times.h_star,
+        "d_ns": times.delay_sc,
+        "j_ns": times.jitter_sc,
+        "h0_ns": times.start,
+    }
+
+
+def _case(
+    problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    numbers: dict[str, int] = {}
+    groups = []
+    for proof in case.proofs:
+        k = numbers[proof.mark] = numbers.get(proof.mark, -1) + 1
+        groups.append(proof.entry(problem, f"{stem}_{proof.mark}{k}", files))
+    return {"parameter": list(case.parameter), "groups": groups}
