@@ -253,7 +253,7 @@ class _Expansion:
         if fun.prelude or fun.name in self.functions:
             return
         self.functions[fun.name] = Definition(fun.name.rpartition(".")[2], _source(fun))
-        for called in calls_in(fun.body or ()):
+        for called in calls_in(*(fun.body or ())):
             self.keep(called.fun)
 
     def body(self, body: Sequence[typed.TypedStmt], env: dict[typed.Variable, _Text]) -> _Text:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 MEANINGS = {
-    "safe": "what is to hold: the safety property of the module",
-    "ttf": "where it is true the RTA switch takes control from the complex function",
-    "safer": "where it is true the RTA switch may give control back to the complex function",
+    "safe": "What is to hold: the safety property of the module",
+    "ttf": "Where it is true the RTA switch takes control from the complex function",
+    "safer": "Where it is true the RTA switch may give control back to the complex function",
 }
 
 
