@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from soter.native.build import library_flags
 from soter.native.compiler import find, told_version
 from soter.native.own_files import SOTER, files_below, soter_sha256
+from soter.report.printable_text import visible
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 RECHECKER = ("certificate", "language")
 """The rooms that a re-check rests on: its own, and the front end that it shares."""
+VERSION_MAX = 40
+"""Letters of a version that a certificate says."""
 UNUSED = "none: no decision module was compiled for this case"
 
 
@@ -49,7 +52,8 @@ def provenance_of(proof: CertifiedProof, command: str) -> dict[str, str]:
     """What made the case, by the names that a page has for it; the compiler is entered later."""
     made_by = ""
     if proof.certificate is not None:
-        made_by = f", written by Soter {proof.certificate.manifest['soter']}"
+        said = visible(str(proof.certificate.manifest["soter"])[:VERSION_MAX])
+        made_by = f", which says that Soter {said} wrote it"
     certificate = f"SHA-256 {proof.sha256}{made_by}" if proof.sha256 else ""
     why = f"rejected: {proof.rejected}" if proof.rejected else proof.why
     return {
@@ -65,10 +69,10 @@ def provenance_of(proof: CertifiedProof, command: str) -> dict[str, str]:
 def command_line(path: str, options: Mapping[str, object], params: Mapping[str, object]) -> str:
     """`soter assure` with these options: None and False are left out, True has no value."""
     words = ["soter", "assure", path]
+    for name, value in params.items():
+        words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
     for name, value in options.items():
         if value is None or value is False:
             continue
         words += [name] if value is True else [name, str(value)]
-    for name, value in params.items():
-        words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
     return shlex.join(words)

@@ -80,8 +80,8 @@ class Tracing:
         if how == "flights":
             goal = next((g for g in case.goals if g.id == FLIGHTS), None)
         status = UNDEVELOPED if goal is None else case.status(goal)
-        if how == "flights" and status == SUPPORTED:
-            status = "sampled"
+        if how == "flights" and (goal is None or status == SUPPORTED):
+            status = "not flown" if goal is None else "sampled"
         beside = name.endswith((f".{RETURNS}", f".{LAW}")) or (
             how == "exploration" and goal is None
         )
@@ -139,7 +139,7 @@ def _reached(rows: Sequence[TraceRow]) -> dict[str, list[str]]:
 
 
 def _item(row: TraceRow, reached: list[str], status: dict[str, str]) -> TracedItem:
-    shown = {status[name] for name in reached} - {"sampled"}
+    shown = {status[name] for name in reached} - {"sampled", "not flown"}
     word = SUPPORTED if shown == {SUPPORTED} else "open"
     return TracedItem(row.kind, row.id, row.text, row.traces_to, tuple(reached), word)
 

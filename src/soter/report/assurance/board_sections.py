@@ -29,7 +29,7 @@ STYLE = """<style>
 .formula { font: 13px/1.7 var(--mono); margin: 6px 0 6px; padding: 8px 12px; white-space: pre-wrap;
   overflow-wrap: anywhere; background: var(--ground); border-radius: 6px; }
 .formula div { padding-left: 4ch; text-indent: -4ch; }
-.formula .where { padding-left: 6ch; }
+.formula .named { padding-left: 6ch; }
 .formula b { font-weight: 600; color: var(--sc); }
 .foot { display: none; }
 @media (max-width: 640px) {
@@ -193,7 +193,7 @@ def _predicate(p: ExpandedPredicate) -> str:
             f"from {_code('safe')}, and the tables of the certificate have it.</p>"
         )
     lines = [f"<div><b>{escape(p.name)}</b> = {escape(p.expanded)}</div>"]
-    lines += [f'<div class="where">{_equation(d)}</div>' for d in reversed(p.where)]
+    lines += [f'<div class="named">{_equation(d)}</div>' for d in reversed(p.where)]
     formula = f'<div class="formula">{"".join(lines)}</div>'
     named = "; ".join(_valued(d) for d in p.constants)
     read = "; ".join(f"{_code(d.name)}: {escape(d.text)}{_unit(d)}" for d in p.read)

@@ -14,8 +14,9 @@ class TracedProperty:
     """A property that a hazard may trace to.
 
     `how`: "proof", "exploration" or "flights". `status`: "supported" or "undeveloped" as the `goal`
-    of the case, if it has one; "sampled" where flights did not violate it, which shows nothing of
-    others. `wanted`: somebody has to have a hazard for it. `hazards`: those that trace to it.
+    of the case, if it has one; of flights that did not violate it "sampled", as they show nothing
+    of others, and "not flown" without flights. `wanted`: somebody has to have a hazard for it.
+    `hazards`: those that trace to it.
     """
 
     name: str
