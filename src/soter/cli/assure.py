@@ -143,7 +143,9 @@ def _say_open(assurance: Assurance, console: Console) -> None:
     for item in others:
         console.say(f"  {item.kind} {visible(item.id)}: {visible(item.why)}")
     if assumptions:
-        console.say(f"  {assumptions} assumptions without an owner, a validation or evidence")
+        console.say(
+            f"  {assumptions} assumptions (owner, validation, evidence), which the page lists"
+        )
     if not assurance.case.trace.path:
         console.say("  no file of hazards, requirements and owners was given (--trace FILE)")
     console.say()

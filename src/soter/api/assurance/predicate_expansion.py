@@ -63,10 +63,10 @@ def expanded(system: System, module: Module) -> Iterator[ExpandedPredicate]:
             name,
             " ".join(predicate.span.text.split()),
             text,
-            tuple(expansion.where),
-            tuple(expansion.constants.values()),
-            tuple(expansion.read.values()),
-            tuple(expansion.functions.values()),
+            where=tuple(expansion.where),
+            constants=tuple(expansion.constants.values()),
+            read=tuple(expansion.read.values()),
+            functions=tuple(expansion.functions.values()),
         )
 
 

@@ -161,10 +161,10 @@ def _row(cells: dict[str, str], span: Span) -> TraceRow:
         said["id"],
         said["text"],
         tuple(dict.fromkeys(targets)),
-        said["owner"],
-        said["validation"],
-        said["evidence"],
-        span,
+        owner=said["owner"],
+        validation=said["validation"],
+        evidence=said["evidence"],
+        span=span,
     )
 
 
