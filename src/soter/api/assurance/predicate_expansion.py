@@ -17,7 +17,7 @@ from soter.language.model import typed
 from soter.language.model.durations import show_ns
 from soter.language.model.python_values import to_json
 from soter.language.model.tree_walk import calls_in, nodes
-from soter.language.model.types import DurationType, EnumType, FloatType, IntType
+from soter.language.model.types import DurationType, EnumType, FloatType, IntType, RecordType
 from soter.language.syntax.parsing.operators import PRECEDENCE
 from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
 
@@ -196,7 +196,8 @@ class _Expansion:
     def field_of(self, e: typed.TypedField, env: dict[typed.Variable, _Text]) -> _Text:
         """A field; of what was written out the very part."""
         target = self.expr(e.target, env)
-        name = e.target.type.fields[e.index][0]  # type: ignore[attr-defined] - a record
+        assert isinstance(e.target.type, RecordType)
+        name = e.target.type.fields[e.index][0]
         return target.parts.get(name) or _Text(f"{target.within(ATOM)}.{name}")
 
     def aggregate(self, e: typed.Aggregate, env: dict[typed.Variable, _Text]) -> _Text:

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-CODE = "D021"
+    from soter.diagnostics.codes import Code
+
+CODE: Code = "D021"
 KINDS = ("hazard", "requirement", "assumption")
 COLUMNS = ("kind", "id", "text", "traces_to", "owner", "validation", "evidence")
 NEEDED = {"hazard": ("text",), "requirement": ("text",), "assumption": ()}
