@@ -135,7 +135,8 @@ class _Expansion:
         known = self.constants.get(name)
         if known is None:
             text = _value(t, value)
-            text = text if len(text) <= VALUE_MAX else f"{text[:VALUE_MAX]}…"
+            if len(text) > VALUE_MAX:
+                text = f"{text[:VALUE_MAX]}… ({len(text):,} letters: the program has all)"
             known = Definition(self.free(name.rpartition(".")[2]), text, _unit(t))
             self.constants[name] = known
         return _Text(known.name)

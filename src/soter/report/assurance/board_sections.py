@@ -7,6 +7,7 @@ Non-goals: what is open (`api/assurance/tracing.py`); the argument (`page.py`).
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from html import escape
 from typing import TYPE_CHECKING
@@ -30,6 +31,7 @@ STYLE = """<style>
   overflow-wrap: anywhere; background: var(--ground); border-radius: 6px; }
 .formula div { padding-left: 4ch; text-indent: -4ch; }
 .formula .named { padding-left: 6ch; }
+.formula .whole { white-space: nowrap; }
 .formula b { font-weight: 600; color: var(--sc); }
 .foot { display: none; }
 @media (max-width: 640px) {
@@ -192,7 +194,7 @@ def _predicate(p: ExpandedPredicate) -> str:
             f"<p>The program leaves {_code(p.name)} out: <code>soter verify</code> computes it "
             f"from {_code('safe')}, and the tables of the certificate have it.</p>"
         )
-    lines = [f"<div><b>{escape(p.name)}</b> = {escape(p.expanded)}</div>"]
+    lines = [f"<div><b>{escape(p.name)}</b> = {_formula(p.expanded)}</div>"]
     lines += [f'<div class="named">{_equation(d)}</div>' for d in reversed(p.where)]
     formula = f'<div class="formula">{"".join(lines)}</div>'
     named = "; ".join(_valued(d) for d in p.constants)
@@ -206,7 +208,12 @@ def _predicate(p: ExpandedPredicate) -> str:
 
 
 def _equation(d: Definition) -> str:
-    return f"where <b>{escape(d.name)}</b> = {escape(d.text)}"
+    return f"where <b>{escape(d.name)}</b> = {_formula(d.text)}"
+
+
+def _formula(text: str) -> str:
+    """As HTML in which no line ends between a sign and what it is of."""
+    return re.sub(r"-\w", r'<span class="whole">\g<0></span>', escape(text))
 
 
 def _valued(d: Definition) -> str:
