@@ -218,7 +218,7 @@ def formats() -> dict[str, Format]:
         Format(
             "hazards",
             ("hazards.csv",),
-            _words("assure violated.soter --trace hazards.csv -o case"),
+            _words("assure violated.soter --hazards hazards.csv -o case"),
         ),
         Format(
             "checkpoint",

@@ -29,14 +29,14 @@ EXAMPLES = """\
   soter test cart.soter --json > tests.json
   soter assure cart.soter --cert proof/ --test-report tests.json -o case/
   soter assure cart.soter --cert proof/ --campaign flights/ --flights 100 -o case/
-  soter assure cart.soter --cert proof/ --trace hazards.csv -o case/
+  soter assure cart.soter --cert proof/ --hazards hazards.csv -o case/
 
 A goal is supported only where its leaf was checked just now: the certificate by the independent
 re-checker, tests by exploring them again (--tests), flights by flying them again (--flights).
 Everything else is told with its hash, and the goal stays undeveloped (docs/assure.md).
 
 exit codes: 0 the top goal is supported, and P2b where the program asks for it, and every hazard
-              and requirement of --trace,
+              and requirement of --hazards,
             3 a certificate is rejected, a compiled DM differs, a test or a flight violated,
             4 one of these is not supported, 1 diagnostics, 2 usage
 """
@@ -55,7 +55,7 @@ def parser() -> CommandParser:
         "--flights", metavar="N", type=whole, default=20, help="so many are flown again (20)"
     )
     made.add_argument(
-        "--trace", metavar="FILE", help="CSV: hazards, requirements, owners of assumptions"
+        "--hazards", metavar="FILE", help="CSV: hazards, requirements, owners of assumptions"
     )
     add_settings(made)
     made.add_argument("-o", dest="output", metavar="DIR", required=True, help="folder to write")
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
                 test_report=args.test_report,
                 campaign=args.campaign,
                 flights=args.flights,
-                trace=args.trace,
+                hazards=args.hazards,
                 progress=progress,
             )
     except SoterError as error:
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         VIOLATED
         if assurance.refuted
         else FINE
-        if assurance.case.supported and assurance.returns and assurance.case.trace.covered
+        if assurance.case.supported and assurance.returns and assurance.case.traceability.covered
         else UNDECIDED
     )
     return CommandOutcome(code, program.diagnostics, {"file": args.file, **_fields(assurance)})
@@ -103,7 +103,7 @@ def _say(assurance: Assurance, console: Console) -> None:
         word = console.paint("yellow", "SUPPORTED, without P2b")
     if case.supported and not assurance.lawful:
         word += ", without a fail-safe law"
-    if not case.trace.covered:
+    if not case.traceability.covered:
         word += ", with open hazards or requirements"
     console.say(
         console.paint("muted", f"{case.program}  {case.system}  {case.program_sha256[:12]}")
@@ -133,8 +133,8 @@ def _say(assurance: Assurance, console: Console) -> None:
 
 
 def _say_open(assurance: Assurance, console: Console) -> None:
-    """What the trace leaves open: one by one, but assumptions are counted."""
-    open_ = assurance.case.trace.open
+    """What nobody has closed: one by one, but assumptions are counted."""
+    open_ = assurance.case.traceability.open
     assumptions = sum(item.kind == "assumption" for item in open_)
     others = [item for item in open_ if item.kind != "assumption"]
     if not open_:
@@ -146,8 +146,8 @@ def _say_open(assurance: Assurance, console: Console) -> None:
         console.say(
             f"  {assumptions} assumptions (owner, validation, evidence), which the page lists"
         )
-    if not assurance.case.trace.path:
-        console.say("  no file of hazards, requirements and owners was given (--trace FILE)")
+    if not assurance.case.traceability.path:
+        console.say("  no file of hazards, requirements and owners was given (--hazards FILE)")
     console.say()
 
 
@@ -160,7 +160,7 @@ def _fields(assurance: Assurance) -> dict[str, object]:
         "supported": case.supported,
         "goals": {g.id: case.status(g) for g in case.goals},
         "refuted": list(assurance.refuted),
-        "covered": case.trace.covered,
-        "open": [asdict(item) for item in case.trace.open],
+        "covered": case.traceability.covered,
+        "open": [asdict(item) for item in case.traceability.open],
         "files": [str(path) for path in assurance.files],
     }

@@ -16,7 +16,7 @@ from soter.report.assurance.safety_case import CaseNode, SafetyCase
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
-    from soter.report.assurance.trace import Trace
+    from soter.report.assurance.traceability import Traceability
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 HEAD = "kind,id,text,traces_to,owner,validation,evidence\n"
@@ -45,12 +45,12 @@ def case_of(**status: bool) -> SafetyCase:
     return case
 
 
-def traced(folder: Path, flat: System, rows: str | None, case: SafetyCase) -> Trace:
+def traced(folder: Path, flat: System, rows: str | None, case: SafetyCase) -> Traceability:
     path = folder / "hazards.csv"
     if rows is not None:
         path.write_text(HEAD + rows, encoding="utf-8")
     Tracing.read(None if rows is None else path, flat).enter(case)
-    return case.trace
+    return case.traceability
 
 
 def refused(folder: Path, flat: System, text: str | bytes) -> list[str]:

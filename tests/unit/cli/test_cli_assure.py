@@ -407,16 +407,16 @@ def test_the_hazards_of_the_example_are_traced_and_what_is_open_is_listed(
     soter: Soter, cart: Path
 ) -> None:
     done = soter(
-        "assure", "c.soter", "--cert", "proof", "--trace", str(HAZARDS), "-o", "out", "--json"
+        "assure", "c.soter", "--cert", "proof", "--hazards", str(HAZARDS), "-o", "out", "--json"
     )
     assert (done.exit, done.document["supported"], done.document["covered"]) == (4, True, False)
     case = case_of(cart)
-    items = {i["id"]: i["status"] for i in case["trace"]["items"]}
+    items = {i["id"]: i["status"] for i in case["traceability"]["items"]}
     assert items == {
         "H1": "supported", "H2": "supported", "H3": "open", "H4": "open", "R1": "supported",
         "R2": "supported",
     }  # fmt: skip
-    assert case["trace"]["sha256"] == hashlib.sha256(HAZARDS.read_bytes()).hexdigest()
+    assert case["traceability"]["sha256"] == hashlib.sha256(HAZARDS.read_bytes()).hexdigest()
     open_ = {(o["kind"], o["id"]): o["why"] for o in done.document["open"]}
     assert open_["hazard", "H3"] == "undeveloped: `SafeCart.failsafe`"
     assert open_["hazard", "H4"] == "it leads to no property"
@@ -428,7 +428,7 @@ def test_the_hazards_of_the_example_are_traced_and_what_is_open_is_listed(
     page = (cart / "out" / "index.html").read_text()
     for text in ("H1", "Laser tracker beside the encoder", "The cart strikes an end of the track"):
         assert text in page
-    said = soter("assure", "c.soter", "--trace", str(HAZARDS), "-o", "out").out
+    said = soter("assure", "c.soter", "--hazards", str(HAZARDS), "-o", "out").out
     assert "hazard H4: it leads to no property" in said
     assert "5 assumptions (owner, validation, evidence), which the page lists" in said
 
@@ -446,7 +446,7 @@ def test_a_case_without_hazards_lists_every_assumption_as_open(soter: Soter, car
 def test_a_wrong_file_of_hazards_is_told_before_anything_is_checked(
     soter: Soter, cart: Path
 ) -> None:
-    run = ("assure", "c.soter", "--cert", "proof", "-o", "out", "--json", "--trace")
+    run = ("assure", "c.soter", "--cert", "proof", "-o", "out", "--json", "--hazards")
     (cart / "h.csv").write_text("kind,id,text,traces_to\nhazard,H1,x,SafeCart.saf\n")
     done = soter(*run, "h.csv")
     assert (done.exit, done.codes) == (1, ["D021"])
@@ -459,7 +459,7 @@ def test_an_assumption_that_the_certificate_does_not_rest_on_is_refused(
     soter: Soter, cart: Path
 ) -> None:
     (cart / "h.csv").write_text("kind,id,owner\nassumption,world d,somebody\n")
-    run = ("assure", "c.soter", "-o", "out", "--trace", "h.csv", "--json")
+    run = ("assure", "c.soter", "-o", "out", "--hazards", "h.csv", "--json")
     done = soter(*run, "--cert", "proof")
     assert (done.exit, done.codes) == (1, ["D021"])
     assert done.document["diagnostics"][0]["helps"] == ["did you mean `world c`?"]

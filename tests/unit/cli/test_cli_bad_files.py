@@ -88,7 +88,7 @@ def test_a_file_that_is_wrong_is_told_so(files: Path, soter: Soter, name: str) -
         ("monitor", "cart.soter", "bad", "--map", "map.toml"),
         ("monitor", "cart.soter", "cart.soter", "--map", "bad"),
         ("assure", "cart.soter", "--test-report", "bad", "-o", "case"),
-        ("assure", "cart.soter", "--trace", "bad", "-o", "case"),
+        ("assure", "cart.soter", "--hazards", "bad", "-o", "case"),
     ],
     ids=lambda c: f"{c[0]} {c[-1]}",
 )

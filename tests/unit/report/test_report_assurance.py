@@ -14,7 +14,7 @@ from soter.report.assurance.expanded_predicate import Definition, ExpandedPredic
 from soter.report.assurance.gsn_diagram import BOX, pictures
 from soter.report.assurance.page import body, write_case
 from soter.report.assurance.safety_case import CaseNode, SafetyCase
-from soter.report.assurance.trace import OpenItem, Trace, TracedItem, TracedProperty
+from soter.report.assurance.traceability import OpenItem, Traceability, TracedItem, TracedProperty
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -111,7 +111,7 @@ def board_case() -> SafetyCase:
     item = TracedItem("hazard", "H<1>", "it strikes", ("M1.safe",), ("M1.safe",), "open")
     behind = TracedProperty("M1.safe", "proof", "undeveloped", "G1.1", hazards=("H<1>",))
     unclosed = OpenItem("hazard", "H<1>", "undeveloped: `M1.safe`")
-    case.trace = Trace("h.csv", "ab" * 32, (item,), (behind,), (unclosed,))
+    case.traceability = Traceability("h.csv", "ab" * 32, (item,), (behind,), (unclosed,))
     return case
 
 

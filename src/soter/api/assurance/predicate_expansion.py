@@ -31,7 +31,7 @@ CONDITIONAL, UNARY, ATOM = 0, 6, 7
 """How tightly what is no binary operator binds, among `PRECEDENCE`."""
 LONG, SHORT = 44, 16
 """Letters of a call's text that gets a name, and of an argument's that is read several times."""
-VALUE_MAX = 400
+VALUE_MAX = 2000
 """Letters of a constant; a longer one, a table, is told by its beginning."""
 PLAIN = re.compile(r"-?[A-Za-z_0-9.\[\]]+")
 

@@ -65,15 +65,15 @@ def assure(
     test_report: str | Path | None = None,
     campaign: str | Path | None = None,
     flights: int = FLOWN_AGAIN,
-    trace: str | Path | None = None,
+    hazards: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Assurance:
     """Make the case and write it to the folder `output`.
 
-    `tests`: explore them now; `flights`: so many of a campaign are flown again; `trace`: a CSV file
-    of hazards, requirements and who answers for assumptions (docs/assure.md). SoterError D009 where
-    there is no certificate, D005 for a report that is none, D021 for a trace that is none, D006
-    where something cannot be read or written, and as of `Program.flat`.
+    `tests`: explore them now; `flights`: so many of a campaign are flown again; `hazards`: a CSV
+    file of hazards, requirements and who answers for assumptions (docs/assure.md). SoterError D009
+    where there is no certificate, D005 for a report that is none, D021 for hazards that are none,
+    D006 where something cannot be read or written, and as of `Program.flat`.
     """
     from soter.api.assurance.provenance import command_line, provenance_of  # noqa: PLC0415 - NumPy
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
@@ -88,7 +88,7 @@ def assure(
     )
     refuted: list[str] = []
     evidence = Evidence.read(program, flat, params, test_report, campaign)
-    tracing = Tracing.read(None if trace is None else Path(trace), flat)
+    tracing = Tracing.read(None if hazards is None else Path(hazards), flat)
     case.predicates = tuple(p for m in flat.modules for p in expanded(flat, m))
     proof = proof_of(cert, flat, case.params, progress)
     options = {
@@ -98,7 +98,7 @@ def assure(
         "--test-report": test_report,
         "--campaign": campaign,
         "--flights": flights if campaign is not None else None,
-        "--trace": trace,
+        "--hazards": hazards,
         "-o": output,
     }
     case.provenance = provenance_of(proof, command_line(program.path, options, params or {}))

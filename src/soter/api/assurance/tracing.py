@@ -2,7 +2,7 @@
 
 Purpose: `Tracing`: the rows of a file against the properties of a system, before anything that
 takes long, and against the finished case: its goals, and its assumptions with who answers for them.
-Non-goals: the file (`trace_file.py`), the goals themselves.
+Non-goals: the file (`hazard_file.py`), the goals themselves.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
-from soter.api.assurance.trace_file import CODE, TraceFile, TraceRow, read_trace
+from soter.api.assurance.hazard_file import CODE, HazardFile, HazardRow, read_hazards
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.diagnostics.near import did_you_mean
 from soter.report.assurance.safety_case import SUPPORTED, UNDEVELOPED
-from soter.report.assurance.trace import OpenItem, Trace, TracedItem, TracedProperty
+from soter.report.assurance.traceability import OpenItem, Traceability, TracedItem, TracedProperty
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -38,19 +38,19 @@ ANSWERS = (
 class Tracing:
     """A file, if one was given, that fits a system; `how`: of each property."""
 
-    file: TraceFile | None
+    file: HazardFile | None
     how: dict[str, str]
 
     @staticmethod
     def read(path: Path | None, flat: System) -> Tracing:
         """Read a file; SoterError D006, and D021 where a row names what is not there."""
-        tracing = Tracing(None if path is None else read_trace(path), _properties(flat))
+        tracing = Tracing(None if path is None else read_hazards(path), _properties(flat))
         if tracing.file is not None:
             _follow(tracing.file.rows, tracing.how)
         return tracing
 
     def enter(self, case: SafetyCase) -> None:
-        """Enter into a finished case who answers for assumptions, the trace, and what is open.
+        """Enter into a finished case who answers for assumptions, what is traced, and what is open.
 
         SoterError D021 for a row about an assumption that the case does not have.
         """
@@ -66,7 +66,7 @@ class Tracing:
             hazards = (i.id for i in items if i.kind == "hazard" and p.name in i.properties)
             properties[k] = replace(p, hazards=tuple(hazards))
         open_ = [*_open_items(items, status), *_unasked(properties), *_unanswered(assumptions)]
-        case.trace = Trace(
+        case.traceability = Traceability(
             "" if self.file is None else self.file.path,
             "" if self.file is None else self.file.sha256,
             items,
@@ -97,7 +97,7 @@ def _properties(flat: System) -> dict[str, str]:
     return how | {" ".join(f"{p.kind} {p.text}".split()): "flights" for p in said}
 
 
-def _follow(rows: Sequence[TraceRow], how: dict[str, str]) -> None:
+def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
     """SoterError D021 where a row leads to nothing, to a hazard, or round in a circle."""
     diagnostics = Diagnostics()
     by_id = {r.id: r for r in rows if r.kind != "assumption"}
@@ -127,7 +127,7 @@ def _follow(rows: Sequence[TraceRow], how: dict[str, str]) -> None:
         raise SoterError(diagnostics.items)
 
 
-def _reached(rows: Sequence[TraceRow]) -> dict[str, list[str]]:
+def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
     """Of each row the properties that it leads to, each once."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}
@@ -138,7 +138,7 @@ def _reached(rows: Sequence[TraceRow]) -> dict[str, list[str]]:
     return reached
 
 
-def _item(row: TraceRow, reached: list[str], status: dict[str, str]) -> TracedItem:
+def _item(row: HazardRow, reached: list[str], status: dict[str, str]) -> TracedItem:
     shown = {status[name] for name in reached} - {"sampled", "not flown"}
     word = SUPPORTED if shown == {SUPPORTED} else "open"
     return TracedItem(row.kind, row.id, row.text, row.traces_to, tuple(reached), word)
@@ -164,7 +164,7 @@ def _unasked(properties: Sequence[TracedProperty]) -> Iterator[OpenItem]:
             yield OpenItem("property", p.name, "no hazard traces to it")
 
 
-def _answered(assumptions: Sequence[CaseNode], rows: Sequence[TraceRow]) -> Iterator[OpenItem]:
+def _answered(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> Iterator[OpenItem]:
     """Enter the answers; rows about what is not in the case: SoterError D021, or open."""
     known = {n.key for n in assumptions}
     groups = {_is_of_test(key) for key in known}

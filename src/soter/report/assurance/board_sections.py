@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
     from soter.report.assurance.safety_case import CaseNode, SafetyCase
-    from soter.report.assurance.trace import OpenItem, TracedProperty
+    from soter.report.assurance.traceability import OpenItem, TracedProperty
 
 STYLE = """<style>
 .board td, .board code, .lead code, .case code { overflow-wrap: anywhere; }
@@ -50,7 +50,7 @@ STYLE = """<style>
 </style>"""
 ON_EVERY_PAGE = ("Soter", "re-checker", "certificate", "C compiler")
 """Of what a case was made with, beside its program."""
-NO_FILE = "No file of hazards, requirements and owners was given (<code>--trace FILE</code>)."
+NO_FILE = "No file of hazards, requirements and owners was given (<code>--hazards FILE</code>)."
 FAULTS = (
     "Functions of the program are written out, and their parts have names. Calls that are left are "
     "operations of the language and functions of its prelude (docs/prelude.md). Where an operation "
@@ -79,8 +79,8 @@ def foot(case: SafetyCase) -> str:
 
 def open_items(case: SafetyCase) -> str:
     """Everything that nobody has closed, by what it is of."""
-    open_ = case.trace.open
-    note = "" if case.trace.path else f'<p class="note lead">{NO_FILE}</p>'
+    open_ = case.traceability.open
+    note = "" if case.traceability.path else f'<p class="note lead">{NO_FILE}</p>'
     if not open_:
         return f'<section id="open"><h2>Open items</h2>{note}<p>nothing</p></section>'
     parts = []
@@ -94,7 +94,7 @@ def open_items(case: SafetyCase) -> str:
 
 def open_count(case: SafetyCase) -> str:
     """How many items are open, with a link to them; nothing where none is."""
-    count = Counter(item.kind for item in case.trace.open)
+    count = Counter(item.kind for item in case.traceability.open)
     said = [f"{n} {PLURALS[kind] if n > 1 else kind}" for kind, n in count.items()]
     return f'<br>Open: <a href="#open">{", ".join(said)}</a>.' if said else ""
 
@@ -111,14 +111,14 @@ def _grouped(items: Sequence[OpenItem]) -> Iterator[str]:
 
 def traced(case: SafetyCase) -> str:
     """Hazards and requirements as given, and what stands behind each."""
-    trace = case.trace
-    if not trace.path:
+    traceability = case.traceability
+    if not traceability.path:
         return ""
-    properties = {p.name: p for p in trace.properties}
+    properties = {p.name: p for p in traceability.properties}
     sections = []
     for kind, title in (("hazard", "Hazards"), ("requirement", "Requirements")):
         rows = []
-        for i in (i for i in trace.items if i.kind == kind):
+        for i in (i for i in traceability.items if i.kind == kind):
             behind = [_behind(properties[name]) for name in i.properties]
             over = ", ".join(_code(t) if t in properties else _link(t) for t in i.traces_to)
             good = i.status == "supported"
@@ -126,15 +126,16 @@ def traced(case: SafetyCase) -> str:
             rows.append((i.id, escape(i.id), prose(i.text), over, "<br>".join(behind), state))
         heads = ("id", "what", "traces to", "rests on", "state")
         sections.append(f"<h3>{title}</h3>{_table(heads, rows)}" if rows else "")
-    source = f'<p class="note lead">As {_code(trace.path)} says, SHA-256 {_code(trace.sha256)}.</p>'
+    said = f"As {_code(traceability.path)} says, SHA-256 {_code(traceability.sha256)}."
+    source = f'<p class="note lead">{said}</p>'
     rows = [
         ("", _code(p.name), HOW[p.how], _goal(p.goal), escape(p.status), _ids(p.hazards))
-        for p in trace.properties
+        for p in traceability.properties
     ]
     heads = ("property", "how", "goal", "state", "hazards")
     table = f"<h3>Properties</h3>{_table(heads, rows)}"
     return (
-        f'<section id="trace"><h2>Hazards and requirements</h2>{source}'
+        f'<section id="traceability"><h2>Hazards and requirements</h2>{source}'
         f"{''.join(sections)}{table}</section>"
     )
 

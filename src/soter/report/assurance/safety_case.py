@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from soter.report.assurance.trace import Trace
+from soter.report.assurance.traceability import Traceability
 
 if TYPE_CHECKING:
     from soter.report.assurance.expanded_predicate import ExpandedPredicate
@@ -60,7 +60,7 @@ class SafetyCase:
     nodes: list[CaseNode] = field(default_factory=list)
     provenance: dict[str, str] = field(default_factory=dict)
     predicates: tuple[ExpandedPredicate, ...] = ()
-    trace: Trace = field(default_factory=Trace)
+    traceability: Traceability = field(default_factory=Traceability)
 
     def add(
         self, node: CaseNode, *, under: CaseNode | None = None, beside: CaseNode | None = None
@@ -113,7 +113,7 @@ class SafetyCase:
             "nodes": [self._node(n) for n in self.nodes],
             "provenance": self.provenance,
             "predicates": [p.to_json() for p in self.predicates],
-            "trace": self.trace.to_json(),
+            "traceability": self.traceability.to_json(),
         }
 
     def _node(self, n: CaseNode) -> dict[str, object]:

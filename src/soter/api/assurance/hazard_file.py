@@ -1,6 +1,6 @@
 """Hazards, requirements, and who answers for assumptions: a CSV file that people keep.
 
-Purpose: `read_trace`: its rows, or every line that is not as it should be (D021).
+Purpose: `read_hazards`: its rows, or every line that is not as it should be (D021).
 Non-goals: what the rows are about (`tracing.py`); StrictDoc's documents: their only reader is that
 whole tool, whose export to a spreadsheet this reads.
 """
@@ -40,7 +40,7 @@ ROWS_MAX = 100_000
 
 
 @dataclass(frozen=True)
-class TraceRow:
+class HazardRow:
     """A row; `traces_to`: ids of requirements and names of properties. `span`: all of its text.
 
     The id of an assumption is its key, as `case.json` has it.
@@ -57,15 +57,15 @@ class TraceRow:
 
 
 @dataclass(frozen=True)
-class TraceFile:
+class HazardFile:
     """The rows of a file, and its SHA-256."""
 
     path: str
     sha256: str
-    rows: tuple[TraceRow, ...]
+    rows: tuple[HazardRow, ...]
 
 
-def read_trace(path: Path) -> TraceFile:
+def read_hazards(path: Path) -> HazardFile:
     """Read a file; SoterError D006 where it cannot be read, D021 for what stands in it."""
     try:
         raw = read_bytes(path)
@@ -80,10 +80,10 @@ def read_trace(path: Path) -> TraceFile:
     rows = list(_rows(Source(str(path), text), diagnostics))
     if diagnostics.has_errors:
         raise SoterError(diagnostics.items)
-    return TraceFile(str(path), hashlib.sha256(raw).hexdigest(), tuple(rows))
+    return HazardFile(str(path), hashlib.sha256(raw).hexdigest(), tuple(rows))
 
 
-def _rows(source: Source, diagnostics: Diagnostics) -> Iterator[TraceRow]:
+def _rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow]:
     records = _records(source, diagnostics)
     head, where = next(records, ([], Span(source, 0, 0)))
     names = [name.strip() for name in head]
@@ -155,10 +155,10 @@ def _is_head(names: list[str], span: Span, diagnostics: Diagnostics) -> bool:
     return diagnostics.error_count == before
 
 
-def _row(cells: dict[str, str], span: Span) -> TraceRow:
+def _row(cells: dict[str, str], span: Span) -> HazardRow:
     said = {name: " ".join(cell.split()) for name, cell in cells.items()}
     targets = tuple(t for t in (x.strip() for x in said["traces_to"].split(";")) if t)
-    return TraceRow(
+    return HazardRow(
         said["kind"],
         said["id"],
         said["text"],
@@ -170,7 +170,7 @@ def _row(cells: dict[str, str], span: Span) -> TraceRow:
     )
 
 
-def _is_sound(row: TraceRow, diagnostics: Diagnostics) -> bool:
+def _is_sound(row: HazardRow, diagnostics: Diagnostics) -> bool:
     """Whether a row is one of a kind, with an id, and says what its kind says."""
     before = diagnostics.error_count
     if row.kind not in KINDS:

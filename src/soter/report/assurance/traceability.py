@@ -1,6 +1,7 @@
 """What stands behind a safety case, and what is still open, as plain data.
 
-Purpose: `Trace`: hazards and requirements with the properties that they lead to, and `OpenItem`s.
+Purpose: `Traceability`: hazards and requirements with the properties that they lead to, and what is
+open (`OpenItem`).
 Non-goals: reading and following the rows (`api/assurance/tracing.py`).
 """
 
@@ -52,7 +53,7 @@ class OpenItem:
 
 
 @dataclass(frozen=True)
-class Trace:
+class Traceability:
     """`path`, `sha256`: of the file that was given, or "". `open`: all that is open."""
 
     path: str = ""
