@@ -68,6 +68,10 @@ class Page:
             mobile=False,
         )
 
+    def media(self, name: str) -> None:
+        """As on a "screen" or in "print"."""
+        self._ask("Emulation.setEmulatedMedia", media=name)
+
     def value(self, expression: str) -> Any:
         """What an expression of JavaScript gives, waiting for a promise."""
         done = self._ask(

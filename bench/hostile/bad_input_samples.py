@@ -99,6 +99,11 @@ MADE = {
     "checkpoint": ("test violated.soter --test C --max-states 20 --checkpoint check", ""),
 }
 """Format -> the command that writes its file, and where else it looks for it."""
+HAZARDS = (
+    "kind,id,text,traces_to,owner,validation,evidence\n"
+    'hazard,H1,"strikes, and\nhard",R1; Guard.P2b,,,\nrequirement,R1,stays,Guard.safe,,,\n'
+    "assumption,scheme,,,somebody,a test,a report\n"
+)
 SAFE = "safe abs(position) < WALL;"
 LATE = " ttf abs(position) > 9.9999; safer abs(position) < 9.99;"
 LSP_URI = "file:///tmp/a.soter"
@@ -211,6 +216,11 @@ def formats() -> dict[str, Format]:
             _words("assure violated.soter --test-report report.json -o case"),
         ),
         Format(
+            "hazards",
+            ("hazards.csv",),
+            _words("assure violated.soter --hazards hazards.csv -o case"),
+        ),
+        Format(
             "checkpoint",
             ("check/C.checkpoint",),
             _words("test violated.soter --test C --resume check --time 2"),
@@ -284,6 +294,7 @@ def _others(folder: Path) -> None:
     import numpy as np  # noqa: PLC0415 - the same
 
     np.save(folder / "array.npy", np.array([[1.0, 2.0], [3.0, 4.0]]))
+    (folder / "hazards.csv").write_text(HAZARDS)
     (folder / "log.csv.gz").write_bytes(gzip.compress(POSITIONS.encode()))
     fields = {"value": "x"}
     topics = {"position": {"fields": fields}, "goal": {"fields": {"value": {"constant": 12.0}}}}

@@ -56,6 +56,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("fleet.md", "Several robots"),
             ("mountain_car.md", "The mountain car"),
             ("results.md", "Results"),
+            ("tool-qualification.md", "Tool qualification"),
             ("newcomers.md", "Newcomers"),
             ("architecture.md", "The house"),
             ("decisions.md", "Decisions"),

@@ -50,6 +50,21 @@ def test_the_schemas_of_the_page_are_those_of_the_records(monkeypatch: pytest.Mo
     assert set(MADE) == set(schemas.DOCUMENTS)
 
 
+def test_figures_of_the_page_on_tool_qualification_are_those_of_the_benchmarks() -> None:
+    """The last column of its table, and what else it quotes, are lines of benchmarks.md."""
+    docs = ROOT / "docs"
+    benchmarks = (docs / "benchmarks.md").read_text(encoding="utf-8")
+    page = (docs / "tool-qualification.md").read_text(encoding="utf-8")
+    tried, others = page.split("## What was tried")[1].split("## What was not tried")
+    rows = [re.split(r"(?<!\\)\|", line) for line in tried.splitlines() if line.startswith("| ")]
+    quotes = [re.findall(r"`([^`]+)`", row[3]) for row in rows[1:]]
+    assert len(quotes) > 15
+    assert all(quotes)
+    said = [q for row in quotes for q in row]
+    said += [q for q in re.findall(r"`([^`\n]+)`", others.split("## ")[0]) if " " in q]
+    assert [q for q in said if q.replace("\\|", "|") not in benchmarks] == []
+
+
 def test_the_site_builds_and_every_link_of_what_it_wrote_leads_somewhere(tmp_path: Path) -> None:
     pytest.importorskip("markdown_it", reason="the extra `docs` is not installed")
     line = [sys.executable, str(ROOT / "docs/site/build_site.py"), "-o", str(tmp_path)]

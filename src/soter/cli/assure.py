@@ -6,6 +6,7 @@ Non-goals: making proofs, tests and campaigns; the case itself (`api/assurance/`
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
@@ -13,6 +14,7 @@ from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CommandParser, add_file, add_settings, whole
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
+from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     import argparse
@@ -27,14 +29,16 @@ EXAMPLES = """\
   soter test cart.soter --json > tests.json
   soter assure cart.soter --cert proof/ --test-report tests.json -o case/
   soter assure cart.soter --cert proof/ --campaign flights/ --flights 100 -o case/
+  soter assure cart.soter --cert proof/ --hazards hazards.csv -o case/
 
 A goal is supported only where its leaf was checked just now: the certificate by the independent
 re-checker, tests by exploring them again (--tests), flights by flying them again (--flights).
 Everything else is told with its hash, and the goal stays undeveloped (docs/assure.md).
 
-exit codes: 0 the top goal is supported, and P2b where the program asks for it,
+exit codes: 0 the top goal is supported, and P2b where the program asks for it, and every hazard
+              and requirement of --hazards,
             3 a certificate is rejected, a compiled DM differs, a test or a flight violated,
-            4 the top goal is undeveloped, or P2b is, 1 diagnostics, 2 usage
+            4 one of these is not supported, 1 diagnostics, 2 usage
 """
 
 
@@ -49,6 +53,9 @@ def parser() -> CommandParser:
     made.add_argument("--campaign", metavar="DIR", help="the folder of a campaign")
     made.add_argument(
         "--flights", metavar="N", type=whole, default=20, help="so many are flown again (20)"
+    )
+    made.add_argument(
+        "--hazards", metavar="FILE", help="CSV: hazards, requirements, owners of assumptions"
     )
     add_settings(made)
     made.add_argument("-o", dest="output", metavar="DIR", required=True, help="folder to write")
@@ -69,6 +76,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
                 test_report=args.test_report,
                 campaign=args.campaign,
                 flights=args.flights,
+                hazards=args.hazards,
                 progress=progress,
             )
     except SoterError as error:
@@ -78,7 +86,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         VIOLATED
         if assurance.refuted
         else FINE
-        if assurance.case.supported and assurance.returns
+        if assurance.case.supported and assurance.returns and assurance.case.traceability.covered
         else UNDECIDED
     )
     return CommandOutcome(code, program.diagnostics, {"file": args.file, **_fields(assurance)})
@@ -95,6 +103,8 @@ def _say(assurance: Assurance, console: Console) -> None:
         word = console.paint("yellow", "SUPPORTED, without P2b")
     if case.supported and not assurance.lawful:
         word += ", without a fail-safe law"
+    if not case.traceability.covered:
+        word += ", with open hazards or requirements"
     console.say(
         console.paint("muted", f"{case.program}  {case.system}  {case.program_sha256[:12]}")
     )
@@ -118,7 +128,27 @@ def _say(assurance: Assurance, console: Console) -> None:
         console.say(f"\nrests on {top.count('assumption')} assumptions, which the page lists")
     else:
         console.say("\nno certificate was accepted: what a proof would rest on is not known")
+    _say_open(assurance, console)
     console.say("\n".join(f"written  {path}" for path in assurance.files))
+
+
+def _say_open(assurance: Assurance, console: Console) -> None:
+    """What nobody has closed: one by one, but assumptions are counted."""
+    open_ = assurance.case.traceability.open
+    assumptions = sum(item.kind == "assumption" for item in open_)
+    others = [item for item in open_ if item.kind != "assumption"]
+    if not open_:
+        return
+    console.say("\nopen")
+    for item in others:
+        console.say(f"  {item.kind} {visible(item.id)}: {visible(item.why)}")
+    if assumptions:
+        console.say(
+            f"  {assumptions} assumptions (owner, validation, evidence), which the page lists"
+        )
+    if not assurance.case.traceability.path:
+        console.say("  no file of hazards, requirements and owners was given (--hazards FILE)")
+    console.say()
 
 
 def _fields(assurance: Assurance) -> dict[str, object]:
@@ -130,5 +160,7 @@ def _fields(assurance: Assurance) -> dict[str, object]:
         "supported": case.supported,
         "goals": {g.id: case.status(g) for g in case.goals},
         "refuted": list(assurance.refuted),
+        "covered": case.traceability.covered,
+        "open": [asdict(item) for item in case.traceability.open],
         "files": [str(path) for path in assurance.files],
     }

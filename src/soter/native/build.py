@@ -46,6 +46,11 @@ def texts(*sources: str | Path) -> list[str]:
     ]
 
 
+def library_flags(optimise: str = "-O2") -> tuple[str, ...]:
+    """Those of every shared library."""
+    return (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS)
+
+
 def library(
     unit: Unit,
     optimise: str = "-O2",
@@ -57,7 +62,7 @@ def library(
     `engine`: files that are needed besides the kernel, headers included.
     """
     compiler = find()
-    flags = (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS, *extra)
+    flags = (*library_flags(optimise), *extra)
     kernel = (*(RUNTIME / name for name in KERNEL), CHECK_FAILED)
     parts = [unit.header, unit.source, compiler.identity, *flags]
     parts += texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)

@@ -14,6 +14,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
@@ -23,7 +24,6 @@ from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
 CANDIDATES = ("cc", "gcc", "clang")
 STANDARD = "-std=c99"
@@ -109,6 +109,13 @@ def find() -> Compiler:
             ),
         )
     )
+
+
+def told_version(compiler: Compiler) -> str:
+    """The first line of what a compiler says of its version; its command where it says nothing."""
+    done = run_compiler((*compiler.command, "--version"), Path.cwd(), TIMEOUT_S)
+    lines = done.text.strip().splitlines() if done.code == 0 else []
+    return visible(lines[0][:LINE_MAX]) if lines else " ".join(compiler.command)
 
 
 def compile_with(

@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import shlex
 import shutil
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,15 +15,19 @@ import pytest
 
 from json_documents import SCHEMAS, _check
 from soter.api import load
+from soter.api.assurance.provenance import rechecker_sha256
 from soter.certificate.assumptions import RecheckAssumption
 from soter.certificate.format.folder import canonical
 from soter.certificate.report import RecheckedModule, Report
+from soter.native.compiler import find, told_version
+from soter.native.own_files import soter_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     Soter = Callable[..., Any]
 
+HAZARDS = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart_hazards.csv"
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 SMALL = (
     ("/ 400", "/ 60"),
@@ -124,9 +130,15 @@ def test_the_same_case_is_made_twice(soter: Soter, cart: Path, given: tuple[str,
 
 
 def test_without_a_certificate_nothing_is_supported(soter: Soter, cart: Path) -> None:
-    code, goals = assured(soter)
+    code, goals = assured(soter, "--set", "GAIN=1.5")
     assert (code, set(goals.values())) == (4, {"undeveloped"})
     assert "no certificate was given" in whys(cart)
+    told = case_of(cart)["provenance"]
+    assert told["certificate"] == "no certificate was given (--cert DIR)"
+    assert told["C compiler"] == "none: no decision module was compiled for this case"
+    before = (cart / "out" / "case.json").read_bytes()
+    assert soter(*shlex.split(told["command"])[1:]).exit == 4
+    assert (cart / "out" / "case.json").read_bytes() == before, "the command makes it again"
 
 
 @pytest.fixture
@@ -395,6 +407,85 @@ def test_what_is_no_evidence_is_told_in_words(soter: Soter, cart: Path) -> None:
     assert soter(*run, "--cert", "none").codes == ["D009"]
     (cart / "file").write_text("in the way")
     assert soter("assure", "c.soter", "-o", "file", "--json").codes == ["D006"]
+
+
+def test_the_hazards_of_the_example_are_traced_and_what_is_open_is_listed(
+    soter: Soter, cart: Path
+) -> None:
+    done = soter(
+        "assure", "c.soter", "--cert", "proof", "--hazards", str(HAZARDS), "-o", "out", "--json"
+    )
+    assert (done.exit, done.document["supported"], done.document["covered"]) == (4, True, False)
+    case = case_of(cart)
+    items = {i["id"]: i["status"] for i in case["traceability"]["items"]}
+    assert items == {
+        "H1": "supported", "H2": "supported", "H3": "open", "H4": "open", "R1": "supported",
+        "R2": "supported",
+    }  # fmt: skip
+    assert case["traceability"]["sha256"] == hashlib.sha256(HAZARDS.read_bytes()).hexdigest()
+    open_ = {(o["kind"], o["id"]): o["why"] for o in done.document["open"]}
+    assert open_["hazard", "H3"] == "undeveloped: `SafeCart.failsafe`"
+    assert open_["hazard", "H4"] == "it leads to no property"
+    assumptions = {n["key"]: n for n in case["nodes"] if n["kind"] == "assumption"}
+    assert assumptions["world c"]["owner"] == "plant"
+    assert open_["assumption", assumptions["world c"]["id"]] == "no evidence"
+    unowned = [n for n in assumptions.values() if not n["owner"]]
+    assert len(unowned) == len(assumptions) - 5 > 5
+    page = (cart / "out" / "index.html").read_text()
+    for text in ("H1", "Laser tracker beside the encoder", "The cart strikes an end of the track"):
+        assert text in page
+    said = soter("assure", "c.soter", "--hazards", str(HAZARDS), "-o", "out").out
+    assert "hazard H4: it leads to no property" in said
+    assert "5 assumptions (owner, validation, evidence), which the page lists" in said
+
+
+def test_a_case_without_hazards_lists_every_assumption_as_open(soter: Soter, cart: Path) -> None:
+    done = soter("assure", "c.soter", "--cert", "proof", "-o", "out", "--json")
+    assert (done.exit, done.document["covered"]) == (0, True)
+    assumptions = [n["id"] for n in case_of(cart)["nodes"] if n["kind"] == "assumption"]
+    open_ = done.document["open"]
+    assert [o["id"] for o in open_ if o["kind"] == "assumption"] == assumptions
+    assert "no file of hazards" in soter("assure", "c.soter", "-o", "out").out.lower()
+
+
+@pytest.mark.usefixtures("unasked")
+def test_a_wrong_file_of_hazards_is_told_before_anything_is_checked(
+    soter: Soter, cart: Path
+) -> None:
+    run = ("assure", "c.soter", "--cert", "proof", "-o", "out", "--json", "--hazards")
+    (cart / "h.csv").write_text("kind,id,text,traces_to\nhazard,H1,x,SafeCart.saf\n")
+    done = soter(*run, "h.csv")
+    assert (done.exit, done.codes) == (1, ["D021"])
+    assert done.document["diagnostics"][0]["line"] == 2
+    assert soter(*run, "none.csv").codes == ["D006"]
+    assert not (cart / "out").exists()
+
+
+def test_an_assumption_that_the_certificate_does_not_rest_on_is_refused(
+    soter: Soter, cart: Path
+) -> None:
+    (cart / "h.csv").write_text("kind,id,owner\nassumption,world d,somebody\n")
+    run = ("assure", "c.soter", "-o", "out", "--hazards", "h.csv", "--json")
+    done = soter(*run, "--cert", "proof")
+    assert (done.exit, done.codes) == (1, ["D021"])
+    assert done.document["diagnostics"][0]["helps"] == ["did you mean `world c`?"]
+    assert not (cart / "out").exists()
+    assert soter(*run).exit == 4, "without a certificate nobody knows the assumptions"
+
+
+def test_versions_hashes_and_flags_are_those_of_what_was_used(soter: Soter, cart: Path) -> None:
+    assured(soter, "--cert", "proof", "--set", "GAIN=1.0")
+    told = case_of(cart)["provenance"]
+    seal = (cart / "proof" / "SEAL").read_text().strip()
+    assert seal in told["certificate"]
+    assert version("soter") in told["Soter"]
+    assert soter_sha256() in told["Soter"]
+    for flag in ("-std=c99", "-ffp-contract=off", "-O2"):
+        assert flag in told["C compiler"].split()
+    assert told_version(find()) in told["C compiler"]
+    foot = (cart / "out" / "index.html").read_text().split('class="foot"')[1]
+    for text in (seal, soter_sha256(), rechecker_sha256(), "-ffp-contract=off"):
+        assert text in foot
 
 
 @pytest.mark.long

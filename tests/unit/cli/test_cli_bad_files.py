@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from bench.hostile.bad_input_mutants import placed
-from bench.hostile.bad_input_samples import MAP, NAMED, POSITIONS, ROOT, Format, formats
+from bench.hostile.bad_input_samples import HAZARDS, MAP, NAMED, POSITIONS, ROOT, Format, formats
 
 import processes
 from long_tests import examples
@@ -26,7 +26,16 @@ if TYPE_CHECKING:
     Soter = Callable[..., Any]
 
 EACH = examples("SOTER_BAD_FILES", quick=6, long=100)
-NAMES = ("data_csv", "data_json", "times", "log_csv", "map_toml", "map_json", "test_report")
+NAMES = (
+    "data_csv",
+    "data_json",
+    "times",
+    "log_csv",
+    "map_toml",
+    "map_json",
+    "test_report",
+    "hazards",
+)
 LIMIT_S = 20
 TIMES = {"schema": 1, "program_sha256": "0", "system": "Track", "steps": []}
 REPORT = {"program_sha256": "0", "tests": [{"name": "T", "verdict": "clean"}]}
@@ -39,6 +48,7 @@ def files(here: Path) -> Iterator[Path]:
     texts = {"track.soter": track, "violated.soter": track, "data.soter": NAMED}
     texts |= {"map.toml": MAP, "log.csv": POSITIONS, "one.json": "1.25\n"}
     texts |= {"rows.csv": "t,n,on\n1.5,2,true\n2.0,3,false\n0.5,1,true\n"}
+    texts |= {"hazards.csv": HAZARDS}
     documents = {"times": TIMES, "report": REPORT, "map": {"system": "Track", "topics": {}}}
     texts |= {f"{name}.json": json.dumps(d) for name, d in documents.items()}
     for name, text in texts.items():
@@ -78,6 +88,7 @@ def test_a_file_that_is_wrong_is_told_so(files: Path, soter: Soter, name: str) -
         ("monitor", "cart.soter", "bad", "--map", "map.toml"),
         ("monitor", "cart.soter", "cart.soter", "--map", "bad"),
         ("assure", "cart.soter", "--test-report", "bad", "-o", "case"),
+        ("assure", "cart.soter", "--hazards", "bad", "-o", "case"),
     ],
     ids=lambda c: f"{c[0]} {c[-1]}",
 )

@@ -10,9 +10,11 @@ from xml.etree import ElementTree as ET
 import pytest
 
 import browser
+from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
 from soter.report.assurance.gsn_diagram import BOX, pictures
 from soter.report.assurance.page import body, write_case
 from soter.report.assurance.safety_case import CaseNode, SafetyCase
+from soter.report.assurance.traceability import OpenItem, Traceability, TracedItem, TracedProperty
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -96,10 +98,52 @@ def test_texts_are_set_and_every_link_leads_somewhere() -> None:
     assert "the certificate is of <code>another</code> program" in page
 
 
+def board_case() -> SafetyCase:
+    """With a long hash, an open hazard and predicates with long names."""
+    case = case_of(3)
+    long = "distance_of_the_nearest_obstacle_ahead"
+    definitions = (Definition("Need", f"max({long}, 0.0) / " + " / ".join([long] * 6)),)
+    case.predicates = (
+        ExpandedPredicate("M1", "ttf", f"Need({long}) < 0.0", "Need < 0.0", definitions),
+        ExpandedPredicate("M1", "safer", ""),
+    )
+    case.provenance = {"Soter": f"1, SHA-256 {'ef' * 32}", "certificate": f"SHA-256 {'cd' * 32}"}
+    item = TracedItem("hazard", "H<1>", "it strikes", ("M1.safe",), ("M1.safe",), "open")
+    behind = TracedProperty("M1.safe", "proof", "undeveloped", "G1.1", hazards=("H<1>",))
+    unclosed = OpenItem("hazard", "H<1>", "undeveloped: `M1.safe`")
+    case.traceability = Traceability("h.csv", "ab" * 32, (item,), (behind,), (unclosed,))
+    return case
+
+
+def test_what_a_board_asks_stands_on_the_page_and_its_links_lead_somewhere() -> None:
+    page = body(board_case())
+    for text in ("H&lt;1&gt;", "undeveloped, by proof", "Need &lt; 0.0", "computes it", "1 hazard"):
+        assert text in page
+    anchors = set(re.findall(r'id="([^"]+)"', page))
+    assert set(re.findall(r'href="#([^"]+)"', page)) <= anchors
+
+
+def test_versions_and_hashes_are_repeated_on_every_printed_page(tmp_path: Path) -> None:
+    if browser.chromium() is None:
+        pytest.skip("no chromium on this machine")
+    path = write_case(board_case(), tmp_path / "index.html")
+    style = "getComputedStyle(document.querySelector('{}')).display"
+    with browser.page() as page:
+        page.open(path.as_uri())
+        page.wait("document.querySelector('.foot') !== null")
+        assert page.value(style.format(".foot")) == "none"
+        page.media("print")
+        assert page.value(style.format(".foot")) == "table-footer-group"
+        assert page.value(style.format("main")) == "table"
+        foot = page.value("document.querySelector('main > .foot').textContent")
+    assert "cd" * 32 in foot
+    assert "ef" * 32 in foot
+
+
 def test_it_fits_a_phone(tmp_path: Path) -> None:
     if browser.chromium() is None:
         pytest.skip("no chromium on this machine")
-    path = write_case(case_of(3), tmp_path / "index.html")
+    path = write_case(board_case(), tmp_path / "index.html")
     with browser.page() as page:
         page.size(PHONE_PX, 900)
         page.open(path.as_uri())

@@ -88,7 +88,7 @@ class Evidence:
         test = self.flat.program.tests.get(name)
         of = "" if test is None else f" of system {test.system.name}"
         text = f"test {name}{of}: every execution within its bounds is clean"
-        child = case.add(CaseNode(f"G2.{number}", "goal", text), under=goal)
+        child = case.add(CaseNode(f"G2.{number}", "goal", text, property=name), under=goal)
         leaf = CaseNode(f"Sn.2.{number}", "solution", f"a report on test {name}")
         if result is None or report is None:
             leaf.why = _as_told(self.told.get(name), case.program_sha256)
@@ -99,7 +99,8 @@ class Evidence:
             leaf.checked = not leaf.why
             for k, said in enumerate(result.assumptions, 1):
                 said = f"test {name}: {said}"  # noqa: PLW2901 - whose it is
-                case.add(CaseNode(f"A2.{number}.{k}", "assumption", said), beside=child)
+                node = CaseNode(f"A2.{number}.{k}", "assumption", said, key=said)
+                case.add(node, beside=child)
         case.add(leaf, under=child)
 
     def campaign(self, case: SafetyCase, refuted: list[str], most: int) -> None:

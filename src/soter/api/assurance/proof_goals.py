@@ -80,9 +80,9 @@ def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[s
     compiled = _compiled(case, flat, shown, proof, refuted)
     used = [m for each in shown for m in each.reports]
     if proof.report is not None and used:
-        said = [a.text for m in used for a in m.assumptions]
-        for k, text in enumerate(dict.fromkeys(said), 1):
-            case.add(CaseNode(f"A{k}", "assumption", text), beside=top)
+        said = {a.text: a.key for m in used for a in m.assumptions}
+        for k, (text, key) in enumerate(said.items(), 1):
+            case.add(CaseNode(f"A{k}", "assumption", text, key=key), beside=top)
         rest = [s for s in proof.report.not_covered if s.key != "compiled" or not compiled]
         for k, other in enumerate(rest, 1):
             case.add(CaseNode(f"C{k}", "context", f"not covered: {other.text}"), beside=top)
@@ -114,7 +114,10 @@ def _module(
     ac = flat.components[module.ac].name if module.over is None else flat.modules[module.over].name
     sc = flat.components[module.sc].name
     text = f"RTA module {module.name} keeps `{_safe(module)}`: complex function {ac}, recovery "
-    goal = case.add(CaseNode(id_, "goal", f"{text}function {sc}"), under=strategy)
+    goal = case.add(
+        CaseNode(id_, "goal", f"{text}function {sc}", property=f"{module.name}.safe"),
+        under=strategy,
+    )
     for name, said in PROPERTIES.items():
         child = case.add(CaseNode(f"{id_}.{name}", "goal", f"{name}: {said}"), under=goal)
         _leaf(case, child, f"Sn.{each.number}.{name}", each.missing(name), proof)
@@ -144,7 +147,10 @@ def _returns(
     )
     for each in asked:
         text = f"P2b: the complex function of {each.module.name} gets control back"
-        child = case.add(CaseNode(f"{RETURNS}.{each.number}", "goal", text), under=goal)
+        name = f"{each.module.name}.P2b"
+        child = case.add(
+            CaseNode(f"{RETURNS}.{each.number}", "goal", text, property=name), under=goal
+        )
         _leaf(case, child, f"Sn.4.{each.number}", each.missing("P2b"), proof)
 
 
@@ -158,7 +164,8 @@ def _laws(
     goal = case.add(CaseNode(LAWS, "goal", text))
     for each in shown:
         text = f"the fail-safe law of {each.module.name} keeps `{_safe(each.module)}` from then on"
-        child = case.add(CaseNode(f"{LAWS}.{each.number}", "goal", text), under=goal)
+        name = f"{each.module.name}.failsafe"
+        child = case.add(CaseNode(f"{LAWS}.{each.number}", "goal", text, property=name), under=goal)
         why = each.missing("failsafe")
         if not each.module.law:
             why = NO_LAW
@@ -176,6 +183,7 @@ def _compiled(
 ) -> bool:
     """That the C of each decision module switches as the argument takes it to: tried now."""
     from soter.api.assurance.compiled_dm_check import compiled_as_proved  # noqa: PLC0415 - compiles
+    from soter.api.assurance.provenance import compiler_used  # noqa: PLC0415 - compiles
 
     if not shown:
         return False
@@ -187,6 +195,8 @@ def _compiled(
             assert proof.certificate is not None
             entries = proof.entries[name]
             said, why, differs = compiled_as_proved(flat, each.module, entries, proof.certificate)
+            if said or differs:
+                case.provenance["C compiler"] = compiler_used()
             if differs:
                 refuted.append(f"{name}: {why}")
         text = f"the generated C of the decision module of {name} switches as proved"

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from soter.api.assurance.certificate_check import proof_of
 from soter.api.assurance.evidence import Evidence
+from soter.api.assurance.predicate_expansion import expanded
 from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
+from soter.api.assurance.tracing import Tracing
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase
 from soter.report.errors import ReportError
@@ -63,14 +65,17 @@ def assure(
     test_report: str | Path | None = None,
     campaign: str | Path | None = None,
     flights: int = FLOWN_AGAIN,
+    hazards: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Assurance:
     """Make the case and write it to the folder `output`.
 
-    `tests`: explore them now; `flights`: so many of a campaign are flown again. SoterError D009
-    where there is no certificate, D005 for a report that is none, D006 where
-    something cannot be read or written, and as of `Program.flat`.
+    `tests`: explore them now; `flights`: so many of a campaign are flown again; `hazards`: a CSV
+    file of hazards, requirements and who answers for assumptions (docs/assure.md). SoterError D009
+    where there is no certificate, D005 for a report that is none, D021 for hazards that are none,
+    D006 where something cannot be read or written, and as of `Program.flat`.
     """
+    from soter.api.assurance.provenance import command_line, provenance_of  # noqa: PLC0415 - NumPy
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
 
     flat = program.declared(system, params)
@@ -83,7 +88,21 @@ def assure(
     )
     refuted: list[str] = []
     evidence = Evidence.read(program, flat, params, test_report, campaign)
-    top = argue(case, flat, proof_of(cert, flat, case.params, progress), refuted)
+    tracing = Tracing.read(None if hazards is None else Path(hazards), flat)
+    case.predicates = tuple(p for m in flat.modules for p in expanded(flat, m))
+    proof = proof_of(cert, flat, case.params, progress)
+    options = {
+        "--system": system,
+        "--cert": cert,
+        "--tests": tests,
+        "--test-report": test_report,
+        "--campaign": campaign,
+        "--flights": flights if campaign is not None else None,
+        "--hazards": hazards,
+        "-o": output,
+    }
+    case.provenance = provenance_of(proof, command_line(program.path, options, params or {}))
+    top = argue(case, flat, proof, refuted)
     if flat.faults:
         case.add(
             CaseNode("C-faults", "context", "runs with the `faults` of the system"), beside=top
@@ -99,6 +118,7 @@ def assure(
     )
     evidence.tests(case, refuted, explored=tests)
     evidence.campaign(case, refuted, flights)
+    tracing.enter(case)
     return Assurance(case, _written(case, Path(output)), tuple(refuted))
 
 

@@ -27,6 +27,7 @@ LETTERS, LINES_MAX = 17, 6
 TOGETHER_MAX = 9
 """So many columns of goals are one picture."""
 RADIUS, SIDE = 50, 54
+LEGEND_WIDTH = 760.0
 LEGEND = (
     ("goal", "goal"),
     ("strategy", "strategy"),
@@ -163,7 +164,7 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
     parts += [line for row in rows for s in row for line in _shape(case, s)]
     parts += [line for k, (kind, ids) in enumerate(beside) for line in _side(root, kind, ids, k)]
     parts.append(f'<g transform="translate({MARGIN} {y - 10:.0f})">{_legend()}</g>')
-    width = max(width, 700.0) + 2 * MARGIN
+    width = max(width, LEGEND_WIDTH) + 2 * MARGIN
     height = y + 30
     name = escape(f"{root.node.id} {root.node.text}", quote=True)
     return (

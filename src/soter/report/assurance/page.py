@@ -10,6 +10,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
+from soter.report.assurance import board_sections
 from soter.report.assurance.gsn_diagram import pictures
 from soter.report.assurance.safety_case import SUPPORTED
 from soter.report.html import write_document
@@ -45,6 +46,7 @@ STYLE = """<style>
 .case .why { display: block; color: var(--muted); font-size: 14px; }
 .case tr:target { background: var(--sc-shade); }
 .case a { color: var(--sc); }
+@media print { .gsn { max-width: 100%; } }
 @media (max-width: 640px) {
   .case thead { display: none; }
   .case tr, .case td { display: block; border: 0; padding: 1px 0; }
@@ -70,15 +72,20 @@ def body(case: SafetyCase) -> str:
     return "\n".join(
         [
             STYLE,
+            board_sections.STYLE,
             _header(case),
             _facts(case),
             _argument(case),
             _open(case),
+            board_sections.open_items(case),
+            board_sections.traced(case),
             _goals(case),
             _evidence(case),
-            _listed(case, "assumption", "Rests on", "Assumed, not checked: each has to be true."),
-            _listed(case, "context", "Context, and what is not covered", ""),
+            board_sections.predicates(case),
+            board_sections.assumptions(case),
+            _contexts(case),
             _words(),
+            board_sections.foot(case),
         ]
     )
 
@@ -97,7 +104,8 @@ def _header(case: SafetyCase) -> str:
         f'<header class="top"><p class="kicker">{escape(case.title)}</p>'
         f'<h1>{prose(goals[0].text)}</h1><p class="subtitle">'
         f'<span class="badge{kind}">{word}</span> '
-        f"{done} of {len(goals)} goals are supported. {said}{_beside(case)}</p></header>"
+        f"{done} of {len(goals)} goals are supported. {said}{_beside(case)}"
+        f"{board_sections.open_count(case)}</p></header>"
     )
 
 
@@ -115,6 +123,7 @@ def _facts(case: SafetyCase) -> str:
         ("SHA-256", case.program_sha256),
         ("system", case.system),
         ("parameters", ", ".join(f"{n} = {v}" for n, v in case.params.items()) or "none"),
+        *case.provenance.items(),
         ("notation", "GSN Community Standard, version 3"),
         ("terms", "ASTM F3269-21; the last table says what they are called in the program"),
     ]
@@ -187,12 +196,11 @@ def _evidence(case: SafetyCase) -> str:
     return f"<section><h2>Evidence</h2>{table}</section>"
 
 
-def _listed(case: SafetyCase, kind: str, title: str, lead: str) -> str:
-    nodes = [n for n in case.nodes if n.kind == kind]
-    rows = [(n.id, _label(n), prose(n.text)) for n in nodes]
-    note = f'<p class="note lead">{lead}</p>' if lead and nodes else ""
-    table = _table(("id", "what"), rows) if nodes else "<p>nothing</p>"
-    return f'<section id="{kind}s"><h2>{title}</h2>{note}{table}</section>'
+def _contexts(case: SafetyCase) -> str:
+    rows = [(n.id, _label(n), prose(n.text)) for n in case.nodes if n.kind == "context"]
+    table = _table(("id", "what"), rows) if rows else "<p>nothing</p>"
+    title = "Context, and what is not covered"
+    return f'<section id="contexts"><h2>{title}</h2>{table}</section>'
 
 
 def _words() -> str:

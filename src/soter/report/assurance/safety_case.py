@@ -8,7 +8,12 @@ Source: GSN Community Standard, version 3: goals, strategies, solutions, context
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+from soter.report.assurance.traceability import Traceability
+
+if TYPE_CHECKING:
+    from soter.report.assurance.expanded_predicate import ExpandedPredicate
 
 Kind = Literal["goal", "strategy", "solution", "context", "assumption"]
 SUPPORTED, UNDEVELOPED = "supported", "undeveloped"
@@ -19,7 +24,9 @@ class CaseNode:
     """One element. `supported_by`, `in_context_of`: ids of others.
 
     A solution is `checked` where it was checked while the case was made, and then holds what its
-    goal needs; `why` says what is missing otherwise. `sha256`: of what it points to.
+    goal needs; `why` says what is missing otherwise. `sha256`: of what it points to. `property`: of
+    a goal, the name by which a hazard traces to it. `key`: of an assumption, the same for the same
+    thing in every case; who owns it, how it is validated and where that is seen, as people say it.
     """
 
     id: str
@@ -31,11 +38,19 @@ class CaseNode:
     why: str = ""
     path: str = ""
     sha256: str = ""
+    property: str = ""
+    key: str = ""
+    owner: str = ""
+    validation: str = ""
+    evidence: str = ""
 
 
 @dataclass
 class SafetyCase:
-    """Nodes in the order in which they are read; the first is the top goal."""
+    """Nodes in the order in which they are read; the first is the top goal.
+
+    `provenance`: with what it was made, by what people call it.
+    """
 
     title: str
     program: str
@@ -43,6 +58,9 @@ class SafetyCase:
     system: str
     params: dict[str, str]
     nodes: list[CaseNode] = field(default_factory=list)
+    provenance: dict[str, str] = field(default_factory=dict)
+    predicates: tuple[ExpandedPredicate, ...] = ()
+    traceability: Traceability = field(default_factory=Traceability)
 
     def add(
         self, node: CaseNode, *, under: CaseNode | None = None, beside: CaseNode | None = None
@@ -93,6 +111,9 @@ class SafetyCase:
             "top": self.nodes[0].id,
             "supported": self.supported,
             "nodes": [self._node(n) for n in self.nodes],
+            "provenance": self.provenance,
+            "predicates": [p.to_json() for p in self.predicates],
+            "traceability": self.traceability.to_json(),
         }
 
     def _node(self, n: CaseNode) -> dict[str, object]:
@@ -107,4 +128,8 @@ class SafetyCase:
             "in_context_of": n.in_context_of,
             "path": n.path or None,
             "sha256": n.sha256 or None,
+            "key": n.key or None,
+            "owner": n.owner,
+            "validation": n.validation,
+            "evidence": n.evidence,
         }

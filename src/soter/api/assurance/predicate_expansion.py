@@ -1,0 +1,347 @@
+"""What `safe`, `ttf` and `safer` of a module say, with their functions inlined.
+
+Purpose: `expanded`: arithmetic over topics and named constants, for somebody who judges the
+predicate and does not read the program. Its text is an expression of Soter and has the value of the
+predicate; what is no expression (a loop, an assignment, an extern) stays a call, with its text.
+Non-goals: where it faults: a part that has a name stands outside the condition that it is under.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed
+from soter.language.model.durations import show_ns
+from soter.language.model.python_values import to_json
+from soter.language.model.tree_walk import calls_in, nodes
+from soter.language.model.types import DurationType, EnumType, FloatType, IntType, RecordType
+from soter.language.syntax.parsing.operators import PRECEDENCE
+from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Type, Value
+
+CONDITIONAL, UNARY, ATOM = 0, 6, 7
+"""How tightly what is no binary operator binds, among `PRECEDENCE`."""
+LONG, SHORT = 44, 16
+"""Letters of a call's text that gets a name, and of an argument's that is read several times."""
+VALUE_MAX = 2000
+"""Letters of a constant; a longer one, a table, is told by its beginning."""
+PLAIN = re.compile(r"-?[A-Za-z_0-9.\[\]]+")
+
+
+@dataclass(frozen=True)
+class _Text:
+    """An expression as text, how tightly it binds, and the fields of a record written out."""
+
+    text: str
+    binds: int = ATOM
+    parts: dict[str, _Text] = field(default_factory=dict)
+
+    def within(self, least: int) -> str:
+        """It, in brackets where it binds less tightly than this."""
+        return self.text if self.binds >= least else f"({self.text})"
+
+
+def expanded(system: System, module: Module) -> Iterator[ExpandedPredicate]:
+    """`safe`, `ttf` and `safer` of a module, each by itself."""
+    symbol = module.symbol
+    for name, predicate in (("safe", symbol.safe), ("ttf", symbol.ttf), ("safer", symbol.safer)):
+        if predicate is None:
+            yield ExpandedPredicate(module.name, name, "")
+            continue
+        expansion = _Expansion(system, module)
+        text = expansion.whole(predicate)
+        yield ExpandedPredicate(
+            module.name,
+            name,
+            " ".join(predicate.span.text.split()),
+            text,
+            where=tuple(expansion.where),
+            constants=tuple(expansion.constants.values()),
+            read=tuple(expansion.read.values()),
+            functions=tuple(expansion.functions.values()),
+        )
+
+
+@dataclass
+class _Expansion:
+    """One predicate; names are given once in it."""
+
+    system: System
+    module: Module
+    where: list[Definition] = field(default_factory=list)
+    constants: dict[str, Definition] = field(default_factory=dict)
+    """By the name in the program."""
+    read: dict[str, Definition] = field(default_factory=dict)
+    """Topics and fields of them."""
+    functions: dict[str, Definition] = field(default_factory=dict)
+    taken: set[str] = field(default_factory=set)
+
+    def whole(self, predicate: typed.TypedExpr) -> str:
+        """The predicate."""
+        topics = {
+            self.topic(n.topic): n.type
+            for n in nodes([predicate])
+            if isinstance(n, typed.TopicRead)
+        }
+        self.taken |= {name.partition(".")[0] for name in topics}
+        text = self.expr(predicate, {}).text
+        if self.where and self.where[-1].name == text:
+            text = self.where.pop().text  # the predicate is nothing but a call
+        used = text
+        for known in reversed(self.where[:]):  # of a record perhaps only fields are used
+            if re.search(rf"(?<![\w.]){known.name}(?!\w)", used):
+                used = f"{known.text} ; {used}"
+            else:
+                self.where.remove(known)
+        self.read = _read(used, topics)
+        return text
+
+    # ------------------------------------------------------------ names
+
+    def define(self, base: str, value: _Text) -> _Text:
+        """A name for a text, of a record for its fields; the same text has one name."""
+        if value.parts:
+            parts = {
+                name: self.define(f"{base}_{name}", part) if _long(part) else part
+                for name, part in value.parts.items()
+            }
+            return _record(parts)
+        for known in self.where:
+            if known.text == value.text:
+                return _Text(known.name)
+        name = self.free(base.rpartition(".")[2].lstrip("_") or "part")
+        self.where.append(Definition(name, value.text))
+        return _Text(name)
+
+    def free(self, base: str) -> str:
+        """That name, or with the first number that makes it another one."""
+        name, number = base, 1
+        while name in self.taken:
+            number += 1
+            name = f"{base}_{number}"
+        self.taken.add(name)
+        return name
+
+    def constant(self, name: str, t: Type, value: Value) -> _Text:
+        """A named constant or parameter of the program."""
+        known = self.constants.get(name)
+        if known is None:
+            text = _value(t, value)
+            if len(text) > VALUE_MAX:
+                text = f"{text[:VALUE_MAX]}… ({len(text):,} letters: the program has all)"
+            known = Definition(self.free(name.rpartition(".")[2]), text, _unit(t))
+            self.constants[name] = known
+        return _Text(known.name)
+
+    def topic(self, symbol: typed.TopicSymbol) -> str:
+        """A topic by its name in the system."""
+        index = self.module.scope.topics.get(symbol)
+        return symbol.name if index is None else self.system.topics[index].name
+
+    # ------------------------------------------------------------ expressions
+
+    def expr(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
+        """The text of an expression; `env`: parameters and lets of the functions around it."""
+        match e:
+            case typed.Literal() if e.name is not None and not isinstance(e.type, EnumType):
+                return self.constant(e.name, e.type, e.value)
+            case typed.Literal():
+                text = _value(e.type, e.value)
+                return _Text(text, UNARY if text.startswith("-") else ATOM)
+            case typed.ParamRead():
+                params = {**self.module.around, **self.module.scope.params}
+                return self.constant(e.param.name, e.param.type, params[e.param])
+            case typed.VarRead():
+                return env[e.variable]
+            case typed.TypedField():
+                return self.field_of(e, env)
+            case typed.TypedCall():
+                return self.call(e, env)
+            case typed.Narrow():
+                return self.expr(e.operand, env)
+            case typed.TypedUnary() | typed.TypedBinary() | typed.Vector() | typed.Conditional():
+                return self.operation(e, env)
+            case typed.Aggregate():
+                return self.aggregate(e, env)
+        return _Text(self.atom(e, env))
+
+    def operation(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
+        """Operators, with the brackets that their order wants, and those that readers want."""
+        if isinstance(e, typed.TypedUnary):
+            operand = self.expr(e.operand, env)
+            within = operand.within(ATOM if operand.text.startswith(("-", "!")) else UNARY)
+            return _Text(f"{e.op}{within}", UNARY)
+        if isinstance(e, typed.Conditional):
+            sides = (e.condition, e.then, e.otherwise)
+            if_, then, otherwise = (self.expr(x, env).within(1) for x in sides)
+            return _Text(f"{if_} ? {then} : {otherwise}", CONDITIONAL)
+        assert isinstance(e, (typed.TypedBinary, typed.Vector))
+        binds = PRECEDENCE[e.op]
+        least = {"||": PRECEDENCE["<"]}.get(e.op, binds)  # `a && b` in `a || …` has brackets
+        least += e.op in ("<", "<=", ">", ">=", "==", "!=")
+        left, right = self.expr(e.left, env), self.expr(e.right, env)
+        signed = right.text.startswith("-") and e.op in ("+", "-", "*", "/", "%")
+        beside = ATOM if signed else max(least, binds + 1)
+        same = isinstance(e.left, typed.TypedBinary) and e.left.op == e.op and binds == left.binds
+        first = left.within(binds if same else least)
+        return _Text(f"{first} {e.op} {right.within(beside)}", binds)
+
+    def field_of(self, e: typed.TypedField, env: dict[typed.Variable, _Text]) -> _Text:
+        """A field; of what was written out the very part."""
+        target = self.expr(e.target, env)
+        assert isinstance(e.target.type, RecordType)
+        name = e.target.type.fields[e.index][0]
+        return target.parts.get(name) or _Text(f"{target.within(ATOM)}.{name}")
+
+    def aggregate(self, e: typed.Aggregate, env: dict[typed.Variable, _Text]) -> _Text:
+        """A record, array or list that is written out."""
+        given = [self.expr(x, env) for x in e.elements]
+        fields = getattr(e.type, "fields", None)
+        if fields is None:
+            return _Text(f"[{', '.join(x.text for x in given)}]")
+        order = e.order or range(len(given))
+        by_field = dict(zip(order, given, strict=True))
+        return _record({name: by_field[i] for i, (name, _) in enumerate(fields)})
+
+    def atom(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> str:
+        """What needs no brackets."""
+        match e:
+            case typed.TopicRead():
+                return self.topic(e.topic)
+            case typed.AgeRead():
+                return f"age({self.topic(e.topic)})"
+            case typed.ModeRead() | typed.MarginRead():
+                word = "mode" if isinstance(e, typed.ModeRead) else "margin"
+                return f"{word}({e.module if isinstance(e.module, str) else e.module.name})"
+            case typed.Builtin():
+                return f"{e.name}({', '.join(self.expr(x, env).text for x in e.arguments)})"
+            case typed.Index():
+                index = self.expr(e.index, env).text
+                return f"{self.expr(e.target, env).within(ATOM)}[{index}]"
+            case typed.TypedLength():
+                return f"{self.expr(e.target, env).within(ATOM)}.len"
+        return " ".join(e.span.text.split())  # `time`, `dt`: the same everywhere
+
+    # ------------------------------------------------------------ functions
+
+    def call(self, e: typed.TypedCall, env: dict[typed.Variable, _Text]) -> _Text:
+        """What a function computes, or the call where that is no expression."""
+        fun = e.fun
+        given = [self.expr(x, env) for x in e.arguments]
+        short = fun.name.rpartition(".")[2]
+        if fun.prelude or fun.body is None or not _is_expression(fun.body):
+            self.keep(fun)
+            return _Text(f"{short}({', '.join(x.text for x in given)})")
+        inner = {}
+        for variable, value in zip(fun.parameters, given, strict=True):
+            reads = [n for n in nodes(fun.body) if isinstance(n, typed.VarRead)]
+            often = sum(n.variable is variable for n in reads) > 1
+            inner[variable] = self.define(variable.name, value) if often and _long(value) else value
+        result = self.body(fun.body, inner)
+        if len(result.text) > LONG:
+            return self.define(short, result)
+        return result
+
+    def keep(self, fun: typed.FunSymbol) -> None:
+        """The text of a function that stays a call, and of those that it calls."""
+        if fun.prelude or fun.name in self.functions:
+            return
+        self.functions[fun.name] = Definition(fun.name.rpartition(".")[2], _source(fun))
+        for called in calls_in(*(fun.body or ())):
+            self.keep(called.fun)
+
+    def body(self, body: Sequence[typed.TypedStmt], env: dict[typed.Variable, _Text]) -> _Text:
+        """What a body that is an expression returns."""
+        first, rest = body[0], body[1:]
+        if isinstance(first, typed.TypedReturn):
+            return self.expr(first.value, env)
+        if isinstance(first, typed.TypedDeclare):
+            value = self.expr(first.value, env)
+            value = value if _plain(value) else self.define(first.variable.name, value)
+            return self.body(rest, {**env, first.variable: value})
+        assert isinstance(first, typed.TypedIf)
+        conditions = [self.expr(condition, env) for condition, _ in first.arms]
+        results = [self.body(arm, env) for _, arm in first.arms]
+        text = self.body((*first.otherwise, *rest), env)
+        for condition, result in reversed(list(zip(conditions, results, strict=True))):
+            shown = f"{condition.within(1)} ? {result.within(1)} : {text.within(1)}"
+            text = _Text(shown, CONDITIONAL)
+        return text
+
+
+def _is_expression(body: Sequence[typed.TypedStmt]) -> bool:
+    """Whether a body is lets, choices whose arms return, and what it returns."""
+    for i, s in enumerate(body):
+        if isinstance(s, typed.TypedReturn):
+            return True
+        if isinstance(s, typed.TypedDeclare) and s.variable.kind == "let":
+            continue
+        if not isinstance(s, typed.TypedIf) or not all(_is_expression(arm) for _, arm in s.arms):
+            return False
+        return _is_expression((*s.otherwise, *body[i + 1 :]))
+    return False
+
+
+def _plain(value: _Text) -> bool:
+    return PLAIN.fullmatch(value.text) is not None
+
+
+def _long(value: _Text) -> bool:
+    return not _plain(value) and len(value.text) > SHORT
+
+
+def _record(parts: dict[str, _Text]) -> _Text:
+    shown = (f"{name}: {x.text}" for name, x in parts.items())
+    return _Text(f"{{ {', '.join(shown)} }}", parts=parts)
+
+
+def _read(text: str, topics: dict[str, Type]) -> dict[str, Definition]:
+    """The topics and fields of topics that a text names, with their types and units."""
+    read = {}
+    for name, t in topics.items():
+        for path in re.findall(rf"(?<![\w.]){re.escape(name)}((?:\.\w+)*)(?![\w:])", text):
+            leaf = t
+            for part in path.split(".")[1:]:
+                leaf = dict(getattr(leaf, "fields", ())).get(part, leaf)
+            read[name + path] = Definition(name + path, str(leaf), _unit(leaf))
+    return dict(sorted(read.items()))
+
+
+def _unit(t: Type) -> str:
+    return t.unit if isinstance(t, (FloatType, IntType)) else ""
+
+
+def _value(t: Type, value: Value) -> str:
+    """A constant as a program would say it; what is no scalar as JSON."""
+    if isinstance(t, EnumType):
+        return f"{t.name.rpartition('.')[2]}.{t.members[value]}"
+    if isinstance(t, DurationType):
+        return show_ns(value)
+    if isinstance(value, (bool, int)):
+        return str(value).lower()
+    return repr(value) if isinstance(value, float) else json.dumps(to_json(t, value), default=str)
+
+
+def _source(fun: typed.FunSymbol) -> str:
+    """A function as the program says it, from its name on; of an extern its first line."""
+    text = fun.span.source.text[fun.span.start :]
+    end = text.find(";") if fun.body is None else _closing(text)
+    return text[: end + 1]
+
+
+def _closing(text: str) -> int:
+    """Where the first bracket `{` of a body is closed; comments have no say."""
+    depth = 0
+    for found in re.finditer(r"//[^\n]*|[{}]", text):
+        depth += {"{": 1, "}": -1}.get(found[0], 0)
+        if depth == 0 and found[0] == "}":
+            return found.start()
+    return len(text) - 1

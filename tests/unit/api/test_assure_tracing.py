@@ -1,0 +1,253 @@
+"""Hazards, requirements and owners: what is covered, what is listed as open, what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soter.api import load
+from soter.api.assurance.tracing import Tracing
+from soter.diagnostics.diagnostic import SoterError
+from soter.report.assurance.safety_case import CaseNode, SafetyCase
+
+if TYPE_CHECKING:
+    from soter.language.model.system import System
+    from soter.report.assurance.traceability import Traceability
+
+CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
+HEAD = "kind,id,text,traces_to,owner,validation,evidence\n"
+CLEAR = "always Clear(c.truth)"
+
+
+@pytest.fixture(scope="module")
+def flat() -> System:
+    return load(CART).declared("Protected")
+
+
+def case_of(**status: bool) -> SafetyCase:
+    """A case with a goal for each property of the cart; flights only where they are named."""
+    case = SafetyCase("Safety case", "cart.soter", "ab" * 32, "Protected", {})
+    top = case.add(CaseNode("G1", "goal", "top"))
+    for name, id_ in (("safe", "G1.1"), ("P2b", "G4.1"), ("failsafe", "G5.1"), ("flights", "G3")):
+        if name == "flights" and name not in status:
+            continue
+        goal = CaseNode(id_, "goal", name)
+        goal.property = "" if name == "flights" else f"SafeCart.{name}"
+        case.add(goal, under=top)
+        leaf = CaseNode(f"Sn.{name}", "solution", "leaf", checked=status.get(name, True))
+        case.add(leaf, under=goal)
+    for k, key in enumerate(("world c", "scheme"), 1):
+        case.add(CaseNode(f"A{k}", "assumption", f"text of {key}", key=key), beside=top)
+    return case
+
+
+def traced(folder: Path, flat: System, rows: str | None, case: SafetyCase) -> Traceability:
+    path = folder / "hazards.csv"
+    if rows is not None:
+        path.write_text(HEAD + rows, encoding="utf-8")
+    Tracing.read(None if rows is None else path, flat).enter(case)
+    return case.traceability
+
+
+def refused(folder: Path, flat: System, text: str | bytes) -> list[str]:
+    """The messages of a file, each with its line."""
+    path = folder / "hazards.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(SoterError) as error:
+        Tracing.read(path, flat).enter(case_of())
+    diagnostics = error.value.diagnostics
+    assert {d.code for d in diagnostics} == {"D021"}
+    return [f"{d.primary.span.line if d.primary else 0}: {d.message}" for d in diagnostics]
+
+
+def test_a_hazard_rests_on_what_its_requirements_lead_to(tmp_path: Path, flat: System) -> None:
+    rows = (
+        "hazard,H1,strikes,R1,,,\nrequirement,R1,stays,R2; SafeCart.safe,,,\n"
+        f"requirement,R2,returns,SafeCart.P2b; {CLEAR},,,\n"
+    )
+    trace = traced(tmp_path, flat, rows, case_of())
+    assert [(i.id, i.status, i.properties) for i in trace.items] == [
+        ("H1", "supported", ("SafeCart.P2b", CLEAR, "SafeCart.safe")),
+        ("R1", "supported", ("SafeCart.P2b", CLEAR, "SafeCart.safe")),
+        ("R2", "supported", ("SafeCart.P2b", CLEAR)),
+    ]
+    assert {p.name: p.hazards for p in trace.properties}[CLEAR] == ("H1",)
+    assert trace.covered
+    undone = traced(tmp_path, flat, rows, case_of(P2b=False))
+    assert [i.status for i in undone.items] == ["open", "open", "open"]
+    assert not undone.covered
+    assert ("hazard", "H1", "undeveloped: `SafeCart.P2b`") in [
+        (o.kind, o.id, o.why) for o in undone.open
+    ]
+
+
+@pytest.mark.parametrize(
+    ("flights", "status", "why"),
+    [
+        (None, "not flown", "only flights are behind it, which are a sample"),
+        (True, "sampled", "only flights are behind it, which are a sample"),
+        (False, "undeveloped", f"undeveloped: `{CLEAR}`"),
+    ],
+)
+def test_flights_close_no_hazard_but_one_that_violates_opens_it(
+    tmp_path: Path, flat: System, flights: bool | None, status: str, why: str
+) -> None:
+    rows = f"hazard,H1,strikes,{CLEAR},,,\nhazard,H2,strikes,{CLEAR};SafeCart.safe,,,\n"
+    case = case_of() if flights is None else case_of(flights=flights)
+    trace = traced(tmp_path, flat, rows, case)
+    assert {p.name: p.status for p in trace.properties}[CLEAR] == status
+    assert [o.why for o in trace.open if o.id == "H1"] == [why]
+    assert trace.items[1].status == ("open" if flights is False else "supported")
+
+
+def test_without_a_file_everything_is_open(tmp_path: Path, flat: System) -> None:
+    trace = traced(tmp_path, flat, None, case_of())
+    unowned = "no owner, no way to validate it, no evidence"
+    assert [(o.kind, o.id, o.why) for o in trace.open] == [
+        ("property", "SafeCart.safe", "no hazard traces to it"),
+        ("property", CLEAR, "no hazard traces to it"),
+        ("assumption", "A1", unowned),
+        ("assumption", "A2", unowned),
+    ]
+    assert (trace.items, trace.covered) == ((), True)
+
+
+def test_what_a_file_leaves_out_is_listed(tmp_path: Path, flat: System) -> None:
+    rows = (
+        "hazard,H1,nothing,,,,\nrequirement,R1,nothing,,,,\n\n,,,,,,\n"
+        "assumption,world c,,,plant,,report\nassumption,scheme,,,me,proof,paper\n"
+    )
+    case = case_of()
+    trace = traced(tmp_path, flat, rows, case)
+    assert [(o.kind, o.id, o.why) for o in trace.open] == [
+        ("hazard", "H1", "it leads to no property"),
+        ("requirement", "R1", "it leads to no property"),
+        ("property", "SafeCart.safe", "no hazard traces to it"),
+        ("property", CLEAR, "no hazard traces to it"),
+        ("assumption", "A1", "no way to validate it"),
+    ]
+    assert (case.node("A2").owner, case.node("A2").evidence) == ("me", "paper")
+    assert not trace.covered
+
+
+def test_a_row_about_an_assumption_that_nobody_derived_stays_open(
+    tmp_path: Path, flat: System
+) -> None:
+    case = SafetyCase("Safety case", "cart.soter", "ab" * 32, "Protected", {})
+    trace = traced(tmp_path, flat, "assumption,world c,,,plant,x,y\n", case)
+    (item,) = (o for o in trace.open if o.kind == "assumption")
+    assert item.why == "not known whether it is one: no certificate was accepted"
+
+
+@pytest.mark.parametrize(
+    ("text", "messages"),
+    [
+        ("", ["1: the first line has no column `kind`"]),
+        ("kind;id;text\n", ["1: columns are separated by commas"]),
+        ("id,text\n", ["1: the first line has no column `kind`"]),
+        ("kind,id,owned\n", ["1: there is no column `owned`"]),
+        ("kind,id,id\n", ["1: the column `id` stands twice"]),
+        (HEAD + "hazard,H1,x\n", ["2: 3 cells, where the first line has 7"]),
+        (HEAD + "hazrd,H1,x,,,,\n", ["2: there is no kind `hazrd`"]),
+        (HEAD + "hazard,,x,,,,\n", ["2: this hazard has no id"]),
+        (HEAD + "hazard,H1,,,,,\n", ["2: hazard `H1` has no `text`"]),
+        (HEAD + "hazard,H1,x,,me,,\n", ["2: the column `owner` is not for a row of kind `hazard`"]),
+        (
+            HEAD + "assumption,scheme,x,,,,\n",
+            ["2: the column `text` is not for a row of kind `assumption`"],
+        ),
+        (
+            HEAD + 'hazard,H1,"x\ny",,,,\nrequirement,H1,x,,,,\n',
+            ["4: the id `H1` stands twice"],
+        ),
+        (
+            HEAD + "hazard,H1,x,SafeCart.saf,,,\n",
+            ["2: `H1` traces to `SafeCart.saf`, which is no requirement and no property"],
+        ),
+        (
+            HEAD + "hazard,H1,x,H2,,,\nhazard,H2,x,,,,\n",
+            ["2: `H1` traces to `H2`, which is no requirement and no property"],
+        ),
+        (
+            HEAD + "requirement,SafeCart.safe,x,,,,\n",
+            ["2: `SafeCart.safe` is a property of the program"],
+        ),
+        (HEAD + "assumption,schem,,,,,\n", ["2: the case has no assumption `schem`"]),
+        (HEAD + 'hazard,"H1,x,,,,\n', ["2: this is no CSV: unexpected end of data"]),
+    ],
+)  # fmt: skip
+def test_bad_input_is_told_with_its_line(
+    tmp_path: Path, flat: System, text: str, messages: list[str]
+) -> None:
+    assert refused(tmp_path, flat, text) == messages
+
+
+def test_requirements_that_trace_in_a_circle_are_refused(tmp_path: Path, flat: System) -> None:
+    rows = "requirement,R1,x,R2,,,\nrequirement,R2,x,R1; SafeCart.safe,,,\n"
+    (message,) = refused(tmp_path, flat, HEAD + rows)
+    assert "these rows trace to themselves: `R" in message
+
+
+def test_what_is_no_text_is_refused_and_a_spreadsheets_mark_is_not(
+    tmp_path: Path, flat: System
+) -> None:
+    assert refused(tmp_path, flat, b"kind,id\nhazard,\xff\n") == [
+        f"0: `{tmp_path / 'hazards.csv'}` is not UTF-8: byte 16"
+    ]
+    path = tmp_path / "hazards.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + HEAD.replace("\n", "\r\n").encode() + b"hazard,H1,x,,,,\r\n")
+    assert [r.id for r in Tracing.read(path, flat).file.rows] == ["H1"]  # type: ignore[union-attr]
+
+
+def test_a_near_name_is_proposed(tmp_path: Path, flat: System) -> None:
+    path = tmp_path / "hazards.csv"
+    path.write_text(HEAD + "hazard,H1,x,SafeCart.saf,,,\n")
+    with pytest.raises(SoterError) as error:
+        Tracing.read(path, flat)
+    assert error.value.diagnostics[0].helps == ("did you mean `SafeCart.safe`?",)
+
+
+IDS = st.sampled_from(["R1", "R2", "R3", "R4"])
+TARGETS = st.lists(
+    st.sampled_from(["R1", "R2", "R3", "R4", "SafeCart.safe", "SafeCart.P2b"]), max_size=3
+)
+
+
+@given(targets=st.dictionaries(IDS, TARGETS, max_size=4), safe=st.booleans(), returns=st.booleans())
+def test_supported_is_what_leads_to_supported_properties_only(
+    tmp_path_factory: pytest.TempPathFactory,
+    flat: System,
+    targets: dict[str, list[str]],
+    safe: bool,
+    returns: bool,
+) -> None:
+    """Against the definition: a walk from each row, to properties that are all supported."""
+    rows = "".join(f"requirement,{i},x,{';'.join(t)},,,\n" for i, t in targets.items())
+    folder = tmp_path_factory.mktemp("traced")
+    case = case_of(safe=safe, P2b=returns)
+    good = {"SafeCart.safe": safe, "SafeCart.P2b": returns}
+
+    def below(id_: str, above: tuple[str, ...]) -> set[str] | None:
+        """What a row leads to; None: round in a circle, or nowhere."""
+        if id_ in good:
+            return {id_}
+        if id_ in above or id_ not in targets:
+            return None
+        parts = [below(t, (*above, id_)) for t in targets[id_]]
+        return None if None in parts else {x for part in parts if part for x in part}
+
+    reached = {i: below(i, ()) for i in targets}
+    if None in reached.values():
+        with pytest.raises(SoterError):
+            traced(folder, flat, rows, case)
+        return
+    for item in traced(folder, flat, rows, case).items:
+        properties = reached[item.id]
+        assert properties is not None
+        assert set(item.properties) == properties
+        supported = bool(properties) and all(good[name] for name in properties)
+        assert (item.status == "supported") == supported
