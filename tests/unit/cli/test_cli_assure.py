@@ -412,16 +412,13 @@ def test_what_is_no_evidence_is_told_in_words(soter: Soter, cart: Path) -> None:
 def test_the_hazards_of_the_example_are_traced_and_what_is_open_is_listed(
     soter: Soter, cart: Path
 ) -> None:
-    done = soter(
-        "assure", "c.soter", "--cert", "proof", "--hazards", str(HAZARDS), "-o", "out", "--json"
-    )
+    given = ("--cert", "proof", "--hazards", str(HAZARDS), "-o", "out", "--json")
+    done = soter("assure", "c.soter", *given)
     assert (done.exit, done.document["supported"], done.document["covered"]) == (4, True, False)
     case = case_of(cart)
     items = {i["id"]: i["status"] for i in case["traceability"]["items"]}
-    assert items == {
-        "H1": "supported", "H2": "supported", "H3": "open", "H4": "open", "R1": "supported",
-        "R2": "supported",
-    }  # fmt: skip
+    supported = dict.fromkeys(("H1", "H2", "R1", "R2"), "supported")
+    assert items == {**supported, "H3": "open", "H4": "open"}
     assert case["traceability"]["sha256"] == hashlib.sha256(HAZARDS.read_bytes()).hexdigest()
     open_ = {(o["kind"], o["id"]): o["why"] for o in done.document["open"]}
     assert open_["hazard", "H3"] == "undeveloped: `SafeCart.failsafe`"
@@ -443,15 +440,12 @@ def test_a_case_without_hazards_lists_every_assumption_as_open(soter: Soter, car
     done = soter("assure", "c.soter", "--cert", "proof", "-o", "out", "--json")
     assert (done.exit, done.document["covered"]) == (0, True)
     assumptions = [n["id"] for n in case_of(cart)["nodes"] if n["kind"] == "assumption"]
-    open_ = done.document["open"]
-    assert [o["id"] for o in open_ if o["kind"] == "assumption"] == assumptions
+    assert [o["id"] for o in done.document["open"] if o["kind"] == "assumption"] == assumptions
     assert "no file of hazards" in soter("assure", "c.soter", "-o", "out").out.lower()
 
 
 @pytest.mark.usefixtures("unasked")
-def test_a_wrong_file_of_hazards_is_told_before_anything_is_checked(
-    soter: Soter, cart: Path
-) -> None:
+def test_a_wrong_file_of_hazards_is_told_before_any_check(soter: Soter, cart: Path) -> None:
     run = ("assure", "c.soter", "--cert", "proof", "-o", "out", "--json", "--hazards")
     (cart / "h.csv").write_text("kind,id,text,traces_to\nhazard,H1,x,SafeCart.saf\n")
     done = soter(*run, "h.csv")
