@@ -90,7 +90,7 @@ def test_a_node_that_tells_too_much_is_seen(name: str, tmp_path: Path) -> None:
     assert told_too_much(edited(tmp_path, edit), scene, "Hunting", range(1, 7)) > 0
 
 
-# ---------------------------------------------------------------- what is left, from instant to instant
+# ---------------------------------------------------------------- how what is left changes
 W, RISE, A, GAIN, SLOPE, FASTEST = 1.0, 0.5, 2.0, 6.0, 0.1, 1.2
 STEP = 1e-5
 """s: so much later the rates are taken."""
@@ -100,7 +100,7 @@ STEP = 1e-5
 class Instant:
     """Speeds in m/s: of this robot and what it is told, and the others' limit; rates of change.
 
-    gain, most: of the base, in shares of what is nominal; slope in m/s^2; rises: of the limit, m/s^2.
+    gain, most: of the base, in shares of what is nominal; slope, rises (of the limit): m/s^2.
     """
 
     v: float
@@ -155,7 +155,7 @@ def excess(program: soter.Program, at: Instant) -> float:
 
 @given(st.integers(0, 2**32))
 def test_what_is_left_falls_as_it_may_in_the_proof(seed: int) -> None:
-    draw = Random(seed)
+    draw = Random(seed)  # noqa: S311 - draws, not secrets
     for _ in range(10):
         at = instant(draw)
         assert excess(soter_file(), at) <= 0.0, at
@@ -193,7 +193,8 @@ WRONG_RATES = {
 
 @pytest.mark.parametrize("name", WRONG_RATES)
 def test_a_rate_that_the_proof_does_not_have_is_seen(name: str, tmp_path: Path) -> None:
-    program, draw = edited(tmp_path, WRONG_RATES[name]), Random(1)
+    program = edited(tmp_path, WRONG_RATES[name])
+    draw = Random(1)  # noqa: S311 - draws, not secrets
     assert max(excess(program, instant(draw)) for _ in range(2000)) > 0.05
 
 
@@ -208,7 +209,8 @@ def test_reach_is_how_far_somebody_gets_who_speeds_up(t: float, limit: float) ->
 @given(st.integers(0, 2**32))
 def test_no_more_is_told_with_every_error_at_its_bound(seed: int) -> None:
     """What `surely` says holds `late` after it was measured, however both moved meanwhile."""
-    draw, program = Random(seed), soter_file()
+    program = soter_file()
+    draw = Random(seed)  # noqa: S311 - draws, not secrets
     gap, v, late = draw.uniform(-0.2, 8.0), draw.uniform(-1.2, 1.2), draw.uniform(0.0, 0.01)
     limit = draw.uniform(0.0, W)
     after = v + draw.choice([-1.0, 1.0]) * 2.5 * late
@@ -221,7 +223,7 @@ def test_no_more_is_told_with_every_error_at_its_bound(seed: int) -> None:
             assert told.pace >= min(limit + RISE * t, W) - 1e-9
 
 
-# ---------------------------------------------------------------- told another speed, and several at once
+# ---------------------------------------------------------------- any speed told, several at once
 @given(st.floats(-1.25, 1.25), st.floats(-1.2, 1.2), st.floats(0.8, 1.2))
 def test_a_base_that_is_told_any_speed_is_one_of_the_proof(
     v: float, told: float, gain: float

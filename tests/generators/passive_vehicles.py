@@ -93,6 +93,44 @@ WRONG_VEHICLES = [
         ),
     ),
     *_wrong(
+        "announced.soter",
+        DRIVES_ON,
+        (
+            "they are twice as fast when this robot stands as is told",
+            "- pace * later",
+            "- 2.0 * pace * later",
+        ),
+        (
+            "they speed up four times as fast as is reckoned with",
+            "min(RISE * later,",
+            "min(RISE * (later + 3.0),",
+        ),
+        (
+            "they speed up while this robot brakes, and what is left is not less for it",
+            "- along * v - pace * later",
+            "- along * v - pace * (later + 0.5)",
+        ),
+        ("more is told than is left", "within LESS,", "within LESS + 0.4,"),
+        (
+            "they are told to be slower than they are",
+            "clearance.pace within 0.5 * W",
+            "clearance.pace within W",
+        ),
+        (
+            "ttf without how fast they are",
+            " + 0.55 * pace;",
+            ";",
+        ),
+        ("ttf is that of a robot at rest", " + 0.85 * abs(v)", ""),
+        ("what is told is older than ttf allows for", "Clear max_age 50ms", "Clear max_age 200ms"),
+        ("with a robot that brakes less", "[wheels.WEAK, wheels", "[0.5 * wheels.WEAK, wheels"),
+        (
+            "with a rest that is less than the slope",
+            "abs(clearance.v) < wheels.REST",
+            "abs(clearance.v) < 0.1 * wheels.REST",
+        ),
+    ),
+    *_wrong(
         "hover.soter",
         DRIVES_ON,
         (
