@@ -35,16 +35,11 @@ def verdicts_of(file: str, cert: Path) -> dict[str, str]:
     return {name: f.verdict for name, f in report["Passive"].findings.items()}
 
 
+@pytest.mark.parametrize("file", ["wheels.soter", "announced.soter"])
 def test_wheels_are_proved_with_their_fail_safe_law_and_somebody_else_agrees(
-    tmp_path: Path,
+    file: str, tmp_path: Path
 ) -> None:
-    verdicts = verdicts_of("wheels.soter", tmp_path / "cert")
-    assert {name for name, v in verdicts.items() if v != "proved"} == NOT_ASKED
-
-
-@pytest.mark.long
-def test_a_robot_that_hears_speeds_is_proved_and_somebody_else_agrees(tmp_path: Path) -> None:
-    verdicts = verdicts_of("announced.soter", tmp_path / "cert")
+    verdicts = verdicts_of(file, tmp_path / "cert")
     assert {name for name, v in verdicts.items() if v != "proved"} == NOT_ASKED
 
 
