@@ -115,11 +115,6 @@ WRONG_VEHICLES = [
         ("ttf without the way to a stop", "AT_FASTEST: float = 1.42", "AT_FASTEST: float = 1.1"),
         ("what is told is too old", '"m/s" } max_age 50ms', '"m/s" } max_age 200ms'),
         ("it brakes less than is counted on", "[wheels.WEAK, wheels", "[0.5 * wheels.WEAK, wheels"),
-        (
-            "at rest is less than the slope makes of it",
-            "abs(clearance.v) < wheels.REST",
-            "abs(clearance.v) < 0.1 * wheels.REST",
-        ),
     ),
     *_wrong(
         "hover.soter",
