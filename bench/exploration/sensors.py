@@ -66,7 +66,7 @@ def flight(fault: str, seed: int) -> Flight:
     )
     times = run.time_s()[np.asarray(run.topic(DOUBT), dtype=bool)]
     walls = run.final["topics"]["e.worlds.walls"]
-    known = np.array(run.final["e.Recorder"]["since"]).reshape(grid()[3], -1) > 0.0
+    known = np.array(run.final["e.Recorder"]["since"]).reshape(grid().count, -1) > 0.0
     touches = (v.time_s or 0.0 for v in run.violation_list if "Collides" in v.what)
     return Flight(
         doubted=float(times[0]) if len(times) else np.inf,

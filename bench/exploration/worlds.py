@@ -102,11 +102,9 @@ def loaded() -> soter.Program:
 
 
 @cache
-def grid() -> tuple[float, float, float, int, int]:
-    """X0, Y0, the side of a cell in m, cells on a side, cells beside an aim."""
-    names = ("grid.X0", "grid.Y0", "grid.CELL", "grid.N", "frontier.ROOM")
-    x, y, cell, n, room = (loaded().constant(name) for name in names)
-    return x, y, cell, n, room
+def grid() -> Grid:
+    """The cells of the map."""
+    return Grid.of(loaded().constant)
 
 
 def touched(walls: list[tuple[float, ...]], slack: float) -> np.ndarray:
@@ -114,11 +112,10 @@ def touched(walls: list[tuple[float, ...]], slack: float) -> np.ndarray:
 
     Below zero: also those that it is so near to.
     """
-    x0, y0, cell, n, _ = grid()
-    half = 0.5 * cell
-    mx = (x0 + cell * (np.arange(n) + 0.5))[:, None]
-    my = (y0 + cell * (np.arange(n) + 0.5))[None, :]
-    all_of_them = np.zeros((n, n), bool)
+    g = grid()
+    half, middles = 0.5 * g.cell, g.cell * (np.arange(g.count) + 0.5)
+    mx, my = (g.x0 + middles)[:, None], (g.y0 + middles)[None, :]
+    all_of_them = np.zeros((g.count, g.count), bool)
     for x, y, long, wide, c, s in walls:
         dx, dy = mx - x, my - y
         reach = abs(c) * half + abs(s) * half
@@ -133,18 +130,16 @@ def touched(walls: list[tuple[float, ...]], slack: float) -> np.ndarray:
 
 def wrong_cells(known: np.ndarray, walls: list[tuple[float, ...]]) -> int:
     """How many known cells a wall meets, a touch included: exact, doubles as what they are."""
-    x0, y0, cell, n, _ = grid()
     near = {(int(i), int(j)) for i, j in np.argwhere(known & touched(walls, -NEAR))}
     if not near:
         return 0
-    square = Grid(x0, y0, cell, n)
-    met = (met_cells(square, rectangle(*wall), near.__contains__) for wall in walls)
+    met = (met_cells(grid(), rectangle(*wall), near.__contains__) for wall in walls)
     return len(set().union(*met))
 
 
 def reachable(solid: np.ndarray, strip: int) -> np.ndarray:
     """Cells in which the middle of the vehicle can be, from home, with margins and `strip`."""
-    n, room = solid.shape[0], grid()[4] + strip
+    n, room = solid.shape[0], loaded().constant("frontier.ROOM") + strip
     sums = np.pad(solid.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     fits = np.zeros((n, n), bool)
     w = 2 * room + 1
@@ -178,7 +173,7 @@ def flight(name: str, seed: int) -> Flight:
     run = loaded().simulate(
         arm.system, until=arm.until, seed=seed, params=arm.params, trace=[MODULE], sha256=False
     )
-    n = grid()[3]
+    n = grid().count
     walls = run.final["topics"]["e.worlds.walls"]
     solid = walls["items"][: walls["len"]].tolist()
     since = np.array(run.final["e.Recorder"]["since"]).reshape(n, n)

@@ -158,8 +158,7 @@ def test_a_flight_with_a_lidar_at_its_worst_ends_with_a_true_map(
     worlds = folder / "worlds.soter"
     worlds.write_text(edited(worlds.read_text(encoding="utf-8"), HARMFUL), encoding="utf-8")
     program = soter.load(folder / "exploration_adversaries.soter")
-    known = soter.load(folder / "grid.soter").constant
-    grid = Grid(*(known(name) for name in ("X0", "Y0", "CELL", "N")))
+    grid = Grid.of(program.constant)
     for seed in range(1, 1 + examples("SOTER_WORLDS", quick=4, long=40)):
         run = program.simulate(
             system=system,

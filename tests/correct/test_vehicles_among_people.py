@@ -1,8 +1,8 @@
 """Other vehicles among moving things: nobody is touched by one that moves.
 
-Purpose: `wheels.soter` and `hover.soter` of `examples/exploration/` are proved, and somebody else
-agrees; those who mean to be hit are not, by a vehicle that moves; one that does not switch hits
-them; and what is simulated does as the plant of the proof may.
+Purpose: `wheels.soter`, `announced.soter` and `hover.soter` of `examples/exploration/` are proved,
+and somebody else agrees; those who mean to be hit are not, by a vehicle that moves; one that does
+not switch hits them; and what is simulated does as the plant of the proof may.
 Non-goals: wrong modules (`unit/verify/claims/test_passive_vehicles.py`); `people.soter`.
 """
 
@@ -22,7 +22,7 @@ import soter
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "exploration"
 KINDS = ("Hunting", "Luring", "Strolling")
 SEEDS = range(1, 4)
-VEHICLES = ("wheels.soter", "hover.soter")
+VEHICLES = ("wheels.soter", "announced.soter", "hover.soter")
 NOT_ASKED = {"P2b"}
 """`recover never`."""
 
@@ -36,14 +36,16 @@ def verdicts_of(file: str, cert: Path | None = None) -> dict[str, str]:
     return {name: f.verdict for name, f in report["Passive"].findings.items()}
 
 
-def test_wheels_are_proved_with_their_fail_safe_law() -> None:
-    verdicts = verdicts_of("wheels.soter")
+@pytest.mark.parametrize("file", ["wheels.soter", "announced.soter"])
+def test_wheels_are_proved_with_their_fail_safe_law(file: str) -> None:
+    verdicts = verdicts_of(file)
     assert {name for name, v in verdicts.items() if v != "proved"} == NOT_ASKED
 
 
 @pytest.mark.long
-def test_somebody_else_agrees_of_wheels(tmp_path: Path) -> None:
-    verdicts = verdicts_of("wheels.soter", tmp_path / "cert")
+@pytest.mark.parametrize("file", ["wheels.soter", "announced.soter"])
+def test_somebody_else_agrees_of_wheels(file: str, tmp_path: Path) -> None:
+    verdicts = verdicts_of(file, tmp_path / "cert")
     assert {name for name, v in verdicts.items() if v != "proved"} == NOT_ASKED
 
 

@@ -139,8 +139,7 @@ class Court:
         known = self.mappers.constants
         pull = sqrt(2.0) * (known["corridor.U"] + known["corridor.D"])
         self.declared = Declared.of(known, TILT, pull)
-        names = ("X0", "Y0", "CELL", "N")
-        self.grid = Grid(*(known[f"grid.{name}"] for name in names))
+        self.grid = Grid.of(known.__getitem__)
         self.sampler = Sampler(self.declared, self.grid)
 
     def scene(self, kind: str, number: int) -> Scene:

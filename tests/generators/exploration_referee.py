@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from math import ceil, floor, hypot, lcm
+from typing import Any
 
 Point = tuple[float, float]
 Whole = tuple[int, int]
@@ -40,6 +41,12 @@ class Grid:
     y0: float
     cell: float
     count: int
+
+    @classmethod
+    def of(cls, constant: Callable[[str], Any]) -> Grid:
+        """That of grid.soter: `constant` gives the value of `grid.X0` and so on."""
+        x0, y0, cell, count = (constant(f"grid.{name}") for name in ("X0", "Y0", "CELL", "N"))
+        return cls(x0, y0, cell, count)
 
     def corner(self, i: int, j: int) -> tuple[Fraction, Fraction]:
         """The least corner of a cell."""

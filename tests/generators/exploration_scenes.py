@@ -33,6 +33,21 @@ LESS = 1e-9
 """m: what computing a distance may have added to it."""
 
 
+def lidar_constants(known: Mapping[str, Any]) -> dict[str, Any]:
+    """What worlds.soter declares of the lidar, by the names of fields of `Declared`: m, rad, s."""
+    names = {
+        "rays": "RAYS",
+        "firings": "FIRINGS",
+        "reach": "RANGE",
+        "e_range": "ERROR_RANGE",
+        "e_heading": "ERROR_HEADING",
+        "nothing": "NOTHING",
+        "never": "NEVER",
+    }
+    values = {field: known[f"worlds.{name}"] for field, name in names.items()}
+    return values | {"fire": known["worlds.FIRE"] * 1e-9}
+
+
 @dataclass(frozen=True)
 class Declared:
     """What is declared of sensor, estimator and obstacles: m, rad, s, m/s, m/s^2."""
@@ -55,21 +70,15 @@ class Declared:
     @classmethod
     def of(cls, known: Mapping[str, Any], tilt: float, pull: float) -> Declared:
         """From the constants of worlds.soter and iris.soter."""
-        names = {
-            "rays": "worlds.RAYS",
-            "firings": "worlds.FIRINGS",
-            "reach": "worlds.RANGE",
-            "e_range": "worlds.ERROR_RANGE",
-            "e_heading": "worlds.ERROR_HEADING",
-            "e_p": "iris.ERROR_P",
-            "e_v": "iris.ERROR_V",
-            "thick": "worlds.THICK",
-            "nothing": "worlds.NOTHING",
-            "never": "worlds.NEVER",
-        }
-        values = {field: known[name] for field, name in names.items()}
-        turn, fire = (known[f"worlds.{n}"] * 1e-9 for n in ("TURN", "FIRE"))
-        return cls(turn=turn, fire=fire, tilt=tilt, pull=pull, **values)
+        return cls(
+            turn=known["worlds.TURN"] * 1e-9,
+            tilt=tilt,
+            pull=pull,
+            e_p=known["iris.ERROR_P"],
+            e_v=known["iris.ERROR_V"],
+            thick=known["worlds.THICK"],
+            **lidar_constants(known),
+        )
 
 
 @dataclass

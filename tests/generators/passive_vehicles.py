@@ -93,6 +93,30 @@ WRONG_VEHICLES = [
         ),
     ),
     *_wrong(
+        "announced.soter",
+        DRIVES_ON,
+        (
+            "they are faster than is reckoned with when this robot stands",
+            "- W * put_off",
+            "- 2.0 * W * put_off",
+        ),
+        (
+            "they speed up by more than is reckoned with",
+            "der gap = more -",
+            "der gap = more - 2.0 * RISE * stands(v) -",
+        ),
+        ("more is told than is left", "within LESS,", "within LESS + 0.2,"),
+        (
+            "ttf at rest without what AC may do until SC acts",
+            "const AT_REST: float = 0.8",
+            "const AT_REST: float = 0.5",
+        ),
+        ("ttf is that of a robot at rest", " + 0.75 * abs(v)", ""),
+        ("ttf without the way to a stop", "AT_FASTEST: float = 1.42", "AT_FASTEST: float = 1.1"),
+        ("what is told is too old", '"m/s" } max_age 50ms', '"m/s" } max_age 200ms'),
+        ("it brakes less than is counted on", "[wheels.WEAK, wheels", "[0.5 * wheels.WEAK, wheels"),
+    ),
+    *_wrong(
         "hover.soter",
         DRIVES_ON,
         (

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from generators.exploration_scenes import lidar_constants
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from random import Random
@@ -51,24 +53,18 @@ class Declared:
     @classmethod
     def of(cls, known: Mapping[str, Any]) -> Declared:
         """From the constants of sight.soter, people.soter and worlds.soter."""
-        names = {
-            "rays": "worlds.RAYS",
-            "firings": "worlds.FIRINGS",
-            "reach": "worlds.RANGE",
-            "nothing": "worlds.NOTHING",
-            "never": "worlds.NEVER",
-            "e_range": "worlds.ERROR_RANGE",
-            "e_heading": "worlds.ERROR_HEADING",
-            "e_speed": "sight0.ERROR_SPEED",
-            "walks": "people.W",
-            "late": "sight0.LATE",
-            "new": "sight0.NEW",
-            "oldest": "sight0.OLDEST",
-        }
-        values = {field: known[name] for field, name in names.items()}
-        pull = known["people.A"] + known["people.SLOPE"]
-        fire = known["worlds.FIRE"] * 1e-9
-        return cls(fire=fire, pull=pull, thick=0.1, long=0.4, wide=0.3, **values)
+        return cls(
+            e_speed=known["sight0.ERROR_SPEED"],
+            pull=known["people.A"] + known["people.SLOPE"],
+            walks=known["people.W"],
+            late=known["sight0.LATE"],
+            new=known["sight0.NEW"],
+            oldest=known["sight0.OLDEST"],
+            thick=0.1,
+            long=0.4,
+            wide=0.3,
+            **lidar_constants(known),
+        )
 
     def directions(self) -> Array:
         """Of the rays, nominally, rad: counted from behind by the right."""
