@@ -311,6 +311,9 @@ def _details(module: ModuleResult, console: Console) -> list[str]:
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]
     size = f", {module.cells:,} cells" if module.cells else ""
     lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"] if shares or size else []
+    if "estimates" in module.shares:
+        share = f"S_0 {module.shares['estimates']:.1%} of the estimates, which leave AC in control"
+        lines.append(f"{share}; not ttf: the states that one of these may be of")
     lines += [module.at_the_start] if module.at_the_start else []
     lines += ["", *module.notes] if module.notes else []
     told: list[str] = []
