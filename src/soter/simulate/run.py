@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.codegen.unit import Unit, generate
 from soter.core.layout import state_dtype, state_layout
+from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.build import library
@@ -27,6 +27,7 @@ from soter.simulate.externs.c_extern import linked_symbols
 from soter.simulate.externs.process_surroundings import end_copy
 from soter.simulate.externs.python_answers import ExternAnswers, described, noting
 from soter.simulate.interrupt import StopRequest
+from soter.simulate.own_safe import CompiledSafe, InterpretedSafe, JudgedUnit
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer
 from soter.simulate.state_bytes import state_bytes
@@ -35,6 +36,7 @@ from soter.simulate.trace_selection import TraceParts, names_of, wanted
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem
     from soter.core.layout import StateLayout
     from soter.language.model.system import System
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration
     from soter.semantics.observer_records import Record
     from soter.simulate.externs.python_answers import Tally
+    from soter.simulate.own_safe import SafeJudge
     from soter.simulate.run_observer import Also
     from soter.simulate.trace_selection import Kept
     from soter.simulate.wall_clock_pacing import Pacer
@@ -71,12 +74,14 @@ class NativeProgram:
         core: CoreSystem | None = None,
     ) -> None:
         self.system = system
-        self.unit: Unit = generate(system, core)
+        builder = JudgedUnit(system, core or lower(system))
+        self.unit: Unit = builder.run()
         self.layout = self.unit.layout
         self.dtype = state_dtype(system, self.layout)
         path = library(self.unit, optimise, extra)
         owners = linked_symbols(system, core)
         self.library = Library(path, self.unit.prefix, self.layout.size, owners)
+        self.judge = CompiledSafe(self.library, path, builder)
 
     def __repr__(self) -> str:
         return f"<soter.NativeProgram {self.system.name}>"
@@ -106,7 +111,9 @@ class NativeProgram:
         _reset_all(bound, seed)
         observer = None
         if wanted(keep_trace) or hash_trace or observed:
-            observer = _observer(self.system, self.layout, self.dtype, keep_trace, hash_trace, also)
+            observer = _observer(
+                self.system, self.layout, self.dtype, self.judge, keep_trace, hash_trace, also
+            )
         drive = _Drive(self, bound, seed, observer, stop or StopRequest())
         began = time.perf_counter()
         finished = drive.to(until_ns, progress, pacer)
@@ -134,6 +141,7 @@ class NativeProgram:
             lag_s_max=pacer.lag_s_max if pacer else None,
             extern_tallies=drive.answers.tallies,
             decided=observer.decided if observer else [],
+            safe_looks=observer.safe_looks if observer else [],
         )
 
 
@@ -226,7 +234,8 @@ def run_interpreted(
     """
     layout = state_layout(system)
     dtype = state_dtype(system, layout)
-    observer = _observer(system, layout, dtype, keep_trace, hash_trace, also)
+    judge = InterpretedSafe(system, layout)
+    observer = _observer(system, layout, dtype, judge, keep_trace, hash_trace, also)
     request, process = stop or StopRequest(), os.getpid()
     waiting: list[bytes] = []
 
@@ -276,6 +285,7 @@ def run_interpreted(
         lag_s_max=pacer.lag_s_max if pacer else None,
         extern_tallies=tallies,
         decided=observer.decided,
+        safe_looks=observer.safe_looks,
     )
 
 
@@ -283,6 +293,7 @@ def _observer(
     system: System,
     layout: StateLayout,
     dtype: np.dtype[Any],
+    judge: SafeJudge,
     keep_trace: Kept,
     hash_trace: bool,
     also: Also | None,
@@ -291,7 +302,9 @@ def _observer(
     names = names_of(keep_trace)
     parts = None if names is None else TraceParts(system, layout, dtype, names)
     kept = wanted(keep_trace)
-    return Observer(system, dtype, keep_trace=kept, hash_trace=hash_trace, parts=parts, also=also)
+    return Observer(
+        system, dtype, judge, keep_trace=kept, hash_trace=hash_trace, parts=parts, also=also
+    )
 
 
 def _interpret(
