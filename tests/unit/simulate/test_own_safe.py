@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -63,7 +64,9 @@ def test_it_is_counted_as_the_trace_says_and_alike_by_both_engines(
         assert own(native).first_outside_s == native.time_s()[false][0]
 
 
-def test_a_note_says_so_where_every_property_holds(within: soter.Program) -> None:
+def test_a_note_and_the_page_say_so_where_every_property_holds(
+    within: soter.Program, tmp_path: Path
+) -> None:
     run = within.simulate(until=5.0, params={"LIMIT": 5.0})
     assert run.violations == 0
     summary = own(run)
@@ -74,6 +77,9 @@ def test_a_note_says_so_where_every_property_holds(within: soter.Program) -> Non
         f"SafeCart: its `safe` was false on what its topics held in {summary.outside} of "
         f"{summary.looks} looks of its DM, first at {summary.first_outside_s:.3f} s"
     )
+    page = tmp_path / "run.html"
+    within.write_report(run, page)
+    assert "its `safe` was false" in re.sub(r"</?code>", "`", page.read_text(encoding="utf-8"))
     assert within.simulate(until=5.0).notes == []
 
 
