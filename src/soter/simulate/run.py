@@ -112,7 +112,7 @@ class NativeProgram:
         observer = None
         if wanted(keep_trace) or hash_trace or observed:
             observer = _observer(
-                self.system, self.layout, self.dtype, self.judge, keep_trace, hash_trace, also
+                self.system, self.layout, self.dtype, keep_trace, hash_trace, also, self.judge
             )
         drive = _Drive(self, bound, seed, observer, stop or StopRequest())
         began = time.perf_counter()
@@ -234,8 +234,7 @@ def run_interpreted(
     """
     layout = state_layout(system)
     dtype = state_dtype(system, layout)
-    judge = InterpretedSafe(system, layout)
-    observer = _observer(system, layout, dtype, judge, keep_trace, hash_trace, also)
+    observer = _observer(system, layout, dtype, keep_trace, hash_trace, also)
     request, process = stop or StopRequest(), os.getpid()
     waiting: list[bytes] = []
 
@@ -293,15 +292,19 @@ def _observer(
     system: System,
     layout: StateLayout,
     dtype: np.dtype[Any],
-    judge: SafeJudge,
     keep_trace: Kept,
     hash_trace: bool,
     also: Also | None,
+    judge: SafeJudge | None = None,
 ) -> Observer:
-    """What watches a run; SoterError U001 where `keep_trace` names no part of the system."""
+    """What watches a run; `judge`: by default the evaluator of the interpreter.
+
+    SoterError U001 where `keep_trace` names no part of the system.
+    """
     names = names_of(keep_trace)
     parts = None if names is None else TraceParts(system, layout, dtype, names)
     kept = wanted(keep_trace)
+    judge = judge or InterpretedSafe(system, layout)
     return Observer(
         system, dtype, judge, keep_trace=kept, hash_trace=hash_trace, parts=parts, also=also
     )
