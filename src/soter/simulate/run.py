@@ -262,7 +262,6 @@ def run_interpreted(
     interpreter = Interpreter(system, seed, noting(system, bound or {}, failures, tallies))
     finished = _interpret(interpreter, until_ns, observe)
     flush()
-    wall = time.perf_counter() - began
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
     return Run(
         system=system,
@@ -270,12 +269,12 @@ def run_interpreted(
         dtype=dtype,
         seed=seed,
         engine="interp",
+        wall_s=time.perf_counter() - began,
         final=last.view(dtype)[0],
         trace=observer.trace(),
         recorded=names_of(keep_trace),
         instants=observer.instants,
         duration_s=until_ns / 1e9,
-        wall_s=wall,
         trace_sha256=observer.sha256,
         extern_failures=failures,
         changes=observer.changes,
