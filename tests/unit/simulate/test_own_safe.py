@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 import soter
+from generators.random_programs import program
+from soter.language.front_end import check_file, system_of
+from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
     from soter.simulate.result import ModuleSummary, Run
@@ -117,3 +120,13 @@ def test_a_safe_that_asks_an_extern_function_is_left_to_the_run(tmp_path: Path) 
         run = program.simulate(until=1.0, engine=engine)
         assert own(run).outside is None
         assert run.violations == 0
+
+
+@pytest.mark.parametrize("number", [105, 110, 123, 126])
+def test_random_programs_are_judged_alike_by_both_engines(number: int) -> None:
+    system = system_of(check_file("random.soter", program(number)), None)
+    until_ns = 40 * max(m.period_ns for m in system.modules)
+    native = NativeProgram(system, "-O0").run(until_ns, number, observed=True)
+    interpreted = run_interpreted(system, until_ns, number)
+    assert native.safe_looks == interpreted.safe_looks
+    assert any(of.outside for of in native.safe_looks)
