@@ -55,7 +55,7 @@ def test_verify_and_run_say_one_s_0_and_why_not_ttf_is_another_figure(
     (here / "shuttle.soter").write_text(shuttle)
     proved = soter("verify", "shuttle.soter", "--no-refute")
     (share,) = re.findall(
-        r"^S_0 ([0-9.]+%) of the estimates, .*; not ttf: the states", proved.out, re.M
+        r"^S_0 ([0-9.]+%) of the estimates, .*; not ttf: the states", proved.out, re.MULTILINE
     )
     (of_states,) = re.findall(r"not ttf ([0-9.]+%)", proved.out)
     assert share != of_states

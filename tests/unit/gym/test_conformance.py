@@ -186,6 +186,7 @@ class Turning(Cart):  # type: ignore[misc]
         super().__init__()
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float64)
         self.back = back
+        self.state = np.zeros(2)
 
     def step(self, action: Any) -> Any:
         angle, b = self.state

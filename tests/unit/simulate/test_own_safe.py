@@ -58,7 +58,7 @@ def test_it_is_counted_as_the_trace_says_and_alike_by_both_engines(
         for engine in ("native", "interp")
     ]
     native, interpreted = runs
-    at_look = native.trace["header"]["ct"] % PERIOD_NS == 0
+    at_look = native.require_trace()["header"]["ct"] % PERIOD_NS == 0
     false = (np.abs(native.array("motion.x")) >= limit) & at_look
     assert own(native) == own(interpreted)
     assert own(native).looks == at_look.sum() == 61
@@ -91,8 +91,8 @@ def test_a_look_on_a_stale_read_is_none(tmp_path: Path) -> None:
     program = cart(tmp_path, (SAFE, "safe motion.x < -100.0;"), silent)
     run = program.simulate(until=20.0)
     assert own(run).looks == own(run).outside
-    stale = run.trace["modules"]["stale"][:, 0]
-    at_look = run.trace["header"]["ct"] % PERIOD_NS == 0
+    stale = run.require_trace()["modules"]["stale"][:, 0]
+    at_look = run.require_trace()["header"]["ct"] % PERIOD_NS == 0
     assert own(run).looks == (at_look & (stale == 0)).sum() < at_look.sum() - 15
 
 
