@@ -647,7 +647,7 @@ BENCHMARKS = (
         "each vehicle. people: a rover with a perfect scanner; street: with a lidar of 180 rays, "
         "errors at their bounds, 0.5 % of the rays dropped, nobody thinner than 0.2 m, cars 2 m "
         "from the middle; wheels: a velocity command; announced: others are robots that say how "
-        "fast they go (not proved), or are not heard; hover: the drone.",
+        "fast they go, or are not heard; hover: the drone.",
     ),
     Benchmark(
         "A rover among people, proved",

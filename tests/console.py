@@ -101,6 +101,10 @@ def folder_for(page: str, folder: Path) -> dict[str, str]:
     return {**os.environ, **own, "NO_COLOR": "1", "PYTHONUTF8": "1"}
 
 
+PROGRESS = r"^soter: [0-9]+ s(  .*)?\n"
+"""What a command writes every ten seconds, where it takes that long."""
+
+
 def printed(command: str, folder: Path, environment: dict[str, str]) -> str:
     """What a command prints, on both streams, with its exit code where that is not 0."""
     plain = re.split(r"\s{2,}# ", command)[0]
@@ -111,7 +115,7 @@ def printed(command: str, folder: Path, environment: dict[str, str]) -> str:
         stdout=processes.PIPE,
         text=True,
     )
-    text = str(done.stdout).strip("\n")
+    text = re.sub(PROGRESS, "", str(done.stdout), flags=re.MULTILINE).strip("\n")
     code = f"\n(exit code {done.returncode})" if done.returncode else ""
     return "\n".join(line.rstrip() for line in text.splitlines()) + code
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.explore.results import TestResult
+    from soter.report.sections import PageSection
     from soter.report.sequence.view import SequenceView
     from soter.simulate.outputs.to_log import RunLog
     from soter.verify.period_sweep import Advice
@@ -107,6 +108,20 @@ def write_advice(advice: Sequence[Advice], path: Path) -> None:
         write_document("soter advise", advice_main([a.page() for a in advice]), path)
     except (OSError, ReportError) as error:
         raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
+
+
+def write_sections(
+    path: Path, title: str, headline: str, verdict: str, sections: Sequence[PageSection]
+) -> None:
+    """A page of sentences and tables, as `sections_main` takes them; `SoterError` D006."""
+    from soter.report.errors import ReportError  # noqa: PLC0415 - the same
+    from soter.report.html import write_document  # noqa: PLC0415 - the same
+    from soter.report.sections import sections_main  # noqa: PLC0415 - only then
+
+    try:
+        write_document(title, "\n".join(sections_main(title, headline, verdict, sections)), path)
+    except ReportError as error:
+        raise SoterError((Diagnostic("D006", str(error)),)) from error
 
 
 def write_test_page(result: TestResult) -> Path:

@@ -13,9 +13,10 @@ from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
 from soter.campaign.wording import an_hour, guilt, interval, verdict
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.report.campaign import CampaignPage, Histogram, PageSection, campaign_main
+from soter.report.campaign import CampaignPage, Histogram, campaign_main
 from soter.report.errors import ReportError
 from soter.report.html import write_document
+from soter.report.sections import PageSection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -26,7 +26,7 @@ EXAMPLES = """\
   soter advise cart.soter
   soter advise cart.soter --levels 2,3,4,6
   soter advise cart.soter --factors 0.5,1,2,8      multiples of the declared period
-  soter advise drone.soter --module SafeMotionPrimitive -o advice.html
+  soter advise drone.soter --module SafeMotionPrimitive --report advice.html
   soter advise cart.soter --json | jq '.modules[].best_s'
 
 Nothing is changed: every row is the program's problem with another period of the decision module.
@@ -52,7 +52,9 @@ def parser() -> CommandParser:
         default="0.25,0.5,1,1.5,2,3,4",
         help="multiples of the declared period to try (0.25 to 4)",
     )
-    made.add_argument("-o", dest="output", metavar="FILE", help="the figure (.soter/...html)")
+    made.add_argument(
+        "-o", "--report", dest="output", metavar="FILE", help="the figure (.soter/...html)"
+    )
     return made
 
 

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
 from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import CommandParser, add_file, add_settings, whole
+from soter.cli.terminal.parser import (
+    CAMPAIGN_FOLDER,
+    CERTIFICATE_FOLDER,
+    CommandParser,
+    add_file,
+    add_settings,
+    whole,
+)
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.printable_text import visible
@@ -22,7 +29,7 @@ if TYPE_CHECKING:
     from soter.api.assurance.safety_case import Assurance
     from soter.cli.terminal.console import Console
 
-EXAMPLES = """\
+EXAMPLES = f"""\
   soter verify cart.soter --cert proof/
   soter assure cart.soter --cert proof/ -o case/         open case/index.html
   soter assure cart.soter --cert proof/ --tests -o case/       explores every test again
@@ -31,6 +38,10 @@ EXAMPLES = """\
   soter assure cart.soter --cert proof/ --campaign flights/ --flights 100 -o case/
   soter assure cart.soter --cert proof/ --hazards hazards.csv -o case/
 
+in the folder that is written: index.html (to read), case.json (the same), case.sdoc (StrictDoc)
+
+{CERTIFICATE_FOLDER}
+{CAMPAIGN_FOLDER}
 A goal is supported only where its leaf was checked just now: the certificate by the independent
 re-checker, tests by exploring them again (--tests), flights by flying them again (--flights).
 Everything else is told with its hash, and the goal stays undeveloped (docs/assure.md).

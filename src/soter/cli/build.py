@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from soter.api.deploying import stack_bound
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import CommandParser, add_file, add_settings
+from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_file, add_settings
 from soter.cli.terminal.progress import ProgressBar
 from soter.native.stack_bound import OPTIMISE
 from soter.targets.target_table import TARGETS
@@ -23,12 +23,17 @@ if TYPE_CHECKING:
     from soter.native.stack_bound import StackBound
     from soter.targets.package import Package
 
-EXAMPLES = """\
+EXAMPLES = f"""\
   soter build cart.soter --target c -o cart_c && make -C cart_c && cart_c/cart
   soter build cart.soter --system Unprotected -o out
   soter build robot.soter -o out --bind Learned=c:policy.c:policy_step
   soter build robot.soter --system Vehicle --target ros1 --map robot.toml --cert proof/ -o robot_ros
-"""
+
+in the folder that is written: the program as C, the C of Soter that it needs, inherited.json where
+it deploys what was proved; of c and posix README.md, which says what each file is, of the others a
+package for their build tool (docs/ros.md, docs/dds.md, docs/mavlink.md)
+
+{CERTIFICATE_FOLDER}"""
 
 
 def parser() -> CommandParser:

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
 from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import CommandParser, add_file, add_settings, at_least_one, seed
+from soter.cli.terminal.parser import (
+    CAMPAIGN_FOLDER,
+    CommandParser,
+    add_file,
+    add_settings,
+    at_least_one,
+    seed,
+)
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.json_object import JsonObject, Shape, one_of
@@ -30,7 +37,7 @@ if TYPE_CHECKING:
 
 Flown: TypeAlias = "Campaign | FlownArm"
 
-EXAMPLES = """\
+EXAMPLES = f"""\
   soter campaign cart.soter                       one hour of the default system
   soter campaign drone.soter --hours 104 --workers 2
   soter campaign drone.soter --flights 1000 --until 30s --system Twitching
@@ -39,6 +46,7 @@ EXAMPLES = """\
   soter campaign drone.soter --workers ray        the cores of a Ray cluster; the same results
   soter run drone.soter --flight 48123 --report   look at the flight of that number
 
+{CAMPAIGN_FOLDER}
 Every flight stands in `flights.csv` of the campaign's folder, with its seed. It can be stopped at
 any time; the same command goes on.
 

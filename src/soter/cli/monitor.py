@@ -8,19 +8,29 @@ Non-goals: the judgements (`monitor/model_membership.py`, `monitor/logs/`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.api.files import write_sections
 from soter.cli.ci.findings_of_monitor import of_judgements, of_log
 from soter.cli.ci.formats import add_format
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
-from soter.cli.terminal.log_judgement import FOREIGN_LOG, lines, undecided
+from soter.cli.terminal.log_judgement import FOREIGN_LOG, lines, sections, undecided
 from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import CommandParser, add_file, add_settings, seed
+from soter.cli.terminal.parser import (
+    CommandParser,
+    add_file,
+    add_report,
+    add_settings,
+    report_path,
+    seed,
+)
 from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.json_object import JsonObject, one_of
+from soter.report.sections import PageSection
 
 if TYPE_CHECKING:
     import argparse
@@ -37,6 +47,7 @@ EXAMPLES = """\
   soter monitor drone.soter --seed 7               on those of a fresh run
   soter monitor drone.soter flight.mcap --estimates     on what the DM saw
   soter monitor drone.soter flight.mcap --format junit > flight.xml    for CI; or sarif, github
+  soter monitor drone.soter flight.mcap --report flight.html     a page to file
   soter monitor drone.soter --emit watch.soter     the monitor as a trusted node
   soter monitor drone.soter px4.csv --map px4.toml      a log of somebody else: when would each
                                                         module have switched, how near it came
@@ -46,6 +57,14 @@ EXAMPLES = """\
 exit codes: 0 every step is explained, 3 an alarm: the model is false, 1 diagnostics, 2 usage;
 with --map: 0 no read lay outside `safe`, 3 one did
 """
+
+
+HEAD = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
+ALARM = (
+    "an alarm: no disturbance within its declared bounds explains the step. The model is false, "
+    "and what was proved with it says nothing about this run."
+)
+ENDING = "-monitor.html"
 
 
 def parser() -> CommandParser:
@@ -75,6 +94,7 @@ def parser() -> CommandParser:
     )
     made.add_argument("--emit", metavar="PATH", help="write the monitor as a Soter node")
     made.add_argument("--alarm", metavar="TOPIC", help="with --emit: a bool topic of the program")
+    add_report(made, "the judgement", ENDING)
     add_settings(made)
     add_format(made)
     return made
@@ -84,6 +104,9 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Judge, or write the node."""
     if args.map is not None or args.where:
         return _foreign(args, console)
+    if args.emit is not None and args.report is not None:
+        problem = Diagnostic("U001", "`--report` shows a judgement, and `--emit` makes none")
+        return CommandOutcome(exit_of((problem,)), (problem,), {"file": args.file})
     with LineOfProgress(console) as line:
         program = load(args.file, line)
     if program.externs and args.log is None and args.emit is None:
@@ -128,6 +151,10 @@ def _judged(
     alarms = sum(j.alarms for j in judged)
     fields = _fields(args, Monitored(judged=tuple(judged)))
     code = VIOLATED if alarms else FINE
+    headline = "the model is false" if alarms else "the model explains every step"
+    says = (_judged_on(judged, args), *((ALARM,) if alarms else ()))
+    section = PageSection("What was judged", says, HEAD, tuple(_rows(judged)))
+    fields |= _report(args, headline, bool(alarms), [section], console)
     return CommandOutcome(code, tuple(warnings), fields, of_judgements(judged))
 
 
@@ -160,6 +187,8 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
         console.say(text)
     outside = any(m.outside for m in judged.modules)
     fields = _fields(args, Monitored(log=judged))
+    headline = f"{'a' if outside else 'no'} read lay outside `safe`"
+    fields |= _report(args, headline, outside, list(sections(judged)), console)
     return CommandOutcome(VIOLATED if outside else FINE, items, fields, of_log(judged))
 
 
@@ -195,9 +224,29 @@ def _misused(args: argparse.Namespace) -> Diagnostic | None:
     return None
 
 
-def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) -> None:
+def _report(
+    args: argparse.Namespace,
+    headline: str,
+    bad: bool,
+    of: list[PageSection],
+    console: Console,
+) -> dict[str, object]:
+    """Write the page where it was asked for; SoterError D006."""
+    if args.report is None:
+        return {}
+    title = f"{Path(args.file).name}: {Path(args.log).name if args.log else f'seed {args.seed}'}"
+    path = report_path(args.report, args.file, ENDING)
+    write_sections(path, title, headline, "bad" if bad else "good", of)
+    console.say(f"\nreport  {path}")
+    return {"report": str(path)}
 
-    rows = [
+
+def _judged_on(judged: list[Judgement], args: argparse.Namespace) -> str:
+    return f"{args.log or args.file}  judged on {judged[0].source if judged else 'nothing'}"
+
+
+def _rows(judged: list[Judgement]) -> list[tuple[str, ...]]:
+    return [
         (
             j.module,
             f"{j.steps:,}",
@@ -208,14 +257,13 @@ def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) ->
         )
         for j in judged
     ]
-    console.say(f"{args.log or args.file}  judged on {judged[0].source if judged else 'nothing'}\n")
-    head = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
-    console.say(console.table(head, rows))
+
+
+def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) -> None:
+    console.say(f"{_judged_on(judged, args)}\n")
+    console.say(console.table(HEAD, _rows(judged)))
     if any(j.alarms for j in judged):
-        console.say(
-            "\nan alarm: no disturbance within its declared bounds explains the step. The model is "
-            "false, and what was proved with it says nothing about this run."
-        )
+        console.say(f"\n{ALARM}")
 
 
 # ---------------------------------------------------------------- for programs

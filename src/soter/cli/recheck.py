@@ -6,27 +6,34 @@ Non-goals: the checks (`certificate/`), making certificates (`soter verify --cer
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import recheck
+from soter.api.files import write_sections
 from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
-from soter.cli.terminal.parser import CommandParser
+from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_report, report_path
 from soter.cli.terminal.progress import ProgressBar
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.json_object import JsonObject
 from soter.report.printable_text import visible
+from soter.report.sections import PageSection
+from soter.version import VERSION
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
 
     from soter.certificate.report import RecheckedModule, Report
     from soter.cli.terminal.console import Console
 
-EXAMPLES = """\
+EXAMPLES = f"""\
   soter verify cart.soter --cert proof/
   soter recheck proof/
   soter recheck proof/ --json | jq .accepted
+  soter recheck proof/ --report recheck.html       a page to file
 
+{CERTIFICATE_FOLDER}
 Every byte of the folder counts: a changed, missing or additional file is rejected. Then the problem
 is read off the program once more, by other code, and every claim is recomputed in ball arithmetic.
 Times and assumptions are derived from the program, never read from the certificate. What is not
@@ -38,15 +45,26 @@ exit codes: 0 accepted: safety and the return of AC (P2b) are established, 3 rej
 """
 
 
+ENDING = "-recheck.html"
+
+
 def parser() -> CommandParser:
     """The command line."""
     made = CommandParser("recheck", "Check a certificate of `soter verify --cert`.", EXAMPLES)
     made.add_argument("folder", metavar="DIR", help="the folder of the certificate")
+    add_report(made, "what was confirmed", ENDING)
     return made
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Check it."""
+    report_file = None
+    if args.report is not None:
+        report_file = report_path(args.report, args.folder, ENDING)
+        if Path(args.folder).resolve() in report_file.resolve().parents:
+            text = f"`{report_file}` lies in the certificate, every file of which counts"
+            problem = Diagnostic("U001", text, helps=("write the page elsewhere",))
+            return CommandOutcome(exit_of((problem,)), (problem,), {"certificate": args.folder})
     try:
         with ProgressBar(console) as progress:
             report = recheck(args.folder, progress)
@@ -55,7 +73,15 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             exit_of(error.diagnostics), error.diagnostics, {"certificate": args.folder}
         )
     _say(report, args.folder, console)
-    return CommandOutcome(_exit(report), (), {"certificate": args.folder, **DOCUMENT.of(report)})
+    fields = {"certificate": args.folder, **DOCUMENT.of(report)}
+    if report_file is not None:
+        colour, headline = _verdict(report, args.folder)
+        verdict = {"green": "good", "red": "bad"}.get(colour, "")
+        title = f"soter recheck {Path(args.folder).resolve().name}"
+        write_sections(report_file, title, headline, verdict, list(_sections(report)))
+        console.say(f"\nreport  {report_file}")
+        fields["report"] = str(report_file)
+    return CommandOutcome(_exit(report), (), fields)
 
 
 def _exit(report: Report) -> int:
@@ -65,7 +91,10 @@ def _exit(report: Report) -> int:
     return FINE if complete else UNDECIDED
 
 
-def _headline(report: Report, folder: str, console: Console) -> str:
+def _verdict(report: Report, folder: str) -> tuple[str, str]:
+    """How the verdict is coloured, and it in words."""
+    if not report.accepted:
+        return "red", f"REJECTED  {folder}"
     if not report.safe:
         several = len(report.modules) > 1
         missing = "; ".join(
@@ -73,14 +102,39 @@ def _headline(report: Report, folder: str, console: Console) -> str:
             for m in report.modules
             if m.missing
         )
-        word = console.paint("yellow", "ACCEPTED IN PART")
-        return f"{word}  {folder}: safety is not established ({visible(missing)} not claimed)"
+        why = f"safety is not established ({visible(missing)} not claimed)"
+        return "yellow", f"ACCEPTED IN PART  {folder}: {why}"
     if report.contradicted:
-        word = console.paint("yellow", "ACCEPTED IN PART")
-        return f"{word}  {folder}: with other values than the program sets"
+        return "yellow", f"ACCEPTED IN PART  {folder}: with other values than the program sets"
     if not report.returns:
-        return f"{console.paint('yellow', 'ACCEPTED, without P2b')}  {folder}"
-    return f"{console.paint('green', 'ACCEPTED')}  {folder}"
+        return "yellow", f"ACCEPTED, without P2b  {folder}"
+    return "green", f"ACCEPTED  {folder}"
+
+
+def _headline(report: Report, folder: str, console: Console) -> str:
+    colour, text = _verdict(report, folder)
+    word, rest = text.split(f"  {folder}", 1)
+    return f"{console.paint(colour, word)}  {folder}{rest}"
+
+
+def _sections(report: Report) -> Iterator[PageSection]:
+    """All of it, for a page."""
+    own = [f"Program {visible(report.program)}, SHA-256 {report.program_sha256}."]
+    own += [f"Rechecked by soter {VERSION} in {report.seconds:.1f} s."]
+    own += [visible(report.reason)] if report.reason else []
+    yield PageSection("What was checked", tuple(own))
+    for m in report.modules:
+        title = f"{m.name} of system {m.system}"
+        values = ", ".join(_value(m, name) for name in m.parameters)
+        says = [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
+        says += [f"With {values}."] if values else []
+        says += [f"Not confirmed: {', '.join(m.other)}."] if m.other else []
+        says += [f"Confirmed: {said.text}" for said in m.shown]
+        yield PageSection(visible(title), tuple(map(visible, says)))
+    texts = tuple(map(visible, report.assumptions))
+    yield PageSection("Under these assumptions, derived from the program", texts)
+    uncovered = tuple(visible(said.text) for said in report.not_covered)
+    yield PageSection("Not covered", uncovered)
 
 
 def _say(report: Report, folder: str, console: Console) -> None:
@@ -88,7 +142,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
     folder = visible(folder)
     hash_ = report.program_sha256[:12]
     if not report.accepted:
-        console.say(f"{console.paint('red', 'REJECTED')}  {folder}  {hash_}".rstrip())
+        console.say(f"{_headline(report, folder, console)}  {hash_}".rstrip())
         console.say(f"  {visible(report.reason)}")
         return
     console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
@@ -138,7 +192,7 @@ DOCUMENT = JsonObject(
     "accepted safe returns reason program_sha256 seconds program modules assumptions "
     "assumption_keys=said.key not_covered",
     {"modules": _modules},
-    beside={"certificate": str},
+    beside={"certificate": str, "report?": str},
     modules=JsonObject(
         "soter.certificate.report.RecheckedModule",
         "system parameters otherwise times_ns=times confirmed not_confirmed=other missing cells "

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.api import replay
 from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
-from soter.cli.terminal.parser import CommandParser
+from soter.cli.terminal.parser import CommandParser, report_path
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -39,7 +39,13 @@ def parser() -> CommandParser:
     made.add_argument("trace", metavar="TRACE", help="a file of `soter test` or `soter verify`")
     made.add_argument("--text", action="store_true", help="print every step (the default)")
     made.add_argument(
-        "--report", "--html", dest="html", metavar="PATH", help="write the sequence: one HTML page"
+        "--report",
+        "--html",
+        dest="html",
+        nargs="?",
+        const="",
+        metavar="PATH",
+        help="write the sequence: one HTML page (.soter/...-replay.html)",
     )
     made.add_argument("--mcap", metavar="PATH", help="write the steps as an MCAP log")
     return made
@@ -47,6 +53,8 @@ def parser() -> CommandParser:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Replay."""
+    if args.html is not None:
+        args.html = str(report_path(args.html, args.trace, "-replay.html"))
     try:
         report = replay(args.trace)
     except SoterError as error:

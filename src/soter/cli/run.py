@@ -26,7 +26,7 @@ from soter.cli.terminal.command_outcome import (
     UsageError,
     exit_of,
 )
-from soter.cli.terminal.parser import CommandParser, add_file, add_options, given
+from soter.cli.terminal.parser import CAMPAIGN_FOLDER, CommandParser, add_file, add_options, given
 from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.simulate.run_options import RunOptions
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
 
-EXAMPLES = """\
+EXAMPLES = f"""\
   soter run cart.soter
   soter run cart.soter --system Unprotected --until 10s --seed 7
   soter run cart.soter --log --report          into .soter/; open the report in a browser
@@ -49,7 +49,11 @@ EXAMPLES = """\
   soter run cart.soter --flight 48123 --report what `soter campaign` flew under that number
   soter run cart.soter --flight 7 --arm ac     the same flight by the rules of that arm
   soter run cart.soter --engine interp         the reference interpreter: slow, the same bytes
-"""
+
+in the folder of logs and reports: FILE-SYSTEM-SEED.mcap, FILE-SYSTEM-SEED.html and the script that
+reports share (soter-plotly-....js)
+
+{CAMPAIGN_FOLDER}"""
 NAME_MAX = 150
 """Characters of a file's own name; file systems allow 255 bytes."""
 OWN_PLACE = ""

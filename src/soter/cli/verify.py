@@ -13,7 +13,14 @@ from soter.cli.ci.findings import CiFinding
 from soter.cli.ci.formats import add_format
 from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
 from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import CommandParser, add_file, add_settings
+from soter.cli.terminal.parser import (
+    CERTIFICATE_FOLDER,
+    CommandParser,
+    add_file,
+    add_report,
+    add_settings,
+    report_path,
+)
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.json_object import JsonObject, one_of
@@ -28,7 +35,7 @@ if TYPE_CHECKING:
     from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
     from soter.verify.composition import ComposedAssumption
 
-EXAMPLES = """\
+EXAMPLES = f"""\
   soter verify cart.soter
   soter verify drone.soter --module SafeMotionPrimitive
   soter verify drone.soter --set MASS=1.2          with another value of a parameter
@@ -38,6 +45,7 @@ EXAMPLES = """\
   soter verify cart.soter --format sarif > cart.sarif     for CI: sarif, junit, github
   soter verify cart.soter --json | jq '.modules[].verdict'
 
+{CERTIFICATE_FOLDER}
 exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided (also where
             only a declared fail-safe law is), 1 diagnostics, 2 usage
 """
@@ -46,6 +54,9 @@ TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "s
 HOLDING = ("proved", "assumed")
 PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
 REGIONS_SHOWN = 3
+
+
+ENDING = "-proof.html"
 
 
 def parser() -> CommandParser:
@@ -58,7 +69,7 @@ def parser() -> CommandParser:
     made.add_argument("--system", metavar="S", help="the system its plants stand in")
     add_settings(made)
     made.add_argument("--cert", metavar="DIR", help="write a certificate for `soter recheck`")
-    made.add_argument("--report", metavar="PATH", help="write a report: one HTML page")
+    add_report(made, "a report", ENDING)
     made.add_argument(
         "--synthesize",
         action="store_true",
@@ -78,6 +89,8 @@ def parser() -> CommandParser:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Verify."""
+    if args.report is not None:
+        args.report = str(report_path(args.report, args.file, ENDING))
     program = loaded(args, console)
     warnings = program.diagnostics if program.ok else ()
     written: tuple[Path, ...] = ()
@@ -311,6 +324,9 @@ def _details(module: ModuleResult, console: Console) -> list[str]:
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]
     size = f", {module.cells:,} cells" if module.cells else ""
     lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"] if shares or size else []
+    if "estimates" in module.shares:
+        share = f"S_0 {module.shares['estimates']:.1%} of the estimates, which leave AC in control"
+        lines.append(f"{share}; not ttf: the states that one of these may be of")
     lines += [module.at_the_start] if module.at_the_start else []
     lines += ["", *module.notes] if module.notes else []
     told: list[str] = []

@@ -157,6 +157,18 @@ def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
     )
 
 
+def require_no_batch(space: spaces.Space[Any], action: Any) -> None:  # noqa: ANN401 - any action
+    """SoterError U001 for an action with more axes than those of `space` have, such as (1, 1).
+
+    A number stands for an array of one, and one of those for a number.
+    """
+    axes = np.ndim(action)
+    if axes > 1 and axes > len(space.shape or ()):
+        own = f"those of the space {space.shape}"
+        message = f"an action has the shape {np.shape(action)}, and {own}"
+        raise wrong_choice(message, "take the row of one action out of a batch: `actions[0]`")
+
+
 def observation_space(system: System, seen: Sequence[ObservedPart], dtype: Any) -> spaces.Box:  # noqa: ANN401
     """A `Box` of everything that topics and truths may hold; what has no bounds has none."""
     bounds: list[Bound | None] = []

@@ -155,7 +155,9 @@ class EnvironmentGuard:
         SoterError U001 where no episode goes on, or numbers do not fit.
         """
         if self._over:
-            raise wrong_choice("the episode is over", "call reset() first")
+            begun = self._last is not None
+            what = "the episode is over" if begun else "no episode has begun"
+            raise wrong_choice(what, "call reset() first")
         session = self.session
         due, reward, ended, cut = self._answered(action), 0.0, False, False
         before = session.seen.taken_by
@@ -178,6 +180,8 @@ class EnvironmentGuard:
     def _answered(self, action: Any) -> int:  # noqa: ANN401 - any action
         """The agent's action goes in; who is due then."""
         session = self.session
+        if self._act is None and getattr(action, "shape", ()) != session.action.shape:
+            array_mapping.require_no_batch(self.action_space, action)
         if not self._acts_numbers:
             session.act(self._values_of(action))
             return session.go()

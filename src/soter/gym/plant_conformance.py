@@ -17,9 +17,15 @@ from soter.gym.outside_roles import wrong_choice
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy.typing as npt
+
     from soter.gym.plant_model import SessionPlant
     from soter.gym.protected import Protected, SafetyWrapper
     from soter.gym.session import Session
+
+
+NEAR_TURN = 0.02
+"""Turns: how near a difference lies to a whole number of them where an angle wrapped around."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,8 @@ class Conformance:
     largest difference that the best of them leave; `undisturbed`, that to the plant with every
     disturbance at its middle. `used`: by disturbance the largest part of its bounds that was needed
     (1: a bound). `worst`: the step with the largest residual, relative to what is tolerated.
+    `wrapped`: by state, of the steps that are not inside how many went near a whole number of turns
+    (2 pi) past the undisturbed plant: where there are any, an angle that wraps around.
     """
 
     steps: int
@@ -38,6 +46,7 @@ class Conformance:
     undisturbed: dict[str, float]
     used: dict[str, float]
     worst: dict[str, Any] = field(default_factory=dict)
+    wrapped: dict[str, int] = field(default_factory=dict)
 
     @property
     def share(self) -> float:
@@ -51,6 +60,12 @@ class Conformance:
                 f"  {name}: residual {value:.3g}, undisturbed {self.undisturbed[name]:.3g}"
             )
         lines += [f"  {name}: {part:.1%} of its bounds" for name, part in self.used.items()]
+        for name, often in self.wrapped.items():
+            lines.append(
+                f"  help: {name} is about a multiple of 2 pi off in {often:,} of the "
+                f"{self.steps - self.inside:,} steps that are not explained: an angle that wraps "
+                "around? Let `observe` unwrap it (docs/gym.md)"
+            )
         return "\n".join(lines)
 
 
@@ -65,12 +80,15 @@ class _Tally:
         self.half = np.maximum((model.high - model.low) / 2.0, np.finfo(float).tiny)
         self.middle = model.low + (model.high - model.low) / 2.0
         self.worst: dict[str, Any] = {}
+        self.wrapped = np.zeros(len(model.names), dtype=np.int64)
 
     def see(self, asked: SessionPlant, session: Session) -> None:
         """One more step, which ended at the numbers that `session` was given."""
         left = np.abs(asked.residual)
         self.steps += 1
         self.inside += asked.explained
+        if not asked.explained:
+            self.wrapped += _near_turns(asked.undisturbed) & np.isfinite(asked.tolerance)
         self.residual = np.maximum(self.residual, left)
         self.undisturbed = np.maximum(self.undisturbed, np.abs(asked.undisturbed))
         self.used = np.maximum(self.used, np.abs(asked.chosen - self.middle) / self.half)
@@ -84,6 +102,14 @@ class _Tally:
                 "command": session.command.tolist(),
                 "residual": asked.residual.tolist(),
             }
+
+
+def _near_turns(off: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which differences (n,), in rad, lie near a whole number of turns that is not 0."""
+    turns = np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi)
+    whole = np.round(turns)
+    near: npt.NDArray[np.bool_] = (whole != 0.0) & (np.abs(turns - whole) <= NEAR_TURN)
+    return near
 
 
 def conformance(
@@ -137,4 +163,5 @@ def conformance(
         undisturbed=dict(zip(model.names, tally.undisturbed.tolist(), strict=True)),
         used=dict(zip(model.drawn, tally.used.tolist(), strict=True)),
         worst=tally.worst,
+        wrapped={n: k for n, k in zip(model.names, tally.wrapped.tolist(), strict=True) if k},
     )

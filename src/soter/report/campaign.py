@@ -10,8 +10,12 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from soter.report.sections import sections_main
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
+
+    from soter.report.sections import PageSection
 
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 720, 220, 64, 36, 12, 12
 FILL = "#3465a4"
@@ -28,16 +32,6 @@ class Histogram:
 
 
 @dataclass(frozen=True)
-class PageSection:
-    """A heading, what is said below it, a table: rows of text under `head`."""
-
-    title: str
-    says: tuple[str, ...]
-    head: tuple[str, ...] = ()
-    rows: tuple[tuple[str, ...], ...] = ()
-
-
-@dataclass(frozen=True)
 class CampaignPage:
     """`verdict`: "good" or "bad", how the headline is coloured."""
 
@@ -50,32 +44,13 @@ class CampaignPage:
 
 def campaign_main(page: CampaignPage) -> str:
     """The body of the page."""
-    parts = [f"<h1>{escape(page.title)}</h1>", f'<p class="verdict {page.verdict}">']
-    parts += [f"<strong>{escape(page.headline)}</strong></p>"]
-    for section in page.sections:
-        parts += _section(section)
+    parts = list(sections_main(page.title, page.headline, page.verdict, page.sections))
     if page.histograms:
         parts.append('<h2 style="margin-top: 2rem">What was measured</h2>')
     for h in page.histograms:
         parts += [f"<h3>{escape(h.name)}</h3><figure>", *_histogram(h)]
         parts.append(f"<figcaption>{escape(h.caption)}</figcaption></figure>")
     return "\n".join(parts)
-
-
-def _section(section: PageSection) -> Iterator[str]:
-    yield f'<section style="margin-top: 2rem"><h2>{escape(section.title)}</h2>'
-    for text in section.says:
-        yield f"<p>{escape(text)}</p>"
-    if section.rows:
-        head = "".join(f"<th>{escape(h)}</th>" for h in section.head)
-        rows = "".join(f"<tr>{_cells(row)}</tr>" for row in section.rows)
-        yield f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
-        yield f"<tbody>{rows}</tbody></table></div>"
-    yield "</section>"
-
-
-def _cells(row: Sequence[str]) -> str:
-    return "".join(f"<td>{escape(cell)}</td>" for cell in row)
 
 
 def _histogram(h: Histogram) -> Iterator[str]:

@@ -137,6 +137,14 @@ class Explainer:
             )
         return self._readers[module].explain(before, at)
 
+    def safe(self, module: int) -> Callable[[bytes], bool] | None:
+        """Whether a module's `safe` holds on what topics hold in a state; a fault in it: no.
+
+        None where it asks an extern function.
+        """
+        reader = _PredicateReader(self.system, self.layout, self.system.modules[module])
+        return reader.safe()
+
 
 class _PredicateReader:
     """The predicates of one module, compiled, and where their values lie."""
@@ -168,6 +176,21 @@ class _PredicateReader:
             gate_fault=self._gate_fault(before) if facts["saw_gate_fault"] else None,
             owed=0 if before is None else self._module_of(before, self.module)["clean_needed"],
         )
+
+    def safe(self) -> Callable[[bytes], bool] | None:
+        """As `Explainer.safe` says."""
+        evaluator = Evaluator.of(self.module.scope)
+        holds = evaluator.expression(self.module.symbol.safe)
+        if evaluator.unbound:
+            return None
+
+        def judge(at: bytes) -> bool:
+            try:
+                return bool(holds(self._environment(at, at)))
+            except StepFault:
+                return False
+
+        return judge
 
     # ------------------------------------------------------------ what the step read
 

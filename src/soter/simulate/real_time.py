@@ -27,6 +27,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
 from soter.simulate.externs.extern_server import write_spec
+from soter.simulate.own_safe import InterpretedSafe
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer
 from soter.simulate.trace_selection import TraceParts, names_of, wanted
@@ -130,6 +131,7 @@ def run_real_time(
     observer = Observer(
         system,
         dtype,
+        InterpretedSafe(system, layout),
         keep_trace=wanted(keep_trace),
         hash_trace=hash_trace,
         parts=parts,
@@ -160,6 +162,7 @@ def run_real_time(
         interrupted=bool(timing["stopped"]),
         lag_s_max=max(float(timing["wake"]["max_ns"]), 0.0) / 1e9,
         decided=observer.decided,
+        safe_looks=observer.safe_looks,
         timing=timing,
     )
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System
     from soter.language.model.types import Type, Value
     from soter.simulate.externs.python_answers import Tally
+    from soter.simulate.own_safe import SafeLooks
     from soter.simulate.run_observer import FirstFault, ModeChange
 
 TOGETHER_MIN = 4
@@ -54,12 +55,20 @@ class Violation:
 
 @dataclass(frozen=True)
 class ModuleSummary:
-    """What one module did. `ac_share` is the share of time in mode AC."""
+    """What one module did. `ac_share` is the share of time in mode AC.
+
+    `outside`: of `looks` of its DM with fresh reads, in how many its own `safe` was false on what
+    topics held after them; None where nobody judged (a run that was neither hashed nor traced, a
+    `safe` that asks an extern function).
+    """
 
     ac_share: float
     switches_to_sc: int
     switches_to_ac: int
     gate_faults: int
+    looks: int = 0
+    outside: int | None = None
+    first_outside_s: float | None = None
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
@@ -108,6 +117,8 @@ class Run:
     """Steps of each extern that Python answered, and those in which it published nothing."""
     decided: list[tuple[int, int]] = field(default_factory=list)
     """By module: DM steps, and those in which ttf and safer held both (hashed or traced runs)."""
+    safe_looks: list[SafeLooks] = field(default_factory=list)
+    """By module: in which looks of its DM its own `safe` was false (hashed or traced runs)."""
     page: Callable[[Run], str] | None = field(default=None, repr=False, compare=False)
     """Gives the report as one HTML text, "" where it cannot be made; for notebooks."""
 
@@ -221,9 +232,10 @@ class Run:
             if row["mode"]:
                 ac_ns += end - int(row["mode_since"])
             share = ac_ns / end if end > 0 else 0.0
-            summary_by_module[m.name] = ModuleSummary(
-                share, int(row["to_sc"]), int(row["to_ac"]), int(row["gate_faults"])
-            )
+            counts = int(row["to_sc"]), int(row["to_ac"]), int(row["gate_faults"])
+            own = self.safe_looks[m.index] if self.safe_looks else None
+            judged = () if own is None else (own.looks, own.outside, own.first_outside_s)
+            summary_by_module[m.name] = ModuleSummary(share, *counts, *judged)
         return summary_by_module
 
     @property
@@ -363,7 +375,17 @@ def _numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 def _notes_of(run: Run) -> list[str]:
     """One sentence each."""
-    return [*run.computed, *_late(run), *_silent(run), *_together(run)]
+    return [*_outside(run), *run.computed, *_late(run), *_silent(run), *_together(run)]
+
+
+def _outside(run: Run) -> Iterator[str]:
+    """A module's own `safe`, on estimates: properties say what was so in truth."""
+    for name, m in run.modules.items():
+        if m.outside:
+            yield (
+                f"{name}: its `safe` was false on what its topics held in {m.outside:,} of "
+                f"{m.looks:,} looks of its DM, first at {m.first_outside_s:.3f} s"
+            )
 
 
 def _late(run: Run) -> Iterator[str]:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.codegen.unit import Unit, generate
 from soter.core.layout import state_dtype, state_layout
+from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.build import library
@@ -27,6 +27,7 @@ from soter.simulate.externs.c_extern import linked_symbols
 from soter.simulate.externs.process_surroundings import end_copy
 from soter.simulate.externs.python_answers import ExternAnswers, described, noting
 from soter.simulate.interrupt import StopRequest
+from soter.simulate.own_safe import CompiledSafe, InterpretedSafe, JudgedUnit
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer
 from soter.simulate.state_bytes import state_bytes
@@ -35,6 +36,7 @@ from soter.simulate.trace_selection import TraceParts, names_of, wanted
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem
     from soter.core.layout import StateLayout
     from soter.language.model.system import System
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration
     from soter.semantics.observer_records import Record
     from soter.simulate.externs.python_answers import Tally
+    from soter.simulate.own_safe import SafeJudge
     from soter.simulate.run_observer import Also
     from soter.simulate.trace_selection import Kept
     from soter.simulate.wall_clock_pacing import Pacer
@@ -71,12 +74,14 @@ class NativeProgram:
         core: CoreSystem | None = None,
     ) -> None:
         self.system = system
-        self.unit: Unit = generate(system, core)
+        builder = JudgedUnit(system, core or lower(system))
+        self.unit: Unit = builder.run()
         self.layout = self.unit.layout
         self.dtype = state_dtype(system, self.layout)
         path = library(self.unit, optimise, extra)
         owners = linked_symbols(system, core)
         self.library = Library(path, self.unit.prefix, self.layout.size, owners)
+        self.judge = CompiledSafe(self.library, path, builder)
 
     def __repr__(self) -> str:
         return f"<soter.NativeProgram {self.system.name}>"
@@ -106,7 +111,9 @@ class NativeProgram:
         _reset_all(bound, seed)
         observer = None
         if wanted(keep_trace) or hash_trace or observed:
-            observer = _observer(self.system, self.layout, self.dtype, keep_trace, hash_trace, also)
+            observer = _observer(
+                self.system, self.layout, self.dtype, keep_trace, hash_trace, also, self.judge
+            )
         drive = _Drive(self, bound, seed, observer, stop or StopRequest())
         began = time.perf_counter()
         finished = drive.to(until_ns, progress, pacer)
@@ -134,6 +141,7 @@ class NativeProgram:
             lag_s_max=pacer.lag_s_max if pacer else None,
             extern_tallies=drive.answers.tallies,
             decided=observer.decided if observer else [],
+            safe_looks=observer.safe_looks if observer else [],
         )
 
 
@@ -254,7 +262,6 @@ def run_interpreted(
     interpreter = Interpreter(system, seed, noting(system, bound or {}, failures, tallies))
     finished = _interpret(interpreter, until_ns, observe)
     flush()
-    wall = time.perf_counter() - began
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
     return Run(
         system=system,
@@ -262,12 +269,12 @@ def run_interpreted(
         dtype=dtype,
         seed=seed,
         engine="interp",
+        wall_s=time.perf_counter() - began,
         final=last.view(dtype)[0],
         trace=observer.trace(),
         recorded=names_of(keep_trace),
         instants=observer.instants,
         duration_s=until_ns / 1e9,
-        wall_s=wall,
         trace_sha256=observer.sha256,
         extern_failures=failures,
         changes=observer.changes,
@@ -276,6 +283,7 @@ def run_interpreted(
         lag_s_max=pacer.lag_s_max if pacer else None,
         extern_tallies=tallies,
         decided=observer.decided,
+        safe_looks=observer.safe_looks,
     )
 
 
@@ -286,12 +294,19 @@ def _observer(
     keep_trace: Kept,
     hash_trace: bool,
     also: Also | None,
+    judge: SafeJudge | None = None,
 ) -> Observer:
-    """What watches a run; SoterError U001 where `keep_trace` names no part of the system."""
+    """What watches a run; `judge`: by default the evaluator of the interpreter.
+
+    SoterError U001 where `keep_trace` names no part of the system.
+    """
     names = names_of(keep_trace)
     parts = None if names is None else TraceParts(system, layout, dtype, names)
     kept = wanted(keep_trace)
-    return Observer(system, dtype, keep_trace=kept, hash_trace=hash_trace, parts=parts, also=also)
+    judge = judge or InterpretedSafe(system, layout)
+    return Observer(
+        system, dtype, judge, keep_trace=kept, hash_trace=hash_trace, parts=parts, also=also
+    )
 
 
 def _interpret(

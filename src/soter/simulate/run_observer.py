@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.simulate.decided_instants import decided_at
+from soter.simulate.own_safe import SafeTally
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.language.model.system import System
+    from soter.simulate.own_safe import SafeJudge, SafeLooks
     from soter.simulate.trace_selection import TraceParts
 
     Rows = npt.NDArray[np.uint8]
@@ -67,13 +69,14 @@ class Observer:
         self,
         system: System,
         dtype: np.dtype[Any],
+        judge: SafeJudge,
         *,
         keep_trace: bool,
         hash_trace: bool,
         parts: TraceParts | None = None,
         also: Also | None = None,
     ) -> None:
-        """`parts`: what is kept of each state, all of it by default."""
+        """`judge`: of modules' `safe`; `parts`: what is kept of each state, by default all."""
         self.instants = 0
         self.changes: list[ModeChange] = []
         self.first_faults: dict[int, FirstFault] = {}
@@ -89,6 +92,7 @@ class Observer:
         self._modes = np.array([m.forced == "ac" for m in system.modules], dtype=np.uint8)
         self._system = system
         self._decided = np.zeros((2, len(system.modules)), dtype=np.int64)
+        self._safe = SafeTally(system, judge)
 
     def see(self, rows: Rows) -> None:
         """The next states, (n, size) bytes; the array may be reused afterwards."""
@@ -113,6 +117,11 @@ class Observer:
     def decided(self) -> list[tuple[int, int]]:
         """By module: DM steps, and those in which ttf and safer held both."""
         return [(int(n), int(both)) for n, both in self._decided.T]
+
+    @property
+    def safe_looks(self) -> list[SafeLooks]:
+        """By module: in which looks of its DM its own `safe` was false."""
+        return self._safe.looks
 
     @property
     def sha256(self) -> str | None:
@@ -178,6 +187,7 @@ class Observer:
         due = decided_at(self._system, states)
         together = due & (modules["ttf"] == 1) & (modules["safer"] == 1)
         self._decided += np.array([due.sum(axis=0), together.sum(axis=0)])
+        self._safe.see(states, due)
 
     def _explained(
         self, states: npt.NDArray[Any], earlier: Rows | None, row: int

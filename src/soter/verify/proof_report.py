@@ -70,6 +70,7 @@ SHARES = {
     "free": "R(H): AC may have control here",
     "lets_ac": "`ttf` may be false: AC keeps control",
     "gives_back": "`safer` may be true: AC gets control back",
+    "estimates": "S_0, of the estimates, which leave AC in control",
 }
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import json
 import re
-from typing import TYPE_CHECKING
+import threading
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from soter.api import load
+from soter.cli.main import main
 from soter.cli.terminal.console import Console, colorful
 from soter.cli.terminal.progress import CLEAR, LineOfProgress, ProgressBar
 from soter.cli.test import progress_text
@@ -38,9 +41,70 @@ def console(err: io.StringIO) -> Console:
     return made
 
 
-def test_nothing_where_nobody_looks() -> None:
-    with ProgressBar(console(io.StringIO())) as show:
+class Ticks:
+    """In place of the event that a log's thread waits for: so many times its time has passed."""
+
+    def __init__(self, clock: list[float], count: int) -> None:
+        self.clock, self.left = clock, count
+        self.done = threading.Event()
+
+    def wait(self, seconds: float) -> bool:
+        if self.left == 0:
+            self.done.set()
+            return True
+        self.left -= 1
+        self.clock[0] += seconds
+        return False
+
+    def set(self) -> None:
+        self.left = 0
+
+
+@pytest.mark.parametrize("line", [LineOfProgress, ProgressBar])
+def test_nothing_where_there_is_no_standard_error_and_in_the_first_seconds_of_a_log(
+    line: type[LineOfProgress],
+) -> None:
+    made = console(io.StringIO())
+    made.err = None
+    with line(made) as show:
         assert show is None
+    log = io.StringIO()
+    with line(console(log)) as show:
+        assert show is not None
+        show("x" if line is LineOfProgress else 0.5)  # type: ignore[arg-type]
+    assert log.getvalue() == ""
+
+
+def test_a_log_has_a_line_every_ten_seconds_whether_or_not_anything_is_told(
+    clock: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ticks = Ticks(clock, 3)
+    told = threading.Event()
+    monkeypatch.setattr("soter.cli.terminal.progress.Event", lambda: ticks)
+    monkeypatch.setattr(ticks, "wait", lambda s, wait=ticks.wait: told.wait() and wait(s))
+    log = io.StringIO()
+    with ProgressBar(console(log)) as show:
+        assert show is not None
+        phase("Cart: P2b")
+        show(0.25)
+        told.set()
+        assert ticks.done.wait()
+    assert log.getvalue().splitlines() == [
+        "soter: 10 s  25%  30 s left  Cart: P2b",
+        "soter: 20 s  25%  60 s left  Cart: P2b",
+        "soter: 30 s  25%  90 s left  Cart: P2b",
+    ]
+
+
+def test_a_command_in_a_log_says_how_far_it_is_on_standard_error_alone(
+    here: Path, clock: list[float], monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    assert here.exists()
+    monkeypatch.setattr("soter.cli.terminal.progress.Event", lambda: Ticks(clock, 1))
+    assert main(["run", "cart.soter", "--until", "1s", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["ok"] is True
+    assert re.fullmatch(r"(soter: [0-9]+ s.*\n)+", err)
 
 
 def test_a_line_after_two_seconds(clock: list[float]) -> None:

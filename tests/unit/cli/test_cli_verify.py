@@ -48,6 +48,20 @@ def test_what_it_says_of_a_proved_module(
     golden("cli/verify.txt", steady(done.out))
 
 
+def test_verify_and_run_say_one_s_0_and_why_not_ttf_is_another_figure(
+    soter: Soter, here: Path
+) -> None:
+    shuttle = (ROOT / "examples" / "wall" / "shuttle.soter").read_text("utf-8")
+    (here / "shuttle.soter").write_text(shuttle)
+    proved = soter("verify", "shuttle.soter", "--no-refute")
+    (share,) = re.findall(
+        r"^S_0 ([0-9.]+%) of the estimates, .*; not ttf: the states", proved.out, re.MULTILINE
+    )
+    (of_states,) = re.findall(r"not ttf ([0-9.]+%)", proved.out)
+    assert share != of_states
+    assert f"on {share} of the estimates (S_0)" in soter("run", "shuttle.soter").out
+
+
 def test_the_document_has_every_property(soter: Soter, here: Path) -> None:
     done = soter("verify", write(here), "--json")
     module = done.document["modules"]["SafeCart"]

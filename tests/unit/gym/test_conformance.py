@@ -166,6 +166,57 @@ def test_every_run_of_the_program_conforms_and_a_jump_in_it_does_not(seed: int) 
         assert set(report.used) == {"p.d.[0]", "p.d.[1]", "p.gust"} or len(report.used) == 3
 
 
+TURNING = """soter 1;
+topic at: float in [-100.0, 100.0] max_age 1s;
+topic push: float in [-1.0, 1.0];
+plant P period 10ms { reads push; drives at = angle; state angle: float; state b: float;
+  disturbance d: float in [-0.5, 0.5];
+  der angle = 3.0 + d; der b = push; }
+extern node Ac period 10ms { subscribes at; publishes push; }
+node Sc period 10ms { publishes push; step { publish push = 0.0; } }
+rta M { ac Ac; sc Sc; period 10ms; safe at < 99.0; ttf false; safer true; }
+system S default { p: P; module M; until 10s; }
+"""
+
+
+class Turning(Cart):  # type: ignore[misc]
+    """The plant of `TURNING`, whose angle goes back by so much where it comes to pi."""
+
+    def __init__(self, back: float) -> None:
+        super().__init__()
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float64)
+        self.back = back
+        self.state = np.zeros(2)
+
+    def step(self, action: Any) -> Any:
+        angle, b = self.state
+        angle += 0.01 * 3.2
+        self.state = np.array([angle - self.back * (angle > np.pi), b + 0.01 * float(action[0])])
+        self.done += 1
+        return self.state.copy(), 0.0, False, False, {}
+
+
+@pytest.mark.parametrize(("back", "hinted"), [(2.0 * np.pi, True), (4.0, False)])
+def test_an_angle_that_wraps_around_is_hinted_at(back: float, hinted: bool, tmp_path: Path) -> None:
+    path = tmp_path / "turning.soter"
+    path.write_text(TURNING)
+    env = Protected(path, Turning(back))
+    report = conformance(env, 600, policy=lambda _: np.zeros(1))
+    assert report.inside < report.steps
+    outside = report.steps - report.inside
+    assert report.wrapped == ({"angle": outside} if hinted else {})
+    told = "angle is about a multiple of 2 pi off in" in str(report)
+    assert told is hinted
+    unwrapped = [0.0]
+
+    def observe(o: Any) -> Any:
+        unwrapped[0] += np.mod(o[0] - unwrapped[0] + np.pi, 2.0 * np.pi) - np.pi
+        return {"angle": unwrapped[0], "b": o[1]}
+
+    if hinted:  # what the help says helps
+        assert conformance(Protected(path, Turning(back), observe=observe), 600).share == 1.0
+
+
 def test_the_plant_of_the_proof_has_no_faults(tmp_path: Path) -> None:
     path = tmp_path / "cart.soter"
     faults = "faults { scale c.wind by 9.0 at 3600 per 1h for 1s; }\n  until 30s;"

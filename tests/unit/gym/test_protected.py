@@ -189,9 +189,46 @@ def test_an_observation_of_another_size_is_said() -> None:
         env.reset(seed=1)
 
 
-def test_a_step_before_reset_is_said() -> None:
-    with pytest.raises(soter.SoterError, match="over"):
-        Protected(CART, Cart()).step(FULL)
+def test_a_step_before_reset_is_said_and_one_after_the_end() -> None:
+    env = Protected(CART, Cart(steps=1))
+    with pytest.raises(soter.SoterError, match="no episode has begun"):
+        env.step(FULL)
+    env.reset(seed=1)
+    env.step(FULL)
+    with pytest.raises(soter.SoterError, match="the episode is over"):
+        env.step(FULL)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 1, 1)])
+def test_a_batch_of_one_action_is_none(shape: tuple[int, ...]) -> None:
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    assert env.action_space.shape == (1,)
+    with pytest.raises(soter.SoterError) as caught:
+        env.step(np.ones(shape))
+    assert f"the shape {shape}, and those of the space (1,)" in caught.value.diagnostics[0].message
+    assert "`actions[0]`" in caught.value.diagnostics[0].helps[0]
+    assert env.step(np.ones(1))[4]["action_requested"].shape == (1,)
+    env.step(1.0)  # a number stands for an array of one
+
+
+def test_an_action_may_have_the_shape_of_a_space_that_was_given() -> None:
+    square = spaces.Box(-3.0, 3.0, (1, 1), np.float32)
+    env = Protected(CART, Cart(), action_space=square)
+    env.reset(seed=1)
+    env.step(np.ones((1, 1)))
+    with pytest.raises(soter.SoterError, match="the shape"):
+        env.step(np.ones((1, 1, 1)))
+
+
+def test_a_batch_of_one_choice_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "gears.soter"
+    path.write_text(GEARS)
+    env = Protected(path, Engine())
+    env.reset(seed=1)
+    env.step(np.array([2]))
+    with pytest.raises(soter.SoterError, match="the shape"):
+        env.step(np.array([[2]]))
 
 
 GEARS = """soter 1;

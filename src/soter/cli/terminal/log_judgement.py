@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Severity
 from soter.diagnostics.json_object import JsonObject, one_of
+from soter.report.sections import PageSection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 WIDTH = 100
 CHANGES_SHOWN = 12
 BOUNDS_SHOWN = 12
+HEAD = ("module", "AC", "first switch", "switches", "least to ttf", "least to bounds of safe")
 
 
 def undecided(m: ModuleOfLog) -> Diagnostic:
@@ -37,10 +39,35 @@ def undecided(m: ModuleOfLog) -> Diagnostic:
 
 def lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """The judgement as text."""
+    yield f"{_judged_on(j)}\n"
+    yield console.table(HEAD, _rows(j))
+    for m in j.modules:
+        yield f"\n{m.module}"
+        yield from _of_module(m)
+    yield from _of_log(j)
+    yield "\nassumptions"
+    for text in j.assumptions:
+        yield from _item(text)
+
+
+def sections(j: LogJudgement) -> Iterator[PageSection]:
+    """The same for a page."""
+    yield PageSection("What was judged", (_judged_on(j),), HEAD, tuple(_rows(j)))
+    for m in j.modules:
+        yield PageSection(m.module, tuple(text.strip() for text in _of_module(m)))
+    of_log = tuple(text.strip() for text in _of_log(j))
+    if of_log:
+        yield PageSection("The log", of_log)
+    yield PageSection("What this rests on", tuple(j.assumptions))
+
+
+def _judged_on(j: LogJudgement) -> str:
     samples = ", ".join(f"{name} ({n:,})" if n else name for name, n in j.samples.items())
-    yield f"{j.log}  judged on reads from {j.from_s:.3f} s to {j.to_s:.3f} s: {samples}\n"
-    head = ("module", "AC", "first switch", "switches", "least to ttf", "least to bounds of safe")
-    rows = [
+    return f"{j.log}  judged on reads from {j.from_s:.3f} s to {j.to_s:.3f} s: {samples}"
+
+
+def _rows(j: LogJudgement) -> list[tuple[str, ...]]:
+    return [
         (
             m.module,
             f"{m.ac_share:.1%}",
@@ -52,17 +79,9 @@ def lines(j: LogJudgement, console: Console) -> Iterator[str]:
         for m in j.modules
         if m.decided
     ]
-    yield console.table(head, rows)
-    for m in j.modules:
-        yield from _of_module(m)
-    yield from _of_log(j)
-    yield "\nassumptions"
-    for text in j.assumptions:
-        yield from _item(text)
 
 
 def _of_module(m: ModuleOfLog) -> Iterator[str]:
-    yield f"\n{m.module}"
     if not m.decided:
         yield "  undecided; the log does not give"
         for name in m.missing:

@@ -9,10 +9,22 @@ from __future__ import annotations
 import argparse
 import re
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, NoReturn
 
 from soter.cli.terminal.command_outcome import UsageError
 from soter.diagnostics.option import options_of
+
+CERTIFICATE_FOLDER = """\
+in the folder of a certificate: manifest.json (claims, times, assumptions), SEAL (its SHA-256),
+program/ (every source and data file), sets/ (the sets of the proof, as bytes)
+"""
+CAMPAIGN_FOLDER = """\
+in the folder of a campaign: campaign.json (what is flown), flights.csv (a row a flight),
+arm-NAME/ (the same of an arm), campaign.lock (who is flying), and where asked for report.html and
+flights.parquet
+"""
+"""What lies in folders that several commands take, for their help."""
 
 
 class HelpWantedError(Exception):
@@ -49,6 +61,23 @@ class _Help(argparse.Action):
 def add_file(parser: CommandParser, help_: str = "the program") -> None:
     """The positional FILE."""
     parser.add_argument("file", metavar="FILE", help=help_)
+
+
+def add_report(parser: CommandParser, what: str, ending: str) -> None:
+    """--report; `what` it writes; `ending`: of its file where no path is given."""
+    parser.add_argument(
+        "--report",
+        nargs="?",
+        const="",
+        metavar="PATH",
+        help=f"write {what}: one HTML page (.soter/...{ending})",
+    )
+
+
+def report_path(report: str, of: str, ending: str) -> Path:
+    """Where --report writes; `of`: the file or folder that it is about."""
+    stem = Path(of).resolve().name.removesuffix(".soter").removesuffix(".trace.json")
+    return Path(report or Path(".soter") / f"{stem}{ending}")
 
 
 def add_settings(parser: CommandParser) -> None:

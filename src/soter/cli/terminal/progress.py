@@ -1,8 +1,8 @@
 """A line that says how far a run is.
 
 Purpose: on a terminal, for anything over two seconds, one line on standard error that is
-rewritten and gone at the end.
-Non-goals: logs; nothing is written where nobody looks.
+rewritten and gone at the end; where standard error is a log, a new line every ten seconds.
+Non-goals: standard output, which the result has to itself.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import shutil
 import time
 from contextlib import ExitStack, suppress
+from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.console import is_terminal
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 2.0
 EVERY_S = 0.1
+EVERY_S_OF_A_LOG = 10.0
 WIDTH = 30
 CLEAR = "\r\x1b[K"
 
@@ -33,29 +35,56 @@ def clipped(text: str) -> str:
 
 
 class LineOfProgress:
-    """Called with a text that says how far it is; a context, which clears the line when left."""
+    """Called with a text that says how far it is; a context, which clears the line when left.
+
+    Off a terminal a thread writes the last text at fixed intervals, whether or not it is another.
+    """
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._began = self._next = time.perf_counter()
         self._next += PATIENCE_S
         self._shown = False
+        self._text = ""
+        self._left = Event()
+        self._logging: Thread | None = None
 
     def __enter__(self) -> Callable[[str], None] | None:
-        return self._show if is_terminal(self._console.err) else None
+        self._begin()
+        return None if self._console.err is None else self._show
 
     def __exit__(self, *_: object) -> None:
+        if self._logging is not None:
+            self._left.set()
+            self._logging.join()
         if self._shown:
             self._write(CLEAR)
 
+    def _begin(self) -> None:
+        err = self._console.err
+        if err is not None and not is_terminal(err):
+            self._logging = Thread(target=self._log, name="soter progress", daemon=True)
+            self._logging.start()
+
+    def _log(self) -> None:
+        """Write a line again and again until the context is left."""
+        while not self._left.wait(EVERY_S_OF_A_LOG):
+            spent = f"soter: {time.perf_counter() - self._began:.0f} s"
+            self._write("  ".join(x for x in (spent, self._so_far()) if x) + "\n")
+
+    def _so_far(self) -> str:
+        """How far it is, for a log."""
+        return self._text
+
     def _show(self, text: str) -> None:
+        self._text = text
         if self._is_time():
             self._write(CLEAR + clipped(text))
 
     def _is_time(self) -> bool:
-        """Whether to write now."""
+        """Whether to write now, on a terminal."""
         now = time.perf_counter()
-        if now < self._next:
+        if self._logging is not None or now < self._next:
             return False
         self._next = now + EVERY_S
         self._shown = True
@@ -82,7 +111,8 @@ class ProgressBar(LineOfProgress):
         self._during = ExitStack()
 
     def __enter__(self) -> Callable[[float], None] | None:  # type: ignore[override]
-        if not is_terminal(self._console.err):
+        self._begin()
+        if self._console.err is None:
             return None
         self._during.enter_context(listening_to_phases(self._enter_phase))
         return self._show_share
@@ -106,6 +136,11 @@ class ProgressBar(LineOfProgress):
     def _line(self, share: float, spent_s: float) -> str:
         full = int(share * WIDTH)
         fill, rest = ("#", "-") if self._console.ascii_only else ("━", "╌")
+        return clipped(f"{fill * full}{rest * (WIDTH - full)}  {self._words(share, spent_s)}")
+
+    def _so_far(self) -> str:
+        return self._words(self._furthest, time.perf_counter() - self._phase_began).strip()
+
+    def _words(self, share: float, spent_s: float) -> str:
         left = f"{spent_s / share - spent_s:.0f} s left" if 0.001 < share < 1.0 else ""
-        parts = [f"{fill * full}{rest * (WIDTH - full)}", f"{share:4.0%}", left, self._phase]
-        return clipped("  ".join(p for p in parts if p))
+        return "  ".join(p for p in (f"{share:4.0%}", left, self._phase) if p)

@@ -186,7 +186,8 @@ DOCUMENT = JsonObject(
         kind=one_of("property", "fault"),
     ),
     modules=JsonObject(
-        f"{RESULT}.ModuleSummary", "ac_share switches_to_sc switches_to_ac gate_faults"
+        f"{RESULT}.ModuleSummary",
+        "ac_share switches_to_sc switches_to_ac gate_faults looks outside first_outside_s",
     ),
     proofs=JsonObject(
         "soter.language.model.proof_verdicts.Proof",

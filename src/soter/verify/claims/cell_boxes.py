@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.verify.problem.problem import Axis
+
     Bools = NDArray[np.bool_]
 
 REGIONS_MAX = 12
@@ -88,6 +90,17 @@ def holding(edges: NDArray[np.float64], low: float, high: float) -> slice | None
     first = min(int(np.searchsorted(edges, low, side="right")) - 1, len(edges) - 2)
     last = max(int(np.searchsorted(edges, high, side="left")) - 1, first)
     return slice(first, last + 1)
+
+
+def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
+    """Edges of every axis, (n + 1,): the cell before an open end counts like the others."""
+    edges_by_axis = []
+    for axis in axes:
+        edges = np.array(axis.edges)
+        if axis.open:
+            edges[-1] = edges[-2] + (edges[-2] - edges[0]) / (len(edges) - 2)
+        edges_by_axis.append(edges)
+    return edges_by_axis
 
 
 def share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:

@@ -287,8 +287,8 @@ class ModuleResult:
     """The sets of the fail-safe law, case by case; empty: it is not proved."""
     seconds: float = 0.0
     shares: dict[str, float] = field(default_factory=dict)
-    """Shares of the grid box's volume: `core`, `free`, `lets_ac`, `gives_back`, the least over
-    the parameters."""
+    """Shares of the grid box's volume: `core`, `free`, `lets_ac`, `gives_back` of states and, where
+    predicates are computed, `estimates` (S_0); the least over the parameters."""
     recover_s: float | None = None
     """The T that P2b was proved with, in s."""
     vacuity: Vacuity | None = None

@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 from dataclasses import replace
 from importlib.metadata import version
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,8 +80,9 @@ def complete(flat: System, progress: Progress | None = None) -> list[str]:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
             continue
         put(flat, module, problem, level_tables)
-        share = min(x.share for x in level_tables)
-        what = f"AC may have control on {share:.1%} of the grid (S_0)"
+        every = zip(in_order(problem.groups), level_tables, strict=True)
+        share = prod(table.share(group) for group, table in every)
+        what = f"AC may have control on {share:.1%} of the estimates (S_0)"
         notes.append(f"{module.name}: ttf and safer computed, {what}")
     return notes
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure
-from soter.verify.grid.set_volumes import drawn_edges
+from soter.verify.claims.cell_boxes import drawn_edges
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,7 +33,7 @@ def regions(sets: GroupSets) -> NDArray[np.uint8]:
 
 def figure(sets: GroupSets, note: str) -> RegionFigure:
     """The first two axes; further ones are cut where the state is nearest to the middle."""
-    axes, drawn = sets.group.axes, drawn_edges(sets)
+    axes, drawn = sets.group.axes, drawn_edges(sets.group.axes)
     region_ids = regions(sets)
     cuts: list[str] = []
     for k, axis in enumerate(axes[2:]):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.claims.cell_boxes import share
+from soter.verify.claims.cell_boxes import drawn_edges, share
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,25 +20,15 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-def drawn_edges(part: GroupSets) -> list[Floats]:
-    """Edges of every axis, (n + 1,): the cell before an open end counts like the others."""
-    edges_by_axis = []
-    for axis in part.group.axes:
-        edges = np.array(axis.edges)
-        if axis.open:
-            edges[-1] = edges[-2] + (edges[-2] - edges[0]) / (len(edges) - 2)
-        edges_by_axis.append(edges)
-    return edges_by_axis
-
-
 def shares(part: GroupSets) -> dict[str, float]:
-    """Of the grid's volume, by set."""
-    edges = drawn_edges(part)
+    """Of the grid's volume, by set; `estimates`: of S_0, where predicates are computed."""
+    edges = drawn_edges(part.group.axes)
     sets = {
         "core": part.core > 0,
         "free": part.free,
         "lets_ac": part.lets_ac,
         "gives_back": part.gives_back,
+        "estimates": part.deployed[0] if part.levels and part.deployed is not None else None,
     }
     every = {name: cells for name, cells in sets.items() if cells is not None}
     return {name: share(np.asarray(cells), edges) for name, cells in every.items()}
@@ -46,8 +36,9 @@ def shares(part: GroupSets) -> dict[str, float]:
 
 def core_share(part: GroupSets) -> float:
     """Of C that K is; 0 where there is no C."""
-    whole = share(part.allowed, drawn_edges(part))
-    return share((part.core > 0) & part.allowed, drawn_edges(part)) / whole if whole else 0.0
+    edges = drawn_edges(part.group.axes)
+    whole = share(part.allowed, edges)
+    return share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0
 
 
 def both(part: GroupSets) -> tuple[float, bool] | None:
@@ -55,8 +46,8 @@ def both(part: GroupSets) -> tuple[float, bool] | None:
     if part.lets_ac is None or part.gives_back is None:
         return None
     core, lets = part.core > 0, part.lets_ac & part.gives_back
-    whole = share(core, drawn_edges(part))
-    fraction = share(lets & core, drawn_edges(part)) / whole if whole else 1.0
+    whole = share(core, drawn_edges(part.group.axes))
+    fraction = share(lets & core, drawn_edges(part.group.axes)) / whole if whole else 1.0
     return fraction, bool(lets.any())
 
 
@@ -68,13 +59,13 @@ def lets_share(part: GroupSets, predicate: str) -> float | None:
     )
     if cells is None:
         return None
-    core = part.core > 0
-    return share(cells & core, drawn_edges(part)) / share(core, drawn_edges(part))
+    core, edges = part.core > 0, drawn_edges(part.group.axes)
+    return share(cells & core, edges) / share(core, edges)
 
 
 def drawn(part: GroupSets, chance: np.random.Generator, count: int) -> Floats:
     """States of K, (count, axes), uniform."""
-    core, edges = np.argwhere(part.core > 0), drawn_edges(part)
+    core, edges = np.argwhere(part.core > 0), drawn_edges(part.group.axes)
     sizes = np.prod([np.diff(e)[core[:, k]] for k, e in enumerate(edges)], axis=0)
     at = core[chance.choice(len(core), count, p=sizes / sizes.sum())]
     low = np.stack([e[at[:, k]] for k, e in enumerate(edges)], axis=1)

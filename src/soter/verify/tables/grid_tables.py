@@ -21,6 +21,7 @@ import numpy as np
 
 from soter.language.model import typed as t
 from soter.language.model.types import FLOAT, INT, IntType, leaves
+from soter.verify.claims.cell_boxes import drawn_edges, share
 from soter.verify.problem.estimates import seen
 from soter.verify.tables.level_table import EstimateSamples, LevelTable
 from soter.verify.tables.tree_writer import Writer
@@ -57,10 +58,10 @@ class GroupTable(LevelTable):
         four = flat.reshape(-1, PER_BYTE) @ np.array(POWERS, dtype=np.uint8)
         return tuple(int(v) for v in four)
 
-    @property
-    def share(self) -> float:
-        """Share of the cells that are in S_0."""
-        return float((self.entries > 0).mean())
+    def share(self, group: Group) -> float:
+        """By the volume of cells."""
+        axes = [a for a in group.axes if a.state in self.states]
+        return share(self.entries > 0, drawn_edges(axes))
 
     @property
     def full(self) -> tuple[float, ...] | None:

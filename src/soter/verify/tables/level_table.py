@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.language.model.typed import FunSymbol
+    from soter.verify.problem.problem import Group
     from soter.verify.tables.tree_writer import Writer
 
 
@@ -47,10 +48,9 @@ class LevelTable(ABC):
     def ends(self) -> tuple[tuple[float, ...], ...]:
         """Per state the numbers between which inputs are told apart."""
 
-    @property
     @abstractmethod
-    def share(self) -> float:
-        """Share of all that is S_0."""
+    def share(self, group: Group) -> float:
+        """Share of the volume of its group's ranges that S_0 is, of estimates."""
 
     @property
     @abstractmethod

@@ -31,14 +31,21 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.verify.problem.problem import Group
     from soter.verify.tables.tree_writer import Writer
 
     Floats = NDArray[np.float64]
 
-SAMPLES = 20_000
+SAMPLES = 100_000
 RAYS = 40
 NEAR, APART = 2.0**-45, 2.0**-30
 """How close to a border points are tried, and by how much a level may be given too late."""
+
+
+def drawn_states(group: Group) -> Floats:
+    """States within the ranges of a group, uniform, (SAMPLES, axes); the same ones every time."""
+    low, high = np.array([(a.edges[0], a.edges[-1]) for a in group.axes]).T
+    return np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +72,9 @@ class Facets(LevelTable):
         """Per state the ends of the box that holds S_0: classes of input."""
         return tuple(zip(self.outer.low.tolist(), self.outer.high.tolist(), strict=True))
 
-    @property
-    def share(self) -> float:
-        """Share of that box's volume that is S_0, sampled."""
-        chance = np.random.default_rng(0)
-        points = chance.uniform(self.outer.low, self.outer.high, (SAMPLES, len(self.outer.low)))
-        return float(self.outer.contains(points).mean())
+    def share(self, group: Group) -> float:
+        """Sampled."""
+        return float(self.certain[0].contains(drawn_states(group)).mean())
 
     @property
     def full(self) -> tuple[float, ...] | None:

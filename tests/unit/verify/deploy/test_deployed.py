@@ -118,7 +118,9 @@ def test_the_sets_of_a_proof_are_the_table_of_a_run() -> None:
     module_result = result_of()
     deployed = module_result.cases[0].groups[0].deployed
     assert deployed is not None
-    assert f"on {deployed[0].mean():.1%} of the grid (S_0)" in note
+    assert f"on {deployed[0].mean():.1%} of the estimates (S_0)" in note
+    assert module_result.shares["estimates"] == pytest.approx(deployed[0].mean())
+    assert module_result.shares["estimates"] <= module_result.shares["lets_ac"]
 
 
 @pytest.mark.long

@@ -156,6 +156,8 @@ def test_computed_predicates_are_proved_and_compiled() -> None:
     module_result = result_of(*COMPUTED)
     assert module_result.verdict == "proved", verdicts(module_result)
     assert "points at borders" in module_result.findings["DM"].text
+    (note,) = complete(problem_of(*COMPUTED).system)
+    assert f"on {module_result.shares['estimates']:.1%} of the estimates (S_0)" in note
     assert (
         0
         < module_result.shares["gives_back"]

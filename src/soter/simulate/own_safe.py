@@ -1,0 +1,184 @@
+"""Whether a module's own `safe` holds on what its topics hold: estimates, as its DM reads them.
+
+Purpose: `CompiledSafe`, the predicates in C beside the program that runs natively, and
+`InterpretedSafe`, the same by the interpreter's evaluator, for runs of other programs; `SafeTally`,
+the looks of each DM in which it was false.
+Non-goals: properties, which are judged on the truth; why a DM decided (`explain_decision.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from soter.codegen import decisions
+from soter.codegen.c import tree as c
+from soter.codegen.unit import UnitBuilder
+from soter.core.core import Call
+from soter.core.lower_statements import FunctionTable
+from soter.core.read_write_footprint import walk
+from soter.core.steps import lower_predicate
+from soter.language.model.system import environment_topics
+from soter.language.model.tree_walk import topic_reads
+from soter.native.cffi_interface import address
+from soter.semantics.configuration import NEVER
+from soter.simulate.explain_decision import Explainer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from soter.core.core import CoreSystem, Predicate
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Module, System
+    from soter.native.library import Library
+
+    States = npt.NDArray[Any]
+
+
+class SafeJudge(Protocol):
+    """Judges `safe` of a module."""
+
+    def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
+        """Per row of the states, (n,), whether it is false there; a fault in it counts as false.
+
+        None where it asks an extern function, which is the run's alone to ask.
+        """
+
+
+# ---------------------------------------------------------------- in C
+
+
+class JudgedUnit(UnitBuilder):
+    """Builds the unit of a system with `<prefix>_safe`, a row for each module in `judged`."""
+
+    def __init__(self, system: System, core: CoreSystem) -> None:
+        table = FunctionTable(system)
+        table.by_name.update((f.name, f) for f in core.functions)
+        every = {m.index: _lowered(table, system, m) for m in system.modules}
+        whole = replace(core, functions=tuple(table.by_name.values()))
+        super().__init__(system, whole, None)
+        extern = _extern_functions(whole)
+        self.judged = {m: p for m, p in every.items() if not _calls(p) & extern}
+
+    def more(self) -> list[c.CTop]:
+        """The predicates, and the table by which they are found."""
+        functions: list[c.CTop] = []
+        rows: list[tuple[None, c.CExpr]] = []
+        for module, predicate in self.judged.items():
+            name = f"{self.prefix}_safe_{module}"
+            doc = f"`safe` of {self.system.modules[module].name} is false"
+            functions.append(
+                decisions.predicate(self.frame, predicate, name, doc, unsafe=True, negate=True)
+            )
+            rows.append((None, c.Initializer((("violated", c.Name(name)),))))
+        if not rows:
+            return []
+        table, kind = f"{self.prefix}_safe", "soter_property_info"
+        given = c.Initializer(tuple(rows))
+        return [*functions, c.VariableDef(kind, table, given, array=True, static=False)]
+
+
+def _lowered(table: FunctionTable, system: System, m: Module) -> Predicate:
+    return lower_predicate(table, system, m.scope, m.symbol.safe, m.symbol.safe.span)
+
+
+def _calls(p: Predicate) -> set[str]:
+    return {x.function for x in walk((*p.body, p.value)) if isinstance(x, Call)}
+
+
+def _extern_functions(core: CoreSystem) -> set[str]:
+    """Functions that are extern, or call one; those that are called come first."""
+    extern: set[str] = set()
+    for f in core.functions:
+        called = {x.function for x in walk(f.body) if isinstance(x, Call)}
+        if f.result is None or called & extern:
+            extern.add(f.name)
+    return extern
+
+
+class CompiledSafe:
+    """The predicates of a `JudgedUnit` that was compiled and loaded."""
+
+    def __init__(self, library: Library, path: Path, unit: JudgedUnit) -> None:
+        self._ffi = library.ffi
+        self._row = {module: k for k, module in enumerate(unit.judged)}
+        self._table: Any = None
+        if unit.judged:
+            name = f"{unit.prefix}_safe"
+            self._table = address(library.ffi, path, name, "const soter_property_info *")
+
+    def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
+        """As `SafeJudge` says; `states` lie in order."""
+        if module not in self._row:
+            return None
+        judge, size = self._table[self._row[module]].violated, states.dtype.itemsize
+        first = self._ffi.cast("const uint8_t *", states.ctypes.data)
+        return [judge(first + row * size) for row in rows]
+
+
+# ---------------------------------------------------------------- by the evaluator
+
+
+class InterpretedSafe:
+    """The predicates of a system, by the evaluator of the interpreter."""
+
+    def __init__(self, system: System, layout: StateLayout) -> None:
+        explainer = Explainer(system, layout)
+        self._holds = [explainer.safe(m.index) for m in system.modules]
+
+    def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
+        """As `SafeJudge` says."""
+        holds = self._holds[module]
+        return None if holds is None else [not holds(states[row].tobytes()) for row in rows]
+
+
+# ---------------------------------------------------------------- counting
+
+
+@dataclass(frozen=True)
+class SafeLooks:
+    """Of one module: looks of its DM with fresh reads, those in which `safe` was false, and when.
+
+    `outside` is None where nobody judged.
+    """
+
+    looks: int = 0
+    outside: int | None = None
+    first_outside_s: float | None = None
+
+
+class SafeTally:
+    """Counts, for all modules, in which of the states after their looks `safe` is false."""
+
+    def __init__(self, system: System, judge: SafeJudge) -> None:
+        self._judge = judge
+        self._inputs = [_needed(system, m) for m in system.modules]
+        self.looks = [SafeLooks() for _ in system.modules]
+
+    def see(self, states: States, due: npt.NDArray[np.bool_]) -> None:
+        """The next states, (n,), and which modules have just looked in them, (n, modules)."""
+        fresh = due & (states["modules"]["stale"] == 0)
+        for module, needed in enumerate(self._inputs):
+            own = fresh[:, module]
+            if needed:
+                own = own & (states["stamps"][:, needed] != NEVER).all(axis=1)
+            rows = np.flatnonzero(own).tolist()
+            false = self._judge.is_false(module, states, rows)
+            if false is not None:
+                before = self.looks[module]
+                first_s = before.first_outside_s
+                if first_s is None and True in false:
+                    first_s = int(states["header"]["ct"][rows[false.index(True)]]) / 1e9
+                outside = (before.outside or 0) + sum(false)
+                self.looks[module] = SafeLooks(before.looks + len(rows), outside, first_s)
+
+
+def _needed(system: System, m: Module) -> list[int]:
+    """Topics that `safe` reads and a component publishes: before that they show nobody's state."""
+    read = {m.scope.topics[t] for t in topic_reads(m.symbol.safe)}
+    return sorted(read - set(environment_topics(system)))
