@@ -78,7 +78,7 @@ def row(arm: Arm, flights: tuple[FlightOutcome, ...], names: list[str], wall_s: 
     times = every["lap_s"][clean]
     shares = np.array([f.ac_s[0] / f.seconds for f in flights])
     if not arm.hostile:
-        shares = np.minimum(every["ac_s"] / every["lap_s"], 1.0)[arrived]
+        shares = every["ac_s"][arrived] / every["lap_s"][arrived]
     left = sum(f.violations > 0 for f in flights) - int(touched.sum())
     measured = "residual" in names
     return [
