@@ -205,4 +205,4 @@ def test_a_vehicle_that_is_another_raises_the_alarm_before_it_touches_anything()
     began = run.time_s()[np.argmax(parted)]
     assert parted[-1]
     assert 3.0 <= began < 5.0
-    assert all(v.first_s > began for v in run.violation_list)
+    assert all(v.time_s > began for v in run.violation_list)
