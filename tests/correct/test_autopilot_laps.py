@@ -2,13 +2,14 @@
 
 Purpose: that walls' plants are `fence.Loop` in other coordinates; that modules which count on what
 the vehicle does not keep are not proved; and, where the firmware is built, single flights.
-Non-goals: 1,200 flights (`bench/autopilot/laps.py`), the firmware itself (`test_autopilot.py`).
+Non-goals: 2,000 flights (`bench/autopilot/laps.py`), the firmware itself (`test_autopilot.py`).
 """
 
 from __future__ import annotations
 
 import os
 import shutil
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -163,9 +164,13 @@ def test_a_wrong_module_is_not_proved(tmp_path: Path, name: str) -> None:
 # ---------------------------------------------------------------- flights
 
 
+@cache
+def laps() -> soter.Program:
+    return soter.load(EXAMPLES / "autopilot" / "laps.soter")
+
+
 def flown(system: str, seed: int, **params: Any) -> Any:
-    program = soter.load(EXAMPLES / "autopilot" / "laps.soter")
-    return program.simulate(system, seed=seed, params=params, sha256=False)
+    return laps().simulate(system, seed=seed, params=params, sha256=False)
 
 
 @pytest.mark.parametrize("cross", [False, True])
