@@ -672,6 +672,12 @@ BENCHMARKS = (
         "nothing was identified; `residual`: of its bound; `left`: the fence, after the alarm.",
     ),
     Benchmark(
+        "Betaflight on the drone's laps",
+        ("bench/autopilot/laps.py",),
+        "The same boxes and the same AC on unmodified firmware and on the drone's own attitude "
+        "loop, below the module that is proved of each, and alone; held-out seeds.",
+    ),
+    Benchmark(
         "A policy in another process",
         ("bench/real_time/remote_policy.py", "--seconds", "15"),
         "From the observation in its channel to the action in its, a constant policy in Python.",

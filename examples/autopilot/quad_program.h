@@ -10,6 +10,14 @@
 #include "flights.h"
 #define OF_PROGRAM(name) flights_fence_##name
 #define OF_VEC3 flights_Vec3
+#elif __has_include("laps.h")
+#include "laps.h"
+#define OF_PROGRAM(name) laps_fence_##name
+#define OF_VEC3 laps_Vec3
+#elif __has_include("corridor.h")
+#include "corridor.h"
+#define OF_PROGRAM(name) corridor_fence_##name
+#define OF_VEC3 corridor_Vec3
 #else
 #include "autopilot.h"
 #define OF_PROGRAM(name) autopilot_##name

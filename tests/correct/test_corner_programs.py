@@ -30,7 +30,8 @@ INSTANTS = examples("SOTER_CORNER_INSTANTS", quick=150, long=500)
 NOTHING_TO_RUN = {
     f"examples/{name}.soter"
     for name in (
-        *("autopilot/autopilot", "autopilot/flights", "autopilot/watch"),
+        *("autopilot/autopilot", "autopilot/corridor", "autopilot/flights", "autopilot/laps"),
+        "autopilot/watch",
         *("drone/boxes", "drone/city", "drone/cover", "drone/docks", "drone/iris"),
         *("drone/logbook", "drone/planner", "drone/roadmap", "drone/surveillance"),
         *("evidence/courier", "evidence/reel"),
