@@ -5,7 +5,8 @@
  * rotors, what the sensors say, and the adapter between a wanted acceleration and the four sticks.
  * Before the first flight a test on a stand: a firmware that is another one, or a mapping with a
  * wrong sign, is said and nothing takes off.
- * Non-goals: contact with anything but the ground before take-off; an estimator of position.
+ * Non-goals: contact with anything but the ground before take-off; an estimator of position; what
+ * spinning rotors resist to being tilted, which is next to nothing in sum.
  *
  * The autopilot keeps its own state, so a flight is followed from its first step to its last, one
  * at a time; a flight that starts anew (tick 0) starts a new copy of the autopilot.
@@ -34,6 +35,8 @@ static const double ARM = 0.12;                        /* m, along x and y */
 static const double THRUST = 10.0;                     /* N, of one motor at full power */
 static const double YAW = 0.016;                       /* m: moment of a rotor over its thrust */
 static const double ROTOR_S = 0.03;                    /* lag of a rotor */
+static const double ROTOR_INERTIA = 7e-6;              /* kg m^2: 5 inches and 4 g, and a bell */
+static const double FULL_SPEED = 2500.0;               /* rad/s, of a rotor at full power */
 static const double DRAG = 0.05;                       /* N s/m */
 static const double GYRO_NOISE = 0.002, FORCE_NOISE = 0.05, HEIGHT_NOISE = 0.02;
 static const double STEP_S = 1e-6 * LOCKSTEP_STEP_US;
@@ -209,10 +212,12 @@ static void turn(const double moment[3]) {
 }
 
 static void move(const double motors[4], const double wind[3]) {
-  double t[4], total = 0.0;
+  double t[4], about[4], total = 0.0;
   for (int i = 0; i < 4; i++) {
-    craft.rotor[i] += (within(motors[i], 0.0, 1.0) - craft.rotor[i]) * STEP_S / ROTOR_S;
+    const double change = (within(motors[i], 0.0, 1.0) - craft.rotor[i]) / ROTOR_S;
+    craft.rotor[i] += STEP_S * change;
     t[i] = THRUST * craft.rotor[i] * craft.rotor[i] * (i == 1 ? craft.fault.motor : 1.0);
+    about[i] = YAW * t[i] + ROTOR_INERTIA * FULL_SPEED * change; /* its drag, and what speeds it up */
     total += t[i];
   }
   const double mass = MASS * craft.fault.mass;
@@ -226,7 +231,7 @@ static void move(const double motors[4], const double wind[3]) {
   } else {
     craft.airborne = true;
     const double moment[3] = {ARM * (t[2] + t[3] - t[0] - t[1]), ARM * (t[0] + t[2] - t[1] - t[3]),
-                              YAW * (t[0] + t[3] - t[1] - t[2])};
+                              about[0] + about[3] - about[1] - about[2]};
     turn(moment);
   }
   for (int i = 0; i < 3; i++) {

@@ -195,6 +195,16 @@ def test_hostile_controllers_stay_inside_without_an_alarm(seed: int) -> None:
 
 
 @needs_firmware
+def test_nothing_grows_unseen_while_the_vehicle_stands_still() -> None:
+    # A swing of the yaw loop that doubles every six seconds passes the bound after a minute.
+    run = flown(3, "Quiet", until="75s", sha256=False)
+    assert run.violations == 0
+    loop, s = program().constant("fence.LOOP"), "h.q.truth.s"
+    left = np.abs(run.array(f"{s}.rest") + loop.drag * run.array(f"{s}.v"))
+    assert (left < [loop.side, loop.side, loop.up]).all()
+
+
+@needs_firmware
 def test_without_a_module_they_are_outside() -> None:
     assert flown(10_001, "Bare", until="20s", sha256=False).violations > 0
 
