@@ -195,9 +195,9 @@ def test_hostile_controllers_stay_inside_without_an_alarm(seed: int) -> None:
 
 
 @needs_firmware
-def test_nothing_grows_unseen_while_the_vehicle_stands_still() -> None:
-    # A swing of the yaw loop that doubles every six seconds passes the bound after a minute.
-    run = flown(3, "Quiet", until="75s", sha256=False)
+@pytest.mark.parametrize(("system", "seed", "until"), [("Quiet", 3, "75s"), ("Fenced", 32, "40s")])
+def test_no_swing_grows_beyond_the_bounds(system: str, seed: int, until: str) -> None:
+    run = flown(seed, system, until=until, sha256=False)
     assert run.violations == 0
     loop, s = program().constant("fence.LOOP"), "h.q.truth.s"
     left = np.abs(run.array(f"{s}.rest") + loop.drag * run.array(f"{s}.v"))
