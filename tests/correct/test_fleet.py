@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bench.fleet import junction as bench
-from bench.fleet.protocol_bugs import BUGS, Bug, found
+from bench.fleet.protocol_bugs import BUGS, Bug, counterexample_of
 
 import soter
 from soter.cli.main import main
@@ -121,10 +121,10 @@ def test_leases_exclude_whatever_is_lost_late_or_out_of_order(tmp_path: Path) ->
 
 @pytest.mark.long
 @pytest.mark.parametrize("bug", BUGS, ids=lambda b: b.name)
-def test_each_bug_of_the_protocol_is_found_by_a_shortest_run(bug: Bug, tmp_path: Path) -> None:
-    told = found(bug, tmp_path / "wrong")
-    assert told.test
-    assert told.minimal
+def test_each_bug_of_the_protocol_has_a_shortest_run_that_shows_it(bug: Bug, tmp_path: Path) -> None:
+    counterexample = counterexample_of(bug, tmp_path / "wrong")
+    assert counterexample.test
+    assert counterexample.minimal
 
 
 @pytest.mark.parametrize(("system", "map_"), [("Vehicle", "vehicle.toml"), ("Post", "post.toml")])
