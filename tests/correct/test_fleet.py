@@ -8,6 +8,7 @@ Non-goals: processes over DDS (`bench/fleet/dds_junction.py`).
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,6 @@ from soter.cli.main import main
 
 FLEET = Path(__file__).resolve().parents[2] / "examples" / "fleet"
 UNCLAIMED = {"P2b", "failsafe"}
-BOUND_S = 0.56
-"""docs/fleet.md: CONTACT, a step of Gauge, a period of the DM."""
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +120,9 @@ def test_leases_exclude_whatever_is_lost_late_or_out_of_order(tmp_path: Path) ->
 
 @pytest.mark.long
 @pytest.mark.parametrize("bug", BUGS, ids=lambda b: b.name)
-def test_each_bug_of_the_protocol_has_a_shortest_run_that_shows_it(bug: Bug, tmp_path: Path) -> None:
+def test_each_bug_of_the_protocol_has_a_shortest_run_that_shows_it(
+    bug: Bug, tmp_path: Path
+) -> None:
     counterexample = counterexample_of(bug, tmp_path / "wrong")
     assert counterexample.test
     assert counterexample.minimal
@@ -144,14 +145,51 @@ def test_a_machine_of_the_fleet_is_a_process_that_speaks_dds(
 # ---------------------------------------------------------------- all of them
 
 
-@pytest.mark.parametrize("row", bench.ROWS, ids=lambda r: r.name)
-def test_nobody_collides_whatever_one_machine_does(row: bench.Row, junction: soter.Program) -> None:
-    told = bench.tallied(junction, row, 10)
-    assert told.collisions == 0
-    assert told.never_sc == 0
-    assert max(told.to_sc_s, default=0.0) <= BOUND_S
-    assert told.news_s <= BOUND_S
-    assert told.crossings > 10
+@pytest.mark.parametrize("kind", bench.KINDS, ids=lambda k: k.name)
+def test_nobody_collides_whatever_any_one_machine_does(
+    kind: bench.Kind, junction: soter.Program
+) -> None:
+    bound_s = bench.bound_s(junction)
+    assert bound_s == pytest.approx(0.56)  # docs/fleet.md
+    for who in kind.machines:
+        tally = bench.tallied(junction, kind, who, 2)
+        assert tally.collisions == 0
+        assert tally.never_sc == 0
+        assert max(tally.to_sc_s, default=0.0) <= bound_s
+        assert tally.over_bound == 0
+        assert tally.lease_over == 0
+        assert tally.crossings > 2
+        silent = kind.what in {"Stopped", "Cut"}
+        assert bool(tally.to_sc_s) == silent
+
+
+def _kind(name: str) -> bench.Kind:
+    (kind,) = (k for k in bench.KINDS if k.name == name)
+    return kind
+
+
+@pytest.mark.parametrize("name", ["clock 2 E_CLOCK behind", "clock jumps 2 E_CLOCK behind"])
+def test_a_robots_clock_that_makes_leases_look_younger_is_noticed(
+    name: str, junction: soter.Program
+) -> None:
+    assert bench.tallied(junction, _kind(name), 1, 3).noticed == 3
+
+
+def test_a_lease_that_is_over_is_counted_where_a_wrong_clock_is_not_looked_for(
+    tmp_path: Path,
+) -> None:
+    """It jumps by 10 s, messages of the future are taken, and a driver idles in the junction."""
+    path = changed(
+        tmp_path / "trusting",
+        "reservation.soter",
+        "{ return age_most(now, sent) < 0; }",
+        "{ return false; }",
+    )
+    kind = replace(_kind("clock jumps 2 E_CLOCK behind"), clock_errors=-200, hurry=False)
+    tally = bench.tallied(soter.load(path.parent / "junction.soter"), kind, 1, 20)
+    assert tally.noticed == 0
+    assert tally.lease_over > 0
+    assert tally.neither == tally.lease_over
 
 
 def test_robots_without_their_modules_collide(junction: soter.Program) -> None:
@@ -162,18 +200,21 @@ def test_robots_without_their_modules_collide(junction: soter.Program) -> None:
 def test_robots_that_do_not_ask_how_old_news_are_go_on_for_longer(tmp_path: Path) -> None:
     wanted = "const CONTACT: float = 0.5;"
     path = changed(tmp_path / "deaf", "robot.soter", wanted, "const CONTACT: float = 0.9;")
-    (row,) = (r for r in bench.ROWS if r.name == "cut off")
-    told = bench.tallied(soter.load(path.parent / "junction.soter"), row, 5)
-    assert max(told.to_sc_s) > BOUND_S
-    assert told.news_s > BOUND_S
+    program = soter.load(path.parent / "junction.soter")
+    tally = bench.Tally(bench.bound_s(soter.load(bench.JUNCTION)))
+    for seed in (1, 2, 3):
+        bench.one_run(program, _kind("cut off suddenly"), bench.MANAGER, seed, tally)
+    assert max(tally.to_sc_s) > tally.bound_s
+    assert tally.over_bound == 3
+    assert tally.neither == 3
 
 
 def test_without_the_loop_somebody_drives_into_a_robot_that_died(tmp_path: Path) -> None:
     """What `occupied` is for: no lease speaks of a machine that is no more."""
     seen = "inside(at_0.x) || inside(at_1.x) || inside(at_2.x) || inside(at_3.x)"
     path = changed(tmp_path / "blind", "junction.soter", seen, "false")
-    (row,) = (r for r in bench.ROWS if r.name == "stopped")
-    assert bench.tallied(soter.load(path), row, 50).collisions > 0
+    kind = _kind("stopped suddenly")
+    assert bench.tallied(soter.load(path), kind, 3, 20).collisions > 0
 
 
 def test_a_robot_that_hears_nobody_stays_before_the_line() -> None:
