@@ -36,38 +36,36 @@ LOOPBACK = (
 
 
 def _run(*words: str | Path) -> None:
-    told = subprocess.run([str(w) for w in words], capture_output=True, text=True, check=False)
-    if told.returncode != 0:
-        sys.exit(f"{words[0]} failed:\n{told.stdout[-2000:]}{told.stderr[-4000:]}")
+    done = subprocess.run([str(w) for w in words], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(f"{words[0]} failed:\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
+
+
+def build_package(package: Path, system: str, map_name: str, map_text: str, *more: str) -> None:
+    """A machine of vehicle.soter, compiled, with `more` options; kept where it is there already."""
+    if (package / "build").exists():
+        return
+    maps = package.parent / f"{package.name}_map"
+    shutil.copytree(FLEET / "msg", maps / "msg", dirs_exist_ok=True)
+    (maps / map_name).write_text(map_text, "utf-8")
+    words = ("-m", "soter", "build", FLEET / "vehicle.soter", "--system", system, *more)
+    where = ("--target", "dds", "--map", maps / map_name, "-o", package)
+    _run(sys.executable, *words, *where)
+    _run("make", "-C", package)
 
 
 def build(folder: Path) -> None:
-    """The five packages, compiled; those that are there already are kept."""
+    """The five packages."""
+    robot = (FLEET / "vehicle.toml").read_text("utf-8")
     for name in machines():
-        package = folder / name
-        if (package / "build").exists():
-            continue
-        maps = folder / f"{name}_map"
-        shutil.copytree(FLEET / "msg", maps / "msg", dirs_exist_ok=True)
-        own = "post.toml" if name == "post" else "vehicle.toml"
-        text = (FLEET / own).read_text("utf-8")
-        number = name.removeprefix("robot_")
-        if name != "post":
-            text = text.replace("/robot_0/", f"/robot_{number}/")
-        (maps / own).write_text(text, "utf-8")
-        system = "Post" if name == "post" else "Vehicle"
-        more = [] if name == "post" else ["--set", f"reservation.ID={number}"]
-        words: tuple[str | Path, ...] = (
-            "-m",
-            "soter",
-            "build",
-            FLEET / "vehicle.soter",
-            "--system",
-            system,
-            *more,
-        )
-        _run(sys.executable, *words, "--target", "dds", "--map", maps / own, "-o", package)
-        _run("make", "-C", package)
+        if name == "post":
+            text = (FLEET / "post.toml").read_text("utf-8")
+            build_package(folder / name, "Post", "post.toml", text)
+        else:
+            number = name.removeprefix("robot_")
+            text = robot.replace("/robot_0/", f"/robot_{number}/")
+            own = ("--set", f"reservation.ID={number}")
+            build_package(folder / name, "Vehicle", "vehicle.toml", text, *own)
 
 
 def machines() -> list[str]:
@@ -80,14 +78,14 @@ def machines() -> list[str]:
 
 @dataclass
 class Machine:
-    """A trusted part and its bridge."""
+    """A trusted part and its bridge, and actuators where a fail-safe law is declared."""
 
     name: str
     channels: Path
     processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, package: Path) -> None:
-        """Both of them."""
+        """All of them: the actuators, if any, then the trusted part, then the bridge."""
         shutil.rmtree(self.channels, ignore_errors=True)
         self.channels.mkdir(parents=True)
         words: list[str | Path] = [package / "trusted" / "vehicle", "--channels", self.channels]
@@ -103,7 +101,11 @@ class Machine:
             "none",
         ]
         bridge = [next((package / "build").glob("*_bridge")), "--channels", self.channels]
-        for command in ([*words, *more], [*bridge, "--clock-error", "0.05"]):
+        commands = [[*words, *more], [*bridge, "--clock-error", "0.05"]]
+        actuators = package / "trusted" / "vehicle_actuator"
+        if actuators.exists():
+            commands.insert(0, [actuators, "--channels", self.channels, "--quiet"])
+        for command in commands:
             said = (self.channels.parent / f"{self.name}_{len(self.processes)}.txt").open("wb")
             self.processes.append(
                 subprocess.Popen([str(w) for w in command], stdout=said, stderr=said)
@@ -111,13 +113,13 @@ class Machine:
             time.sleep(0.2)
 
     def send(self, what: int) -> None:
-        """A signal to both."""
+        """A signal to all of them."""
         for p in self.processes:
             if p.poll() is None:
                 p.send_signal(what)
 
     def end(self) -> None:
-        """Both are gone."""
+        """All are gone."""
         self.send(signal.SIGCONT)
         self.send(signal.SIGKILL)
         for p in self.processes:
@@ -133,16 +135,16 @@ class Base:
 
     x: float
     v: float = 0.0
-    told: float = 0.0
+    commanded: float = 0.0
     heard_s: float = 0.0
 
     def step(self, now: float) -> None:
         """So much time later."""
-        told = self.told if now - self.heard_s < WATCHDOG_S else 0.0
+        commanded = self.commanded if now - self.heard_s < WATCHDOG_S else 0.0
         gained = (
-            min(self.v + PICKUP * STEP_S, told)
-            if self.v < told
-            else max(self.v - BRAKE * STEP_S, told)
+            min(self.v + PICKUP * STEP_S, commanded)
+            if self.v < commanded
+            else max(self.v - BRAKE * STEP_S, commanded)
         )
         self.x += 0.5 * (self.v + gained) * STEP_S
         self.v = gained
@@ -155,7 +157,7 @@ class Base:
         return 0.0 < self.x < LENGTH
 
 
-def _types() -> dict[str, Any]:
+def message_types() -> dict[str, Any]:
     """The messages, named as ROS 2 names them on the wire."""
     from cyclonedds.idl import make_idl_struct, types  # noqa: PLC0415 - an extra
 
@@ -176,7 +178,12 @@ def _types() -> dict[str, Any]:
         "fleet_msgs.msg.dds_.Motion_",
         {"header_": header, "x_": types.float64, "v_": types.float64},
     )
-    return {"Time": moment, "Header": header, "Motion": motion, **one}
+    claim = make_idl_struct(
+        "Claim_",
+        "fleet_msgs.msg.dds_.Claim_",
+        {"header_": header, **dict.fromkeys(("from_whom_", "lo_", "hi_", "sent_"), types.int64)},
+    )
+    return {"Time": moment, "Header": header, "Motion": motion, "Claim": claim, **one}
 
 
 class World:
@@ -188,7 +195,7 @@ class World:
         from cyclonedds.sub import DataReader  # noqa: PLC0415 - an extra
         from cyclonedds.topic import Topic  # noqa: PLC0415 - an extra
 
-        self.types = _types()
+        self.types = message_types()
         peer = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
 
         def writer(topic: str, kind: str) -> Any:  # noqa: ANN401 - of an extra
@@ -211,7 +218,7 @@ class World:
         for b, reader in zip(self.bases, self.speed, strict=True):
             for message in reader.take(20):
                 if hasattr(message, "data_"):
-                    b.told, b.heard_s = message.data_, now
+                    b.commanded, b.heard_s = message.data_, now
             b.step(now)
         after = [b.inside for b in self.bases]
         self.crossings += sum(b and not a for b, a in zip(before, after, strict=True))
