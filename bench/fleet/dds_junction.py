@@ -41,14 +41,16 @@ def _run(*words: str | Path) -> None:
         sys.exit(f"{words[0]} failed:\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
 
 
-def build_package(package: Path, system: str, map_name: str, map_text: str, *more: str) -> None:
+def build_package(
+    package: Path, system: str, map_name: str, map_text: str, *more: str, source: Path = FLEET
+) -> None:
     """A machine of vehicle.soter, compiled, with `more` options; kept where it is there already."""
     if (package / "build").exists():
         return
     maps = package.parent / f"{package.name}_map"
     shutil.copytree(FLEET / "msg", maps / "msg", dirs_exist_ok=True)
     (maps / map_name).write_text(map_text, "utf-8")
-    words = ("-m", "soter", "build", FLEET / "vehicle.soter", "--system", system, *more)
+    words = ("-m", "soter", "build", source / "vehicle.soter", "--system", system, *more)
     where = ("--target", "dds", "--map", maps / map_name, "-o", package)
     _run(sys.executable, *words, *where)
     _run("make", "-C", package)
@@ -78,14 +80,14 @@ def machines() -> list[str]:
 
 @dataclass
 class Machine:
-    """A trusted part and its bridge, and actuators where a fail-safe law is declared."""
+    """A trusted part and its bridge."""
 
     name: str
     channels: Path
     processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, package: Path) -> None:
-        """All of them: the actuators, if any, then the trusted part, then the bridge."""
+        """Both of them."""
         shutil.rmtree(self.channels, ignore_errors=True)
         self.channels.mkdir(parents=True)
         words: list[str | Path] = [package / "trusted" / "vehicle", "--channels", self.channels]
@@ -101,11 +103,7 @@ class Machine:
             "none",
         ]
         bridge = [next((package / "build").glob("*_bridge")), "--channels", self.channels]
-        commands = [[*words, *more], [*bridge, "--clock-error", "0.05"]]
-        actuators = package / "trusted" / "vehicle_actuator"
-        if actuators.exists():
-            commands.insert(0, [actuators, "--channels", self.channels, "--quiet"])
-        for command in commands:
+        for command in ([*words, *more], [*bridge, "--clock-error", "0.05"]):
             said = (self.channels.parent / f"{self.name}_{len(self.processes)}.txt").open("wb")
             self.processes.append(
                 subprocess.Popen([str(w) for w in command], stdout=said, stderr=said)
@@ -113,13 +111,13 @@ class Machine:
             time.sleep(0.2)
 
     def send(self, what: int) -> None:
-        """A signal to all of them."""
+        """A signal to both."""
         for p in self.processes:
             if p.poll() is None:
                 p.send_signal(what)
 
     def end(self) -> None:
-        """All are gone."""
+        """Both are gone."""
         self.send(signal.SIGCONT)
         self.send(signal.SIGKILL)
         for p in self.processes:
