@@ -31,6 +31,8 @@ from bench.fleet.dds_junction import FLEET, LOOPBACK, Machine, build_package, me
 DRONES = ("drone_0", "drone_1")
 STREET, APART, V, PICKUP, BRAKE = 40, 2, 1.0, 0.8, 1.1
 STEP_S = 0.01
+CLOCK_ERROR_S = 0.005
+"""A drone takes its own measurements by its own clock, and a claim by the number in it."""
 WATCHDOG_S = 0.3
 """Without a command for so long the autopilot stays where it is."""
 
@@ -159,7 +161,7 @@ ROWS = (
 def fly(row: Row, folder: Path, seconds: float) -> str:
     """A row of the table."""
     world = World()
-    machines = {n: Machine(n, folder / "channels" / n) for n in DRONES}
+    machines = {n: Machine(n, folder / "channels" / n, CLOCK_ERROR_S) for n in DRONES}
     try:
         for n, m in machines.items():
             m.start(folder / n)

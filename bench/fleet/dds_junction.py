@@ -84,6 +84,8 @@ class Machine:
 
     name: str
     channels: Path
+    clock_error_s: float = 0.05
+    """By which the bridge takes every stamp for older."""
     processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, package: Path) -> None:
@@ -103,7 +105,7 @@ class Machine:
             "none",
         ]
         bridge = [next((package / "build").glob("*_bridge")), "--channels", self.channels]
-        for command in ([*words, *more], [*bridge, "--clock-error", "0.05"]):
+        for command in ([*words, *more], [*bridge, "--clock-error", str(self.clock_error_s)]):
             said = (self.channels.parent / f"{self.name}_{len(self.processes)}.txt").open("wb")
             self.processes.append(
                 subprocess.Popen([str(w) for w in command], stdout=said, stderr=said)
