@@ -1,7 +1,7 @@
 """examples/fleet: robots that are proved, leases that exclude, and one machine in trouble.
 
-Purpose: the claims of docs/fleet.md: proof and recheck, every step against the plant of the proof,
-the protocol's tests, its bugs found, no collision and SC in time.
+Purpose: the claims of docs/fleet.md: proof and recheck, every step against the plants of the proofs,
+the tests and proofs of what crosses, its bugs found, no collision and SC in time.
 Non-goals: processes over DDS (`bench/fleet/dds_junction.py`).
 """
 
@@ -19,6 +19,7 @@ from bench.fleet.protocol_bugs import BUGS, Bug, counterexample_of
 
 import soter
 from soter.cli.main import main
+from soter.verify.induction import prove
 
 FLEET = Path(__file__).resolve().parents[2] / "examples" / "fleet"
 UNCLAIMED = {"P2b", "failsafe"}
@@ -128,7 +129,59 @@ def test_each_bug_of_the_protocol_has_a_shortest_run_that_shows_it(
     assert counterexample.minimal
 
 
-@pytest.mark.parametrize(("system", "map_"), [("Vehicle", "vehicle.toml"), ("Post", "post.toml")])
+LEASES = ("reservation_proof.soter", "robot.Exclusion")
+CLAIMS = ("claims_proof.soter", "a.Disjoint")
+RESTARTS = ("Restarted", "TwoManagers")
+"""Tests of what the proofs are not about: a manager that starts anew, and two of them."""
+
+
+def _kept_at_all_times(folder: Path, program: str, module: str) -> str:
+    """The verdict on what a module keeps, by induction over one hyperperiod."""
+    report = soter.load(folder / program).verify(module=module, refute=False)
+    return report[module].findings["P2a"].verdict
+
+
+@pytest.fixture
+def one_hyperperiod(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The proofs need no more; longer ones take a minute to fail."""
+    monkeypatch.setattr(prove, "DEPTHS", (1,))
+
+
+@pytest.mark.usefixtures("one_hyperperiod")
+@pytest.mark.parametrize(("program", "module"), [LEASES, CLAIMS])
+def test_what_crosses_excludes_at_all_times(program: str, module: str) -> None:
+    assert _kept_at_all_times(FLEET, program, module) == "proved"
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("one_hyperperiod")
+@pytest.mark.parametrize("bug", [b for b in BUGS if b.test not in RESTARTS], ids=lambda b: b.name)
+def test_no_bug_of_the_leases_is_proved(bug: Bug, tmp_path: Path) -> None:
+    path = changed(tmp_path / "wrong", "reservation.soter", bug.right, bug.wrong)
+    assert _kept_at_all_times(path.parent, *LEASES) == "undecided"
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("one_hyperperiod")
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("now + reservation.E_CLOCK < (now", "now < (now"),
+        ("&& m.sent >= now / SLOT * SLOT", ""),
+        ("let knows = has_turn(ID, now) && is", "let knows = is"),
+        (" && apart(w.lo, w.hi, heard.lo, heard.hi)", ""),
+    ],
+    ids=["E_CLOCK forgotten", "an old claim", "out of turn", "not looked at"],
+)
+def test_no_bug_of_the_claims_is_proved(right: str, wrong: str, tmp_path: Path) -> None:
+    path = changed(tmp_path / "wrong", "drone.soter", right, wrong)
+    assert _kept_at_all_times(path.parent, *CLAIMS) == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("system", "map_"),
+    [("Vehicle", "vehicle.toml"), ("Post", "post.toml"), ("Drone", "drone.toml")],
+)
 def test_a_machine_of_the_fleet_is_a_process_that_speaks_dds(
     system: str, map_: str, tmp_path: Path
 ) -> None:
@@ -138,8 +191,8 @@ def test_a_machine_of_the_fleet_is_a_process_that_speaks_dds(
     assert main([*words, "--map", str(FLEET / map_), "-o", str(out)]) == 0
     (idl,) = (out / "idl").glob("*.idl")
     text = idl.read_text("utf-8")
-    assert "Grant_" in text
-    assert "Request_" in text
+    crosses = ("Claim_",) if system == "Drone" else ("Grant_", "Request_")
+    assert all(message in text for message in crosses)
 
 
 # ---------------------------------------------------------------- all of them
@@ -221,3 +274,68 @@ def test_a_robot_that_hears_nobody_stays_before_the_line() -> None:
     run = soter.load(FLEET / "robot.soter").simulate(until="60s", params={"START": -1.0})
     assert run.truth("base")["x"].max() < 0.0
     assert (run.mode("Guard") == 0).all()
+
+
+# ---------------------------------------------------------------- two drones
+
+
+@pytest.mark.parametrize(("i", "start"), [(0, 5), (1, 25)])
+def test_each_drone_is_proved_and_rechecked_with_its_fail_safe_law(
+    i: int, start: int, tmp_path: Path
+) -> None:
+    program = soter.load(FLEET / "drone.soter")
+    report = program.verify(params={"ID": i, "START": start}, cert=tmp_path / "cert")
+    verdicts = {k: f.verdict for k, f in report["Keep"].findings.items()}
+    assert {k for k, v in verdicts.items() if v != "proved"} == {"P2b"}  # `recover never`
+    assert soter.recheck(tmp_path / "cert").accepted
+
+
+def test_a_drone_whose_dm_looks_too_late_is_not_proved(tmp_path: Path) -> None:
+    path = changed(
+        tmp_path / "late", "drone.soter", "const NEED: float = 0.75;", "const NEED: float = 0.4;"
+    )
+    report = soter.load(path).verify(refute=False)
+    assert report["Keep"].findings["P3"].verdict == "undecided"
+
+
+def test_two_drones_stay_in_claims_that_are_apart() -> None:
+    """Every step against the plant of the proof, too: a command takes no more than COST of it."""
+    program = soter.load(FLEET / "drones.soter")
+    number = program.constant
+    drop = number("drone.COST") * 0.01
+    changes = 0
+    for seed in range(1, 6):
+        run = program.simulate(system="Airspace", seed=seed, sha256=False)
+        assert run.violations == 0
+        at = np.flatnonzero(run.require_trace()["header"]["ct"] % 10_000_000 == 0)
+        claims = [run.topic(f"d[{i}].craft.drone.claim")[at] for i in (0, 1)]
+        apart = number("drone.APART")
+        lo, hi = ([c[end][1:] for c in claims] for end in ("lo", "hi"))
+        assert ((hi[0] + apart <= lo[1]) | (hi[1] + apart <= lo[0])).all()
+        for i, claim in enumerate(claims):
+            truth = run.truth(f"d[{i}].craft.body")
+            x, v = truth["x"][at], truth["v"][at]
+            u = np.abs(run.array(f"d[{i}].craft.drone.velocity")[at])
+            assert ((claim["lo"] <= x) & (x <= claim["hi"]))[1:].all()
+            way = np.minimum(claim["hi"] - x, x - claim["lo"]) - v**2 / 2.0 / number("drone.BRAKE")
+            room = np.clip(way, -number("drone.TOP"), number("drone.TOP"))
+            same = (claim["lo"][1:] == claim["lo"][:-1]) & (claim["hi"][1:] == claim["hi"][:-1])
+            fell = (room[:-1] - room[1:])[same]
+            assert (fell <= drop * np.maximum(u[1:], u[:-1])[same] + 1e-4).all()
+            assert (room[1:][~same][1:] >= number("drone.TOP") - 0.001).all()
+            changes += int((~same).sum()) - 1
+    assert changes > 10
+
+
+def test_drones_without_their_modules_meet() -> None:
+    run = soter.load(FLEET / "drones.soter").simulate(
+        system="Unprotected", trace=False, sha256=False
+    )
+    assert run.violations > 0
+
+
+def test_a_drone_that_hears_nobody_keeps_its_claim() -> None:
+    run = soter.load(FLEET / "drones.soter").simulate(params={"CUT_S": 0.0}, sha256=False)
+    for i in (0, 1):
+        claim = run.topic(f"d[{i}].craft.drone.claim")[1:]
+        assert len(np.unique(claim[["lo", "hi"]])) == 1
