@@ -6,7 +6,7 @@ street and rushes. One drone is killed or stopped; how near they came, whether o
 and how often claims changed before and afterwards.
 Non-goals: measured delays of networks; what was proved (`soter verify`).
 
-    python bench/fleet/dds_drones.py --folder /tmp/fleet_dds_drones
+    python bench/fleet/dds_drones.py
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import os
 import shutil
 import signal
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -192,18 +193,19 @@ def fly(row: Row, folder: Path, seconds: float) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--seconds", type=float, default=90.0)
+    parser.add_argument("--folder", type=Path, help="of packages, which are kept")
+    parser.add_argument("--seconds", type=float, default=60.0)
     arguments = parser.parse_args()
     os.environ |= {"ROS_DOMAIN_ID": str(os.getpid() % 200 + 1), "CYCLONEDDS_URI": LOOPBACK}
-    arguments.folder.mkdir(parents=True, exist_ok=True)
-    build(arguments.folder)
+    folder = arguments.folder or Path(tempfile.mkdtemp())
+    folder.mkdir(parents=True, exist_ok=True)
+    build(folder)
     print(
         f"{'one drone':<18} {'nearest, m':>10} {'overlaps':>8} {'outside':>7} {'changes':>7} "
         f"{'of 0 then':>9} {'moved, s':>8} {'late':>6}"
     )
     for row in ROWS:
-        print(fly(row, arguments.folder, arguments.seconds), flush=True)
+        print(fly(row, folder, arguments.seconds), flush=True)
 
 
 if __name__ == "__main__":

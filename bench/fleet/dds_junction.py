@@ -5,7 +5,7 @@ bases, the clocks and whoever drives. One machine is killed or stopped; who is i
 soon the others' wheels stood, and how many crossings there were afterwards.
 Non-goals: measured delays of networks; what was proved (`soter verify`).
 
-    python bench/fleet/dds_junction.py --folder /tmp/fleet_dds
+    python bench/fleet/dds_junction.py
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -293,19 +294,20 @@ def fly(row: Row, folder: Path, seconds: float) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, required=True)
+    parser.add_argument("--folder", type=Path, help="of packages, which are kept")
     parser.add_argument("--seconds", type=float, default=70.0)
     parser.add_argument("--row", type=int, choices=range(len(ROWS)), help="this one alone")
     args = parser.parse_args()
     os.environ |= {"ROS_DOMAIN_ID": str(os.getpid() % 200 + 1), "CYCLONEDDS_URI": LOOPBACK}
-    args.folder.mkdir(parents=True, exist_ok=True)
-    build(args.folder)
+    folder = args.folder or Path(tempfile.mkdtemp())
+    folder.mkdir(parents=True, exist_ok=True)
+    build(folder)
     print(
         f"{'one machine':<34} {'collisions':>10} {'crossings':>9} {'afterwards':>10} "
         f"{'moved, s':>10} {'late':>6}"
     )
     for row in ROWS if args.row is None else ROWS[args.row : args.row + 1]:
-        print(fly(row, args.folder, args.seconds), flush=True)
+        print(fly(row, folder, args.seconds), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """examples/fleet: robots that are proved, leases that exclude, and one machine in trouble.
 
-Purpose: the claims of docs/fleet.md: proof and recheck, every step against the plants of the proofs,
+Purpose: the claims of docs/fleet.md: proof and recheck, every step against the proofs' plants,
 the tests and proofs of what crosses, its bugs found, no collision and SC in time.
 Non-goals: processes over DDS (`bench/fleet/dds_junction.py`).
 """
