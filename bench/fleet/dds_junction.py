@@ -51,7 +51,8 @@ def build_package(
     maps = package.parent / f"{package.name}_map"
     shutil.copytree(FLEET / "msg", maps / "msg", dirs_exist_ok=True)
     (maps / map_name).write_text(map_text, "utf-8")
-    words = ("-m", "soter", "build", source / "vehicle.soter", "--system", system, *more)
+    program = source / "vehicle.soter"
+    words: tuple[str | Path, ...] = ("-m", "soter", "build", program, "--system", system, *more)
     where = ("--target", "dds", "--map", maps / map_name, "-o", package)
     _run(sys.executable, *words, *where)
     _run("make", "-C", package)
