@@ -138,6 +138,88 @@ def test_the_emitted_node_says_on_line_what_the_monitor_says(
     assert abs(int(run.final["topics"]["alarms"]) - judged.alarms) <= 1
 
 
+@pytest.mark.parametrize(("wind", "cause"), [(0.2, "Nothing"), (0.1, "m_v")])
+def test_the_emitted_node_names_the_state_that_raised_the_alarm(
+    tmp_path: Path, wind: float, cause: str
+) -> None:
+    load(world(tmp_path, wind)).emit_monitor(tmp_path / "watch.soter")
+    (tmp_path / "watched.soter").write_text(WATCHED)
+    run = load(tmp_path / "watched.soter").simulate(until=4)
+    names = "Nothing, m_x, m_v"
+    assert f"type ModelCause = enum {{ {names} }};" in (tmp_path / "watch.soter").read_text()
+    assert names.split(", ")[run.final["topics"]["w.modelCause"]] == cause
+
+
+def test_the_table_names_the_states_of_alarms_on_estimates(tmp_path: Path, capsys: Any) -> None:
+    assert main(["monitor", str(world(tmp_path, 0.1)), "--estimates"]) == 3
+    (row,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith("Keeper")]
+    assert "m.v" in row
+
+
+def emitted(folder: Path) -> Path:
+    """A program with a monitor of `world.soter` as it stands; gives its path."""
+    load(world(folder)).emit_monitor(folder / "watch.soter")
+    (folder / "watched.soter").write_text(WATCHED)
+    return folder / "watched.soter"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("WIND: float = 0.2", "WIND: float = 0.3"),
+        ("LAG: float = 1.0", "LAG: float = 1.5"),
+        ("seen.v within 0.05", "seen.v within 0.06"),
+        ("plant Model period 10ms", "plant Model period 5ms"),
+        ("Keeper", "Warden"),
+        ("system Flight", "system Voyage"),
+    ],
+)
+def test_a_monitor_of_another_model_is_refused(
+    tmp_path: Path, capsys: Any, old: str, new: str
+) -> None:
+    program = emitted(tmp_path)
+    assert load(program).ok
+    for path in (tmp_path / "world.soter", program):
+        path.write_text(path.read_text().replace(old, new))
+    assert [d.code for d in load(program).diagnostics] == ["D021"]
+    for command in ("check", "run", "verify"):
+        assert main([command, str(program)]) == 1
+        assert "error[D021]" in capsys.readouterr().err
+
+
+def test_a_monitor_is_of_its_model_whatever_else_the_program_says(tmp_path: Path) -> None:
+    program = emitted(tmp_path)
+    path = tmp_path / "world.soter"
+    text = path.read_text().replace("1.0 - seen.x", "0.9 - seen.x").replace("> 2.0", "> 2.1")
+    path.write_text("// as it was\n" * 3 + text)
+    assert load(program).ok
+
+
+def test_a_monitor_made_with_other_parameters_is_compared_under_them(tmp_path: Path) -> None:
+    path = world(tmp_path)
+    path.write_text(path.read_text().replace("const WIND", "param WIND"))
+    load(path).emit_monitor(tmp_path / "watch.soter", params={"WIND": 0.3})
+    (tmp_path / "watched.soter").write_text(WATCHED)
+    assert load(tmp_path / "watched.soter").ok
+    watch = tmp_path / "watch.soter"
+    watch.write_text(watch.read_text().replace('{"WIND": 0.3}', "{}"))
+    assert [d.code for d in load(tmp_path / "watched.soter").diagnostics] == ["D021"]
+
+
+@pytest.mark.parametrize("record", ["", "// made of 5", '// made of {"model": 3}', "// made of ["])
+def test_a_monitor_that_does_not_say_of_what_it_is_made_is_refused(
+    tmp_path: Path, record: str
+) -> None:
+    program, watch = emitted(tmp_path), tmp_path / "watch.soter"
+    lines = watch.read_text().splitlines()
+    watch.write_text("\n".join(record if x.startswith("// made of") else x for x in lines))
+    (wrong,) = load(program).diagnostics
+    assert wrong.code == "D021"
+    assert wrong.helps == (
+        f"write it anew: `soter monitor {tmp_path / 'world.soter'} --emit {watch}`",
+    )
+
+
 QUIET = """topic modelAlarm: bool;
 node Quiet period 10ms { publishes modelAlarm; step { publish modelAlarm = false; } }
 type Seen"""

@@ -203,7 +203,7 @@ def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) ->
             f"{j.alarms:,}",
             "" if j.first_alarm_s is None else f"{j.first_alarm_s:.3f} s",
             "" if j.source == "estimates" else f"{j.share:.0%}",
-            j.state,
+            j.state or ", ".join(j.alarm_states),
         )
         for j in judged
     ]
