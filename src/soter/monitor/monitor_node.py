@@ -46,9 +46,10 @@ def monitor_source(
     `record`: the line that says what it is made of (`stale_monitors.py`).
     SoterError U001 where no such node exists.
     """
-    return "\n".join(
-        [*_head(problem, imported, alarm, record), *_node(problem, names, alarm), "}", ""]
-    )
+    lines = [*_head(problem, imported, alarm, record), *_node(problem, names, alarm), "}", ""]
+    laid_out = format_source(Source("monitor", "\n".join(lines)), Diagnostics())
+    assert laid_out is not None
+    return laid_out
 
 
 def _head(problem: Problem, imported: str, alarm: str | None, record: str) -> list[str]:
