@@ -6,15 +6,23 @@ Non-goals: what the drone does (`bench/drone/conformance.py`).
 from __future__ import annotations
 
 import json
+import math
+import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from soter.api import ENGINES, load
 from soter.api.monitoring import log_explained
 from soter.cli.main import main
 from soter.language.model.types import leaves
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 
@@ -218,6 +226,58 @@ def test_a_monitor_that_does_not_say_of_what_it_is_made_is_refused(
     assert wrong.helps == (
         f"write it anew: `soter monitor {tmp_path / 'world.soter'} --emit {watch}`",
     )
+
+
+def first_alarm_s(beyond: float, pull: float, errors: Floats) -> float | None:
+    """When the boxes of v' = -pull v + d, |d| <= 0.2, are left by d = 0.2 + `beyond`.
+
+    `errors` (steps,) in m/s, of estimates that are true within 0.05, a step of 10 ms each.
+    """
+    bound, error, h = 0.2, 0.05, 0.01
+    decay = math.exp(-pull * h)
+    gain = (1 - decay) / pull if pull else h
+    v, low, high = 0.0, -math.inf, math.inf
+    for k, e in enumerate(errors):
+        low, high = max(low, v + e - error), min(high, v + e + error)
+        if low > high + 1e-12:
+            return k * h
+        v = decay * v + gain * (bound + beyond)
+        low, high = decay * low - gain * bound, decay * high + gain * bound
+    return None
+
+
+HEAD = re.compile(
+    r"// m\.v: a disturbance d beyond its bound is told in (?P<factor>\S+) "
+    r"(atanh\((?P<never>\S+) / d\)|/ d) s(; d of (?P=never) or less perhaps never)?\n"
+)
+
+
+@pytest.mark.parametrize("pull", [0.0, 1.0, 6.0])
+def test_the_file_says_when_a_disturbance_is_told_whatever_the_errors(
+    tmp_path: Path, pull: float
+) -> None:
+    path, model = world(tmp_path), "der v = LAG * (2.0 * push - v) + d;"
+    assert model in path.read_text()
+    pulled = f"der v = 2.0 * push - {pull} * v + d + 0.0 * LAG;"
+    path.write_text(path.read_text().replace(model, pulled))
+    load(path).emit_monitor(tmp_path / "watch.soter")
+    head = HEAD.search((tmp_path / "watch.soter").read_text())
+    assert head is not None
+    factor, never = float(head["factor"]), float(head["never"] or 0.0)
+    chance = np.random.default_rng(3)
+    late = np.full(3000, -0.05)
+    late[0] = 0.05
+    for beyond in (never + 0.02, never + 0.2, never + 2.0):
+        within = factor * math.atanh(never / beyond) if pull else factor / beyond
+        # as long as an estimate that is too high is believed, then one that is too low
+        turn = math.log1p(never / beyond) / pull if pull else 0.1 / beyond
+        worst = np.where(np.arange(3000) < int(turn / 0.01), 0.05, -0.05)
+        for errors in (worst, -worst, late, *chance.uniform(-0.05, 0.05, (5, 3000))):
+            alarm = first_alarm_s(beyond, pull, errors)
+            assert alarm is not None
+            assert alarm <= within + 0.02
+        assert first_alarm_s(beyond, pull, worst) == pytest.approx(within, abs=0.03), "no sooner"
+    assert not pull or first_alarm_s(0.98 * never, pull, late) is None
 
 
 QUIET = """topic modelAlarm: bool;

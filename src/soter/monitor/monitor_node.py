@@ -59,6 +59,7 @@ def _head(problem: Problem, imported: str, alarm: str | None, record: str) -> li
         f"// The model monitor of {problem.name}, {EMITTED}. It is to be",
         "// the last instance of a system. An alarm says that no disturbance and no error within",
         "// the declared bounds explains what is seen.",
+        *_told_within(problem),
         record,
         "",
         f'import "{imported}" as watched;',
@@ -69,6 +70,31 @@ def _head(problem: Problem, imported: str, alarm: str | None, record: str) -> li
     if alarm is None:
         lines.append("topic modelAlarm: bool;")
     return [*lines, ""]
+
+
+def _told_within(problem: Problem) -> list[str]:
+    """Comments: how long a constant disturbance beyond its bound stays untold at most.
+
+    Of a state x' = -k x + known + w, |w| <= W, seen within E, a disturbance W + d moves the true x
+    from the end of the box, which is at most 2 E away, to where an estimate must lie beyond it:
+    d / k (1 - e^-kT) > 2 E (1 + e^-kT), that is T > 2 / k atanh(2 E k / d), or 4 E / d for k = 0.
+    """
+    if problem.kind != "flow" or problem.parameters:
+        return []
+    model = linear_model(problem, ())
+    error = sight_of(problem, model).error
+    lines = []
+    for i, leaf in enumerate(problem.quantities.states):
+        e, k = float(error[i]), -float(model.a[i, i])
+        known = [error[j] == 0.0 for j in np.flatnonzero(model.a[i]) if j != i]
+        if not (np.abs(model.w[i]) @ model.d_max > 0 and 0 < e < np.inf and all(known) and k >= 0):
+            continue
+        within = f"{2 / k:.4g} atanh({2 * e * k:.4g} / d)" if k else f"{4 * e:.4g} / d"
+        never = f"; d of {2 * e * k:.4g} or less perhaps never" if k else ""
+        lines.append(
+            f"// {leaf.name}: a disturbance d beyond its bound is told in {within} s{never}"
+        )
+    return lines
 
 
 def _cause(state: str) -> str:
