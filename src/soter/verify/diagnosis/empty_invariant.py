@@ -127,10 +127,11 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget
         search = _runs(case, model, budget.part(RUNS_S))
         finding.leaving = search.soonest
         causes = list(faces(case, model, failure, search, budget))
-        if isinstance(failure.proof, PolytopeProof):
-            causes += adds_up(failure.proof, case.problem)
-        if not any(c.kind in (*HOPELESS, "adds_up") for c in causes):
-            causes += no_pull(model, _middle(case, model), budget.part(PULL_S))
+        if not any(c.kind in HOPELESS for c in causes):
+            stops = list(no_pull(model, _middle(case, model), budget.part(PULL_S)))
+            if not stops and isinstance(failure.proof, PolytopeProof):
+                stops = list(adds_up(failure.proof, case.problem))
+            causes += stops
         if grid is not None and not any(c.kind in HOPELESS for c in causes):
             causes += _cells_and_strength(case, grid, budget)
             causes += scaled(case, grid.found)

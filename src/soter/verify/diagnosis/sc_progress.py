@@ -38,6 +38,8 @@ HOLDS = 600
 
 SINGULAR = 1e-9
 """Relative to the closed loop's matrix: a sum of states that changes more slowly stays."""
+ROUNDED = 1e-6
+"""A coefficient of such a sum, the largest of which is 1, that is none."""
 FILLED_S = 1e4
 """A sum that its disturbance takes longer to move over its range is none worth telling."""
 
@@ -71,14 +73,14 @@ def adds_up(proof: PolytopeProof, problem: Problem) -> Iterator[Cause]:
 def _still(closed: Floats) -> Floats:
     """Rows l with l closed = 0, (k, n), in echelon form: each of as few states as can be."""
     left, sizes, _ = np.linalg.svd(closed)
-    rows = left.T[sizes <= SINGULAR * max(1.0, float(sizes.max(initial=0.0)))].copy()
+    rows: Floats = left.T[sizes <= SINGULAR * max(1.0, float(sizes.max(initial=0.0)))].copy()
     for i in range(len(rows)):
         k, at = np.unravel_index(int(np.argmax(np.abs(rows[i:]))), rows[i:].shape)
         rows[[i, i + k]] = rows[[i + k, i]]
         rows[i] /= rows[i, at]
         others = [j for j in range(len(rows)) if j != i]
         rows[others] -= np.outer(rows[others, at], rows[i])
-    rows[np.abs(rows) < APART * SINGULAR**0.5] = 0.0
+    rows[np.abs(rows) < ROUNDED] = 0.0
     return rows
 
 
