@@ -195,6 +195,25 @@ def test_a_monitor_of_another_model_is_refused(
         assert "error[D021]" in capsys.readouterr().err
 
 
+def test_the_help_against_a_stale_monitor_is_a_command_that_mends_it(tmp_path: Path) -> None:
+    path = world(tmp_path)
+    text = path.read_text().replace("type Seen", QUIET).replace("const WIND", "param WIND")
+    text = text.replace("module Keeper;", "module Keeper; node Quiet;")
+    path.write_text(text)
+    watch = tmp_path / "watch.soter"
+    load(path).emit_monitor(watch, params={"WIND": 0.25}, alarm="modelAlarm")
+    (tmp_path / "guarded.soter").write_text(GUARDED)
+    path.write_text(text.replace("LAG: float = 1.0", "LAG: float = 1.5"))
+    (stale,) = load(tmp_path / "guarded.soter").diagnostics
+    command = stale.helps[0].split("`")[1].split()
+    assert command[0] == "soter"
+    assert main(command[1:]) == 0
+    assert load(tmp_path / "guarded.soter").ok
+    made = watch.read_text()
+    assert '"params": {"WIND": "0.25"}' in made
+    assert "publishes watched.modelAlarm, modelCause;" in made
+
+
 def test_a_monitor_is_of_its_model_whatever_else_the_program_says(tmp_path: Path) -> None:
     program = emitted(tmp_path)
     path = tmp_path / "world.soter"
@@ -212,6 +231,18 @@ def test_a_monitor_made_with_other_parameters_is_compared_under_them(tmp_path: P
     watch = tmp_path / "watch.soter"
     watch.write_text(watch.read_text().replace('{"WIND": 0.3}', "{}"))
     assert [d.code for d in load(tmp_path / "watched.soter").diagnostics] == ["D021"]
+
+
+def test_a_parameter_of_an_import_is_found_wherever_else_it_is_imported(tmp_path: Path) -> None:
+    (tmp_path / "air.soter").write_text("soter 1;\nparam WIND: float = 0.2;\n")
+    path = world(tmp_path)
+    text = path.read_text().replace("const WIND: float = 0.2;", "")
+    text = text.replace("-WIND, WIND", "-air.WIND, air.WIND")
+    path.write_text(text.replace("soter 1;", 'soter 1;\nimport "air.soter" as air;'))
+    load(path).emit_monitor(tmp_path / "watch.soter", params={"air.WIND": 0.3})
+    first = 'soter 1;\nimport "air.soter" as first;'
+    (tmp_path / "watched.soter").write_text(WATCHED.replace("soter 1;", first))
+    assert load(tmp_path / "watched.soter").ok
 
 
 @pytest.mark.parametrize("record", ["", "// made of 5", '// made of {"model": 3}', "// made of ["])

@@ -91,16 +91,17 @@ def _stale(checked: CheckResult, file: LoadedFile) -> Diagnostic | None:
     at = text.find(RECORD)
     start = at if at >= 0 else text.index(EMITTED)
     end = text.find("\n", start)
-    where = Span(file.source, start, end if end >= 0 else len(text))
+    end = end if end >= 0 else len(text)
+    where = Span(file.source, start, start + len(RECORD) - 1 if at >= 0 else end)
     watched = file.imports.get("watched")
     again = f"`soter monitor {watched.source.name if watched else 'FILE'} --emit {file.source.name}"
     try:
-        made = json.loads(text[at + len(RECORD) : where.end]) if at >= 0 else {}
+        made = json.loads(text[at + len(RECORD) : end]) if at >= 0 else {}
         system, module = str(made["system"]), str(made["module"])
         model, params = made["model"], dict(made["params"])
     except (KeyError, TypeError, ValueError):
         return _diagnostic(where, "it does not say of which model it was made", again + "`")
-    alarm = re.search(r"publishes watched\.(\S+);", text)
+    alarm = re.search(r"publishes watched\.([\w.]+)", text)
     again += f" --module {module} --system {system}"
     again += "".join(f" --set {name}={value}" for name, value in params.items())
     again += f" --alarm {alarm[1]}`" if alarm else "`"
@@ -128,13 +129,20 @@ def _fingerprint_now(
     assert program is not None
     named = {n: s for n, s in program.systems.items() if n == watched.prefix + system}
     only = replace(checked, systems=named)
-    values = param_values(program, {watched.prefix + n: v for n, v in params.items()})
+    values = param_values(program, {_full_name(watched, n): v for n, v in params.items()})
     flat = system_of(only, watched.prefix + system, values)
     problems = [extract_sets(flat, m) for m in flat.modules if m.name == module]
     if not problems:
         message = f"system `{system}` of `{watched.source.name}` has no module `{module}`"
         raise SoterError((Diagnostic("D021", message),))
     return fingerprint(problems[0])
+
+
+def _full_name(file: LoadedFile, name: str) -> str:
+    """What a name of a file's own is called in the whole program."""
+    first, _, rest = name.partition(".")
+    inner = file.imports.get(first) if rest else None
+    return file.prefix + name if inner is None else _full_name(inner, rest)
 
 
 def _diagnostic(where: Span, why: str, again: str) -> Diagnostic:
