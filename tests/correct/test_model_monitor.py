@@ -195,6 +195,25 @@ def test_a_monitor_of_another_model_is_refused(
         assert "error[D021]" in capsys.readouterr().err
 
 
+def test_a_model_that_obeys_another_topic_is_another_model(tmp_path: Path) -> None:
+    path = world(tmp_path)
+    text = path.read_text().replace(
+        "topic push:", "topic shove: float in [-1.0, 1.0];\ntopic push:"
+    )
+    text = text.replace("publishes push;", "publishes push, shove;")
+    text = text.replace("publish push =", "publish shove = 0.5; publish push =")
+    flying, _, model = text.partition("plant Model")
+    flying = flying.replace("reads push;", "reads push, shove;")
+    flying = flying.replace("- v + gust", "- v + gust + 0.0 * shove")
+    path.write_text(f"{flying}plant Model{model}")
+    load(path).emit_monitor(tmp_path / "watch.soter")
+    (tmp_path / "watched.soter").write_text(WATCHED)
+    assert load(tmp_path / "watched.soter").ok
+    other = model.replace("reads push;", "reads shove;").replace("(2.0 * push", "(2.0 * shove")
+    path.write_text(f"{flying}plant Model{other}")
+    assert [d.code for d in load(tmp_path / "watched.soter").diagnostics] == ["D021"]
+
+
 def test_the_help_against_a_stale_monitor_is_a_command_that_mends_it(tmp_path: Path) -> None:
     path = world(tmp_path)
     text = path.read_text().replace("type Seen", QUIET).replace("const WIND", "param WIND")

@@ -60,16 +60,23 @@ def fingerprint(problem: Problem) -> str:
         arrays = (m.a, m.b, m.c, m.w, m.d_mid, m.d_max, m.drives, m.offset)
         cases.append([parameter, *((a + 0.0).tolist() for a in arrays)])  # -0.0 is 0.0
     q = problem.quantities
+
+    def topic(index: int) -> str:  # as it is declared, whoever imports it by whatever name
+        return problem.system.topics[index].name.rpartition(".")[2]
+
     made = [
         FORM,
         problem.kind,
         problem.plant_period_ns,
         cases,
         [leaf.name for leaf in q.states],
-        [leaf.path for leaf in q.controls],
-        [path for _, path in driven_leaves(problem)],
-        [path for _, path in parameter_leaves(problem)],
-        [(leaf.path, r.high) for leaf, r in zip(q.errors, problem.errors, strict=True)],
+        [(topic(leaf.owner), leaf.path) for leaf in q.controls],
+        [(topic(t), path) for t, path in driven_leaves(problem)],
+        [(topic(t), path) for t, path in parameter_leaves(problem)],
+        [
+            (topic(leaf.owner), leaf.path, r.high)
+            for leaf, r in zip(q.errors, problem.errors, strict=True)
+        ],
     ]
     return hashlib.sha256(json.dumps(made).encode()).hexdigest()
 
