@@ -131,6 +131,30 @@ def test_the_command_exits_with_3_on_an_alarm(tmp_path: Path, capsys: Any) -> No
     assert "The model is false" in capsys.readouterr().out.replace("\n", " ")
 
 
+def test_several_seeds_are_told_run_by_run_and_together(tmp_path: Path, capsys: Any) -> None:
+    path = world(tmp_path, 0.199)
+    assert main(["monitor", str(path), "--seed", "3..5", "--until", "2s", "--json"]) == 3
+    (together,) = json.loads(capsys.readouterr().out)["modules"].values()
+    runs = [load(path).monitor(seed=s, until=2)[0] for s in (3, 4, 5)]
+    assert together["steps"] == sum(j.steps for j in runs)
+    assert together["alarms"] == sum(j.alarms for j in runs)
+    assert together["largest_share"] == max(j.share for j in runs)
+    assert together["first_alarm_s"] == min(j.first_alarm_s for j in runs if j.first_alarm_s)
+    assert main(["monitor", str(path), "--seed", "3..5", "--until", "2s"]) == 3
+    rows = [x.split() for x in capsys.readouterr().out.splitlines() if "Keeper" in x]
+    assert [r[0] for r in rows] == ["3", "4", "5", "all"]
+    assert [int(r[3].replace(",", "")) for r in rows] == [
+        *(j.alarms for j in runs),
+        together["alarms"],
+    ]
+
+
+@pytest.mark.parametrize("seeds", ["5..3", "1..", "..2", "1..99999", "1...3", "a..b"])
+def test_seeds_that_are_none_are_refused(tmp_path: Path, capsys: Any, seeds: str) -> None:
+    assert main(["monitor", str(world(tmp_path)), "--seed", seeds]) == 2
+    assert seeds.partition("..")[0] in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("wind", [0.2, 0.1])
 def test_the_emitted_node_says_on_line_what_the_monitor_says(

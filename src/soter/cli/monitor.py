@@ -7,6 +7,9 @@ Non-goals: the judgements (`monitor/model_membership.py`, `monitor/logs/`).
 
 from __future__ import annotations
 
+import argparse
+from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.api import load
@@ -21,7 +24,6 @@ from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Sequence
 
     from soter.api import Program
@@ -32,6 +34,7 @@ EXAMPLES = """\
   soter run drone.soter --log flight.mcap
   soter monitor drone.soter flight.mcap            on the true states of a log
   soter monitor drone.soter --seed 7               on those of a fresh run
+  soter monitor drone.soter --seed 1..20           of twenty, a line each
   soter monitor drone.soter flight.mcap --estimates     on what the DM saw
   soter monitor drone.soter flight.mcap --format junit > flight.xml    for CI; or sarif, github
   soter monitor drone.soter --emit watch.soter     the monitor as a trusted node
@@ -43,6 +46,8 @@ EXAMPLES = """\
 exit codes: 0 every step is explained, 3 an alarm: the model is false, 1 diagnostics, 2 usage;
 with --map: 0 no read lay outside `safe`, 3 one did
 """
+SEEDS_MAX = 10_000
+HEAD = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
 
 
 def parser() -> CommandParser:
@@ -66,7 +71,13 @@ def parser() -> CommandParser:
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     made.add_argument("--module", metavar="M", help="only this module; by default all")
     made.add_argument("--until", metavar="TIME", help="of a fresh run; by default the system's")
-    made.add_argument("--seed", metavar="N", type=seed, default=1, help="by default 1")
+    made.add_argument(
+        "--seed",
+        metavar="N|A..B",
+        type=_seeds,
+        default=range(1, 2),
+        help="of a fresh run, or of one for each from A to B; by default 1",
+    )
     made.add_argument(
         "--estimates", action="store_true", help="judge what was measured, not the true states"
     )
@@ -75,6 +86,15 @@ def parser() -> CommandParser:
     add_settings(made)
     add_format(made)
     return made
+
+
+def _seeds(text: str) -> range:
+    """The seeds that are meant; ArgumentTypeError for other text."""
+    first, dots, last = text.partition("..")
+    seeds = range(seed(first), (seed(last) if dots else seed(first)) + 1)
+    if not 0 < len(seeds) <= SEEDS_MAX:
+        raise argparse.ArgumentTypeError(f"`{text}`: A..B are 1 to {SEEDS_MAX:,} seeds, A first")
+    return seeds
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -100,19 +120,57 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             console.say(f"wrote {args.emit}")
             fields = {"file": args.file, "emitted": args.emit, "modules": {}, "log": None}
             return CommandOutcome(FINE, warnings, fields)
-        judged = program.monitor(
-            args.log,
-            args.module,
-            system=args.system,
-            until=args.until,
-            seed=args.seed,
-            params=dict(args.params),
-            estimates=args.estimates,
-        )
+        seeds = args.seed if args.log is None else args.seed[:1]
+        by_seed = [
+            program.monitor(
+                args.log,
+                args.module,
+                system=args.system,
+                until=args.until,
+                seed=one,
+                params=dict(args.params),
+                estimates=args.estimates,
+            )
+            for one in seeds
+        ]
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return CommandOutcome(exit_of(items), items, {"file": args.file})
-    return _judged(judged, args, console, warnings)
+    if len(seeds) > 1:
+        return _of_several(seeds, by_seed, args, console, warnings)
+    return _judged(by_seed[0], args, console, warnings)
+
+
+def _of_several(
+    seeds: Sequence[int],
+    by_seed: Sequence[list[Judgement]],
+    args: argparse.Namespace,
+    console: Console,
+    warnings: Sequence[Diagnostic],
+) -> CommandOutcome:
+    """Tell a line for each run, and of each module what all of them came to."""
+    rows = [(str(s), *_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged]
+    together = [_together(of) for of in zip(*by_seed, strict=True)]
+    rows += [("all", *_row(j)) for j in together]
+    console.say(f"{args.file}  judged on {together[0].source if together else 'nothing'}\n")
+    console.say(console.table(("seed", *HEAD), rows))
+    return _outcome(together, args, console, warnings)
+
+
+def _together(of: Sequence[Judgement]) -> Judgement:
+    """One module in several runs: sums, the first alarm of any, the hardest step."""
+    states = Counter[str]()
+    for j in of:
+        states.update(j.alarm_states)
+    return replace(
+        max(of, key=lambda j: j.share),
+        steps=sum(j.steps for j in of),
+        alarms=sum(j.alarms for j in of),
+        first_alarm_s=min(
+            (j.first_alarm_s for j in of if j.first_alarm_s is not None), default=None
+        ),
+        alarm_states=dict(states),
+    )
 
 
 def _judged(
@@ -122,7 +180,22 @@ def _judged(
     warnings: Sequence[Diagnostic] = (),
 ) -> CommandOutcome:
     """Tell the judgement of the model."""
-    _say(judged, args, console)
+    console.say(f"{args.log or args.file}  judged on {judged[0].source if judged else 'nothing'}\n")
+    console.say(console.table(HEAD, [_row(j) for j in judged]))
+    return _outcome(judged, args, console, warnings)
+
+
+def _outcome(
+    judged: Sequence[Judgement],
+    args: argparse.Namespace,
+    console: Console,
+    warnings: Sequence[Diagnostic],
+) -> CommandOutcome:
+    if any(j.alarms for j in judged):
+        console.say(
+            "\nan alarm: no disturbance within its declared bounds explains the step. The model is "
+            "false, and what was proved with it says nothing about this run."
+        )
     alarms = sum(j.alarms for j in judged)
     modules = {j.module: _fields(j) for j in judged}
     fields = {"file": args.file, "emitted": None, "modules": modules, "log": None}
@@ -194,27 +267,16 @@ def _misused(args: argparse.Namespace) -> Diagnostic | None:
     return None
 
 
-def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) -> None:
-
-    rows = [
-        (
-            j.module,
-            f"{j.steps:,}",
-            f"{j.alarms:,}",
-            "" if j.first_alarm_s is None else f"{j.first_alarm_s:.3f} s",
-            "" if j.source == "estimates" else f"{j.share:.0%}",
-            j.state or ", ".join(j.alarm_states),
-        )
-        for j in judged
-    ]
-    console.say(f"{args.log or args.file}  judged on {judged[0].source if judged else 'nothing'}\n")
-    head = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
-    console.say(console.table(head, rows))
-    if any(j.alarms for j in judged):
-        console.say(
-            "\nan alarm: no disturbance within its declared bounds explains the step. The model is "
-            "false, and what was proved with it says nothing about this run."
-        )
+def _row(j: Judgement) -> tuple[str, ...]:
+    """Of the table, as `HEAD`."""
+    return (
+        j.module,
+        f"{j.steps:,}",
+        f"{j.alarms:,}",
+        "" if j.first_alarm_s is None else f"{j.first_alarm_s:.3f} s",
+        "" if j.source == "estimates" else f"{j.share:.0%}",
+        j.state or ", ".join(j.alarm_states),
+    )
 
 
 def _fields(j: Judgement) -> dict[str, object]:
