@@ -213,10 +213,10 @@ def test_a_monitor_of_another_model_is_refused(
     assert load(program).ok
     for path in (tmp_path / "world.soter", program):
         path.write_text(path.read_text().replace(old, new))
-    assert [d.code for d in load(program).diagnostics] == ["D021"]
+    assert [d.code for d in load(program).diagnostics] == ["D022"]
     for command in ("check", "run", "verify"):
         assert main([command, str(program)]) == 1
-        assert "error[D021]" in capsys.readouterr().err
+        assert "error[D022]" in capsys.readouterr().err
 
 
 def test_a_model_that_obeys_another_topic_is_another_model(tmp_path: Path) -> None:
@@ -235,7 +235,7 @@ def test_a_model_that_obeys_another_topic_is_another_model(tmp_path: Path) -> No
     assert load(tmp_path / "watched.soter").ok
     other = model.replace("reads push;", "reads shove;").replace("(2.0 * push", "(2.0 * shove")
     path.write_text(f"{flying}plant Model{other}")
-    assert [d.code for d in load(tmp_path / "watched.soter").diagnostics] == ["D021"]
+    assert [d.code for d in load(tmp_path / "watched.soter").diagnostics] == ["D022"]
 
 
 def test_the_help_against_a_stale_monitor_is_a_command_that_mends_it(tmp_path: Path) -> None:
@@ -273,7 +273,7 @@ def test_a_monitor_made_with_other_parameters_is_compared_under_them(tmp_path: P
     assert load(tmp_path / "watched.soter").ok
     watch = tmp_path / "watch.soter"
     watch.write_text(watch.read_text().replace('{"WIND": 0.3}', "{}"))
-    assert [d.code for d in load(tmp_path / "watched.soter").diagnostics] == ["D021"]
+    assert [d.code for d in load(tmp_path / "watched.soter").diagnostics] == ["D022"]
 
 
 def test_a_parameter_of_an_import_is_found_wherever_else_it_is_imported(tmp_path: Path) -> None:
@@ -296,7 +296,7 @@ def test_a_monitor_that_does_not_say_of_what_it_is_made_is_refused(
     lines = watch.read_text().splitlines()
     watch.write_text("\n".join(record if x.startswith("// made of") else x for x in lines))
     (wrong,) = load(program).diagnostics
-    assert wrong.code == "D021"
+    assert wrong.code == "D022"
     assert wrong.helps == (
         f"write it anew: `soter monitor {tmp_path / 'world.soter'} --emit {watch}`",
     )

@@ -72,7 +72,7 @@ def chosen_modules(flat: System, module: str | None) -> list[Module]:
 
 
 def add_stale_monitors(checked: CheckResult) -> None:
-    """D021 for each model monitor of a sound program that was written for another model."""
+    """D022 for each model monitor of a sound program that was written for another model."""
     if not checked.ok or checked.loaded is None:
         return
     if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):

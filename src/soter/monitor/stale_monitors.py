@@ -1,6 +1,6 @@
 """Whether a model monitor that `soter monitor --emit` wrote is still of the model it was made of.
 
-Purpose: the line of an emitted file that says what it was made of, and D021 for each file of a
+Purpose: the line of an emitted file that says what it was made of, and D022 for each file of a
 program of which the same command would now write another monitor.
 Non-goals: edits of the emitted node: only what it was made of is compared.
 """
@@ -82,7 +82,7 @@ def fingerprint(problem: Problem) -> str:
 
 
 def stale_monitors(checked: CheckResult) -> list[Diagnostic]:
-    """D021 for each emitted monitor in a sound program that is not of the model as it is now."""
+    """D022 for each emitted monitor in a sound program that is not of the model as it is now."""
     assert checked.loaded is not None
     found = []
     for file in checked.loaded.files:
@@ -141,7 +141,7 @@ def _fingerprint_now(
     problems = [extract_sets(flat, m) for m in flat.modules if m.name == module]
     if not problems:
         message = f"system `{system}` of `{watched.source.name}` has no module `{module}`"
-        raise SoterError((Diagnostic("D021", message),))
+        raise SoterError((Diagnostic("D022", message),))
     return fingerprint(problems[0])
 
 
@@ -154,7 +154,7 @@ def _full_name(file: LoadedFile, name: str) -> str:
 
 def _diagnostic(where: Span, why: str, again: str) -> Diagnostic:
     return Diagnostic(
-        "D021",
+        "D022",
         "this model monitor is not of the model that is proved",
         Label(where, why),
         notes=("it would stay silent, or alarm, by bounds that no proof assumes",),
