@@ -354,7 +354,7 @@ DOCUMENT = JsonObject(
     Monitored,
     "emitted modules log",
     {"modules": _modules},
-    beside={"file": str},
+    beside={"file": str, "report?": str},
     modules=JsonObject(
         "soter.monitor.model_membership.Judgement",
         "source steps alarms first_alarm_s largest_share state=state? alarm_states",
