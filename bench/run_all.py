@@ -700,6 +700,31 @@ BENCHMARKS = (
         "others use meanwhile: the load a core before each opening, and the same run in CPython, "
         "say how much.",
     ),
+    Benchmark(
+        "Bugs of the fleet's leases",
+        ("bench/fleet/protocol_bugs.py",),
+        "Each is one text of `reservation.soter` in place of another; the test that is violated, "
+        "the steps and the time of its counterexample, and whether no shorter run violates it.",
+    ),
+    Benchmark(
+        "Four robots at a junction, one machine in trouble",
+        ("bench/fleet/junction.py",),
+        "Every kind of trouble with every machine, 100 runs of 60 s each. `over`, `lease` and "
+        "`neither` are to be 0, and `to SC` and `news` no more than the bound.",
+    ),
+    Benchmark(
+        "The junction as processes over DDS",
+        ("bench/fleet/dds_junction.py",),
+        "Five packages of `--target dds` on loopback, a robot or the manager killed or stopped "
+        "after 20 s. `moved`: how long those whom it concerns still moved. One run a row.",
+    ),
+    Benchmark(
+        "Two drones as processes over DDS",
+        ("bench/fleet/dds_drones.py",),
+        "Two packages of `--target dds` on loopback, drone 1 killed or stopped after a third of "
+        "the time. `overlaps`, `outside`: steps at which claims were nearer than APART, or a drone "
+        "was not in its claim. `changes`: of claims, and of drone 0's afterwards. One run a row.",
+    ),
 )
 
 

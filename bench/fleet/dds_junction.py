@@ -5,7 +5,7 @@ bases, the clocks and whoever drives. One machine is killed or stopped; who is i
 soon the others' wheels stood, and how many crossings there were afterwards.
 Non-goals: measured delays of networks; what was proved (`soter verify`).
 
-    python bench/fleet/dds_junction.py --folder /tmp/fleet_dds
+    python bench/fleet/dds_junction.py
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,38 +37,39 @@ LOOPBACK = (
 
 
 def _run(*words: str | Path) -> None:
-    told = subprocess.run([str(w) for w in words], capture_output=True, text=True, check=False)
-    if told.returncode != 0:
-        sys.exit(f"{words[0]} failed:\n{told.stdout[-2000:]}{told.stderr[-4000:]}")
+    done = subprocess.run([str(w) for w in words], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(f"{words[0]} failed:\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
+
+
+def build_package(
+    package: Path, system: str, map_name: str, map_text: str, *more: str, source: Path = FLEET
+) -> None:
+    """A machine of vehicle.soter, compiled, with `more` options; kept where it is there already."""
+    if (package / "build").exists():
+        return
+    maps = package.parent / f"{package.name}_map"
+    shutil.copytree(FLEET / "msg", maps / "msg", dirs_exist_ok=True)
+    (maps / map_name).write_text(map_text, "utf-8")
+    program = source / "vehicle.soter"
+    words: tuple[str | Path, ...] = ("-m", "soter", "build", program, "--system", system, *more)
+    where = ("--target", "dds", "--map", maps / map_name, "-o", package)
+    _run(sys.executable, *words, *where)
+    _run("make", "-C", package)
 
 
 def build(folder: Path) -> None:
-    """The five packages, compiled; those that are there already are kept."""
+    """The five packages."""
+    robot = (FLEET / "vehicle.toml").read_text("utf-8")
     for name in machines():
-        package = folder / name
-        if (package / "build").exists():
-            continue
-        maps = folder / f"{name}_map"
-        shutil.copytree(FLEET / "msg", maps / "msg", dirs_exist_ok=True)
-        own = "post.toml" if name == "post" else "vehicle.toml"
-        text = (FLEET / own).read_text("utf-8")
-        number = name.removeprefix("robot_")
-        if name != "post":
-            text = text.replace("/robot_0/", f"/robot_{number}/")
-        (maps / own).write_text(text, "utf-8")
-        system = "Post" if name == "post" else "Vehicle"
-        more = [] if name == "post" else ["--set", f"reservation.ID={number}"]
-        words: tuple[str | Path, ...] = (
-            "-m",
-            "soter",
-            "build",
-            FLEET / "vehicle.soter",
-            "--system",
-            system,
-            *more,
-        )
-        _run(sys.executable, *words, "--target", "dds", "--map", maps / own, "-o", package)
-        _run("make", "-C", package)
+        if name == "post":
+            text = (FLEET / "post.toml").read_text("utf-8")
+            build_package(folder / name, "Post", "post.toml", text)
+        else:
+            number = name.removeprefix("robot_")
+            text = robot.replace("/robot_0/", f"/robot_{number}/")
+            own = ("--set", f"reservation.ID={number}")
+            build_package(folder / name, "Vehicle", "vehicle.toml", text, *own)
 
 
 def machines() -> list[str]:
@@ -84,6 +86,8 @@ class Machine:
 
     name: str
     channels: Path
+    clock_error_s: float = 0.05
+    """By which the bridge takes every stamp for older."""
     processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start(self, package: Path) -> None:
@@ -103,7 +107,7 @@ class Machine:
             "none",
         ]
         bridge = [next((package / "build").glob("*_bridge")), "--channels", self.channels]
-        for command in ([*words, *more], [*bridge, "--clock-error", "0.05"]):
+        for command in ([*words, *more], [*bridge, "--clock-error", str(self.clock_error_s)]):
             said = (self.channels.parent / f"{self.name}_{len(self.processes)}.txt").open("wb")
             self.processes.append(
                 subprocess.Popen([str(w) for w in command], stdout=said, stderr=said)
@@ -133,16 +137,16 @@ class Base:
 
     x: float
     v: float = 0.0
-    told: float = 0.0
+    commanded: float = 0.0
     heard_s: float = 0.0
 
     def step(self, now: float) -> None:
         """So much time later."""
-        told = self.told if now - self.heard_s < WATCHDOG_S else 0.0
+        commanded = self.commanded if now - self.heard_s < WATCHDOG_S else 0.0
         gained = (
-            min(self.v + PICKUP * STEP_S, told)
-            if self.v < told
-            else max(self.v - BRAKE * STEP_S, told)
+            min(self.v + PICKUP * STEP_S, commanded)
+            if self.v < commanded
+            else max(self.v - BRAKE * STEP_S, commanded)
         )
         self.x += 0.5 * (self.v + gained) * STEP_S
         self.v = gained
@@ -155,7 +159,7 @@ class Base:
         return 0.0 < self.x < LENGTH
 
 
-def _types() -> dict[str, Any]:
+def message_types() -> dict[str, Any]:
     """The messages, named as ROS 2 names them on the wire."""
     from cyclonedds.idl import make_idl_struct, types  # noqa: PLC0415 - an extra
 
@@ -176,7 +180,12 @@ def _types() -> dict[str, Any]:
         "fleet_msgs.msg.dds_.Motion_",
         {"header_": header, "x_": types.float64, "v_": types.float64},
     )
-    return {"Time": moment, "Header": header, "Motion": motion, **one}
+    claim = make_idl_struct(
+        "Claim_",
+        "fleet_msgs.msg.dds_.Claim_",
+        {"header_": header, **dict.fromkeys(("from_whom_", "lo_", "hi_", "sent_"), types.int64)},
+    )
+    return {"Time": moment, "Header": header, "Motion": motion, "Claim": claim, **one}
 
 
 class World:
@@ -188,7 +197,7 @@ class World:
         from cyclonedds.sub import DataReader  # noqa: PLC0415 - an extra
         from cyclonedds.topic import Topic  # noqa: PLC0415 - an extra
 
-        self.types = _types()
+        self.types = message_types()
         peer = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
 
         def writer(topic: str, kind: str) -> Any:  # noqa: ANN401 - of an extra
@@ -211,7 +220,7 @@ class World:
         for b, reader in zip(self.bases, self.speed, strict=True):
             for message in reader.take(20):
                 if hasattr(message, "data_"):
-                    b.told, b.heard_s = message.data_, now
+                    b.commanded, b.heard_s = message.data_, now
             b.step(now)
         after = [b.inside for b in self.bases]
         self.crossings += sum(b and not a for b, a in zip(before, after, strict=True))
@@ -286,19 +295,20 @@ def fly(row: Row, folder: Path, seconds: float) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, required=True)
+    parser.add_argument("--folder", type=Path, help="of packages, which are kept")
     parser.add_argument("--seconds", type=float, default=70.0)
     parser.add_argument("--row", type=int, choices=range(len(ROWS)), help="this one alone")
     args = parser.parse_args()
     os.environ |= {"ROS_DOMAIN_ID": str(os.getpid() % 200 + 1), "CYCLONEDDS_URI": LOOPBACK}
-    args.folder.mkdir(parents=True, exist_ok=True)
-    build(args.folder)
+    folder = args.folder or Path(tempfile.mkdtemp())
+    folder.mkdir(parents=True, exist_ok=True)
+    build(folder)
     print(
         f"{'one machine':<34} {'collisions':>10} {'crossings':>9} {'afterwards':>10} "
         f"{'moved, s':>10} {'late':>6}"
     )
     for row in ROWS if args.row is None else ROWS[args.row : args.row + 1]:
-        print(fly(row, args.folder, args.seconds), flush=True)
+        print(fly(row, folder, args.seconds), flush=True)
 
 
 if __name__ == "__main__":

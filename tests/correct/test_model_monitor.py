@@ -6,15 +6,23 @@ Non-goals: what the drone does (`bench/drone/conformance.py`).
 from __future__ import annotations
 
 import json
+import math
+import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from soter.api import ENGINES, load
 from soter.api.monitoring import log_explained
 from soter.cli.main import main
 from soter.language.model.types import leaves
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 
@@ -123,6 +131,30 @@ def test_the_command_exits_with_3_on_an_alarm(tmp_path: Path, capsys: Any) -> No
     assert "The model is false" in capsys.readouterr().out.replace("\n", " ")
 
 
+def test_several_seeds_are_told_run_by_run_and_together(tmp_path: Path, capsys: Any) -> None:
+    path = world(tmp_path, 0.199)
+    assert main(["monitor", str(path), "--seed", "3..5", "--until", "2s", "--json"]) == 3
+    (together,) = json.loads(capsys.readouterr().out)["modules"].values()
+    runs = [load(path).monitor(seed=s, until=2)[0] for s in (3, 4, 5)]
+    assert together["steps"] == sum(j.steps for j in runs)
+    assert together["alarms"] == sum(j.alarms for j in runs)
+    assert together["largest_share"] == max(j.share for j in runs)
+    assert together["first_alarm_s"] == min(j.first_alarm_s for j in runs if j.first_alarm_s)
+    assert main(["monitor", str(path), "--seed", "3..5", "--until", "2s"]) == 3
+    rows = [x.split() for x in capsys.readouterr().out.splitlines() if "Keeper" in x]
+    assert [r[0] for r in rows] == ["3", "4", "5", "all"]
+    assert [int(r[3].replace(",", "")) for r in rows] == [
+        *(j.alarms for j in runs),
+        together["alarms"],
+    ]
+
+
+@pytest.mark.parametrize("seeds", ["5..3", "1..", "..2", "1..99999", "1...3", "a..b"])
+def test_seeds_that_are_none_are_refused(tmp_path: Path, capsys: Any, seeds: str) -> None:
+    assert main(["monitor", str(world(tmp_path)), "--seed", seeds]) == 2
+    assert seeds.partition("..")[0] in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("wind", [0.2, 0.1])
 def test_the_emitted_node_says_on_line_what_the_monitor_says(
@@ -136,6 +168,190 @@ def test_the_emitted_node_says_on_line_what_the_monitor_says(
     assert (int(run.final["topics"]["alarms"]) > 0) == (wind < 0.2)
     # the node's last step may still be on its way to the counter
     assert abs(int(run.final["topics"]["alarms"]) - judged.alarms) <= 1
+
+
+@pytest.mark.parametrize(("wind", "cause"), [(0.2, "Nothing"), (0.1, "m_v")])
+def test_the_emitted_node_names_the_state_that_raised_the_alarm(
+    tmp_path: Path, wind: float, cause: str
+) -> None:
+    load(world(tmp_path, wind)).emit_monitor(tmp_path / "watch.soter")
+    (tmp_path / "watched.soter").write_text(WATCHED)
+    run = load(tmp_path / "watched.soter").simulate(until=4)
+    names = "Nothing, m_x, m_v"
+    assert f"type ModelCause = enum {{ {names} }};" in (tmp_path / "watch.soter").read_text()
+    assert names.split(", ")[run.final["topics"]["w.modelCause"]] == cause
+
+
+def test_the_table_names_the_states_of_alarms_on_estimates(tmp_path: Path, capsys: Any) -> None:
+    assert main(["monitor", str(world(tmp_path, 0.1)), "--estimates"]) == 3
+    (row,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith("Keeper")]
+    assert "m.v" in row
+
+
+def emitted(folder: Path) -> Path:
+    """A program with a monitor of `world.soter` as it stands; gives its path."""
+    load(world(folder)).emit_monitor(folder / "watch.soter")
+    (folder / "watched.soter").write_text(WATCHED)
+    return folder / "watched.soter"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("WIND: float = 0.2", "WIND: float = 0.3"),
+        ("LAG: float = 1.0", "LAG: float = 1.5"),
+        ("seen.v within 0.05", "seen.v within 0.06"),
+        ("plant Model period 10ms", "plant Model period 5ms"),
+        ("Keeper", "Warden"),
+        ("system Flight", "system Voyage"),
+    ],
+)
+def test_a_monitor_of_another_model_is_refused(
+    tmp_path: Path, capsys: Any, old: str, new: str
+) -> None:
+    program = emitted(tmp_path)
+    assert load(program).ok
+    for path in (tmp_path / "world.soter", program):
+        path.write_text(path.read_text().replace(old, new))
+    assert [d.code for d in load(program).diagnostics] == ["D022"]
+    for command in ("check", "run", "verify"):
+        assert main([command, str(program)]) == 1
+        assert "error[D022]" in capsys.readouterr().err
+
+
+def test_a_model_that_obeys_another_topic_is_another_model(tmp_path: Path) -> None:
+    path = world(tmp_path)
+    text = path.read_text().replace(
+        "topic push:", "topic shove: float in [-1.0, 1.0];\ntopic push:"
+    )
+    text = text.replace("publishes push;", "publishes push, shove;")
+    text = text.replace("publish push =", "publish shove = 0.5; publish push =")
+    flying, _, model = text.partition("plant Model")
+    flying = flying.replace("reads push;", "reads push, shove;")
+    flying = flying.replace("- v + gust", "- v + gust + 0.0 * shove")
+    path.write_text(f"{flying}plant Model{model}")
+    load(path).emit_monitor(tmp_path / "watch.soter")
+    (tmp_path / "watched.soter").write_text(WATCHED)
+    assert load(tmp_path / "watched.soter").ok
+    other = model.replace("reads push;", "reads shove;").replace("(2.0 * push", "(2.0 * shove")
+    path.write_text(f"{flying}plant Model{other}")
+    assert [d.code for d in load(tmp_path / "watched.soter").diagnostics] == ["D022"]
+
+
+def test_the_help_against_a_stale_monitor_is_a_command_that_mends_it(tmp_path: Path) -> None:
+    path = world(tmp_path)
+    text = path.read_text().replace("type Seen", QUIET).replace("const WIND", "param WIND")
+    text = text.replace("module Keeper;", "module Keeper; node Quiet;")
+    path.write_text(text)
+    watch = tmp_path / "watch.soter"
+    load(path).emit_monitor(watch, params={"WIND": 0.25}, alarm="modelAlarm")
+    (tmp_path / "guarded.soter").write_text(GUARDED)
+    path.write_text(text.replace("LAG: float = 1.0", "LAG: float = 1.5"))
+    (stale,) = load(tmp_path / "guarded.soter").diagnostics
+    command = stale.helps[0].split("`")[1].split()
+    assert command[0] == "soter"
+    assert main(command[1:]) == 0
+    assert load(tmp_path / "guarded.soter").ok
+    made = watch.read_text()
+    assert '"params": {"WIND": "0.25"}' in made
+    assert "publishes watched.modelAlarm, modelCause;" in made
+
+
+def test_a_monitor_is_of_its_model_whatever_else_the_program_says(tmp_path: Path) -> None:
+    program = emitted(tmp_path)
+    path = tmp_path / "world.soter"
+    text = path.read_text().replace("1.0 - seen.x", "0.9 - seen.x").replace("> 2.0", "> 2.1")
+    path.write_text("// as it was\n" * 3 + text)
+    assert load(program).ok
+
+
+def test_a_monitor_made_with_other_parameters_is_compared_under_them(tmp_path: Path) -> None:
+    path = world(tmp_path)
+    path.write_text(path.read_text().replace("const WIND", "param WIND"))
+    load(path).emit_monitor(tmp_path / "watch.soter", params={"WIND": 0.3})
+    (tmp_path / "watched.soter").write_text(WATCHED)
+    assert load(tmp_path / "watched.soter").ok
+    watch = tmp_path / "watch.soter"
+    watch.write_text(watch.read_text().replace('{"WIND": 0.3}', "{}"))
+    assert [d.code for d in load(tmp_path / "watched.soter").diagnostics] == ["D022"]
+
+
+def test_a_parameter_of_an_import_is_found_wherever_else_it_is_imported(tmp_path: Path) -> None:
+    (tmp_path / "air.soter").write_text("soter 1;\nparam WIND: float = 0.2;\n")
+    path = world(tmp_path)
+    text = path.read_text().replace("const WIND: float = 0.2;", "")
+    text = text.replace("-WIND, WIND", "-air.WIND, air.WIND")
+    path.write_text(text.replace("soter 1;", 'soter 1;\nimport "air.soter" as air;'))
+    load(path).emit_monitor(tmp_path / "watch.soter", params={"air.WIND": 0.3})
+    first = 'soter 1;\nimport "air.soter" as first;'
+    (tmp_path / "watched.soter").write_text(WATCHED.replace("soter 1;", first))
+    assert load(tmp_path / "watched.soter").ok
+
+
+@pytest.mark.parametrize("record", ["", "// made of 5", '// made of {"model": 3}', "// made of ["])
+def test_a_monitor_that_does_not_say_of_what_it_is_made_is_refused(
+    tmp_path: Path, record: str
+) -> None:
+    program, watch = emitted(tmp_path), tmp_path / "watch.soter"
+    lines = watch.read_text().splitlines()
+    watch.write_text("\n".join(record if x.startswith("// made of") else x for x in lines))
+    (wrong,) = load(program).diagnostics
+    assert wrong.code == "D022"
+    assert wrong.helps == (
+        f"write it anew: `soter monitor {tmp_path / 'world.soter'} --emit {watch}`",
+    )
+
+
+def first_alarm_s(beyond: float, pull: float, errors: Floats) -> float | None:
+    """When the boxes of v' = -pull v + d, |d| <= 0.2, are left by d = 0.2 + `beyond`.
+
+    `errors` (steps,) in m/s, of estimates that are true within 0.05, a step of 10 ms each.
+    """
+    bound, error, h = 0.2, 0.05, 0.01
+    decay = math.exp(-pull * h)
+    gain = (1 - decay) / pull if pull else h
+    v, low, high = 0.0, -math.inf, math.inf
+    for k, e in enumerate(errors):
+        low, high = max(low, v + e - error), min(high, v + e + error)
+        if low > high + 1e-12:
+            return k * h
+        v = decay * v + gain * (bound + beyond)
+        low, high = decay * low - gain * bound, decay * high + gain * bound
+    return None
+
+
+HEAD = re.compile(
+    r"// m\.v: a disturbance d beyond its bound is told in (?P<factor>\S+) "
+    r"(atanh\((?P<never>\S+) / d\)|/ d) s(; d of (?P=never) or less perhaps never)?\n"
+)
+
+
+@pytest.mark.parametrize("pull", [0.0, 1.0, 6.0])
+def test_the_file_says_when_a_disturbance_is_told_whatever_the_errors(
+    tmp_path: Path, pull: float
+) -> None:
+    path, model = world(tmp_path), "der v = LAG * (2.0 * push - v) + d;"
+    assert model in path.read_text()
+    pulled = f"der v = 2.0 * push - {pull} * v + d + 0.0 * LAG;"
+    path.write_text(path.read_text().replace(model, pulled))
+    load(path).emit_monitor(tmp_path / "watch.soter")
+    head = HEAD.search((tmp_path / "watch.soter").read_text())
+    assert head is not None
+    factor, never = float(head["factor"]), float(head["never"] or 0.0)
+    chance = np.random.default_rng(3)
+    late = np.full(3000, -0.05)
+    late[0] = 0.05
+    for beyond in (never + 0.02, never + 0.2, never + 2.0):
+        within = factor * math.atanh(never / beyond) if pull else factor / beyond
+        # as long as an estimate that is too high is believed, then one that is too low
+        turn = math.log1p(never / beyond) / pull if pull else 0.1 / beyond
+        worst = np.where(np.arange(3000) < int(turn / 0.01), 0.05, -0.05)
+        for errors in (worst, -worst, late, *chance.uniform(-0.05, 0.05, (5, 3000))):
+            alarm = first_alarm_s(beyond, pull, errors)
+            assert alarm is not None
+            assert alarm <= within + 0.02
+        assert first_alarm_s(beyond, pull, worst) == pytest.approx(within, abs=0.03), "no sooner"
+    assert not pull or first_alarm_s(0.98 * never, pull, late) is None
 
 
 QUIET = """topic modelAlarm: bool;

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.diagnostics.codes import Code
+    from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
@@ -68,6 +69,17 @@ def chosen_modules(flat: System, module: str | None) -> list[Module]:
         message = f"system `{flat.name}` has {what}"
         raise SoterError((Diagnostic("U001", message, notes=(f"there are: {there}",)),))
     return modules
+
+
+def add_stale_monitors(checked: CheckResult) -> None:
+    """D022 for each model monitor of a sound program that was written for another model."""
+    if not checked.ok or checked.loaded is None:
+        return
+    if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):
+        from soter.monitor.stale_monitors import stale_monitors  # noqa: PLC0415 - needs NumPy
+
+        for wrong in stale_monitors(checked):
+            checked.diagnostics.add(wrong)
 
 
 def values_of(program: TypedProgram, params: Mapping[str, object] | None) -> dict[str, Value]:

@@ -113,13 +113,14 @@ def build(
     """
     require_mapping(target, given=mapping is not None)
     read, beside = _read(mapping)
+    file = Path(mapping) if isinstance(mapping, (str, Path)) else None
     if read is not None:  # before anything takes long
-        mapping_of(read, fresh, folder=beside)
+        mapping_of(read, fresh, folder=beside, file=file)
     inherits = deployed(fresh, cert, progress)
     flat, computed = completed()
     flat.certificate = inherits.certificate
     bindings = bound(flat)
-    fits = None if read is None else mapping_of(read, bindings.system, folder=beside)
+    fits = None if read is None else mapping_of(read, bindings.system, None, beside, file)
     package = build_package(target, bindings.system, bindings.core, output, fits, inherits.files)
     told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
     package.notes += [*told, *computed, *(_not_carried(bindings) if target == "c" else ())]

@@ -120,8 +120,8 @@ def _declared(
     """The system that a mapping is for, and the mapping."""
     given = mapping if not isinstance(mapping, (str, Path)) else read_mapping(Path(mapping))
     flat = flat_of(system or system_named(given), params)
-    folder = Path(mapping).parent if isinstance(mapping, (str, Path)) else None
-    return flat, mapping_of(given, flat, where, folder)
+    file = Path(mapping) if isinstance(mapping, (str, Path)) else None
+    return flat, mapping_of(given, flat, where, None if file is None else file.parent, file)
 
 
 def lost(module: str, missing: Sequence[str]) -> Diagnostic:

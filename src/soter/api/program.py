@@ -11,7 +11,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import chosen_modules, complete, end_of, mistake, values_of
+from soter.api.arguments import (
+    add_stale_monitors,
+    chosen_modules,
+    complete,
+    end_of,
+    mistake,
+    values_of,
+)
 from soter.api.check_report import CheckReport, check_report
 from soter.api.compiled_systems import PreparedSystems
 from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
@@ -61,6 +68,7 @@ class Program:
     def __init__(self, path: str, progress: Tell | None = None, text: str | None = None) -> None:
         self.path = path
         self._checked: CheckResult = check_file(path, text, tell=progress)
+        add_stale_monitors(self._checked)
         self._bound: dict[str, object] = {}
         self._prepared = PreparedSystems()
         self._flat: list[System] = []  # what `bind` looks for names in
@@ -280,8 +288,9 @@ class Program:
         """
         from soter.monitor.command import write_monitor  # noqa: PLC0415 - needs NumPy
 
-        flat = self.flat(system, params)
-        return write_monitor(flat, chosen_modules(flat, module)[0], self.path, Path(path), alarm)
+        flat = self.declared(system, params)
+        chosen = chosen_modules(flat, module)[0]
+        return write_monitor(flat, chosen, self.path, Path(path), alarm=alarm, params=params)
 
     def verify(
         self,

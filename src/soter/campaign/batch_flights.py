@@ -218,11 +218,20 @@ class _BatchOutput:
             at += bins
 
 
+IN_C = (
+    "make it a plant in Soter whose step is a function in C: `extern fun move(s: State, u: Vec2): "
+    'State from "c:plant.c:move";` and `next s = move(s, command);`'
+)
+
+
 def _without_externs(system: System, core: CoreSystem) -> None:
     """SoterError U003 for what only Python answers, or nobody."""
     linked = [c for c in system.components if c.node and (c.binding or "").startswith("c:")]
-    names = [c.name for c in system.components if c.extern and c not in linked]
+    outside = [c for c in system.components if c.extern and c not in linked]
+    names = [c.name for c in outside]
     kind, helps = "node", ("replace it in the system by a node in Soter: `replace NODE by OTHER;`",)
+    if outside and outside[0].plant is not None:
+        kind, helps = "plant", (IN_C,)
     if not names:
         asked = [f for f in core.functions if f.result is None]
         names = [f.source_name for f in asked if not (f.source or "").startswith("c:")]

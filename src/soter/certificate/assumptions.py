@@ -231,9 +231,11 @@ def _way(facts: Facts) -> Iterator[RecheckAssumption]:
     """Nodes between the plants and the module."""
     texts = {
         "shows": "what {} publishes shows the state that it has just read, within the errors",
-        "passes": "{} passes on what the module publishes, or is part of what is abstracted",
-        "in step": "{} runs in the thread of the module, behind SC in the same instant, and passes "
-        "on at once what it publishes",
+        "passes": "{} passes on what the module publishes at its next step, which is counted; what "
+        "it makes of a command belongs to the plants of the proof",
+        "in step": "{} runs in the thread of the module, behind SC in the same instant; what it "
+        "makes of a command belongs to the plants of the proof, and no wait of it is counted "
+        "beside `acts within`",
         "vehicle": "{} is part of the vehicle that is abstracted: its last value is its state, and "
         "what stands behind it, delays included, belongs to the abstraction",
         "extern": "{} publishes in every step",

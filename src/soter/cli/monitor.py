@@ -7,7 +7,9 @@ Non-goals: the judgements (`monitor/model_membership.py`, `monitor/logs/`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import argparse
+from collections import Counter
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,7 +35,6 @@ from soter.diagnostics.json_object import JsonObject, one_of
 from soter.report.sections import PageSection
 
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Sequence
 
     from soter.api import Program
@@ -45,6 +46,7 @@ EXAMPLES = """\
   soter run drone.soter --log flight.mcap
   soter monitor drone.soter flight.mcap            on the true states of a log
   soter monitor drone.soter --seed 7               on those of a fresh run
+  soter monitor drone.soter --seed 1..20           of twenty, a line each
   soter monitor drone.soter flight.mcap --estimates     on what the DM saw
   soter monitor drone.soter flight.mcap --format junit > flight.xml    for CI; or sarif, github
   soter monitor drone.soter flight.mcap --report flight.html     a page to file
@@ -57,8 +59,7 @@ EXAMPLES = """\
 exit codes: 0 every step is explained, 3 an alarm: the model is false, 1 diagnostics, 2 usage;
 with --map: 0 no read lay outside `safe`, 3 one did
 """
-
-
+SEEDS_MAX = 10_000
 HEAD = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
 ALARM = (
     "an alarm: no disturbance within its declared bounds explains the step. The model is false, "
@@ -88,7 +89,13 @@ def parser() -> CommandParser:
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     made.add_argument("--module", metavar="M", help="only this module; by default all")
     made.add_argument("--until", metavar="TIME", help="of a fresh run; by default the system's")
-    made.add_argument("--seed", metavar="N", type=seed, default=1, help="by default 1")
+    made.add_argument(
+        "--seed",
+        metavar="N|A..B",
+        type=_seeds,
+        default=range(1, 2),
+        help="of a fresh run, or of one for each from A to B; by default 1",
+    )
     made.add_argument(
         "--estimates", action="store_true", help="judge what was measured, not the true states"
     )
@@ -98,6 +105,15 @@ def parser() -> CommandParser:
     add_settings(made)
     add_format(made)
     return made
+
+
+def _seeds(text: str) -> range:
+    """The seeds that are meant; ArgumentTypeError for other text."""
+    first, dots, last = text.partition("..")
+    seeds = range(seed(first), (seed(last) if dots else seed(first)) + 1)
+    if not 0 < len(seeds) <= SEEDS_MAX:
+        raise argparse.ArgumentTypeError(f"`{text}`: A..B are 1 to {SEEDS_MAX:,} seeds, A first")
+    return seeds
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -125,19 +141,55 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             )
             console.say(f"wrote {args.emit}")
             return CommandOutcome(FINE, warnings, _fields(args, Monitored(args.emit)))
-        judged = program.monitor(
-            args.log,
-            args.module,
-            system=args.system,
-            until=args.until,
-            seed=args.seed,
-            params=dict(args.params),
-            estimates=args.estimates,
-        )
+        seeds = args.seed if args.log is None else args.seed[:1]
+        by_seed = [
+            program.monitor(
+                args.log,
+                args.module,
+                system=args.system,
+                until=args.until,
+                seed=one,
+                params=dict(args.params),
+                estimates=args.estimates,
+            )
+            for one in seeds
+        ]
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return CommandOutcome(exit_of(items), items, {"file": args.file})
-    return _judged(judged, args, console, warnings)
+    if len(seeds) > 1:
+        return _of_several(seeds, by_seed, args, console, warnings)
+    return _judged(by_seed[0], args, console, warnings)
+
+
+def _of_several(
+    seeds: Sequence[int],
+    by_seed: Sequence[list[Judgement]],
+    args: argparse.Namespace,
+    console: Console,
+    warnings: Sequence[Diagnostic],
+) -> CommandOutcome:
+    """Tell a line for each run, and of each module what all of them came to."""
+    rows = [(str(s), *_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged]
+    together = [_together(of) for of in zip(*by_seed, strict=True)]
+    rows += [("all", *_row(j)) for j in together]
+    return _outcome(together, (("seed", *HEAD), rows), args, console, warnings)
+
+
+def _together(of: Sequence[Judgement]) -> Judgement:
+    """One module in several runs: sums, the first alarm of any, the hardest step."""
+    states = Counter[str]()
+    for j in of:
+        states.update(j.alarm_states)
+    return replace(
+        max(of, key=lambda j: j.share),
+        steps=sum(j.steps for j in of),
+        alarms=sum(j.alarms for j in of),
+        first_alarm_s=min(
+            (j.first_alarm_s for j in of if j.first_alarm_s is not None), default=None
+        ),
+        alarm_states=dict(states),
+    )
 
 
 def _judged(
@@ -147,14 +199,30 @@ def _judged(
     warnings: Sequence[Diagnostic] = (),
 ) -> CommandOutcome:
     """Tell the judgement of the model."""
-    _say(judged, args, console)
+    return _outcome(judged, (HEAD, [_row(j) for j in judged]), args, console, warnings)
+
+
+def _outcome(
+    judged: Sequence[Judgement],
+    table: tuple[tuple[str, ...], list[tuple[str, ...]]],
+    args: argparse.Namespace,
+    console: Console,
+    warnings: Sequence[Diagnostic],
+) -> CommandOutcome:
+    says = f"{args.log or args.file}  judged on {judged[0].source if judged else 'nothing'}"
+    head, rows = table
+    console.say(f"{says}\n")
+    console.say(console.table(head, rows))
     alarms = sum(j.alarms for j in judged)
+    if alarms:
+        console.say(f"\n{ALARM}")
     fields = _fields(args, Monitored(judged=tuple(judged)))
-    code = VIOLATED if alarms else FINE
     headline = "the model is false" if alarms else "the model explains every step"
-    says = (_judged_on(judged, args), *((ALARM,) if alarms else ()))
-    section = PageSection("What was judged", says, HEAD, tuple(_rows(judged)))
+    section = PageSection(
+        "What was judged", (says, ALARM) if alarms else (says,), head, tuple(rows)
+    )
     fields |= _report(args, headline, bool(alarms), [section], console)
+    code = VIOLATED if alarms else FINE
     return CommandOutcome(code, tuple(warnings), fields, of_judgements(judged))
 
 
@@ -234,36 +302,28 @@ def _report(
     """Write the page where it was asked for; SoterError D006."""
     if args.report is None:
         return {}
-    title = f"{Path(args.file).name}: {Path(args.log).name if args.log else f'seed {args.seed}'}"
+    title = f"{Path(args.file).name}: {Path(args.log).name if args.log else _seeds_of(args)}"
     path = report_path(args.report, args.file, ENDING)
     write_sections(path, title, headline, "bad" if bad else "good", of)
     console.say(f"\nreport  {path}")
     return {"report": str(path)}
 
 
-def _judged_on(judged: list[Judgement], args: argparse.Namespace) -> str:
-    return f"{args.log or args.file}  judged on {judged[0].source if judged else 'nothing'}"
+def _seeds_of(args: argparse.Namespace) -> str:
+    first, last = args.seed[0], args.seed[-1]
+    return f"seed {first}" if first == last else f"seeds {first} to {last}"
 
 
-def _rows(judged: list[Judgement]) -> list[tuple[str, ...]]:
-    return [
-        (
-            j.module,
-            f"{j.steps:,}",
-            f"{j.alarms:,}",
-            "" if j.first_alarm_s is None else f"{j.first_alarm_s:.3f} s",
-            "" if j.source == "estimates" else f"{j.share:.0%}",
-            j.state,
-        )
-        for j in judged
-    ]
-
-
-def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) -> None:
-    console.say(f"{_judged_on(judged, args)}\n")
-    console.say(console.table(HEAD, _rows(judged)))
-    if any(j.alarms for j in judged):
-        console.say(f"\n{ALARM}")
+def _row(j: Judgement) -> tuple[str, ...]:
+    """Of the table, as `HEAD`."""
+    return (
+        j.module,
+        f"{j.steps:,}",
+        f"{j.alarms:,}",
+        "" if j.first_alarm_s is None else f"{j.first_alarm_s:.3f} s",
+        "" if j.source == "estimates" else f"{j.share:.0%}",
+        j.state or ", ".join(j.alarm_states),
+    )
 
 
 # ---------------------------------------------------------------- for programs
@@ -294,7 +354,7 @@ DOCUMENT = JsonObject(
     Monitored,
     "emitted modules log",
     {"modules": _modules},
-    beside={"file": str},
+    beside={"file": str, "report?": str},
     modules=JsonObject(
         "soter.monitor.model_membership.Judgement",
         "source steps alarms first_alarm_s largest_share state=state? alarm_states",

@@ -105,7 +105,11 @@ class LeafReader:
         self.vectors += 1
         nothing: dict[LeafPath, Leaf | None] = dict.fromkeys(paths)
         if len(paths) != 3 or not all(isinstance(self.types[p], FloatType) for p in paths):
-            self.problems.add(f"`{name}` is no vector, which has three floats: name its fields")
+            shown = [f"`{'.'.join((self.topic.name, *p))}`" for p in paths]
+            self.problems.add(
+                f"`{name}` is no vector, which has three floats here: name each of its fields, "
+                f"{', '.join(shown)}"
+            )
             return nothing
         row = what if isinstance(what, dict) else {"from": what}
         self.problems.only(row, VECTOR_KEYS, f"`{name}`")

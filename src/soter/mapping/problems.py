@@ -15,14 +15,16 @@ from soter.language.model.durations import WrongTextError, duration_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
+    from pathlib import Path
 
 NUMBER_MAX = 1e30
 """Scales and offsets beyond are none."""
 
 
-def wrong_mapping(problems: Iterable[str]) -> SoterError:
-    """D015, one diagnostic a mistake."""
-    return SoterError(tuple(Diagnostic("D015", p) for p in problems))
+def wrong_mapping(problems: Iterable[str], file: Path | None = None) -> SoterError:
+    """D015, one diagnostic a mistake, each with the file that it is in."""
+    notes = () if file is None else (f"in the mapping `{file}`",)
+    return SoterError(tuple(Diagnostic("D015", p, notes=notes) for p in problems))
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> str:

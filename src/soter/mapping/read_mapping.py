@@ -71,16 +71,18 @@ def mapping_of(
     system: System,
     where: Mapping[str, str] | None = None,
     folder: Path | None = None,
+    file: Path | None = None,
 ) -> LogMap:
     """The mapping, checked against a system; `where` adds to its own.
 
-    `folder`: where the mapping lies, from which it names the files of its `messages`. SoterError
+    `folder`: where the mapping lies, from which it names the files of its `messages`; `file`: what
+    it was read from, by default none. SoterError
     D015; D007 where it names types of ROS messages and the package that knows them is missing.
     """
     reading = _MappingReader(system, folder or Path())
     log_map = reading.mapping(given)
     if reading.problems.told:
-        raise wrong_mapping(reading.problems.told)
+        raise wrong_mapping(reading.problems.told, file)
     return replace(log_map, where={**log_map.where, **(where or {})})
 
 

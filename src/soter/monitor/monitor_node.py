@@ -10,14 +10,19 @@ it into a system: the user does that, and lets `ttf` read the alarm.
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.source import Source
 from soter.language.model.durations import show_ns
+from soter.language.syntax.printer import format_source
 from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
 from soter.monitor.model_membership import ROUNDING, sight_of
+from soter.monitor.stale_monitors import EMITTED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,30 +37,69 @@ NODE = "ModelMonitor"
 
 
 def monitor_source(
-    problem: Problem, imported: str, names: dict[int, str], alarm: str | None
+    problem: Problem, imported: str, names: dict[int, str], alarm: str | None, record: str
 ) -> str:
     """The text of a file with the node.
 
     `imported`: path of the program, for the `import`; `names`: topic index -> its name with the
-    alias `watched.`; `alarm`: a bool topic of the program to publish, or None for one of its own.
+    alias `watched.`; `alarm`: a bool topic of the program to publish, or None for one of its own;
+    `record`: the line that says what it is made of (`stale_monitors.py`).
     SoterError U001 where no such node exists.
     """
-    return "\n".join([*_head(problem, imported, alarm), *_node(problem, names, alarm), "}", ""])
+    lines = [*_head(problem, imported, alarm, record), *_node(problem, names, alarm), "}", ""]
+    laid_out = format_source(Source("monitor", "\n".join(lines)), Diagnostics())
+    assert laid_out is not None
+    return laid_out
 
 
-def _head(problem: Problem, imported: str, alarm: str | None) -> list[str]:
+def _head(problem: Problem, imported: str, alarm: str | None, record: str) -> list[str]:
+    causes = ", ".join(["Nothing", *(_cause(leaf.name) for leaf in problem.quantities.states)])
     lines = [
         "soter 1;",
-        f"// The model monitor of {problem.name}, made by `soter monitor --emit`. It is to be",
+        f"// The model monitor of {problem.name}, {EMITTED}. It is to be",
         "// the last instance of a system. An alarm says that no disturbance and no error within",
         "// the declared bounds explains what is seen.",
+        *_told_within(problem),
+        record,
         "",
         f'import "{imported}" as watched;',
         "",
+        f"type ModelCause = enum {{ {causes} }};",
+        "topic modelCause: ModelCause;  // the first state that the last alarm was raised by",
     ]
     if alarm is None:
-        lines += ["topic modelAlarm: bool;", ""]
+        lines.append("topic modelAlarm: bool;")
+    return [*lines, ""]
+
+
+def _told_within(problem: Problem) -> list[str]:
+    """Comments: how long a constant disturbance beyond its bound stays untold at most.
+
+    Of a state x' = -k x + known + w, |w| <= W, seen within E, a disturbance W + d moves the true x
+    from the end of the box, which is at most 2 E away, to where an estimate must lie beyond it:
+    d / k (1 - e^-kT) > 2 E (1 + e^-kT), that is T > 2 / k atanh(2 E k / d), or 4 E / d for k = 0.
+    """
+    if problem.kind != "flow" or problem.parameters:
+        return []
+    model = linear_model(problem, ())
+    error = sight_of(problem, model).error
+    lines = []
+    for i, leaf in enumerate(problem.quantities.states):
+        e, k = float(error[i]), -float(model.a[i, i])
+        known = [error[j] == 0.0 for j in np.flatnonzero(model.a[i]) if j != i]
+        if not (np.abs(model.w[i]) @ model.d_max > 0 and 0 < e < np.inf and all(known) and k >= 0):
+            continue
+        within = f"{2 / k:.4g} atanh({2 * e * k:.4g} / d)" if k else f"{4 * e:.4g} / d"
+        never = f"; d of {2 * e * k:.4g} or less perhaps never" if k else ""
+        lines.append(
+            f"// {leaf.name}: a disturbance d beyond its bound is told in {within} s{never}"
+        )
     return lines
+
+
+def _cause(state: str) -> str:
+    """The member of `ModelCause` of a state: `loop.v.x` is `loop_v_x`."""
+    return re.sub(r"\W+", "_", state).strip("_")
 
 
 def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[str]:
@@ -68,10 +112,11 @@ def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[st
     lines = [
         f"node {NODE} period {show_ns(problem.plant_period_ns).replace(' ', '')} {{",
         f"  subscribes {', '.join(dict.fromkeys(watched + acting))};",
-        f"  publishes {topic};",
+        f"  publishes {topic}, modelCause;",
         f"  var low: float[{n}];",
         f"  var high: float[{n}];",
         f"  var acts: float[{max(1, len(q.controls))}];",
+        "  var cause: ModelCause;",
         "  var begun: bool;",
         "  var followed: int = 0;",
         "  step {",
@@ -89,7 +134,7 @@ def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[st
         lines.append("    }")
     for i, c in enumerate(q.controls):
         lines.append(f"    acts[{i}] = {'.'.join((names[c.owner], *c.path))};")
-    lines += [f"    publish {topic} = alarmed;", "  }"]
+    lines += [f"    publish {topic} = alarmed;", "    publish modelCause = cause;", "  }"]
     return lines
 
 
@@ -115,8 +160,15 @@ def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, s
             ]
         else:
             lines += [f"      let least{i} = from{i};", f"      let most{i} = to{i};"]
-    empty = " || ".join(f"max(from{i}, least{i}) > min(to{i}, most{i})" for i in range(n))
-    lines += [f"      if known && seen && ({empty}) {{", "        alarmed = true;", "      }"]
+    lines.append("      if known && seen {")
+    for i, leaf in enumerate(problem.quantities.states):
+        word = "if" if i == 0 else "} elseif"
+        lines += [
+            f"        {word} max(from{i}, least{i}) > min(to{i}, most{i}) {{",
+            f"          cause = ModelCause.{_cause(leaf.name)};",
+            "          alarmed = true;",
+        ]
+    lines += ["        }", "      }"]
     for i in range(n):
         lines += [
             f"      low[{i}] = {_kept(f'from{i}', f'least{i}', 'max')};",

@@ -33,7 +33,7 @@ from soter.verify.claims.results import (
 )
 from soter.verify.claims.scheme_assumption import scheme_diverges, shown_scheme
 from soter.verify.diagnosis.recovery_patience import recover_at_last
-from soter.verify.diagnosis.vacuity import at_the_start, vacuity
+from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid.sets import UnboundedError
@@ -101,7 +101,7 @@ def verify_module(
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *entered.values()),
+        notes=(*refinement_note(done), *small_cores(done), *entered.values()),
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
     )

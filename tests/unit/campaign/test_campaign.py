@@ -230,6 +230,20 @@ def test_extern_nodes_are_refused(make: Callable[[str], Path], tmp_path: Path) -
     assert [d.code for d in caught.value.diagnostics] == ["U003"]
 
 
+def test_extern_plants_are_refused_as_plants(make: Callable[[str], Path], tmp_path: Path) -> None:
+    path = make(
+        "soter 1; topic a: float; topic u: float; extern plant P period 10ms {\n"
+        "  reads u; drives a = x; state x: float; }\n"
+        "node N period 10ms { subscribes a; publishes u; step { publish u = a; } }\n"
+        "system S { p: P; node N; until 1s; }\n"
+    )
+    with pytest.raises(SoterError, match="plant `p` is extern") as caught:
+        load(path).campaign(flights=1, output=tmp_path / "c")
+    (told,) = caught.value.diagnostics
+    assert told.code == "U003"
+    assert "next s = move(s, command);" in told.helps[0]
+
+
 @pytest.fixture
 def make(tmp_path: Path) -> Callable[[str], Path]:
     def write(text: str) -> Path:

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.api import load
+from soter.language.model.proof_verdicts import Proof
 from soter.native import cache
+from soter.simulate.outputs.run_assumptions import unproved
 from soter.verify import proof_cache
 
 if TYPE_CHECKING:
@@ -78,6 +80,28 @@ def test_a_run_says_proved_of_exactly_what_was_proved(soter: Soter, cart: Path) 
     assert proof["properties"]["failsafe"] == "assumed"
     assert len(proof["assumptions"]) == 10
     assert PROVED in said(soter, "--engine", "interp"), "the engines are compared bit for bit"
+
+
+@pytest.mark.parametrize(
+    ("code", "named"),
+    [
+        ("extern plant Truck period 1s { drives far = x; state x: float; }", "t"),
+        ("extern fun far_off(x: float): float;", "far_off"),
+        ("", None),
+    ],
+)
+def test_code_that_is_in_no_proof_is_named_beside_it(
+    tmp_path: Path, code: str, named: str | None
+) -> None:
+    text = CART.read_text() + "topic far: float;\n" + code
+    if "plant" in code:
+        text = text.replace("system Protected default {", "system Protected default { t: Truck; ")
+    path = tmp_path / "cart.soter"
+    path.write_text(text)
+    system = load(path).declared("Protected")
+    (line,) = [x for x in unproved(system, {"SafeCart": Proof({"P3": "proved"}, ())}) if "P3" in x]
+    assert (f"the code of {named} (extern) is in no proof" in line) == (named is not None)
+    assert ("extern" in line) == (named is not None)
 
 
 def test_nothing_is_proved_where_nothing_was_verified(

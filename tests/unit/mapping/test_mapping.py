@@ -83,6 +83,13 @@ def read(system: Any, topic: str, given: Any, folder: Path | None = None, **top:
     return made
 
 
+def test_a_mistake_is_told_with_its_file(system: Any, tmp_path: Path) -> None:
+    file = tmp_path / "map.toml"
+    with pytest.raises(SoterError) as error:
+        mapping_of({"topics": {}, "frame": "UP"}, system, file=file)
+    assert {d.notes for d in error.value.diagnostics} == {(f"in the mapping `{file}`",)}
+
+
 def told(system: Any, given: Any, folder: Path | None = None) -> list[str]:
     with pytest.raises(SoterError) as error:
         mapping_of(given, system, folder=folder)
@@ -253,7 +260,11 @@ WRONG: list[tuple[str, Any, str]] = [
     ("wind", {"fields": {"value": {"from": ["a", "b", "c"], "offset": 1}}}, "says `offset`"),
     ("wind", {"fields": {"value": {"constant": 1.0}}}, "says `constant`"),
     ("wind", {"fields": {"value": ["a", "b", "c"], "x": "d"}}, "`wind.x` is given twice"),
-    ("pair", {"fields": {"value": ["a", "b", "c"]}}, "is no vector, which has three floats"),
+    (
+        "pair",
+        {"fields": {"value": ["a", "b", "c"]}},
+        "three floats here: name each of its fields, `pair.",
+    ),
     ("wind", {"fields": {"x": ["a"], "y": "b", "z": "c"}}, "neither the name of a column"),
     (
         "flight",

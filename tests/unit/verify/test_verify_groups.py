@@ -149,6 +149,7 @@ system S { b: Belt; module M; }
     assert late.findings["ttf"].verdict == "undecided"
     wide = result_of(("clamp(-x, -1.0, 1.0)", "-0.6 * x"), text=text)
     assert wide.findings["P2a"].text == "SC might fault, or publish outside its set"
+    assert "each component of a vector by `saturate`" in wide.findings["P2a"].hint
     slow = result_of(("verify {", "verify { horizon 10ms;"), text=text)
     assert slow.findings["P1c"].verdict == "undecided"
 

@@ -34,7 +34,9 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     """
     proofs = proofs or {}
     free = [m for m in system.modules if m.forced is None]
-    assumptions = [_proved(m.name, proofs[m.name]) for m in free if m.name in proofs]
+    assumptions = [
+        _proved(m.name, proofs[m.name]) + _outside(system) for m in free if m.name in proofs
+    ]
     stacked = {i for m in free if m.over is not None for i in (m.index, m.over)}
     assumed = f"{' '.join(ASSUMED)} assumed, not checked"
     for which, why in (
@@ -77,6 +79,15 @@ def _proved(name: str, proof: Proof) -> str:
     parts += [f"{' '.join(missing)} {verdict}" for verdict, missing in open_ if missing]
     safe = ": not a proof of safety" if proof.open else ""
     return f"{name}: {', '.join(parts)}{safe}"
+
+
+def _outside(system: System) -> str:
+    """What the claim of exactly this does not cover."""
+    names = [x.name for x in system.components if x.extern and x.role != "ac"]
+    names += [f.name for f in system.program.funs.values() if f.extern]
+    if not names:
+        return ""
+    return f"; the code of {', '.join(names)} (extern) is in no proof, and may have changed since"
 
 
 def _who_checks(system: System) -> str:

@@ -32,6 +32,11 @@ if TYPE_CHECKING:
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
 
+CLAMP = (
+    "clamp what SC publishes to the topic's set: a float by `clamp`, each component of a vector by "
+    "`saturate`, not by its norm"
+)
+
 
 def open_case(
     problem: Problem,
@@ -94,7 +99,7 @@ def constraint(case: Case) -> bool:
         proof.take(case, part)
     why = law_stays_inside(case.problem, case.forms, parts)
     if why:
-        case.fail("P2a", why, hint="clamp what SC publishes to the topic's set")
+        case.fail("P2a", why, hint=CLAMP)
     return True
 
 

@@ -25,9 +25,10 @@ from soter.verify.diagnosis.experiments import (
 )
 from soter.verify.diagnosis.failure_margins import OPEN, ORDER, margins
 from soter.verify.diagnosis.model_runs import FALSE, TRUE, LeavingSearch, PointModel, soonest
-from soter.verify.diagnosis.sc_progress import no_pull
+from soter.verify.diagnosis.sc_progress import adds_up, no_pull
 from soter.verify.diagnosis.scaled_observations import scaled
 from soter.verify.grid.claims import GridProof
+from soter.verify.polytope.claims import WEAK, PolytopeProof
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -54,6 +55,7 @@ NAMES = {
     "wrap_around": "an axis that should wrap around",
     "drift_of_all": "the flow leaves C whatever SC does",
     "one_sided": "an end of the grid acts as a wall",
+    "adds_up": "nothing pulls a disturbed state back",
     "no_pull": "SC only stops, and brings the plant to no place",
     "drift": "the flow leaves the grid under SC",
     "cells": "the cells are too coarse",
@@ -126,11 +128,14 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget
         finding.leaving = search.soonest
         causes = list(faces(case, model, failure, search, budget))
         if not any(c.kind in HOPELESS for c in causes):
-            causes += no_pull(model, _middle(case, model), budget.part(PULL_S))
+            stops = list(no_pull(model, _middle(case, model), budget.part(PULL_S)))
+            if not stops and isinstance(failure.proof, PolytopeProof):
+                stops = list(adds_up(failure.proof, case.problem))
+            causes += stops
         if grid is not None and not any(c.kind in HOPELESS for c in causes):
             causes += _cells_and_strength(case, grid, budget)
             causes += scaled(case, grid.found)
-        causes += _simulated(search)
+        causes += _simulated(search, gridded=grid is not None)
         order = [*NAMES, "not_cells", "undisturbed"]
         finding.causes = sorted(causes, key=lambda c: order.index(c.kind))
     main = next((c for c in finding.causes if c.kind in NAMES), None)
@@ -199,7 +204,7 @@ def _middle(case: Case, model: PointModel) -> Floats:
     return np.clip(x, model.low, model.high)
 
 
-def _simulated(search: LeavingSearch) -> Iterator[Cause]:
+def _simulated(search: LeavingSearch, *, gridded: bool) -> Iterator[Cause]:
     """What the runs showed beside the one that leaves soonest."""
     if search.soonest is None:
         if search.runs:
@@ -208,7 +213,7 @@ def _simulated(search: LeavingSearch) -> Iterator[Cause]:
                 f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
                 + (" (cut off)" if search.cut else "")
                 + ": perhaps SC keeps C, and the sets do not show it",
-                "a finer grid, or `core` that says where to look for K",
+                "a finer grid, or `core` that says where to look for K" if gridded else WEAK,
                 (("runs", float(search.runs)), ("longest_s", search.longest_s)),
             )
     elif search.undisturbed_s is not None:

@@ -1,7 +1,8 @@
 """Whether SC brings the plant anywhere, or only stops it.
 
 Purpose: two undisturbed runs of the model under SC that begin apart along one state: where they end
-as far apart, nothing pulls that state back, and what disturbs it moves it for ever.
+as far apart, nothing pulls that state back, and what disturbs it moves it for ever. Of a linear
+group the same is read off its matrices, of sums of states, too.
 Non-goals: verdicts; which law would do.
 """
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
     from soter.verify.diagnosis.experiments import CpuBudget
     from soter.verify.diagnosis.model_runs import PointModel
+    from soter.verify.polytope.claims import PolytopeProof
+    from soter.verify.problem.problem import Problem
 
     Floats = NDArray[np.float64]
 
@@ -31,6 +34,65 @@ KEPT = 0.9
 STILL = 1e-4
 """Of an axis, so little a state moves in the last quarter of a run that has come to rest."""
 HOLDS = 600
+
+
+SINGULAR = 1e-9
+"""Relative to the closed loop's matrix: a sum of states that changes more slowly stays."""
+ROUNDED = 1e-6
+"""A coefficient of such a sum, the largest of which is 1, that is none."""
+FILLED_S = 1e4
+"""A sum that its disturbance takes longer to move over its range is none worth telling."""
+
+
+def adds_up(proof: PolytopeProof, problem: Problem) -> Iterator[Cause]:
+    """Sums of states that neither plant nor SC changes, and something disturbs.
+
+    l with l (A + B K) = 0: then (l x)' = l w, whatever x is.
+    """
+    if proof.found.model is None:
+        return
+    group = proof.found.model.group
+    closed = group.state + group.control @ group.gain
+    disturbance = group.drift[1]
+    names = [problem.quantities.states[a.state].name for a in proof.group.axes]
+    for row in _still(closed):
+        rate = float(np.abs(row) @ disturbance)
+        if rate * FILLED_S <= float(np.abs(row) @ (group.high - group.low)):
+            continue
+        sum_ = _sum(row, names)
+        text = f"nothing pulls {sum_} back: neither the plant nor SC changes it, and what disturbs "
+        text += f"it adds up, by as much as {rate:.3g} a second"
+        reached = np.abs(row @ group.control) > SINGULAR * np.abs(row) @ np.abs(group.control)
+        hint = "an SC that goes by it" if reached.any() else "no command moves it: a plant that"
+        if not reached.any():
+            hint += " pulls it back, if the vehicle does (`der v = ... + k * (b - v) + w` where v "
+            hint += "follows b), or no disturbance on it"
+        yield Cause("adds_up", text, hint, (("rate", rate),))
+
+
+def _still(closed: Floats) -> Floats:
+    """Rows l with l closed = 0, (k, n), in echelon form: each of as few states as can be."""
+    left, sizes, _ = np.linalg.svd(closed)
+    rows: Floats = left.T[sizes <= SINGULAR * max(1.0, float(sizes.max(initial=0.0)))].copy()
+    for i in range(len(rows)):
+        k, at = np.unravel_index(int(np.argmax(np.abs(rows[i:]))), rows[i:].shape)
+        rows[[i, i + k]] = rows[[i + k, i]]
+        rows[i] /= rows[i, at]
+        others = [j for j in range(len(rows)) if j != i]
+        rows[others] -= np.outer(rows[others, at], rows[i])
+    rows[np.abs(rows) < ROUNDED] = 0.0
+    return rows
+
+
+def _sum(row: Floats, names: list[str]) -> str:
+    """The sum of states, its first coefficient 1."""
+    there = [i for i in range(len(row)) if row[i] != 0.0]
+    text = names[there[0]]
+    for i in there[1:]:
+        factor = float(row[i] / row[there[0]])
+        size = "" if round(abs(factor), 6) == 1.0 else f"{abs(factor):.4g} * "
+        text += f" {'-' if factor < 0 else '+'} {size}{names[i]}"
+    return text if len(there) == 1 else f"`{text}`"
 
 
 def no_pull(model: PointModel, middle: Floats, budget: CpuBudget) -> Iterator[Cause]:

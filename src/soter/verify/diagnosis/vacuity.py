@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 HARDLY = 0.01
 """Below this share of a group's K (of C_g for K itself) a headline says so: decision 45."""
 DRAWN = 2000
+FEW_STATES = 0.2
+"""Below this share of a polytope's ranges a note says what makes K larger."""
 ENOUGH = 0.1
 """Drawing ends early where so much of at least `FEW` states lets AC have control."""
 FEW = 100
@@ -59,6 +61,22 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
         worst.share,
         f"with {named}{also} {worst.text}",
         tuple(zip((p.name for p in case.problem.parameters), case.parameter, strict=True)),
+    )
+
+
+def small_cores(done: Sequence[Case]) -> tuple[str, ...]:
+    """A line for each polytope whose K is a small share of its ranges: there are ways to more."""
+    least: dict[str, float] = {}
+    for case in done:
+        for proof in case.proofs:
+            share = proof.shares(case).get("core", 1.0) if proof.mark == "p" else 1.0
+            if 0.0 < share < FEW_STATES:
+                names = ", ".join(a.name for a in proof.group.axes)
+                least[names] = min(least.get(names, 1.0), share)
+    return tuple(
+        f"SC keeps {names} on {share:.1%} of their ranges only: K ends where SC comes to a clamp, "
+        "so smaller gains make it larger; or the ranges are wider than what is flown"
+        for names, share in least.items()
     )
 
 

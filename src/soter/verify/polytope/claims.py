@@ -53,16 +53,25 @@ DRAWN = 2000
 PARTS = ("low", "high", "rows", "bounds")
 
 
-def why_not(todo: Callable[[], object]) -> str:
-    """Why a proof fails; "" where it does not."""
+def why_not(todo: Callable[[], object], group: Group | None = None) -> str:
+    """Why a proof fails; "" where it does not. With a `group` its state that is missed most."""
     try:
         with np.errstate(all="ignore"):
             todo()
     except NotProvedError as error:
-        return str(error)
+        return str(error) + (
+            "" if group is None or error.row is None else binding(group, error.row)
+        )
     except BeyondError:
         return "its numbers are beyond what can be bounded"
     return ""
+
+
+def binding(group: Group, row: Floats) -> str:
+    """The state that a half-space `row` (n,) bounds most, over the ranges, and at which end."""
+    weights = row * np.array([a.edges[-1] - a.edges[0] for a in group.axes])
+    worst = int(np.argmax(np.abs(weights)))
+    return f", most in {group.axes[worst].name} at its {'upper' if row[worst] > 0 else 'lower'} end"
 
 
 @dataclass(frozen=True)
@@ -97,7 +106,7 @@ class PolytopeProof(GroupProof):
     ) -> bool:
         """Prove a part of the claims about the sets, and keep the multipliers."""
         record = proofs.claims_of()
-        why = why_not(lambda: prove(self.found.sets, record))
+        why = why_not(lambda: prove(self.found.sets, record), self.group)
         self.found.multipliers[name] = record.record
         for claim in claims if why else ():
             hint = "start further inside, or closer to rest" if claim == "start" else WEAK

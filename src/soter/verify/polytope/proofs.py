@@ -80,7 +80,14 @@ class PolytopeSets:
 
 
 class NotProvedError(Exception):
-    """A claim whose bound was not met; the text says which, and by how much."""
+    """A claim whose bound was not met; the text says which, and by how much.
+
+    `row`: the half-space on which it is missed most, (n,), where there is one.
+    """
+
+    def __init__(self, text: str, row: Array | None = None) -> None:
+        super().__init__(text)
+        self.row = row
 
 
 # ---------------------------------------------------------------- finding
@@ -311,7 +318,8 @@ class Claims:
         """
         excess = self.greatest(polytope, rows) - limits
         if not (excess <= 0).all():
-            raise NotProvedError(f"{what}: exceeded by {np.max(excess):.3g}")
+            worst = rows.mid[int(np.argmax(excess))]
+            raise NotProvedError(f"{what}: exceeded by {np.max(excess):.3g}", worst)
 
 
 def prove(sets: PolytopeSets, multipliers: list[Array] | None = None) -> list[Array]:

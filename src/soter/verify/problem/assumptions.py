@@ -33,8 +33,8 @@ BEHIND = {
     "what they make of a command belongs to the plants of the proof",
     "counted": "pass a command on at their next step, which is counted; what they make of it "
     "belongs to the plants of the proof",
-    "inner": "between commands and plants, with sensors of their own: they and their delays belong "
-    "to the plants of the proof",
+    "inner": "between commands and plants, with sensors of their own; what they make of a command "
+    "belongs to the plants of the proof, and no wait of theirs is counted beside `acts within`",
 }
 NO_DROPOUT = Assumption(
     "no dropout",

@@ -16,19 +16,22 @@ from soter.language.front_end import check_file, system_of
 from soter.monitor.linear_model import Plants
 from soter.verify import verify_module as verifying
 from soter.verify.attack.refute import refute
-from soter.verify.claims.results import ModuleResult
+from soter.verify.claims.results import ModuleResult, PolytopePart
 from soter.verify.deploy.computed_predicates import complete
+from soter.verify.diagnosis.sc_progress import adds_up
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
-from soter.verify.polytope.ball_matrices import exponential
+from soter.verify.polytope.ball_matrices import exact, exponential
+from soter.verify.polytope.claims import PolytopeProof, why_not
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
 from soter.verify.polytope.half_spaces import LinearProgram, Polytope
+from soter.verify.polytope.proofs import claims_of
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
     from soter.verify.claims.case import Failure
-    from soter.verify.claims.results import PolytopePart
+    from soter.verify.claims.results import Cause
     from soter.verify.polytope.ball_matrices import Array
     from soter.verify.problem.problem import Problem
 
@@ -125,6 +128,91 @@ def part_of(result: ModuleResult) -> PolytopePart:
 
 def verdicts(result: ModuleResult) -> dict[str, str]:
     return {name: f.verdict for name, f in result.findings.items()}
+
+
+# ---------------------------------------------------------------- why nothing is proved
+
+FOLLOWING = (
+    ("v: float };", "v: float, b: float };"),
+    ("drives motion = { x: x, v: v };", "drives motion = { x: x, v: v, b: b }; state b: float;"),
+    ("wind: float in [-0.2, 0.2];", "wind: float in [-0.2, 0.2]; der b = 2.0 * (accel - b);"),
+    ("motion.v in [-6.0, 6.0]", "motion.v in [-6.0, 6.0], motion.b in [-5.0, 5.0]"),
+)
+"""The cart below an autopilot that takes speeds: b is the speed it means to have."""
+FORWARD = "der v = accel + wind;"
+
+
+FOLLOWING_LAW = (LAW, "clamp(-0.3 * motion.x - 0.2 * motion.b, -A, A)")
+
+
+def pulled(pull: float) -> tuple[tuple[str, str], ...]:
+    """A cart that is pulled to b with `pull`, in 1/s."""
+    rate = f"der v = 2.0 * (accel - b) + {pull} * (b - v) + wind;"
+    return (*FOLLOWING, *COMPUTED, (FORWARD, rate), FOLLOWING_LAW)
+
+
+def still_sums(*changes: tuple[str, str]) -> list[Cause]:
+    """What `adds_up` finds in the matrices, without looking for sets."""
+    problem = problem_of(*changes)
+    library, _ = library_of(problem)
+    (group,) = problem.groups
+    limits = [(a.edges[0], a.edges[-1]) for a in group.axes]
+    part = PolytopePart(group)
+    part.model = linear_group(problem, CompiledEnclosures(library, problem, ()), group, limits)
+    return list(adds_up(PolytopeProof(group, part), problem))
+
+
+def test_a_sum_of_states_that_nothing_pulls_back_is_named() -> None:
+    (why,) = still_sums(*pulled(0.0))
+    assert "`c.v - c.b`" in why.text or "`c.b - c.v`" in why.text
+    assert dict(why.numbers)["rate"] == pytest.approx(0.2, rel=1e-3)
+    assert "no command moves it" in why.hint
+
+
+def test_a_state_that_sc_could_go_by_and_does_not_is_named() -> None:
+    (why,) = still_sums((LAW, "clamp(-2.5 * motion.v, -A, A)"))
+    assert why.hint == "an SC that goes by it"
+    assert "c.x" in why.text
+
+
+@pytest.mark.parametrize("changes", [(), pulled(6.0)])
+def test_nothing_adds_up_where_all_is_pulled_back(changes: tuple[tuple[str, str], ...]) -> None:
+    assert still_sums(*changes) == []
+
+
+@pytest.mark.long
+def test_a_plant_that_nothing_pulls_back_is_told_so_and_no_finer_grid() -> None:
+    result = verify_module(problem_of(*pulled(0.0)), refute=False, explain=True)
+    p2a = result.findings["P2a"]
+    assert p2a.text == "K is empty: nothing pulls a disturbed state back"
+    assert "no command moves it" in p2a.hint
+    assert "grid" not in p2a.hint
+    follows = verify_module(problem_of(*pulled(6.0)), refute=False, explain=True)
+    assert follows.findings["P2a"].verdict == "proved"
+
+
+def test_a_small_share_of_the_ranges_is_said_with_what_makes_it_larger() -> None:
+    wide = result_of(*COMPUTED, ("motion.v in [-6.0, 6.0]", "motion.v in [-40.0, 40.0]"))
+    (note,) = wide.notes
+    assert 0.0 < wide.shares["core"] < 0.2
+    assert f"SC keeps c.x, c.v on {wide.shares['core']:.1%} of their ranges only" in note
+    assert wide.verdict == "proved", "it is a note"
+    assert result_of(*COMPUTED).notes == ()
+
+
+def test_the_axis_is_named_on_which_a_bound_is_missed_most() -> None:
+    lines = Polytope(np.array([-1.0, -1.0]), np.ones(2), np.zeros((0, 2)), np.zeros(0))
+    group = problem_of().groups[0]
+
+    def missed(row: list[float]) -> str:
+        def prove() -> None:
+            claims_of().holds("K", lines, exact(np.array([[0.1, 0.0], row])), np.array([1.0, 0.5]))
+
+        return why_not(prove, group)
+
+    assert missed([1.0, 0.0]) == "K: exceeded by 0.5, most in c.x at its upper end"
+    assert missed([1.0, -0.9]) == "K: exceeded by 1.4, most in c.v at its lower end"
+    assert missed([0.0, 0.4]) == ""
 
 
 # ---------------------------------------------------------------- what is proved
