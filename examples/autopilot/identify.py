@@ -3,13 +3,14 @@
 Purpose: fly excitation on the firmware, fit (command -> acceleration) as n equal lags, a dead time
 and a drag, compare with the two lags that the adapter is meant to follow, take the greatest
 residual of these flights with a margin as the bound, and ask flights of other seeds and of hostile
-controllers whether they stay within. It writes `loop.json`, which autopilot.soter reads.
+controllers whether they stay within. It writes `loop.json`, which autopilot.soter reads, and the
+monitor `watch.soter` of it.
 
     python examples/autopilot/identify.py             fit, check, write; ten minutes of a core
     python examples/autopilot/identify.py --check     only whether loop.json still holds
 
 Needs the executable of firmware.py. The bound is measured, not proved: the proof prints it as an
-assumption, and watch.soter, made anew by `soter monitor --emit`, keeps an eye on it in flight.
+assumption, and watch.soter keeps an eye on it in flight.
 Non-goals: loops that are not near a linear one.
 """
 
@@ -183,6 +184,8 @@ def main() -> int:
         loop = identify(program)
         print(f"bounds, {MARGIN:g} times that: {loop['side']} level, {loop['up']} up")
         LOOP.write_text(json.dumps(loop, indent=2) + "\n", encoding="utf-8")
+        program = soter.load(HERE / "autopilot.soter")
+        program.emit_monitor(HERE / "watch.soter", alarm="modelAlarm")
     return 0 if check(program, loop) else 1
 
 
