@@ -135,7 +135,7 @@ WRONG = {
         "let faster = m.toward + E_V;",
         "let faster = 0.0 * m.toward;",
     ),
-    "brakes too good": ("corridor.soter", "const B: float = 2.0;", "const B: float = 3.5;"),
+    "brakes too good": ("corridor.soter", "const B: float = 1.9;", "const B: float = 3.5;"),
     "SC lets go": (
         "corridor.soter",
         "publish fence.accel = Law(drone.alongX, drone.alongY, drone.alongZ, drone.wish)",
