@@ -361,6 +361,7 @@ class DeclChecker:
                 f"`{ref.text}` is a {entry.kind}, not a topic",
                 ref.span,
                 also=((entry.decl.name.span, "declared here"),),
+                helps=entry.instead("topic", ref.span),
             )
             return None
         return symbol if isinstance(symbol, typed.TopicSymbol) else None

@@ -12,7 +12,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
-from soter.language.check import foreign_name_hints
+from soter.language.check import foreign_name_hints, other_scopes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -75,6 +75,11 @@ class Entry:
     def full_name(self) -> str:
         """Name with the prefix of its file."""
         return self.scope.loaded.prefix + self.decl.name.text
+
+    def instead(self, wanted: str, span: Span) -> tuple[Help, ...]:
+        """Helps for a declaration that is not of the kind `wanted`, as `other_scopes.instead`."""
+        decls = [e.decl for e in self.scope.entries.values()]
+        return other_scopes.instead(decls, self.decl, wanted, span)
 
 
 @dataclass(eq=False)
@@ -199,7 +204,7 @@ class Names:
         """The entry `qualifier.name`; reports what is wrong."""
         if qualifier.text not in scope.imports:
             if not self._library(scope, qualifier, name, wanted):
-                self._no_import(scope, qualifier)
+                self._no_import(scope, qualifier, name)
             return None
         scope.used_imports.add(qualifier.text)
         child = scope.imports[qualifier.text]
@@ -213,13 +218,22 @@ class Names:
                 f"`{qualifier.text}` declares no `{name.text}`",
                 name.span,
                 f"not in `{child.loaded.source.name}`",
-                helps=self.diagnostics.did_you_mean(name.text, child.entries, name.span),
+                helps=self.diagnostics.did_you_mean(name.text, child.entries, name.span)
+                or self._here(scope, qualifier, name),
             )
             return None
         entry.used = True
         return entry
 
     # ------------------------------------------------------------ what to say
+
+    @staticmethod
+    def _here(scope: FileScope, qualifier: tree.Name, name: tree.Name) -> tuple[Help, ...]:
+        """A help line for `lib.name` where this file declares the name."""
+        if name.text not in scope.entries:
+            return ()
+        whole = qualifier.span.to(name.span)
+        return (replace(whole, name.text, f"this file declares it: `{name.text}`"),)
 
     def _library(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
@@ -237,7 +251,7 @@ class Names:
         )
         return True
 
-    def _no_import(self, scope: FileScope, qualifier: tree.Name) -> None:
+    def _no_import(self, scope: FileScope, qualifier: tree.Name, member: tree.Name) -> None:
         name = qualifier.text
         if name in scope.broken or (id(scope), name) in self._missing:
             self.losses += 1
@@ -252,7 +266,19 @@ class Names:
                 notes=("before a dot a reference names an import",),
                 helps=(f"name all of it, `{name}`: what it is given is a whole record",)
                 if entry.kind == "topic"
-                else (),
+                else self._here(scope, qualifier, member),
+            )
+            return
+        decls = [e.decl for e in scope.entries.values()]
+        meant = next((m for m in other_scopes.meanings(decls, name) if not m.weak), None)
+        if meant is not None:
+            self._missing.add((id(scope), name))
+            self.diagnostics.error(
+                "N006",
+                f"`{name}` is {meant.what}, not an imported file",
+                qualifier.span,
+                also=((meant.span, "declared here"),),
+                helps=self._here(scope, qualifier, member) or (meant.help,),
             )
             return
         self._missing.add((id(scope), name))
@@ -292,10 +318,15 @@ class Names:
             return
         if dotted:
             self._missing.add((id(scope), name))
-        if not helps and kind == "type":
+        decls = [e.decl for e in scope.entries.values()]
+        elsewhere = () if helps else tuple(other_scopes.meanings(decls, name))
+        meant = next((m for m in elsewhere if not m.weak), None)
+        if meant is not None:
+            also, helps = ((meant.span, meant.what),), (meant.help,)
+        elif not helps and kind == "type":
             helps = foreign_name_hints.a_type(name, span)
         elif not helps and kind == "name":
-            helps = foreign_name_hints.a_value((e.decl for e in scope.entries.values()), name, span)
+            helps = foreign_name_hints.a_value(decls, name, span)
         if not helps:
             helps = self.diagnostics.did_you_mean(name, chain(more, scope.entries), span)
         if not helps:
@@ -307,6 +338,8 @@ class Names:
             helps = (f"it is an imported file: write `{name}.` and the name it declares",)
         if not helps:
             helps = otherwise
+        if not helps and elsewhere:
+            also, helps = ((elsewhere[0].span, elsewhere[0].what),), (elsewhere[0].help,)
         if not helps and kind in EXAMPLES:
             helps = (f"declare it: `{EXAMPLES[kind].format(name)}`",)
         self.diagnostics.error(

@@ -46,6 +46,7 @@ class ModuleChecker:
                 f"`{ref.text}` is a {entry.kind}, not a node",
                 ref.span,
                 also=((entry.decl.name.span, "declared here"),),
+                helps=entry.instead("node", ref.span),
             )
             return None
         return symbol if isinstance(symbol, typed.NodeSymbol) else None
