@@ -10,7 +10,7 @@ Non-goals: names that are nearly right (`diagnostics/near.py`), names of other l
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, is_dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 from soter.diagnostics.fix import replace
 from soter.language.syntax import tree
@@ -50,7 +50,7 @@ def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
                     yield Meaning(what, parameter.span, "only its function sees it", weak=True)
         elif isinstance(decl, tree.SystemDecl):
             for item in decl.instances:
-                if isinstance(item, tree.Instance) and item.name.text == name:
+                if _is_called(item, name) and item.what.text != name:
                     what = f"an instance of `{item.what.text}` in system `{decl.name.text}`"
                     yield Meaning(what, item.name.span, _instead_of_instance(declared, item))
 
@@ -142,7 +142,7 @@ def truth_as_topic(
     return (topic.text, plant) if whole else None
 
 
-def _is_called(item: object, name: str) -> bool:
+def _is_called(item: object, name: str) -> TypeGuard[tree.Instance]:
     return isinstance(item, tree.Instance) and item.name.text == name
 
 

@@ -182,10 +182,16 @@ class Names:
             entry.used = True
         return entry
 
-    def find_ref(self, scope: FileScope, ref: tree.Ref, wanted: str = "name") -> Entry | None:
+    def find_ref(
+        self,
+        scope: FileScope,
+        ref: tree.Ref,
+        wanted: str = "name",
+        otherwise: tuple[Help, ...] = (),
+    ) -> Entry | None:
         """The entry a reference means; reports N001 or N006 and gives None when there is none.
 
-        `wanted` is the kind of declaration that would do.
+        `wanted` is the kind of declaration that would do; `otherwise` as `unknown` has it.
         """
         if ref.qualifier is not None:
             return self.find_in_import(scope, ref.qualifier, ref.name, wanted)
@@ -194,7 +200,7 @@ class Names:
         if entry is None and (id(scope), name) in self._missing:
             self.losses += 1
         elif entry is None:
-            self.unknown(scope, name, ref.name.span, kind=wanted)
+            self.unknown(scope, name, ref.name.span, kind=wanted, otherwise=otherwise)
             self._missing.add((id(scope), name))
         return entry
 
@@ -319,10 +325,10 @@ class Names:
         if dotted:
             self._missing.add((id(scope), name))
         decls = [e.decl for e in scope.entries.values()]
-        elsewhere = () if helps else tuple(other_scopes.meanings(decls, name))
+        elsewhere = () if also else tuple(other_scopes.meanings(decls, name))
         meant = next((m for m in elsewhere if not m.weak), None)
         if meant is not None:
-            also, helps = ((meant.span, meant.what),), (meant.help,)
+            also, helps = ((meant.span, meant.what),), helps or (meant.help,)
         elif not helps and kind == "type":
             helps = foreign_name_hints.a_type(name, span)
         elif not helps and kind == "name":

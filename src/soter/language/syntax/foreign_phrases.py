@@ -33,7 +33,7 @@ from soter.language.syntax.foreign_rewrites import (
     soter_type,
     template,
 )
-from soter.language.syntax.foreign_words import type_meant
+from soter.language.syntax.foreign_words import LIBRARIES, type_meant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -159,6 +159,12 @@ IDIOMS: tuple[Idiom, ...] = (
         r"(?<=\btopic )\s*(?P<at>~?(?:/\w+)+)",
         "the name of a topic is one word",
         lambda m: m[0].rpartition("/")[2],
+    ),
+    _idiom(
+        rf"^(?P<at>(?:from|import)\s+(?:{'|'.join(sorted(LIBRARIES))})\b[^;\n\"]*;?)(?=\s*$)",
+        "the functions and types of the prelude need no import",
+        "",
+        places=(TOP,),
     ),
     _idiom(
         r"^(?P<at>from\s+(?P<file>[\w.]+)\s+import\s+[\w*, ]+?)(?P<as>)\s*;?$",

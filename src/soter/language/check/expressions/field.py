@@ -102,8 +102,10 @@ class FieldChecker(ExprBase):
         driven, plant = meant
         entry = context.scope.entries.get(driven.partition(".")[0])
         topics = context.topics
-        readable = topics == "any" or (topics and entry is not None and entry.symbol in topics)
         title = f"it is the state of plant `{plant.name.text}`, which is measured as `{driven}`"
+        if context.result is not None:
+            return (f"{title}: pass that as an argument",)
+        readable = topics == "any" or (topics and entry is not None and entry.symbol in topics)
         return (replace(expr.span, driven, title),) if readable else (title,)
 
     def _is_unknown(self, name: str, context: Context) -> bool:

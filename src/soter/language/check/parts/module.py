@@ -39,7 +39,6 @@ class ModuleChecker:
         entry = self.shared.names.find_ref(scope, ref, "node")
         if entry is None:
             return None
-        symbol = self.shared.resolve(entry, ref.span)
         if entry.kind != "node":
             self.diagnostics.error(
                 "N003",
@@ -49,6 +48,7 @@ class ModuleChecker:
                 helps=entry.instead("node", ref.span),
             )
             return None
+        symbol = self.shared.resolve(entry, ref.span)
         return symbol if isinstance(symbol, typed.NodeSymbol) else None
 
     def _module_ref(self, ref: tree.Ref, scope: FileScope) -> typed.ModuleSymbol | None:
@@ -56,7 +56,6 @@ class ModuleChecker:
         entry = self.shared.names.find_ref(scope, ref, "module")
         if entry is None:
             return None
-        symbol = self.shared.resolve(entry, ref.span)
         if entry.kind != "module":
             self.diagnostics.error(
                 "N003",
@@ -66,6 +65,7 @@ class ModuleChecker:
                 helps=(f"write `ac {ref.text};`",) if entry.kind == "node" else (),
             )
             return None
+        symbol = self.shared.resolve(entry, ref.span)
         return symbol if isinstance(symbol, typed.ModuleSymbol) else None
 
     def _advanced(
