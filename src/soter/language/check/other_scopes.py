@@ -136,9 +136,10 @@ def truth_as_topic(
         return (".".join([driven, *parts[1:]]), plant) if driven else None
     topic, value = plant.drives[0]
     states = {s.name.text for s in plant.states}
-    whole = isinstance(value, tree.RecordExpr) and {
-        n.text for n, part in value.fields if isinstance(part, tree.NameExpr)
-    } == states
+    whole = (
+        isinstance(value, tree.RecordExpr)
+        and {n.text for n, part in value.fields if isinstance(part, tree.NameExpr)} == states
+    )
     return (topic.text, plant) if whole else None
 
 
