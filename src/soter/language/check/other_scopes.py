@@ -199,6 +199,15 @@ def _its_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ..
     return (f"it {verb} {listed(topics)}: name the topic",) if topics else ()
 
 
+def is_driven(decls: Iterable[tree.Decl], topic: str) -> bool:
+    """Whether a node publishes a topic of this name, or a plant drives it."""
+    return any(
+        (isinstance(d, tree.NodeDecl) and topic in _published(d))
+        or (isinstance(d, tree.PlantDecl) and topic in [t.text for t, _ in d.drives])
+        for d in decls
+    )
+
+
 def _published(node: tree.NodeDecl) -> list[str]:
     return [p.topic.text for p in node.publishes]
 

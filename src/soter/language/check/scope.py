@@ -347,7 +347,9 @@ class Names:
         if not helps and elsewhere:
             also, helps = ((elsewhere[0].span, elsewhere[0].what),), (elsewhere[0].help,)
         if not helps and kind in EXAMPLES:
-            helps = (f"declare it: `{EXAMPLES[kind].format(name)}`",)
+            driven = kind != "topic" or other_scopes.is_driven(decls, name)
+            example = EXAMPLES[kind] if driven else "input topic {}: float in [-1.0, 1.0];"
+            helps = (f"declare it: `{example.format(name)}`",)
         self.diagnostics.error(
             "N001", f"unknown {kind} `{name}`", span, "not declared", also=also, helps=helps
         )

@@ -62,7 +62,8 @@ class ModuleChecker:
                 f"`{ref.text}` is a {entry.kind}, not a module",
                 ref.span,
                 also=((entry.decl.name.span, "declared here"),),
-                helps=(f"write `ac {ref.text};`",) if entry.kind == "node" else (),
+                helps=entry.instead("module", ref.span)
+                or ((f"write `ac {ref.text};`",) if entry.kind == "node" else ()),
             )
             return None
         symbol = self.shared.resolve(entry, ref.span)
