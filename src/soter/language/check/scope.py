@@ -15,7 +15,7 @@ from soter.diagnostics.fix import replace
 from soter.language.check import foreign_name_hints, other_scopes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
@@ -92,6 +92,16 @@ class FileScope:
     used_imports: set[str] = field(default_factory=set)
     broken: frozenset[str] = frozenset()
     """Names whose declarations did not parse: using them is not reported again."""
+
+
+NO_VALUES = ("node", "plant", "module", "system", "test")
+
+
+def _of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
+    """Names of a file that would do where `kind` is wanted: others are an error again."""
+    for name, entry in scope.entries.items():
+        if entry.kind == kind or (kind == "name" and not (value and entry.kind in NO_VALUES)):
+            yield name
 
 
 class Names:
@@ -334,7 +344,8 @@ class Names:
         elif not helps and kind == "name":
             helps = foreign_name_hints.a_value(decls, name, span)
         if not helps:
-            helps = self.diagnostics.did_you_mean(name, chain(more, scope.entries), span)
+            near = chain(more, _of_kind(scope, kind, value=bool(where)))
+            helps = self.diagnostics.did_you_mean(name, near, span)
         if not helps:
             helps = self._elsewhere(scope, name, span)
         if not helps:

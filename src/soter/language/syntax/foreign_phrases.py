@@ -215,7 +215,30 @@ IDIOMS: tuple[Idiom, ...] = (
         r"\b(?P<at>state)(?=\s+\w+\s*:)", "a node keeps its values in `var`", "var", "", (NODE,)
     ),
     _idiom(r"\b(?P<at>subscribes)\b", "a plant reads topics", "reads", "", (PLANT,)),
+    _idiom(
+        r"\b(?P<word>safe|ttf|safer)\s*(?P<at>\{)\s*(?P<condition>[^{};]+?)\s*;?\s*\}",
+        "a condition stands without braces",
+        r"\g<word> \g<condition>;",
+        places=(MODULE,),
+    ),
+    _idiom(
+        r"\b(?P<at>plant)\s+(?P<name>\w+)\s*:\s*(?P<what>\w+(?:\.\w+)?)\s*;",
+        "a plant of a system has a name and no word before it",
+        r"\g<name>: \g<what>;",
+    ),
+    _idiom(
+        r"\b(?P<at>plant)\s+(?P<what>\w+)\s*;",
+        "a plant of a system has a name and no word before it",
+        lambda m: f"{m['what'].lower()}: {m['what']};",
+    ),
     _idiom(r"\b(?P<at>reads)\b", "a node subscribes to topics", "subscribes", "", (NODE,)),
+    _idiom(
+        r"\b(?P<at>publishes)(?P<rest>\s+\w+\s*=[^;]*;)",
+        "a plant drives topics",
+        r"drives\g<rest>",
+        "write `drives`",
+        (PLANT,),
+    ),
     _idiom(
         r"\b(?P<at>publishes)\b",
         "a plant drives topics",

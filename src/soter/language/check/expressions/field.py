@@ -96,6 +96,11 @@ class FieldChecker(ExprBase):
     ) -> tuple[Help, ...]:
         """For `c.truth.x` outside of its system: the topic that the plant drives with it."""
         decls = [e.decl for e in context.scope.entries.values()]
+        if context.instances is not None and names[1].text == "truth":
+            plants = [
+                n for n, i in context.instances.items() if isinstance(i.what, typed.PlantSymbol)
+            ]
+            return (replace(names[0].span, plants[0]),) if len(plants) == 1 else ()
         meant = other_scopes.truth_as_topic(decls, names)
         if meant is None or context.instances is not None or context.constant:
             return ()

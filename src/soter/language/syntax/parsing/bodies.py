@@ -7,6 +7,7 @@ Non-goals: the items themselves (`nodes.py`, `plants.py`, `systems.py`).
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -108,7 +109,8 @@ class BodyParser(StatementParser):
                 return
             if kind == EOF or self.at_declaration():
                 if kind != EOF and self.nested_declaration():
-                    self.misplaced_declaration()
+                    with suppress(Panic):  # a phrase of another language, which was told
+                        self.misplaced_declaration()
                     continue
                 self.damaged = True
                 unclosed(self, opener, what)
@@ -120,6 +122,8 @@ class BodyParser(StatementParser):
             try:
                 if other is None or not other(self, parts):
                     item = items.get(self.texts[before])
+                    if self.texts[before] == "period" and what == self.without_period:
+                        raise Panic  # its place was told
                     if item is not None:
                         self._no_colon(before)
                         item(self, parts)
@@ -131,6 +135,8 @@ class BodyParser(StatementParser):
                 if self.i == before:
                     self.advance()
                 self.skip_statement()
+                while self.kinds[self.i] == ";":  # behind a block that was skipped
+                    self.i += 1
 
     def _no_colon(self, word: int) -> None:
         """`period: 50ms;` and `period = 50ms;`: report the sign and take it out."""
@@ -249,6 +255,7 @@ class BodyParser(StatementParser):
             return self.time("`period`")
         example = f"write `{what} {visible(name.text)} period 10ms {{ ... }}`"
         message = f"expected `period` after the name of the {what}, found {self.found()}"
+        self.without_period = f"{what} `{name.text}`"
         span = self.after_previous() if self.kinds[self.i] == "{" else None
         self.report("S005", message, span, helps=(example,))
         if self.kinds[self.i] == NAME and self.kinds[self.i + 1] != "{" and word != "from":
