@@ -221,6 +221,7 @@ def _unread(system: System, module: Module, diagnostics: Diagnostics) -> None:
 
 def _rarely(system: System, module: Module, plant: Component, diagnostics: Diagnostics) -> None:
     assert plant.plant is not None
+    of_sc = system.components[module.sc].period_ns
     diagnostics.warning(
         "W024",
         f"module `{module.symbol.name}` looks once in {module.period_ns // plant.period_ns:,} "
@@ -229,7 +230,5 @@ def _rarely(system: System, module: Module, plant: Component, diagnostics: Diagn
         f"looks every {show_ns(module.period_ns)}",
         also=((plant.plant.span, f"moves every {show_ns(plant.period_ns)}"),),
         notes=("AC acts unseen between two looks: a proof counts with two periods of it",),
-        helps=(
-            f"look as often as SC acts: `period {write_ns(system.components[module.sc].period_ns)};`",
-        ),
+        helps=(f"look as often as SC acts: `period {write_ns(of_sc)};`",),
     )
