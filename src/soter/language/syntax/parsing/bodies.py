@@ -122,8 +122,6 @@ class BodyParser(StatementParser):
             try:
                 if other is None or not other(self, parts):
                     item = items.get(self.texts[before])
-                    if self.texts[before] == "period" and what == self.without_period:
-                        raise Panic  # its place was told
                     if item is not None:
                         self._no_colon(before)
                         item(self, parts)
@@ -162,6 +160,8 @@ class BodyParser(StatementParser):
         items: Mapping[str, Callable[[Any, _Parts], None]],
     ) -> None:
         word, kind = self.texts[self.i], self.kinds[self.i]
+        if word == "period" and what == self.without_period:
+            raise Panic  # that it stands before the body was told
         message = f"expected an item of {what}, found {self.found()}"
         if kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names()):
             self._loose_statements(message, items)
