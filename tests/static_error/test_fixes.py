@@ -22,6 +22,7 @@ from soter.language.syntax.parser import parse
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.diagnostics.fix import Fix
+    from soter.diagnostics.span import Span
 
 FOLDER = Path(__file__).parent
 PROGRAMS = [p.name for p in files_in(FOLDER, "*.soter")]
@@ -134,6 +135,83 @@ def test_code_in_a_help_is_soter() -> None:
         if not is_soter(code)
     ]
     assert not wrong
+
+
+# ---------------------------------------------------------------- the other helps, carried out
+
+PROPOSAL = re.compile(r"(write|did you mean|declare it:) `([^`]+)`\??$")
+#: Proposals for another place than that of the error, and a file whose name is near: what it holds
+#: is seen when it is read.
+FOR_ANOTHER_PLACE = {
+    "did you mean `files/boxes.json`?",
+    "write `external topic pair;`",
+    "write `replace Fast by ...;`",
+    "write `replace g by ...;`",
+    "write `ttf ...;` and `safer ...;`",
+}
+
+
+def carried_out(text: str, span: Span, verb: str, code: str) -> list[tuple[str, int, int]]:
+    """(program, first and last offset to look at): where the token, or its item, is replaced.
+
+    What is declared stands at the end, so that nothing moves.
+    """
+    if verb.startswith("declare"):
+        return [(f"{text}\n{code}\n", span.start, span.end)]
+    item = max(text.rfind(c, 0, span.start) for c in ";{}") + 1
+    stop = text.find(";", span.end) + 1 or len(text)
+    quoted = span.text.startswith('"') and not code.startswith('"')
+    written = f'"{code}"' if quoted else code
+    return [
+        (text[:a] + written + text[b:], a, a + len(written))
+        for a, b in ((span.start, span.end), (item, stop))
+    ]
+
+
+def still_wrong(name: str, d: Diagnostic, verb: str, code: str) -> list[str]:
+    """What is said about the token when the code of a help stands there; [] where all is well.
+
+    What stands for the dots of a help may be wrong.
+    """
+    assert d.primary is not None
+    span = d.primary.span
+    written = {code}
+    for dots, filling in FILLINGS:
+        written |= {w.replace(dots, filling) for w in list(written)}
+    said: list[str] = []
+    for w in sorted(written):
+        for text, low, high in carried_out(span.source.text, span, verb, w):
+            errors = [
+                (x.message, x.primary.span)
+                for x in check_file(name, text).diagnostics.items
+                if x.severity is Severity.ERROR and x.primary is not None
+            ]
+            about = [m for m, s in errors if s.start < high and s.end > low]
+            filled = {s.text for _, s in errors} <= {"a", "b", "1"} and w != code
+            if not about or filled:
+                return []
+            said += about
+    return said
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_proposal_that_is_carried_out_leads_to_no_other_error_there(name: str) -> None:
+    for d in check_file(name).diagnostics.items:
+        titles = {f.title for f in d.fixes}
+        for help_ in d.helps:
+            proposed = PROPOSAL.match(help_)
+            if help_ in titles | FOR_ANOTHER_PLACE or proposed is None or d.primary is None:
+                continue
+            assert not still_wrong(name, d, *proposed.groups()), help_
+
+
+def test_a_proposal_in_a_circle_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "circle.soter"
+    text = "soter 1;\nnode A period 1s { subscribes wind; step { } }\nsystem S { node A; }\n"
+    path.write_text(text, encoding="utf-8")
+    (d,) = check_file(str(path)).diagnostics.items
+    assert still_wrong(str(path), d, "declare", "topic wind: float;")
+    assert not still_wrong(str(path), d, "declare", "input topic wind: float;")
 
 
 def test_code_that_is_none_is_noticed() -> None:

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.source import Source
 
-HUSHED = {"W001", "W004", "W012", "W013", "W014", "W015", "W016", "W017", "W018", "W019"}
+HUSHED = {
+    "W001", "W004", "W012", "W013", "W014", "W015", "W016", "W017", "W018", "W019", "W021",
+    "W022", "W023", "W024",
+}  # fmt: skip
 """Warnings of what is not there, or hardly meant: beside errors they are left out, as an error may
 be what makes it look so."""
 MERGED = {"N001", "N004", "N006", "M009", "M010"}

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import the_other_way
+from soter.diagnostics.fix import replace, the_other_way
+from soter.language.check import other_scopes
 from soter.language.check.expression_base import a_type, is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.extern_bindings import check_binding, located
@@ -40,6 +41,7 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.constants import ConstantChecker
@@ -349,20 +351,30 @@ class DeclChecker:
         high = self.shared.number(values.high, context, scalar, "a bound")
         return None if is_error(low, high) else typed.RangeSet(low, high, values.span)
 
-    def topic_ref(self, ref: tree.Ref, scope: FileScope) -> typed.TopicSymbol | None:
-        """The topic a reference means, or None after a report."""
-        entry = self.shared.names.find_ref(scope, ref, "topic")
+    def topic_ref(
+        self,
+        ref: tree.Ref,
+        scope: FileScope,
+        helps: tuple[Help, ...] = (),
+        otherwise: tuple[Help, ...] = (),
+    ) -> typed.TopicSymbol | None:
+        """The topic a reference means, or None after a report.
+
+        `helps` are for what is no topic, `otherwise` where the name means nothing at all.
+        """
+        entry = self.shared.names.find_ref(scope, ref, "topic", otherwise)
         if entry is None:
             return None
-        symbol = self.shared.resolve(entry, ref.span)
         if entry.kind != "topic":
             self.diagnostics.error(
                 "N003",
                 f"`{ref.text}` is a {entry.kind}, not a topic",
                 ref.span,
                 also=((entry.decl.name.span, "declared here"),),
+                helps=helps or entry.instead("topic", ref.span),
             )
             return None
+        symbol = self.shared.resolve(entry, ref.span)
         return symbol if isinstance(symbol, typed.TopicSymbol) else None
 
     def topic_path(
@@ -375,7 +387,8 @@ class DeclChecker:
         if first.text in scope.imports and first.text not in scope.entries and parts:
             second = parts.pop(0)
             ref = tree.Ref(first, second, first.span.to(second.span))
-        topic = self.topic_ref(ref, scope)
+        helps, otherwise = ((), ()) if ref.qualifier else _not_a_topic(path, scope)
+        topic = self.topic_ref(ref, scope, helps, otherwise)
         if topic is None:
             return None
         t: Type = topic.type
@@ -403,6 +416,20 @@ class DeclChecker:
             beside = topics_beside(system)
             self._topics[system] = [t for t in beside if t not in self.shared.stand_ins]
         return self._topics[system]
+
+
+def _not_a_topic(
+    path: tree.DottedPath, scope: FileScope
+) -> tuple[tuple[Help, ...], tuple[Help, ...]]:
+    """Helps for a path whose first name is something else, or nothing, as `topic_ref` has them."""
+    first = scope.entries.get(path.parts[0].text)
+    if first is not None and first.kind == "topic":
+        return (), ()
+    decls = [e.decl for e in scope.entries.values()]
+    driven = other_scopes.truth_as_topic(decls, list(path.parts)) if path.parts[1:] else None
+    known = [d.name.text for d in decls if isinstance(d, tree.TopicDecl)]
+    otherwise = (f"topics are {other_scopes.listed(known)}",) if known else ()
+    return (replace(path.span, driven[0]),) if driven is not None else (), otherwise
 
 
 def show(value: Value, t: Type) -> str:

@@ -12,10 +12,10 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
-from soter.language.check import foreign_name_hints
+from soter.language.check import foreign_name_hints, other_scopes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
@@ -76,6 +76,11 @@ class Entry:
         """Name with the prefix of its file."""
         return self.scope.loaded.prefix + self.decl.name.text
 
+    def instead(self, wanted: str, span: Span) -> tuple[Help, ...]:
+        """Helps for a declaration that is not of the kind `wanted`, as `other_scopes.instead`."""
+        decls = [e.decl for e in self.scope.entries.values()]
+        return other_scopes.instead(decls, self.decl, wanted, span)
+
 
 @dataclass(eq=False)
 class FileScope:
@@ -87,6 +92,16 @@ class FileScope:
     used_imports: set[str] = field(default_factory=set)
     broken: frozenset[str] = frozenset()
     """Names whose declarations did not parse: using them is not reported again."""
+
+
+NO_VALUES = ("node", "plant", "module", "system", "test")
+
+
+def _of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
+    """Names of a file that would do where `kind` is wanted: others are an error again."""
+    for name, entry in scope.entries.items():
+        if entry.kind == kind or (kind == "name" and not (value and entry.kind in NO_VALUES)):
+            yield name
 
 
 class Names:
@@ -177,10 +192,16 @@ class Names:
             entry.used = True
         return entry
 
-    def find_ref(self, scope: FileScope, ref: tree.Ref, wanted: str = "name") -> Entry | None:
+    def find_ref(
+        self,
+        scope: FileScope,
+        ref: tree.Ref,
+        wanted: str = "name",
+        otherwise: tuple[Help, ...] = (),
+    ) -> Entry | None:
         """The entry a reference means; reports N001 or N006 and gives None when there is none.
 
-        `wanted` is the kind of declaration that would do.
+        `wanted` is the kind of declaration that would do; `otherwise` as `unknown` has it.
         """
         if ref.qualifier is not None:
             return self.find_in_import(scope, ref.qualifier, ref.name, wanted)
@@ -189,7 +210,7 @@ class Names:
         if entry is None and (id(scope), name) in self._missing:
             self.losses += 1
         elif entry is None:
-            self.unknown(scope, name, ref.name.span, kind=wanted)
+            self.unknown(scope, name, ref.name.span, kind=wanted, otherwise=otherwise)
             self._missing.add((id(scope), name))
         return entry
 
@@ -199,7 +220,7 @@ class Names:
         """The entry `qualifier.name`; reports what is wrong."""
         if qualifier.text not in scope.imports:
             if not self._library(scope, qualifier, name, wanted):
-                self._no_import(scope, qualifier)
+                self._no_import(scope, qualifier, name)
             return None
         scope.used_imports.add(qualifier.text)
         child = scope.imports[qualifier.text]
@@ -213,13 +234,22 @@ class Names:
                 f"`{qualifier.text}` declares no `{name.text}`",
                 name.span,
                 f"not in `{child.loaded.source.name}`",
-                helps=self.diagnostics.did_you_mean(name.text, child.entries, name.span),
+                helps=self.diagnostics.did_you_mean(name.text, child.entries, name.span)
+                or self._here(scope, qualifier, name),
             )
             return None
         entry.used = True
         return entry
 
     # ------------------------------------------------------------ what to say
+
+    @staticmethod
+    def _here(scope: FileScope, qualifier: tree.Name, name: tree.Name) -> tuple[Help, ...]:
+        """A help line for `lib.name` where this file declares the name."""
+        if name.text not in scope.entries:
+            return ()
+        whole = qualifier.span.to(name.span)
+        return (replace(whole, name.text, f"this file declares it: `{name.text}`"),)
 
     def _library(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
@@ -237,7 +267,7 @@ class Names:
         )
         return True
 
-    def _no_import(self, scope: FileScope, qualifier: tree.Name) -> None:
+    def _no_import(self, scope: FileScope, qualifier: tree.Name, member: tree.Name) -> None:
         name = qualifier.text
         if name in scope.broken or (id(scope), name) in self._missing:
             self.losses += 1
@@ -252,7 +282,19 @@ class Names:
                 notes=("before a dot a reference names an import",),
                 helps=(f"name all of it, `{name}`: what it is given is a whole record",)
                 if entry.kind == "topic"
-                else (),
+                else self._here(scope, qualifier, member),
+            )
+            return
+        decls = [e.decl for e in scope.entries.values()]
+        meant = next((m for m in other_scopes.meanings(decls, name) if not m.weak), None)
+        if meant is not None:
+            self._missing.add((id(scope), name))
+            self.diagnostics.error(
+                "N006",
+                f"`{name}` is {meant.what}, not an imported file",
+                qualifier.span,
+                also=((meant.span, "declared here"),),
+                helps=self._here(scope, qualifier, member) or (meant.help,),
             )
             return
         self._missing.add((id(scope), name))
@@ -292,12 +334,18 @@ class Names:
             return
         if dotted:
             self._missing.add((id(scope), name))
-        if not helps and kind == "type":
+        decls = [e.decl for e in scope.entries.values()]
+        elsewhere = () if also else tuple(other_scopes.meanings(decls, name))
+        meant = next((m for m in elsewhere if not m.weak), None)
+        if meant is not None:
+            also, helps = ((meant.span, meant.what),), helps or (meant.help,)
+        elif not helps and kind == "type":
             helps = foreign_name_hints.a_type(name, span)
         elif not helps and kind == "name":
-            helps = foreign_name_hints.a_value((e.decl for e in scope.entries.values()), name, span)
+            helps = foreign_name_hints.a_value(decls, name, span)
         if not helps:
-            helps = self.diagnostics.did_you_mean(name, chain(more, scope.entries), span)
+            near = chain(more, _of_kind(scope, kind, value=bool(where)))
+            helps = self.diagnostics.did_you_mean(name, near, span)
         if not helps:
             helps = self._elsewhere(scope, name, span)
         if not helps:
@@ -307,8 +355,12 @@ class Names:
             helps = (f"it is an imported file: write `{name}.` and the name it declares",)
         if not helps:
             helps = otherwise
+        if not helps and elsewhere:
+            also, helps = ((elsewhere[0].span, elsewhere[0].what),), (elsewhere[0].help,)
         if not helps and kind in EXAMPLES:
-            helps = (f"declare it: `{EXAMPLES[kind].format(name)}`",)
+            driven = kind != "topic" or other_scopes.is_driven(decls, name)
+            example = EXAMPLES[kind] if driven else "input topic {}: float in [-1.0, 1.0];"
+            helps = (f"declare it: `{example.format(name)}`",)
         self.diagnostics.error(
             "N001", f"unknown {kind} `{name}`", span, "not declared", also=also, helps=helps
         )

@@ -68,14 +68,24 @@ class StmtChecker:
             first.used = True
         variable = typed.Variable(name.text, t, kind, name.span)
         frame[name.text] = variable
-        if kind in ("let", "var") and context.node is not None:
+        if kind in ("let", "var"):
             self._hides(name, context.node, context)
         return variable
 
-    def _hides(self, name: tree.Name, node: typed.NodeSymbol, context: Context) -> None:
-        """W017 for a local called like a topic that the node subscribes to."""
-        topics = [s.topic for s in node.subscribes]
+    def _hides(self, name: tree.Name, node: typed.NodeSymbol | None, context: Context) -> None:
+        """W017 for a local called like a constant, or a topic that the node subscribes to."""
         entry = context.scope.entries.get(name.text)
+        if entry is not None and entry.kind in ("constant", "parameter"):
+            self.diagnostics.warning(
+                "W017",
+                f"`{name.text}` hides the {entry.kind} of the same name",
+                name.span,
+                f"a local of {context.where}",
+                also=((entry.decl.name.span, f"the {entry.kind}"),),
+                helps=(f"give it another name, such as `own_{name.text.lower()}`",),
+            )
+            return
+        topics = [] if node is None else [s.topic for s in node.subscribes]
         hidden = next((t for t in topics if entry is not None and t is entry.symbol), None)
         if hidden is not None:
             self.diagnostics.warning(

@@ -169,6 +169,7 @@ class TypeChecker:
                 f"`{expr.ref.text}` is a {entry.kind}, not a type",
                 expr.span,
                 also=((entry.decl.name.span, "declared here"),),
+                helps=entry.instead("type", expr.span),
             )
             return ERROR
         t = self.shared.resolve(entry, expr.span)

@@ -33,7 +33,7 @@ from soter.language.syntax.foreign_rewrites import (
     soter_type,
     template,
 )
-from soter.language.syntax.foreign_words import type_meant
+from soter.language.syntax.foreign_words import LIBRARIES, type_meant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -161,6 +161,12 @@ IDIOMS: tuple[Idiom, ...] = (
         lambda m: m[0].rpartition("/")[2],
     ),
     _idiom(
+        rf"^(?P<at>(?:from|import)\s+(?:{'|'.join(sorted(LIBRARIES))})\b[^;\n\"]*;?)(?=\s*$)",
+        "the functions and types of the prelude need no import",
+        "",
+        places=(TOP,),
+    ),
+    _idiom(
         r"^(?P<at>from\s+(?P<file>[\w.]+)\s+import\s+[\w*, ]+?)(?P<as>)\s*;?$",
         "a file is imported as a whole, under a name",
         imported,
@@ -209,7 +215,30 @@ IDIOMS: tuple[Idiom, ...] = (
         r"\b(?P<at>state)(?=\s+\w+\s*:)", "a node keeps its values in `var`", "var", "", (NODE,)
     ),
     _idiom(r"\b(?P<at>subscribes)\b", "a plant reads topics", "reads", "", (PLANT,)),
+    _idiom(
+        r"\b(?P<word>safe|ttf|safer)\s*(?P<at>\{)\s*(?P<condition>[^{};]+?)\s*;?\s*\}",
+        "a condition stands without braces",
+        r"\g<word> \g<condition>;",
+        places=(MODULE,),
+    ),
+    _idiom(
+        r"\b(?P<at>plant)\s+(?P<name>\w+)\s*:\s*(?P<what>\w+(?:\.\w+)?)\s*;",
+        "a plant of a system has a name and no word before it",
+        r"\g<name>: \g<what>;",
+    ),
+    _idiom(
+        r"\b(?P<at>plant)\s+(?P<what>\w+)\s*;",
+        "a plant of a system has a name and no word before it",
+        lambda m: f"{m['what'].lower()}: {m['what']};",
+    ),
     _idiom(r"\b(?P<at>reads)\b", "a node subscribes to topics", "subscribes", "", (NODE,)),
+    _idiom(
+        r"\b(?P<at>publishes)(?P<rest>\s+\w+\s*=[^;]*;)",
+        "a plant drives topics",
+        r"drives\g<rest>",
+        "write `drives`",
+        (PLANT,),
+    ),
     _idiom(
         r"\b(?P<at>publishes)\b",
         "a plant drives topics",

@@ -18,6 +18,8 @@ from soter.diagnostics.diagnostic import Diagnostic, Label
 from soter.diagnostics.fix import insert, replace
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
+from soter.language.syntax.foreign_idioms import place_of
+from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT
 from soter.language.syntax.parsing.bodies import BODY_WORDS
 from soter.language.syntax.parsing.functions import fun
 from soter.language.syntax.parsing.nodes import NodeParser
@@ -348,7 +350,12 @@ class Parser(NodeParser):
     def misplaced_declaration(self) -> None:
         """Report a declaration inside another one, read it, and leave it out."""
         word = self.texts[self.i]
-        help_ = "write `let` or `var`" if word in ("const", "param") else "move it out"
+        local = word in ("const", "param") and place_of(self.items, self.blocks) in (
+            NODE,
+            PLANT,
+            FUNCTION,
+        )
+        help_ = "write `let` or `var`" if local else "move it out"
         message = f"`{word}` stands only at the top level of a file"
         self.report("S009", message, helps=(help_,))
         self.quiet = -1

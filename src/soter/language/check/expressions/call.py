@@ -254,6 +254,7 @@ class CallChecker(FieldChecker):
     ) -> typed.ModuleSymbol | str | None:
         names = flat_names(argument)
         what = "an expression"
+        helps: tuple[Help, ...] = ()
         if isinstance(argument, tree.ErrorExpr):
             self.names.losses += 1
             return None
@@ -279,8 +280,9 @@ class CallChecker(FieldChecker):
                 if entry.kind == "module":
                     return symbol if isinstance(symbol, typed.ModuleSymbol) else None
                 what = f"a {entry.kind}"
+                helps = entry.instead("module", argument.span)
         self.diagnostics.error(
-            "T002", f"`{asked}` takes a module", argument.span, f"this is {what}"
+            "T002", f"`{asked}` takes a module", argument.span, f"this is {what}", helps=helps
         )
         return None
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from soter.diagnostics.fix import replace
 from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import (
     error_expr,
@@ -155,8 +156,20 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 helps=(f"call it: `{name}(...)`",),
             )
         else:
-            self.unknown(expr.name, context, SPECIALS)
+            self.unknown(expr.name, context, SPECIALS, helps=self._state(name, span, context))
         return error_expr(span)
+
+    def _state(self, name: str, span: Span, context: Context) -> tuple[Help, ...]:
+        """`c.truth.x` for `x` in a system, where one instance's plant has a state of this name."""
+        owners = [
+            path
+            for path, instance in (context.instances or {}).items()
+            if isinstance(instance.what, typed.PlantSymbol)
+            and instance.what.truth.index(name) is not None
+        ]
+        if len(owners) != 1 or context.constant:
+            return ()
+        return (replace(span, f"{owners[0]}.truth.{name}"),)
 
     def _special(self, name: str, span: Span, context: Context) -> typed.TypedExpr:
         if context.constant:
@@ -232,6 +245,8 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         elif isinstance(symbol, typed.PlantSymbol) and context.instances is not None:
             mine = [i for i, s in context.instances.items() if s.what is symbol]
             helps = (f"its state is `{mine[0]}.truth`",) if mine else ()
+        elif entry.kind in ("node", "plant") and not context.constant:
+            helps = entry.instead("value", span)
         elif entry.kind == "type":
             helps = self.value_of_type(entry.decl.name, context)
         self.diagnostics.error(

@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import insert, replace
-from soter.language.check import foreign_name_hints
+from soter.diagnostics.span import Span
+from soter.language.check import foreign_name_hints, other_scopes
 from soter.language.check.expression_base import ExprBase, error_expr, is_error
 from soter.language.check.expression_context import SPECIALS
 from soter.language.check.scope import BUILTIN_FUNCTIONS
@@ -28,7 +29,6 @@ from soter.language.syntax import tree
 
 if TYPE_CHECKING:
     from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
     from soter.language.check.expression_context import Context
     from soter.language.check.scope import Entry
     from soter.language.model.types import Type
@@ -79,6 +79,7 @@ class FieldChecker(ExprBase):
                 return self._below_instance(expr.span, names, context)
             if self._is_unknown(names[0].text, context):
                 helps = foreign_name_hints.without_object(names[0], names[1])
+                helps = helps or self._measured(expr, names, context)
                 self.unknown(names[0], context, dotted=not helps, helps=helps)
                 return error_expr(expr.span)
             typed_expr = self._constant_length(expr, names, context)
@@ -89,6 +90,28 @@ class FieldChecker(ExprBase):
         if is_error(target):
             return error_expr(expr.span)
         return self._select(target, expr.field, expr.span)
+
+    def _measured(
+        self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
+    ) -> tuple[Help, ...]:
+        """For `c.truth.x` outside of its system: the topic that the plant drives with it."""
+        decls = [e.decl for e in context.scope.entries.values()]
+        if context.instances is not None and names[1].text == "truth":
+            plants = [
+                n for n, i in context.instances.items() if isinstance(i.what, typed.PlantSymbol)
+            ]
+            return (replace(names[0].span, plants[0]),) if len(plants) == 1 else ()
+        meant = other_scopes.truth_as_topic(decls, names)
+        if meant is None or context.instances is not None or context.constant:
+            return ()
+        driven, plant = meant
+        entry = context.scope.entries.get(driven.partition(".")[0])
+        topics = context.topics
+        title = f"it is the state of plant `{plant.name.text}`, which is measured as `{driven}`"
+        if context.result is not None:
+            return (f"{title}: pass that as an argument",)
+        readable = topics == "any" or (topics and entry is not None and entry.symbol in topics)
+        return (replace(expr.span, driven, title),) if readable else (title,)
 
     def _is_unknown(self, name: str, context: Context) -> bool:
         scope = context.scope
@@ -220,7 +243,7 @@ class FieldChecker(ExprBase):
         if what in self.shared.damaged:
             self.names.losses += 1
             return error_expr(span)
-        self._not_below(what, path, rest[0])
+        self._not_below(what, path, rest[0], names[0], context)
         return error_expr(span)
 
     def no_value(self, what: object, path: str, span: Span) -> typed.TypedExpr:
@@ -233,9 +256,17 @@ class FieldChecker(ExprBase):
         self.diagnostics.error("N003", f"`{path}` is an instance, not a value", span, helps=helps)
         return error_expr(span)
 
-    def _not_below(self, what: object, path: str, name: tree.Name) -> None:
+    def _not_below(
+        self, what: object, path: str, name: tree.Name, first: tree.Name, context: Context
+    ) -> None:
+        """N004 for what an instance does not have; a topic beside it may be meant."""
         helps: tuple[Help, ...] = ()
-        if isinstance(what, typed.PlantSymbol):
+        beside = context.scope.entries.get(name.text)
+        if beside is not None and beside.kind == "topic":
+            before = Span(first.span.source, first.span.start, name.span.start)
+            title = f"`{name.text}` is a topic of the file: write `{name.text}` alone"
+            helps = (replace(before, "", title),)
+        elif isinstance(what, typed.PlantSymbol):
             states = [n for n, _ in what.truth.fields]
             helps = (
                 insert(name.span, "truth.", f"write `{path}.truth.{name.text}`")

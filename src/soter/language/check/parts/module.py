@@ -39,15 +39,16 @@ class ModuleChecker:
         entry = self.shared.names.find_ref(scope, ref, "node")
         if entry is None:
             return None
-        symbol = self.shared.resolve(entry, ref.span)
         if entry.kind != "node":
             self.diagnostics.error(
                 "N003",
                 f"`{ref.text}` is a {entry.kind}, not a node",
                 ref.span,
                 also=((entry.decl.name.span, "declared here"),),
+                helps=entry.instead("node", ref.span),
             )
             return None
+        symbol = self.shared.resolve(entry, ref.span)
         return symbol if isinstance(symbol, typed.NodeSymbol) else None
 
     def _module_ref(self, ref: tree.Ref, scope: FileScope) -> typed.ModuleSymbol | None:
@@ -55,16 +56,17 @@ class ModuleChecker:
         entry = self.shared.names.find_ref(scope, ref, "module")
         if entry is None:
             return None
-        symbol = self.shared.resolve(entry, ref.span)
         if entry.kind != "module":
             self.diagnostics.error(
                 "N003",
                 f"`{ref.text}` is a {entry.kind}, not a module",
                 ref.span,
                 also=((entry.decl.name.span, "declared here"),),
-                helps=(f"write `ac {ref.text};`",) if entry.kind == "node" else (),
+                helps=entry.instead("module", ref.span)
+                or ((f"write `ac {ref.text};`",) if entry.kind == "node" else ()),
             )
             return None
+        symbol = self.shared.resolve(entry, ref.span)
         return symbol if isinstance(symbol, typed.ModuleSymbol) else None
 
     def _advanced(

@@ -264,6 +264,9 @@ class PlantChecker:
     def _dynamics(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
         states = {v.name: v for v in plant.states}
         given: dict[str, Span] = {}
+        for name, _ in (*decl.der, *decl.next):
+            if name.text not in states:  # before expressions miss it, too
+                self._no_state(plant, decl, name, context)
         for table, items, word in ((plant.der, decl.der, "der"), (plant.next, decl.next, "next")):
             for name, expr in items:
                 variable = states.get(name.text)

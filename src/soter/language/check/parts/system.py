@@ -277,7 +277,8 @@ class SystemChecker:
                     f"`{path}` is not a module of system `{name}`",
                     force.module.span,
                     notes=("only modules have a mode that can be forced",) if whole else (),
-                    helps=self.diagnostics.did_you_mean(path, modules, force.module.span),
+                    helps=_its_module(instances, path)
+                    or self.diagnostics.did_you_mean(path, modules, force.module.span),
                 )
         system.forces = tuple(forces.values())
 
@@ -371,6 +372,12 @@ class SystemChecker:
         input_by_topic: dict[typed.TopicSymbol, typed.InputSymbol] = {}
         for item in items:
             every = self.time(item.every, Context(context.scope, context.where), "`every`")
+            name = item.topic.parts[0]
+            if len(item.topic.parts) == 1 and name.text not in context.scope.entries:
+                declared = f"declare it: `input topic {name.text}: float in [-1.0, 1.0];`"
+                ref = tree.Ref(None, name, name.span)
+                self.shared.names.find_ref(context.scope, ref, "topic", (declared,))
+                continue
             read = self.shared.check_expr(path_expr(item.topic), context)
             if is_error(read):
                 continue
@@ -446,6 +453,15 @@ def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
     for part in path.parts[1:]:
         expr = tree.FieldExpr(first.span.to(part.span), expr, part)
     return expr
+
+
+def _its_module(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
+    """A help line for a node where its module is meant."""
+    for name, instance in instances.items():
+        what = instance.what
+        if isinstance(what, typed.ModuleSymbol) and node in (what.ac.name, what.sc.name):
+            return (f"it is a node of module `{name}`",)
+    return ()
 
 
 def source_line(expr: tree.SyntaxExpr) -> str:

@@ -357,6 +357,7 @@ class VerifyChecker:
                 f"`{ref.text}` is a {entry.kind}, not a plant",
                 ref.span,
                 also=((entry.decl.name.span, "declared here"),),
+                helps=entry.instead("plant", ref.span),
             )
         return plant if isinstance(plant, typed.PlantSymbol) else None
 

@@ -44,31 +44,25 @@ NUMBERS_MAX = 12
 BUDGET = 400_000
 """Operations for all values of one module: about a tenth of a second."""
 
-_Trial = tuple[bool, bool, bool, list["Value"]]
+Trial = tuple[bool, bool, bool, list["Value"]]
+"""`ttf`, `safer`, `safe` at values of the topics."""
 
 
-def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W013 for a module whose program writes both predicates."""
+def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -> list[Trial]:
+    """W013 for a module whose program writes both predicates; what was tried where it has none."""
     symbol = module.symbol
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None:
-        return
+        return []
     predicates = (ttf, safer, symbol.safe)
-    late = (
-        typed.AgeRead,
-        typed.TimeRead,
-        typed.ModeRead,
-        typed.MarginRead,
-        typed.TypedChoose,
-    )
-    if any(isinstance(n, late) for n in _everything(predicates)):
-        return
+    if not of_topics_alone(predicates):
+        return []
     topics = {
         t: module.scope.topics[t] for t in topic_reads(*predicates) if t in module.scope.topics
     }
     if sum(leaf_count(system.topics[i].type) for i in topics.values()) > LEAVES_MAX:
-        return
-    trials = _trials(system, module, predicates, sorted(set(topics.values())))
+        return []
+    trials = trials_of(system, module, predicates, sorted(set(topics.values())))
     both = next((t for t in trials if t[0] and t[1] and _alike(ttf, safer)), None)
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
@@ -82,16 +76,34 @@ def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -
             notes=("`ttf` says when AC must not go on, `safer` when it may have control again",),
             helps=(exchange(ttf.span, safer.span, "exchange the two conditions"),),
         )
-    elif both is not None:
+        return []
+    if both is not None:
         diagnostics.warning(
             "W013",
             f"`ttf` and `safer` of module `{symbol.name}` can both hold",
             safer.span,
-            f"also where {_shown(system, sorted(set(topics.values())), both[3])}",
+            f"also where {shown(system, sorted(set(topics.values())), both[3])}",
             also=((ttf.span, "`ttf`, which holds there, too"),),
             notes=("control would go back to AC and be taken away at the next look",),
             helps=("leave a gap: let `safer` begin where `ttf` has long ended",),
         )
+        return []
+    return trials
+
+
+def of_topics_alone(predicates: Sequence[typed.TypedExpr]) -> bool:
+    """Whether they can be evaluated at values of topics: no ages, times, modes, foreign code."""
+    late = (
+        typed.AgeRead,
+        typed.TimeRead,
+        typed.ModeRead,
+        typed.MarginRead,
+        typed.TypedChoose,
+    )
+    return not any(
+        isinstance(n, late) or (isinstance(n, typed.TypedCall) and n.fun.extern)
+        for n in _everything(predicates)
+    )
 
 
 def _alike(ttf: typed.TypedExpr, safer: typed.TypedExpr) -> bool:
@@ -138,17 +150,15 @@ def _everything(predicates: Sequence[typed.TypedExpr]) -> list[object]:
     return all_nodes
 
 
-def _trials(
+def trials_of(
     system: System, module: Module, predicates: Sequence[typed.TypedExpr], indices: list[int]
-) -> list[_Trial]:
+) -> list[Trial]:
     """(ttf, safer, safe, values) for many values of the topics; without those that fault."""
-    if any(isinstance(n, typed.TypedCall) and n.fun.extern for n in _everything(predicates)):
-        return []
     numbers = _numbers(predicates)
     draw = random.Random(0)  # noqa: S311 - values to try, always the same
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
     values = [t.default for t in system.topics]
-    trials: list[_Trial] = []
+    trials: list[Trial] = []
     left = BUDGET
     for _ in range(TRIED):
         for i in indices:
@@ -212,7 +222,7 @@ def _plain(t: Type) -> bool:
     return all("[]" not in path for path, _ in leaves(t))
 
 
-def _shown(system: System, indices: list[int], values: list[Value]) -> str:
+def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> str:
     """`motion.x` is 9.0 and `motion.v` is 0.5, the first few."""
     parts: list[str] = []
     for index, value in zip(indices, values, strict=True):

@@ -13,6 +13,11 @@ from soter.diagnostics.fix import exchange
 from soter.language.check.parts.plant import unmoved
 from soter.language.elaborate.lints.contradictory_predicates import doubt_predicates
 from soter.language.elaborate.lints.diverging_schemes import doubt_scheme
+from soter.language.elaborate.lints.refuted_at_once import (
+    doubt_readers,
+    doubt_start,
+    doubt_trials,
+)
 from soter.language.elaborate.lints.silent_sc import doubt_publications
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
@@ -44,8 +49,11 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
             _exchanged(system, module, diagnostics)
         _speaks_of_outputs(module, diagnostics)
         doubt_publications(system, module, diagnostics)
+        doubt_readers(system, module, diagnostics)
         if number < TRIED_MAX:
-            doubt_predicates(system, module, diagnostics)
+            doubt_start(system, module, diagnostics)
+            trials = doubt_predicates(system, module, diagnostics)
+            doubt_trials(module, trials, diagnostics)
 
 
 def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None:

@@ -7,6 +7,7 @@ Non-goals: the items themselves (`nodes.py`, `plants.py`, `systems.py`).
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -108,7 +109,8 @@ class BodyParser(StatementParser):
                 return
             if kind == EOF or self.at_declaration():
                 if kind != EOF and self.nested_declaration():
-                    self.misplaced_declaration()
+                    with suppress(Panic):  # a phrase of another language, which was told
+                        self.misplaced_declaration()
                     continue
                 self.damaged = True
                 unclosed(self, opener, what)
@@ -131,6 +133,8 @@ class BodyParser(StatementParser):
                 if self.i == before:
                     self.advance()
                 self.skip_statement()
+                while self.kinds[self.i] == ";":  # behind a block that was skipped
+                    self.i += 1
 
     def _no_colon(self, word: int) -> None:
         """`period: 50ms;` and `period = 50ms;`: report the sign and take it out."""
@@ -156,6 +160,8 @@ class BodyParser(StatementParser):
         items: Mapping[str, Callable[[Any, _Parts], None]],
     ) -> None:
         word, kind = self.texts[self.i], self.kinds[self.i]
+        if word == "period" and what == self.without_period:
+            raise Panic  # that it stands before the body was told
         message = f"expected an item of {what}, found {self.found()}"
         if kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names()):
             self._loose_statements(message, items)
@@ -249,6 +255,7 @@ class BodyParser(StatementParser):
             return self.time("`period`")
         example = f"write `{what} {visible(name.text)} period 10ms {{ ... }}`"
         message = f"expected `period` after the name of the {what}, found {self.found()}"
+        self.without_period = f"{what} `{name.text}`"
         span = self.after_previous() if self.kinds[self.i] == "{" else None
         self.report("S005", message, span, helps=(example,))
         if self.kinds[self.i] == NAME and self.kinds[self.i + 1] != "{" and word != "from":

@@ -87,6 +87,7 @@ class Cursor:
         "texts",
         "tight",
         "tokens",
+        "without_period",
     )
 
     def __init__(self, tokens: Tokens) -> None:
@@ -106,6 +107,7 @@ class Cursor:
         self.indent = 0  # of the declaration at hand
         self.items: frozenset[str] = frozenset()  # words that begin an item of the body at hand
         self.damaged = False  # the declaration at hand lost something
+        self.without_period = ""  # "node `A`", whose head has no period: that was told
         self.misused: set[str] = set()  # reserved words the user takes for names
         # For the printer: braces that open a block, brackets and signs that cling, and the
         # colons of `? :`, which do not.

@@ -1,0 +1,234 @@
+"""What a proof of a module refutes by looking at it.
+
+Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
+holds only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the DM looks
+rarely beside its plant).
+Non-goals: a proof; initial states between the ends of their sets; `ttf` and `safer` that exclude
+`safe` only in part.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.lints.contradictory_predicates import (
+    Trial,
+    of_topics_alone,
+    shown,
+    trials_of,
+)
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model import typed
+from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.tree_walk import chooses, nodes, topic_reads
+from soter.language.model.types import FloatType, IntType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Value
+
+BUDGET = 20_000
+RARELY = 1000
+"""A DM that looks once in so many steps of its plant sees it too late; examples have 100."""
+OUTPUTS_SHOWN = 3
+BOTH_EXPECTED = 8.0
+"""So many values of those tried would meet two conditions that have nothing to do with each other.
+Where none does, they exclude each other: by chance in 1 of 3,000 modules."""
+
+
+def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W021: from the start on, nothing that SC does keeps `safe`."""
+    safe = module.symbol.safe
+    if not of_topics_alone([safe]):
+        return
+    indices = [module.scope.topics.get(t, -1) for t in topic_reads(safe)]
+    evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
+    for topics in _starts(system, indices):
+        env = Environment(topics=topics, stamps=[0] * len(topics))
+        try:
+            holds = evaluator.value(safe, env)
+        except (StepFault, BudgetExceeded):
+            return
+        if not holds:
+            where = shown(system, indices, [topics[i] for i in indices])
+            trials = trials_of(system, module, (safe, safe, safe), indices)
+            nowhere = all(not t[2] for t in trials)
+            values = f"at none of {len(trials)} values that were tried"
+            diagnostics.warning(
+                "W021",
+                f"`safe` of module `{module.symbol.name}` does not hold at the start",
+                safe.span,
+                f"false where {where}" if where else "false everywhere",
+                notes=("an invariant holds from the start on: `soter verify` refutes this one",),
+                helps=(f"say what is to hold: this does {values}",)
+                if nowhere
+                else ("begin inside of it: `state x: float = ...;`",),
+            )
+            return
+
+
+def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
+    """What plants publish at the start, at the low and the high ends of their states.
+
+    Nothing where one of the topics is driven by something else, or depends on what is drawn.
+    """
+    drivers = {
+        c.scope.topics[topic]: (c, value)
+        for c in system.components
+        if c.plant is not None and not c.plant.extern
+        for topic, value in c.plant.drives
+    }
+    if any(i not in drivers for i in indices):
+        return
+    for end in (0, 1):
+        topics: list[Value] = [t.default for t in system.topics]
+        for i in indices:
+            value = _published_at_first(*drivers[i], end)
+            if value is None:
+                return
+            topics[i] = value
+        yield topics
+
+
+def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> Value | None:
+    """What a plant publishes at its first release, `end` 0 or 1 of the sets of its states."""
+    symbol = plant.plant
+    assert symbol is not None
+    lets = tuple(e for _, e in symbol.lets)
+    late = (typed.TopicRead, typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead)
+    if chooses(value, *lets) or any(isinstance(n, late) for n in nodes((value, *lets))):
+        return None
+    evaluator = Evaluator(plant.scope.params, budget=BUDGET)
+    env = Environment(period_ns=plant.period_ns)
+    for i, state in enumerate(symbol.states):
+        span = plant.initial_range[i] if i < len(plant.initial_range) else None
+        if span is not None and not isinstance(state.type, (FloatType, IntType)):
+            return None
+        env.variables[state] = plant.initial[i] if span is None else span[end]
+    try:
+        for variable, let in symbol.lets:
+            env.variables[variable] = evaluator.value(let, env)
+        return evaluator.value(value, env)
+    except (StepFault, BudgetExceeded, KeyError):
+        return None  # a `let` of a disturbance, say: it is drawn
+
+
+def doubt_trials(module: Module, trials: Sequence[Trial], diagnostics: Diagnostics) -> None:
+    """W022 for predicates that decide nothing."""
+    symbol = module.symbol
+    ttf, safer, safe = symbol.ttf, symbol.safer, symbol.safe
+    if ttf is None or safer is None or not trials:
+        return
+    if _always(safe, trials[0][2]) is not None:
+        return  # nothing is to be kept, or W021 says so
+    ttf_always, safer_always = _always(ttf, trials[0][0]), _always(safer, trials[0][1])
+    name = f"of module `{symbol.name}`"
+    if ttf_always is False:
+        _decides_nothing(f"`ttf` {name} never holds", ttf, "AC is never taken off", diagnostics)
+    elif ttf_always and safer_always is not False:
+        _decides_nothing(f"`ttf` {name} always holds", ttf, "AC never keeps control", diagnostics)
+    elif safer_always is False and not ttf_always:
+        _decides_nothing(f"`safer` {name} never holds", safer, "AC never has control", diagnostics)
+    elif _exclude([t[0] for t in trials], [t[2] for t in trials]):
+        label = "AC is taken off when it is too late"
+        message = f"`ttf` {name} holds only where `safe` is lost"
+        _decides_nothing(message, ttf, label, diagnostics, safe)
+    elif _exclude([t[1] for t in trials], [t[2] for t in trials]):
+        label = "AC would get control where it must not be"
+        message = f"`safer` {name} holds only where `safe` is lost"
+        _decides_nothing(message, safer, label, diagnostics, safe)
+
+
+def _decides_nothing(
+    message: str,
+    at: typed.TypedExpr,
+    label: str,
+    diagnostics: Diagnostics,
+    safe: typed.TypedExpr | None = None,
+) -> None:
+    diagnostics.warning(
+        "W022",
+        message,
+        at.span,
+        label,
+        also=((safe.span, "`safe`"),) if safe is not None else (),
+        notes=(
+            "`ttf` says when AC must not go on, `safer` when it may have control again",
+            "both are for states where `safe` holds and can still be kept",
+        ),
+        helps=("leave both out: then they are computed from `safe`",),
+    )
+
+
+def _always(predicate: typed.TypedExpr, tried: bool) -> bool | None:
+    """What a predicate that reads nothing is everywhere; None for one that reads something."""
+    return None if topic_reads(predicate) else tried
+
+
+def _exclude(one: Sequence[bool], other: Sequence[bool]) -> bool:
+    """Whether two conditions never hold together, where chance would make them do it often."""
+    expected = sum(one) * sum(other) / len(one)
+    return expected >= BOTH_EXPECTED and not any(a and b for a, b in zip(one, other, strict=True))
+
+
+def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W023: the plant does not feel what the module decides; W024: it feels it too late.
+
+    Only of plants that drive what `safe` speaks of.
+    """
+    safe = {module.scope.topics.get(t, -1) for t in topic_reads(module.symbol.safe)}
+    for plant in system.components:
+        if plant.plant is None or not safe & {plant.scope.topics[t] for t, _ in plant.plant.drives}:
+            continue
+        if module.forced is None and not set(module.outputs) & _read(system, module):
+            _unread(system, module, diagnostics)
+            return
+        if module.period_ns >= RARELY * plant.period_ns:
+            _rarely(system, module, plant, diagnostics)
+            return
+
+
+def _read(system: System, module: Module) -> set[int]:
+    """The topics that plants and nodes read, but for AC and SC of the module."""
+    read: set[int] = set()
+    for component in system.components:
+        topics = component.scope.topics
+        if component.plant is not None:
+            read |= {topics[t] for t in component.plant.reads if t in topics}
+        elif component.node is not None and component.index not in (module.ac, module.sc):
+            read |= {topics[s.topic] for s in component.node.subscribes if s.topic in topics}
+    return read | {of for t in read if (of := system.topics[t].queue_of) is not None}
+
+
+def _unread(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    outputs = [system.topics[i] for i in module.outputs]
+    names = ", ".join(f"`{t.name}`" for t in outputs[:OUTPUTS_SHOWN])
+    diagnostics.warning(
+        "W023",
+        f"nothing reads what module `{module.symbol.name}` publishes",
+        outputs[0].symbol.span,
+        "no plant and no node reads it",
+        also=((module.symbol.span, f"publishes {names}"),),
+        notes=("what no plant feels keeps nothing safe",),
+        helps=(f"let a plant read it: `reads {outputs[0].symbol.name.rpartition('.')[2]};`",),
+    )
+
+
+def _rarely(system: System, module: Module, plant: Component, diagnostics: Diagnostics) -> None:
+    assert plant.plant is not None
+    of_sc = system.components[module.sc].period_ns
+    diagnostics.warning(
+        "W024",
+        f"module `{module.symbol.name}` looks once in {module.period_ns // plant.period_ns:,} "
+        f"steps of plant `{plant.plant.name}`",
+        module.symbol.span,
+        f"looks every {show_ns(module.period_ns)}",
+        also=((plant.plant.span, f"moves every {show_ns(plant.period_ns)}"),),
+        notes=("AC acts unseen between two looks: a proof counts with two periods of it",),
+        helps=(f"look as often as SC acts: `period {write_ns(of_sc)};`",),
+    )
