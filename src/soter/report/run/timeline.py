@@ -28,6 +28,7 @@ from soter.report.run.figure import (
 )
 from soter.report.run.packed_json import numbers
 from soter.report.run.record import Figure, Json
+from soter.report.run.result_wording import quantity
 from soter.report.run.signal_thinning import (
     POINTS_MAX,
     by_controller,
@@ -186,18 +187,12 @@ def _panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
 
 def _panel_title(name: str, members: Sequence[Series]) -> str:
     """Write a panel's name and unit, and what the lines drawn over the first one are."""
-    unit = members[0].unit
-    title = f"{name} / {_unit(unit)}" if unit else name
+    title = quantity(name, members[0].unit)
     overlays = [
         f"{DASH_NAMES[dash]}: {each.name}"
         for (_, dash), each in zip(OVERLAYS[1:], members[1:], strict=False)
     ]
     return f"{title}  ({', '.join(overlays)})" if overlays else title
-
-
-def _unit(unit: str) -> str:
-    """Put a quotient of units in parentheses, as in `speed / (m/s)`."""
-    return f"({unit})" if "/" in unit else unit
 
 
 def _chart_indices(chart: Chart) -> NDArray[np.intp]:
