@@ -84,6 +84,8 @@ class Campaign:
     lateness: str = ""
     horizon_s: float = 0.0
     program_sha256: str = ""
+    params: Mapping[str, str] = field(default_factory=dict)
+    """Parameters that are not at their defaults, with their values as a program writes them."""
     forced: tuple[str, ...] = ()
     """Modules whose mode the system forces, with who is in control."""
     faults: tuple[tuple[str, str], ...] = ()
@@ -158,6 +160,7 @@ def campaign(
         lateness=lateness.text() if lateness else "",
         horizon_s=horizon_ns / 1e9,
         program_sha256=flat.program.sha256,
+        params=about.params,
         forced=tuple(f"{m.name} to {m.forced.upper()}" for m in flat.modules if m.forced),
         faults=_faults(flat),
         occurred=occurred(flat, [f.seed for f in ours.flights], until_ns),

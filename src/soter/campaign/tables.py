@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from soter.campaign.flight import FlightOutcome
     from soter.campaign.result import ModuleStatistics, Result
 
     Row = tuple[str, ...]
@@ -55,6 +56,14 @@ class CampaignLike(Protocol):
     @property
     def folder(self) -> Path:
         """As `Campaign.folder`."""
+
+    @property
+    def params(self) -> Mapping[str, str]:
+        """As `Campaign.params`."""
+
+    @property
+    def flights(self) -> Sequence[FlightOutcome]:
+        """As `Campaign.flights`."""
 
     @property
     def result(self) -> Result:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from soter.report.run.result_wording import prose
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
@@ -30,14 +32,19 @@ def sections_main(
     """The body of the page; `verdict`: "good", "bad" or "", how the headline is coloured."""
     yield f'<h1>{escape(title)}</h1>\n<p class="verdict {verdict}">'
     yield f"<strong>{escape(headline)}</strong></p>"
+    yield from sections_told(sections)
+
+
+def sections_told(sections: Sequence[PageSection]) -> Iterator[str]:
+    """Sections alone."""
     for section in sections:
         yield from _section(section)
 
 
 def _section(section: PageSection) -> Iterator[str]:
-    yield f'<section style="margin-top: 2rem"><h2>{escape(section.title)}</h2>'
+    yield f'<section class="told"><h2>{escape(section.title)}</h2>'
     for text in section.says:
-        yield f"<p>{escape(text)}</p>"
+        yield f"<p>{prose(text)}</p>"
     if section.rows:
         head = "".join(f"<th>{escape(h)}</th>" for h in section.head)
         rows = "".join(f"<tr>{_cells(row)}</tr>" for row in section.rows)
