@@ -86,6 +86,8 @@ class Campaign:
     program_sha256: str = ""
     params: Mapping[str, str] = field(default_factory=dict)
     """Parameters that are not at their defaults, with their values as a program writes them."""
+    asked_arms: tuple[str, ...] = ()
+    """The names that `arms` came from: `swept` stands for several."""
     forced: tuple[str, ...] = ()
     """Modules whose mode the system forces, with who is in control."""
     faults: tuple[tuple[str, str], ...] = ()
@@ -161,6 +163,7 @@ def campaign(
         horizon_s=horizon_ns / 1e9,
         program_sha256=flat.program.sha256,
         params=about.params,
+        asked_arms=tuple(arms),
         forced=tuple(f"{m.name} to {m.forced.upper()}" for m in flat.modules if m.forced),
         faults=_faults(flat),
         occurred=occurred(flat, [f.seed for f in ours.flights], until_ns),

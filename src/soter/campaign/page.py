@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.campaign import tables
-from soter.campaign.arms import OURS
 from soter.campaign.statistics import FLIGHTS
 from soter.campaign.wording import an_hour, guilt, interval, verdict
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -112,12 +111,11 @@ def _again(campaign: CampaignLike, program: str) -> Iterator[str]:
     for name, value in campaign.params.items():
         flown += ["--set", f"{name}={value}"]
     asked = ["--flights", f"{campaign.result.flights}"]
-    others = [a.name for a in campaign.arms if a.name != OURS]
-    asked += ["--arms", ",".join(others)] if others else []
+    asked += ["--arms", ",".join(campaign.asked_arms)] if campaign.asked_arms else []
     asked += ["--saves", f"{campaign.horizon_s:.15g}s"] if campaign.horizon_s > 0 else []
     yield f"`{shlex.join(['soter', 'campaign', program, *flown, *asked, '--report'])}`"
     looked = shlex.join(["soter", "run", program, *flown, "--flight", "K", "--report"])
-    arm = "; of an arm: `--arm NAME`" if others else ""
+    arm = "; of an arm: `--arm NAME`" if campaign.asked_arms else ""
     yield f"Flight K of it, looked at{arm}: `{looked}`"
 
 
@@ -156,7 +154,7 @@ def _counted(name: str, counts: Sequence[int]) -> Histogram:
         bins[count // wide] += 1
     caption = f"mean {sum(counts) / len(counts):.4g}, least {min(counts)}, most {max(counts)}"
     edges = tuple(float(k * wide) for k in range(len(bins) + 1))
-    return Histogram(name, caption, edges, (0, *bins, 0), "takeovers", "flights")
+    return Histogram(name, caption, edges, (0, *bins, 0), "takeovers", "flights", whole=True)
 
 
 def _bounds(r: Result) -> Iterator[str]:

@@ -74,6 +74,10 @@ class CampaignLike(Protocol):
         """As `Campaign.arms`."""
 
     @property
+    def asked_arms(self) -> Sequence[str]:
+        """As `Campaign.asked_arms`."""
+
+    @property
     def lateness(self) -> str:
         """As `Campaign.lateness`."""
 

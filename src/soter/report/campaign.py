@@ -32,6 +32,8 @@ class Histogram:
     x_name: str = ""
     of: str = "looks"
     """What is counted."""
+    whole: bool = False
+    """Each bin is of whole numbers from its lower edge on, which stands below its middle."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ def _histogram(h: Histogram) -> Iterator[str]:
     for k in range(5):
         y = HEIGHT - BOTTOM - depth * k / 4
         yield f'<path class="grid" d="M{LEFT} {y:.1f}H{WIDTH - RIGHT}"/>'
-        yield f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{most * k / 4:.2%}</text>'
+        yield f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{most * k * 25:.3g} %</text>'
     for k, count in enumerate(h.bins):
         tall = depth * (count / total) / most
         x = LEFT + k * step
@@ -114,13 +116,13 @@ def _histogram(h: Histogram) -> Iterator[str]:
         yield f'height="{tall:.2f}"{faint}>'
         yield f"<title>{_bin(h, k)}: {count:,} {escape(h.of)}</title></rect>"
     bins = len(h.bins) - 2
-    for k in range(0, bins + 1, max(1, bins // 10)):
-        x = LEFT + (k + 1) * step
+    for k in range(0, bins + (not h.whole), max(1, bins // 10)):
+        x = LEFT + (k + 1 + h.whole / 2) * step
         yield f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">'
         yield f"{h.edges[k]:.4g}</text>"
     middle = (LEFT + WIDTH - RIGHT) / 2
-    yield f'<text class="name" x="{middle:g}" y="{HEIGHT - 4}" text-anchor="middle">'
-    yield f"{escape(h.x_name)}</text></svg>"
+    at = f'x="{middle:g}" y="{HEIGHT - 4}" text-anchor="middle"'
+    yield f'<text class="name" {at}>{escape(h.x_name)}</text></svg>'
 
 
 def _bin(h: Histogram, k: int) -> str:
@@ -128,4 +130,6 @@ def _bin(h: Histogram, k: int) -> str:
         return f"below {h.edges[0]:g}"
     if k == len(h.bins) - 1:
         return f"above {h.edges[-1]:g}"
-    return f"{h.edges[k - 1]:g} to {h.edges[k]:g}"
+    if h.whole and h.edges[k] - h.edges[k - 1] == 1:
+        return f"{h.edges[k - 1]:g}"
+    return f"{h.edges[k - 1]:g} to {h.edges[k] - h.whole:g}"

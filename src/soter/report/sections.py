@@ -15,6 +15,9 @@ from soter.report.run.result_wording import prose
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+LONG = 24
+"""Cells of more letters keep a width that is read well, where the window is narrow."""
+
 
 @dataclass(frozen=True)
 class PageSection:
@@ -54,4 +57,7 @@ def _section(section: PageSection) -> Iterator[str]:
 
 
 def _cells(row: Sequence[str]) -> str:
-    return "".join(f"<td>{escape(cell)}</td>" for cell in row)
+    return "".join(
+        f'<td class="long">{escape(cell)}</td>' if len(cell) > LONG else f"<td>{escape(cell)}</td>"
+        for cell in row
+    )
