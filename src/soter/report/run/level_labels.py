@@ -110,6 +110,7 @@ def _level_name(axis: str, label: str, value: float, place: tuple[str, str]) -> 
         "y": value,
         "xanchor": end,
         "yanchor": side,
+        "yshift": 2 if side == "bottom" else -2,
         "showarrow": False,
         "borderpad": 0,
         "bgcolor": "@look-fill",

@@ -60,6 +60,8 @@ STEPS_SHARE = 0.1
 MARKS_MAX = 80
 """More decisions than that cover each other: their density is drawn."""
 DENSITY_PX = 44
+FEW = 4
+"""Whole numbers that a panel has a tick for each of."""
 MINUS = "\N{MINUS SIGN}"
 OVERLAYS = (("@ink", "solid"), ("@muted", "dash"), ("@muted", "dot"), ("@muted", "dashdot"))
 DASH_NAMES = {"dash": "dashed", "dot": "dotted", "dashdot": "dash-dotted"}
@@ -175,7 +177,8 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
             shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
         data += _panel(stack, row, chart, series, chosen)
         span = levels_range(series)
-        stack.add_axis(row, nticks=5, **({"range": list(span)} if span else {}))
+        ticks = {"dtick": 1} if _few_whole(series) else {"nticks": 5}
+        stack.add_axis(row, **ticks, **({"range": list(span)} if span else {}))
         notes.append(_panel_name(stack, row, title))
         levels = levels_of(series)
         shapes += [_level(stack, row, value) for value in levels]
@@ -214,6 +217,19 @@ def _panel_title(name: str, members: Sequence[Series]) -> str:
         for (_, dash), each in zip(OVERLAYS[1:], members[1:], strict=False)
     ]
     return f"{title}  ({', '.join(overlays)})" if overlays else title
+
+
+def _few_whole(series: Sequence[Series]) -> bool:
+    """Whether a panel shows only a few whole numbers, as of modes and booleans."""
+    return all(
+        each.held
+        and bool(np.all(each.values == np.rint(each.values)))
+        and float(np.ptp(each.values)) <= FEW
+        and not each.unit
+        and not each.thresholds
+        for each in series
+        if each.values.size
+    )
 
 
 def _chart_indices(chart: Chart) -> NDArray[np.intp]:
