@@ -169,7 +169,9 @@ def _margins(run: Run, thin: int) -> Iterator[Series]:
     """For how long AC surely keeps control, of modules whose levels say more than the calendar."""
     for m in run.system.modules:
         if m.looks > 1:
-            yield Series(f"margin({m.name})", "s", run.margin(m.name)[::thin], panel=m.name)
+            yield Series(
+                f"margin({m.name})", "s", run.margin(m.name)[::thin], panel=f"margin of {m.name}"
+            )
 
 
 def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:

@@ -51,7 +51,8 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
     if len(axes) == 1:
         y = np.array([0.0, 1.0])
         return RegionFigure(axes[0].name, axes[0].name, "", x, y, cells[:, None], text, x_unit=unit)
-    through = cells[(slice(None), slice(None), slice(None), *at[1:])] if at else cells
+    cut: tuple[slice | int, ...] = (slice(None), slice(None), slice(None), *at[1:])
+    through = cells[cut] if at else cells
     indices = _sliced(cells.shape[2], at[0]) if at else []
     return RegionFigure(
         title=f"{axes[0].name} and {axes[1].name}",
