@@ -77,8 +77,8 @@ def test_the_axes_say_their_units() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_the_rectangles_of_a_drawing_are_its_cells(seed: int) -> None:
     cells = np.random.default_rng(seed).integers(R1, R5, (9, 6), endpoint=True).astype(np.uint8)
-    edges = [np.arange(n + 1.0) for n in cells.shape]
-    svg = region_svg(RegionFigure("", "x", "y", *edges, cells))
+    x, y = (np.arange(n + 1.0) for n in cells.shape)
+    svg = region_svg(RegionFigure("", "x", "y", x, y, cells))
     painted = np.zeros_like(cells)
     width = (WIDTH - LEFT - 14.0) / len(cells)
     tall = [
