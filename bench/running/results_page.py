@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from soter.api.campaigning import Campaign, FlownArm
     from soter.api.program import Program
+    from soter.campaign.result import Result
     from soter.language.model.system import System
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -148,6 +149,24 @@ def introduction(again: list[bool]) -> str:
     )
 
 
+def title(inside: Result, outside: Result) -> str:
+    """Our figures of both campaigns, beside the paper's."""
+    both = (inside, outside)
+    violations, hours, km = (
+        " and ".join(dict.fromkeys(texts))
+        for texts in (
+            [f"{r.violations:,}" for r in both],
+            [f"{r.rate_hours:,.0f}" for r in both],
+            [f"{r.km or 0.0:,.0f}" for r in both],
+        )
+    )
+    each = "two campaigns" if " and " in hours + km else "each of two campaigns"
+    return (
+        f"Results: {violations} violations in {hours} h aloft and {km} km of {each}; "
+        f"the paper: {PAPERS_CRASHES} crashes in {HOURS:g} h and {KM:,.0f} km"
+    )
+
+
 def judged(campaign: Campaign, flat: System) -> str:
     """What counts as a violation, and what came of it."""
     what = listed([f"{p.kind} {p.text}" for p in flat.properties])
@@ -211,11 +230,7 @@ def page(
 ) -> str:  # fmt: skip
     """The whole page."""
     stack, outside = campaigns
-    r, o = stack.result, outside.result
-    told = (
-        f"{r.rate_hours:,.0f} and {o.rate_hours:,.0f} hours aloft, {r.km:,.0f} and {o.km:,.0f} km"
-    )
-    lines = [f"# Results: {told}", "", *prose(introduction(again))]
+    lines = [f"# {title(stack.result, outside.result)}", "", *prose(introduction(again))]
     lines += ["## The whole drone, beside the paper's rigorous simulation", ""]
     lines += [*beside_the_paper(stack, outside), ""]
     for campaign, flat in zip(campaigns, flats, strict=True):

@@ -23,6 +23,7 @@ from soter.report.html import document
 from soter.report.run.figure import crowded, legend
 from soter.report.run.mode_bar import mode_bar
 from soter.report.run.packed_json import numbers, packed, script_json
+from soter.report.run.result_wording import prose
 from soter.report.run.signal_thinning import (
     POINTS_MAX,
     givebacks,
@@ -391,7 +392,7 @@ def page(e: Exploration, command: str) -> str:
         for what, text in quantities(e).items()
     )
     grounds = [assumed_of_map(), *_silence(e), *e.run.notes, *of_run(e.run.system)]
-    items = "".join(f"<li>{escape(text)}</li>" for text in grounds)
+    items = "".join(f"<li>{prose(text)}</li>" for text in grounds)
     shared = _of_reports("packed.js") + _of_reports("player.js")
     scripts = shared + (HERE / "replay.js").read_text(encoding="utf-8")
     main = (

@@ -84,6 +84,10 @@ class Campaign:
     lateness: str = ""
     horizon_s: float = 0.0
     program_sha256: str = ""
+    params: Mapping[str, str] = field(default_factory=dict)
+    """Parameters that are not at their defaults, with their values as a program writes them."""
+    asked_arms: tuple[str, ...] = ()
+    """The names that `arms` came from: `swept` stands for several."""
     forced: tuple[str, ...] = ()
     """Modules whose mode the system forces, with who is in control."""
     faults: tuple[tuple[str, str], ...] = ()
@@ -124,8 +128,7 @@ def campaign(
     flat, core = bindings.system, bindings.core
     until_ns = end_of(flat, until)
     count = _count(hours, flights, until_ns)
-    threads = _threads(workers)
-    horizon_ns = _horizon(saves)
+    threads, horizon_ns = _threads(workers), _horizon(saves)
     about = _about(flat, path, until_ns, seed, horizon_ns)
     folder = Path(output) if output is not None else _folder(path, about)
     fleet = Fleet(flat, until_ns, core=core, horizon_ns=horizon_ns)
@@ -137,12 +140,10 @@ def campaign(
         own = _about(arm.system, path, until_ns, seed, 0)
         own = replace(own, arm=arm.name, lateness=_of(lateness))
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", own))
-    flown = []
+    told = [_part(progress or _quiet, k, len(todo)) for k in range(len(todo))]
     with ExitStack() as held:
         crew = threads or held.enter_context(cluster())
-        for k, one in enumerate(todo):
-            share = _part(progress or _quiet, k, len(todo))
-            flown.append(_flown(*one, count, crew, share))
+        flown = [_flown(*one, count, crew, t) for one, t in zip(todo, told, strict=True)]
     ours = flown[0]
     return Campaign(
         system=flat.name,
@@ -158,6 +159,8 @@ def campaign(
         lateness=lateness.text() if lateness else "",
         horizon_s=horizon_ns / 1e9,
         program_sha256=flat.program.sha256,
+        params=about.params,
+        asked_arms=tuple(arms),
         forced=tuple(f"{m.name} to {m.forced.upper()}" for m in flat.modules if m.forced),
         faults=_faults(flat),
         occurred=occurred(flat, [f.seed for f in ours.flights], until_ns),

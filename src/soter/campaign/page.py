@@ -6,6 +6,7 @@ Non-goals: the page's looks.
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,17 +14,20 @@ from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
 from soter.campaign.wording import an_hour, guilt, interval, verdict
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.report.campaign import CampaignPage, Histogram, campaign_main
+from soter.report.campaign import Bars, CampaignPage, Histogram, campaign_main
 from soter.report.errors import ReportError
 from soter.report.html import write_document
+from soter.report.run.result_wording import quantity
 from soter.report.sections import PageSection
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from soter.campaign.result import MetricResult, Result
     from soter.campaign.tables import CampaignLike
 
+COUNTS_MAX = 40
+"""Bars of a histogram of counts."""
 SAVE = (
     "A save is a disengagement after which a copy of the state, flown on with only this module's "
     "decision module off and the same draws, violates a property within the horizon; any other is "
@@ -64,21 +68,16 @@ def page_of(campaign: CampaignLike, program: str) -> CampaignPage:
         title=f"{Path(program).name}: {campaign.system}, {r.flights:,} flights",
         headline=headline,
         verdict="bad" if r.violations else "good" if r.properties else "",
-        sections=tuple(_sections(campaign, Path(program).name)),
+        sections=tuple(_sections(campaign, program)),
+        charts=tuple(_charts(campaign)),
         histograms=tuple(_histogram(m) for m in r.measures),
     )
 
 
 def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
     r = campaign.result
-    system = (
-        f"--system {campaign.system} --until {campaign.until_s:g}s --seed {campaign.first_seed}"
-    )
     says = [
         f"{r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s.",
-        f"Again: soter campaign {program} {system} --flights {r.flights}",
-        f"Flight K of it, looked at: soter run {program} {system} --flight K --report"
-        + (" (of an arm: --arm NAME)" if campaign.arms else ""),
         *_bounds(r),
     ]
     if campaign.forced:
@@ -102,6 +101,60 @@ def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
         if rows:
             yield PageSection(title, texts, head, rows)
     yield PageSection("What this rests on", RESTS_ON)
+    yield PageSection("Again", tuple(_again(campaign, program)))
+
+
+def _again(campaign: CampaignLike, program: str) -> Iterator[str]:
+    """The commands, whole, with everything that was asked for."""
+    flown = ["--system", campaign.system, "--until", f"{campaign.until_s:.15g}s"]
+    flown += ["--seed", f"{campaign.first_seed}"]
+    for name, value in campaign.params.items():
+        flown += ["--set", f"{name}={value}"]
+    asked = ["--flights", f"{campaign.result.flights}"]
+    asked += ["--arms", ",".join(campaign.asked_arms)] if campaign.asked_arms else []
+    asked += ["--saves", f"{campaign.horizon_s:.15g}s"] if campaign.horizon_s > 0 else []
+    yield f"`{shlex.join(['soter', 'campaign', program, *flown, *asked, '--report'])}`"
+    looked = shlex.join(["soter", "run", program, *flown, "--flight", "K", "--report"])
+    arm = "; of an arm: `--arm NAME`" if campaign.asked_arms else ""
+    yield f"Flight K of it, looked at{arm}: `{looked}`"
+
+
+def _charts(campaign: CampaignLike) -> Iterator[Bars | Histogram]:
+    """Who was in control and how often that changed; the arms side by side."""
+    r, flights = campaign.result, campaign.flights
+    several = len(r.modules) > 1
+    rows = [(m.name, m.ac_share, f"{m.ac_share:.2%}") for m in r.modules]
+    rows += [("all at once", r.ac_share, f"{r.ac_share:.2%}")] if several else []
+    if rows:
+        yield Bars("AC in control", "share of the time of all flights", tuple(rows))
+    for k, m in enumerate(r.modules):
+        counts = [f.disengagements[k] for f in flights]
+        if m.disengagements:
+            yield _counted(f"Takeovers a flight, {m.name}", counts)
+    if campaign.arms:
+        yield Bars(
+            "Flights violated, by arm",
+            "share of the same seeds",
+            tuple(
+                (
+                    a.name,
+                    a.result.flights_violated / (a.result.flights or 1),
+                    f"{a.result.flights_violated:,} of {a.result.flights:,}",
+                )
+                for a in campaign.arms
+            ),
+        )
+
+
+def _counted(name: str, counts: Sequence[int]) -> Histogram:
+    """How many flights had how many of something: a bar for each number, or for as many alike."""
+    wide = max(counts) // COUNTS_MAX + 1
+    bins = [0] * (max(counts) // wide + 1)
+    for count in counts:
+        bins[count // wide] += 1
+    caption = f"mean {sum(counts) / len(counts):.4g}, least {min(counts)}, most {max(counts)}"
+    edges = tuple(float(k * wide) for k in range(len(bins) + 1))
+    return Histogram(name, caption, edges, (0, *bins, 0), "takeovers", "flights", whole=True)
 
 
 def _bounds(r: Result) -> Iterator[str]:
@@ -116,8 +169,9 @@ def _bounds(r: Result) -> Iterator[str]:
 
 
 def _histogram(m: MetricResult) -> Histogram:
-    caption = f"mean {m.mean:.4g}, least {m.least:.4g}, most {m.most:.4g}"
+    unit = f" {m.unit}" if m.unit else ""
+    caption = f"mean {m.mean:.4g}{unit}, least {m.least:.4g}{unit}, most {m.most:.4g}{unit}"
     outside = m.bins[0] + m.bins[-1]
     if outside:
         caption += f"; {outside:,} looks beyond the range (faint)"
-    return Histogram(m.name, caption, m.edges, m.bins)
+    return Histogram(m.name, caption, m.edges, m.bins, quantity(m.name, m.unit), "looks")

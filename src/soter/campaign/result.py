@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.campaign.batch_flights import EPISODE_NS
 from soter.campaign.statistics import FLIGHTS, RateInterval, interval_of, share_of
 from soter.campaign.store import digest_of
+from soter.language.model.types import FloatType, IntType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -48,7 +49,7 @@ class ModuleStatistics:
 
 @dataclass(frozen=True)
 class MetricResult:
-    """A measure over all flights: its mean over looks, its ends, its histogram.
+    """A measure over all flights: its mean over looks, its ends, its histogram, all in `unit`.
 
     `edges`: (bins + 1,) of the range; `bins`: (bins + 2,) counts, below and above the range, too.
     """
@@ -59,6 +60,7 @@ class MetricResult:
     most: float
     edges: tuple[float, ...]
     bins: tuple[int, ...]
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -226,6 +228,7 @@ def _measured(flights: Sequence[FlightOutcome], system: System) -> tuple[MetricR
                 most=max((x.most for x in looks), default=nan),
                 edges=edges,
                 bins=tuple(bins),
+                unit=m.value.type.unit if isinstance(m.value.type, (FloatType, IntType)) else "",
             )
         )
     return tuple(measures)

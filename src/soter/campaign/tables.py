@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from soter.campaign.flight import FlightOutcome
     from soter.campaign.result import ModuleStatistics, Result
 
     Row = tuple[str, ...]
@@ -57,12 +58,24 @@ class CampaignLike(Protocol):
         """As `Campaign.folder`."""
 
     @property
+    def params(self) -> Mapping[str, str]:
+        """As `Campaign.params`."""
+
+    @property
+    def flights(self) -> Sequence[FlightOutcome]:
+        """As `Campaign.flights`."""
+
+    @property
     def result(self) -> Result:
         """As `Campaign.result`."""
 
     @property
     def arms(self) -> Sequence[FlownLike]:
         """As `Campaign.arms`."""
+
+    @property
+    def asked_arms(self) -> Sequence[str]:
+        """As `Campaign.asked_arms`."""
 
     @property
     def lateness(self) -> str:

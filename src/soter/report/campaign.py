@@ -1,6 +1,6 @@
 """The page of a campaign: what was flown, what happened, in tables and histograms.
 
-Purpose: one HTML file without scripts; the histograms are SVG.
+Purpose: one HTML file without scripts; bars and histograms are SVG.
 Non-goals: computing any of it.
 """
 
@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.sections import sections_main
+from soter.report.sections import sections_main, sections_told
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from soter.report.sections import PageSection
 
-WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 720, 220, 64, 36, 12, 12
-FILL = "#3465a4"
+WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 520, 240, 58, 44, 12, 12
+SIDE, ROW = 22, 46
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,20 @@ class Histogram:
     caption: str
     edges: tuple[float, ...]
     bins: tuple[int, ...]
+    x_name: str = ""
+    of: str = "looks"
+    """What is counted."""
+    whole: bool = False
+    """Each bin is of whole numbers from its lower edge on, which stands below its middle."""
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Shares side by side: each of `rows` has a name, a share (0..1) and that as a text."""
+
+    name: str
+    caption: str
+    rows: tuple[tuple[str, float, str], ...]
 
 
 @dataclass(frozen=True)
@@ -40,17 +54,46 @@ class CampaignPage:
     verdict: str
     sections: tuple[PageSection, ...]
     histograms: tuple[Histogram, ...]
+    charts: tuple[Bars | Histogram, ...] = ()
+    """What happened; `histograms`: what was measured."""
 
 
 def campaign_main(page: CampaignPage) -> str:
     """The body of the page."""
-    parts = list(sections_main(page.title, page.headline, page.verdict, page.sections))
-    if page.histograms:
-        parts.append('<h2 style="margin-top: 2rem">What was measured</h2>')
-    for h in page.histograms:
-        parts += [f"<h3>{escape(h.name)}</h3><figure>", *_histogram(h)]
-        parts.append(f"<figcaption>{escape(h.caption)}</figcaption></figure>")
-    return "\n".join(parts)
+    parts = list(sections_main(page.title, page.headline, page.verdict, page.sections[:1]))
+    parts += _drawn("What happened", page.charts)
+    parts += _drawn("What was measured", page.histograms)
+    return "\n".join([*parts, *sections_told(page.sections[1:])])
+
+
+def _drawn(title: str, charts: Sequence[Bars | Histogram]) -> Iterator[str]:
+    """Charts under a heading, side by side where there is room."""
+    if not charts:
+        return
+    yield f'<section class="told"><h2>{escape(title)}</h2><div class="figures">'
+    for chart in charts:
+        yield f"<figure><figcaption>{escape(chart.name)}</figcaption>"
+        yield from _bars(chart) if isinstance(chart, Bars) else _histogram(chart)
+        yield f'<p class="note">{escape(chart.caption)}</p></figure>'
+    yield "</div></section>"
+
+
+def _bars(chart: Bars) -> Iterator[str]:
+    """A bar a row, its name above it: names are as long as they are."""
+    height = ROW * len(chart.rows) + BOTTOM
+    depth = WIDTH - 2 * SIDE
+    yield f'<svg class="chart" viewBox="0 0 {WIDTH} {height}" role="img">'
+    yield f"<title>{escape(chart.name)}: {escape(chart.caption)}</title>"
+    for k in range(5):
+        x = SIDE + depth * k / 4
+        yield f'<path class="grid" d="M{x:g} 0V{height - BOTTOM}"/>'
+        yield f'<text x="{x:g}" y="{height - 10}" text-anchor="middle">{k / 4:.0%}</text>'
+    for k, (name, share, text) in enumerate(chart.rows):
+        y = k * ROW
+        yield f'<text x="{SIDE}" y="{y + 18}">{escape(name)}</text>'
+        yield f'<text x="{WIDTH - SIDE}" y="{y + 18}" text-anchor="end">{escape(text)}</text>'
+        yield f'<rect x="{SIDE}" y="{y + 26}" width="{depth * share:.2f}" height="14"/>'
+    yield "</svg>"
 
 
 def _histogram(h: Histogram) -> Iterator[str]:
@@ -59,26 +102,27 @@ def _histogram(h: Histogram) -> Iterator[str]:
     most = max(h.bins) / total or 1.0
     step = (WIDTH - LEFT - RIGHT) / len(h.bins)
     depth = HEIGHT - TOP - BOTTOM
-    yield f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" font-size="12" fill="currentColor">'
+    yield f'<svg class="chart" viewBox="0 0 {WIDTH} {HEIGHT}" role="img">'
     yield f"<title>{escape(h.name)}: {escape(h.caption)}</title>"
     for k in range(5):
         y = HEIGHT - BOTTOM - depth * k / 4
-        yield f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}" '
-        yield 'stroke="currentColor" stroke-opacity="0.2"/>'
-        yield f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{most * k / 4:.2%}</text>'
+        yield f'<path class="grid" d="M{LEFT} {y:.1f}H{WIDTH - RIGHT}"/>'
+        yield f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{most * k * 25:.3g} %</text>'
     for k, count in enumerate(h.bins):
         tall = depth * (count / total) / most
         x = LEFT + k * step
         faint = ' fill-opacity="0.4"' if k in (0, len(h.bins) - 1) else ""
         yield f'<rect x="{x:.2f}" y="{HEIGHT - BOTTOM - tall:.2f}" width="{step * 0.92:.2f}" '
-        yield f'height="{tall:.2f}" fill="{FILL}"{faint}>'
-        yield f"<title>{_bin(h, k)}: {count}</title></rect>"
+        yield f'height="{tall:.2f}"{faint}>'
+        yield f"<title>{_bin(h, k)}: {count:,} {escape(h.of)}</title></rect>"
     bins = len(h.bins) - 2
-    for k in range(0, bins + 1, max(1, bins // 10)):
-        x = LEFT + (k + 1) * step
+    for k in range(0, bins + (not h.whole), max(1, bins // 10)):
+        x = LEFT + (k + 1 + h.whole / 2) * step
         yield f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">'
-        yield f"{h.edges[k]:.3g}</text>"
-    yield "</svg>"
+        yield f"{h.edges[k]:.4g}</text>"
+    middle = (LEFT + WIDTH - RIGHT) / 2
+    at = f'x="{middle:g}" y="{HEIGHT - 4}" text-anchor="middle"'
+    yield f'<text class="name" {at}>{escape(h.x_name)}</text></svg>'
 
 
 def _bin(h: Histogram, k: int) -> str:
@@ -86,4 +130,6 @@ def _bin(h: Histogram, k: int) -> str:
         return f"below {h.edges[0]:g}"
     if k == len(h.bins) - 1:
         return f"above {h.edges[-1]:g}"
-    return f"{h.edges[k - 1]:g} to {h.edges[k]:g}"
+    if h.whole and h.edges[k] - h.edges[k - 1] == 1:
+        return f"{h.edges[k - 1]:g}"
+    return f"{h.edges[k - 1]:g} to {h.edges[k] - h.whole:g}"

@@ -10,8 +10,13 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from soter.report.run.result_wording import prose
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+LONG = 24
+"""Cells of more letters keep a width that is read well, where the window is narrow."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +35,19 @@ def sections_main(
     """The body of the page; `verdict`: "good", "bad" or "", how the headline is coloured."""
     yield f'<h1>{escape(title)}</h1>\n<p class="verdict {verdict}">'
     yield f"<strong>{escape(headline)}</strong></p>"
+    yield from sections_told(sections)
+
+
+def sections_told(sections: Sequence[PageSection]) -> Iterator[str]:
+    """Sections alone."""
     for section in sections:
         yield from _section(section)
 
 
 def _section(section: PageSection) -> Iterator[str]:
-    yield f'<section style="margin-top: 2rem"><h2>{escape(section.title)}</h2>'
+    yield f'<section class="told"><h2>{escape(section.title)}</h2>'
     for text in section.says:
-        yield f"<p>{escape(text)}</p>"
+        yield f"<p>{prose(text)}</p>"
     if section.rows:
         head = "".join(f"<th>{escape(h)}</th>" for h in section.head)
         rows = "".join(f"<tr>{_cells(row)}</tr>" for row in section.rows)
@@ -47,4 +57,7 @@ def _section(section: PageSection) -> Iterator[str]:
 
 
 def _cells(row: Sequence[str]) -> str:
-    return "".join(f"<td>{escape(cell)}</td>" for cell in row)
+    return "".join(
+        f'<td class="long">{escape(cell)}</td>' if len(cell) > LONG else f"<td>{escape(cell)}</td>"
+        for cell in row
+    )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from bench.running import results_page as results
@@ -75,3 +76,27 @@ def test_the_page_calls_inside_what_its_own_tables_do() -> None:
         outside = re.findall(r"\| outside( \||$)", section)
         assert ("all of them inside" in section) == (not outside)
     assert len(re.findall(r"all of them inside", page)) == 1
+
+
+def test_the_title_has_our_figures_beside_the_papers() -> None:
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    rows = [re.split(r" *\| *", line)[1:-1] for line in page.splitlines() if line.startswith("|")]
+    ours, paper = page.splitlines()[0].split("; the paper: ")
+    told = {row[0]: row[1:] for row in rows if len(row) == 4}
+    for column in (1, 2):
+        assert f"{told['violations'][column].split()[0]} " in ours
+        hours = re.search(r", ([\d.]+) h of it aloft", told["simulated"][column])
+        assert hours is not None
+        assert f"{float(hours[1]):.0f}" in ours
+        assert told["flown"][column].split(" km")[0] in ours
+    assert told["violations"][0] in paper
+    assert told["simulated"][0].split()[0] in paper
+    assert told["flown"][0].removeprefix("about ") in paper
+    figures = results.title(result(0, 172.8, 1564.2), result(3, 170.4, 1500.0))
+    assert "0 and 3 violations in 173 and 170 h aloft and 1,564 and 1,500 km of two" in figures
+    assert page.startswith(f"# {results.title(result(0, 172.8, 1564.2), result(0, 173.1, 1563.8))}")
+
+
+def result(violations: int, hours: float, km: float) -> Any:
+    """As much of a result as the title says."""
+    return SimpleNamespace(violations=violations, rate_hours=hours, km=km)

@@ -47,8 +47,9 @@ def test_a_replayed_trace_has_a_page_without_a_path(soter: Soter, here: Path, na
 
 
 def text_of(path: Path) -> str:
-    """The words of a page."""
-    return unescape(re.sub(r"<[^>]*>", " ", path.read_text("utf-8")))
+    """The words of a page, code in backticks as in a terminal."""
+    page = re.sub(r"</?code>", "`", path.read_text("utf-8"))
+    return unescape(re.sub(r"<[^>]*>", " ", page))
 
 
 @pytest.mark.parametrize(("wind", "code"), [("[-0.2, 0.2]", 0), ("[-0.1, 0.1]", 3)])

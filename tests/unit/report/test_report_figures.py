@@ -17,7 +17,7 @@ from city_solid import city_solid
 from soter.report.run.figure import arm_group, decision_hover
 from soter.report.run.packed_json import numbers
 from soter.report.run.page import body
-from soter.report.run.record import Decision, ModeBand, Threshold, Violation
+from soter.report.run.record import Decision, ModeBand, Series, Threshold, Violation
 from soter.report.run.timeline import chart_timeline, flight_timeline
 
 if TYPE_CHECKING:
@@ -198,6 +198,97 @@ def test_levels_and_their_labels_have_room(cart_page: ReportPage) -> None:
     low, high = figure.layout["yaxis2"]["range"]  # type: ignore[index]
     assert low < -50.0
     assert high > 60.0
+
+
+def label_of(figure: Figure, text: str) -> dict[str, Any]:
+    """The label of a level."""
+    (note,) = [n for n in _list(figure, "annotations") if n["text"] == text]
+    return note
+
+
+@pytest.mark.parametrize(
+    ("late", "early", "side", "end"),
+    [
+        (0.0, 0.0, "bottom", "right"),  # nothing near: above its line, at the end
+        (60.0, 0.0, "bottom", "left"),  # the curve passes the limit at the end
+        (60.0, 60.0, "top", "right"),  # all along: below
+    ],
+)
+def test_a_levels_label_stands_where_no_curve_runs(
+    cart_page: ReportPage, late: float, early: float, side: str, end: str
+) -> None:
+    chart = cart_page.charts[0]
+    values = np.where(chart.time_s > chart.time_s[-1] * 0.4, late, early)
+    values[0] = -60.0
+    series = dataclasses.replace(
+        chart.series[0], values=values, thresholds=(Threshold("wall", 50.0),)
+    )
+    drawn = chart_timeline(dataclasses.replace(chart, series=(series,)), "c", end_s=15.0)
+    label = label_of(drawn, "wall")
+    assert (label["yanchor"], label["xanchor"]) == (side, end)
+    assert label["bgcolor"].startswith("@")  # legible where it has to stand over a curve
+
+
+def test_labels_of_a_least_and_a_greatest_value_stand_outside_of_both(
+    cart_page: ReportPage,
+) -> None:
+    levels = (Threshold("least", -50.0), Threshold("greatest", 50.0))
+    series = dataclasses.replace(cart_page.charts[0].series[0], thresholds=levels)
+    chart = dataclasses.replace(cart_page.charts[0], series=(series,))
+    figure = chart_timeline(chart, "c", end_s=15.0)
+    assert label_of(figure, "greatest")["yanchor"] == "bottom"
+    assert label_of(figure, "least")["yanchor"] == "top"
+    assert figure.layout["yaxis2"]["range"][0] < -60.0  # type: ignore[index]
+
+
+def test_a_held_signal_is_drawn_as_steps_that_stand_where_they_were(cart_page: ReportPage) -> None:
+    time_s = np.linspace(0.0, 100.0, 40_001)
+    gear = np.zeros(len(time_s))
+    gear[12_347:12_349] = 3.0
+    moving = Series("v", "m/s", np.sin(time_s))
+    chart = dataclasses.replace(
+        cart_page.charts[0],
+        time_s=time_s,
+        series=(Series("gear", "", gear, held=True), moving),
+        modes=(),
+        decisions=(),
+        violations=(),
+    )
+    figure = chart_timeline(chart, "c", end_s=100.0)
+    steps, curve = traces(figure, name="gear")[0], traces(figure, name="v")[0]
+    assert (steps["line"]["shape"], curve["line"]["shape"]) == ("hv", "linear")
+    x, y = np.array(steps["x"]), np.array(steps["y"])
+    assert len(x) < 5000
+    edges = x[np.flatnonzero(np.diff(y)) + 1]
+    np.testing.assert_allclose(edges, time_s[[12_347, 12_349]], atol=1e-3)
+
+
+def many(count: int) -> tuple[Decision, ...]:
+    """Takeovers and returns in turn over 15 s, most of them in the last third."""
+    times = 15.0 * (np.arange(count) / count) ** 0.3
+    return tuple(
+        Decision(float(t), "SafeCart", "SC" if k % 2 else "AC") for k, t in enumerate(times)
+    )
+
+
+def test_hundreds_of_takeovers_are_a_density(cart_page: ReportPage) -> None:
+    chart = dataclasses.replace(cart_page.charts[0], decisions=many(600))
+    figure = chart_timeline(chart, "c", end_s=15.0)
+    (bars,) = traces(figure, type="bar")
+    assert sum(bars["y"]) == 300
+    assert sum(bars["y"][80:]) > 200
+    assert traces(figure, yaxis="y") == []  # no marks on the band
+    title = "takeovers of SafeCart in each 0.125 s, 300 in all"
+    assert title in [note["text"] for note in _list(figure, "annotations")]
+    assert sum(bool(traces(figure, yaxis=f"y{k}")) for k in (3, 4, 5)) == 3  # the panels, below
+
+
+def test_hundreds_of_takeovers_of_a_flight_are_a_density(protected: Flight) -> None:
+    flight = dataclasses.replace(protected, decisions=many(200))
+    figure = flight_timeline(flight, "t", end_s=15.0, clearance_range_m=(-1.0, 4.0))
+    (bars,) = traces(figure, type="bar")
+    assert (sum(bars["y"]), bars["yaxis"]) == (100, "y4")
+    assert len(marks(figure, "DM took over, ")) == 0
 
 
 def _list(figure: Figure, name: str) -> list[dict[str, Any]]:

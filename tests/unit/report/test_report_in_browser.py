@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 import soter
+from soter.campaign.page import write_page
+from soter.report.proof.page import write_proof
+from soter.report.proof.record import (
+    R1,
+    R4,
+    ModuleProof,
+    ProofPage,
+    PropertyRow,
+    RegionFigure,
+    RegionSlice,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import browser
 
+HASH = "64e94e48e18f8e7a523192fd32eba788858b7f9257e2f21fe1d313150dbd6b1c"
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 PHONE_PX = 420
 READY = "document.querySelectorAll('#figure-chart-0 .main-svg').length > 0"
@@ -88,3 +104,83 @@ def test_a_page_that_was_moved_alone_says_what_it_lacks(
     page.wait("document.readyState === 'complete'")
     assert "soter-plotly" in page.value("document.getElementById('figure-chart-0').textContent")
     assert page.value(LIT) == ["SafeCart.Fast"]
+
+
+def proof_page(folder: Path) -> Path:
+    """A proof of three axes: of AC's are 4, 16 and 0 of the cells of three slices."""
+    cells = np.full((3, 6, 6), R1, dtype=np.uint8)
+    cells[0, :2, :2] = cells[1, :4, :4] = R4
+    edges = np.linspace(-1.0, 1.0, 7)
+    figure = RegionFigure(
+        title="c.x and c.v",
+        x_name="c.x",
+        y_name="c.v",
+        x_edges=edges,
+        y_edges=edges,
+        regions=cells[1],
+        across="c.z",
+        slices=tuple(RegionSlice(f"c.z at {k} m", part) for k, part in enumerate(cells)),
+        shown=1,
+    )
+    rows = tuple(PropertyRow(f"P{k}", "words " * 20, "proved", HASH, 0.5) for k in range(3))
+    module = ModuleProof("c.Safe", "proved", HASH, rows, (("H", "horizon", "1 s"),), (), (figure,))
+    made = ProofPage("a proof", "c.Safe: proved", "", (module,), (HASH,), (), {"program": HASH})
+    return write_proof(made, folder / "proof.html")
+
+
+SHOWN = "[...document.querySelectorAll('.slice')].map((e) => getComputedStyle(e).display != 'none')"
+WHERE = "document.querySelector('.slices output').textContent"
+SLIDE = (
+    "(() => { const m = document.querySelector('.slices input'); m.value = %s;"
+    " m.dispatchEvent(new Event('input')); })()"
+)
+
+
+def test_a_slider_goes_through_the_third_axis_from_the_fullest_slice(
+    page: browser.Page, tmp_path: Path
+) -> None:
+    path = proof_page(tmp_path)
+    page.open(path.as_uri())
+    page.wait(
+        "document.querySelectorAll('.slice').length === 3 && document.readyState != 'loading'"
+    )
+    assert page.value(SHOWN) == [False, True, False]
+    assert page.value("document.querySelector('.slices input').clientWidth") > 100
+    page.value(SLIDE % 2)
+    assert page.value(SHOWN) == [False, False, True]
+    assert page.value(WHERE) == "c.z at 2 m"
+    page.value(SLIDE % 0)
+    assert page.value(SHOWN) == [True, False, False]
+    assert page.errors == []
+
+
+def test_without_a_script_the_fullest_slice_is_there_and_no_slider(
+    page: browser.Page, tmp_path: Path
+) -> None:
+    path = proof_page(tmp_path)
+    path.write_text(re.sub(r"<script>.*?</script>", "", path.read_text(), flags=re.DOTALL))
+    page.open(path.as_uri())
+    page.wait(
+        "document.querySelectorAll('.slice').length === 3 && document.readyState != 'loading'"
+    )
+    assert page.value(SHOWN) == [False, True, False]
+    assert page.value(WHERE) == "c.z at 1 m"
+    assert page.value("document.querySelector('.slices input').clientWidth") == 0
+
+
+def campaign_page(folder: Path) -> Path:
+    program = soter.load(CART)
+    flown = program.campaign("Protected", flights=3, until="5s", arms=("ac",), output=folder / "c")
+    return write_page(flown, str(CART), folder / "campaign.html")
+
+
+@pytest.mark.parametrize("make", [proof_page, campaign_page])
+def test_hashes_break_and_tables_scroll_on_a_phone(
+    make: Callable[[Path], Path], page: browser.Page, tmp_path: Path
+) -> None:
+    page.size(PHONE_PX, 900)
+    page.open(make(tmp_path).as_uri())
+    page.wait("document.querySelectorAll('table').length > 1 && document.readyState === 'complete'")
+    assert page.value("document.documentElement.scrollWidth") <= PHONE_PX
+    long = "[...document.querySelectorAll('td.long')].every((e) => e.clientWidth > 150)"
+    assert page.value(long)

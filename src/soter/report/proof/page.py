@@ -10,7 +10,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.html import document, write_document
+from soter.report.html import document, write_text
 from soter.report.proof.regions import region_svg
 from soter.report.run.result_wording import prose
 
@@ -36,12 +36,13 @@ REGIONS = (
 
 def write_proof(page: ProofPage, path: str | os.PathLike[str]) -> Path:
     """Write the page to `path`; it needs no script and no network. Raises `ReportError`."""
-    return write_document(page.title, proof_body(page), path)
+    return write_text(proof_document(page), path)
 
 
 def proof_document(page: ProofPage) -> str:
-    """The page as one text."""
-    return document(page.title, proof_body(page))
+    """The page as one text; only sliders through a third axis have a script."""
+    main = proof_body(page)
+    return document(page.title, main, "slices" if 'class="slices"' in main else "")
 
 
 def proof_body(page: ProofPage) -> str:
@@ -167,7 +168,21 @@ def _leaving(m: ModuleProof) -> str:
 
 def _figure(f: RegionFigure) -> str:
     note = f'<p class="note">{prose(f.note)}</p>' if f.note else ""
-    return f"<figure><figcaption>{prose(f.title)}</figcaption>{region_svg(f)}{note}</figure>"
+    return (
+        f"<figure><figcaption>{prose(f.title)}</figcaption>{region_svg(f)}{_slider(f)}{note}"
+        "</figure>"
+    )
+
+
+def _slider(f: RegionFigure) -> str:
+    """Where the figure is cut, and what the script moves that with."""
+    if not f.slices:
+        return ""
+    return (
+        f'<p class="slices"><output>{escape(f.slices[f.shown].where)}</output>'
+        f'<input type="range" min="0" max="{len(f.slices) - 1}" value="{f.shown}" hidden '
+        f'aria-label="{escape(f.across)}"></p>'
+    )
 
 
 def _figures(m: ModuleProof) -> str:

@@ -42,11 +42,23 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
+class RegionSlice:
+    """A region figure at another place of the third axis: `where` says at which, for people.
+
+    `regions` as of `RegionFigure`, of the same shape.
+    """
+
+    where: str
+    regions: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
 class RegionFigure:
     """The paper's region figure for one group, or a slice of it.
 
     `regions[i, j]` is 1 to 5 for the cell between `x_edges[i:i+2]` and `y_edges[j:j+2]`. A group
-    of one axis has a single row with `y_name` empty.
+    of one axis has a single row with `y_name` empty. Of three axes: `slices` through the third
+    one, `across`, from its lowest value on, of which number `shown` is the figure's own.
     """
 
     title: str
@@ -57,6 +69,11 @@ class RegionFigure:
     regions: NDArray[np.uint8]
     note: str = ""
     trajectory: Trajectory | None = None
+    x_unit: str = ""
+    y_unit: str = ""
+    across: str = ""
+    slices: tuple[RegionSlice, ...] = ()
+    shown: int = 0
 
 
 @dataclass(frozen=True)

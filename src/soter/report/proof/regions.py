@@ -1,7 +1,7 @@
 """The paper's region figure R1 to R5 as an SVG drawing.
 
-Purpose: one path a region, cells of a row merged into runs, so that a grid of 100,000 cells is a
-small, sharp drawing that prints and needs no script.
+Purpose: one path a region, cells merged into rectangles, so that a grid of 100,000 cells is a
+small, sharp drawing that prints and needs no script; of slices the one that is shown.
 Non-goals: deciding which cell belongs where (`verify/`).
 """
 
@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.report.proof.record import R1, R5
+from soter.report.run.result_wording import quantity
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from soter.report.proof.record import RegionFigure, Trajectory
+    from soter.report.proof.record import RegionFigure, RegionSlice, Trajectory
 
 WIDTH, HEIGHT = 520.0, 340.0
 LEFT, RIGHT, TOP, BOTTOM = 62.0, 14.0, 10.0, 46.0
@@ -33,14 +34,11 @@ def region_svg(figure: RegionFigure) -> str:
     height = STRIP + TOP + BOTTOM if flat else HEIGHT
     x = _Scale(figure.x_edges, LEFT, WIDTH - RIGHT)
     y = _Scale(figure.y_edges, height - BOTTOM, TOP)
-    parts = [
-        f'<path class="r{code}" d="{path}"/>'
-        for code in range(R1, R5 + 1)
-        if (path := _region_path(figure, code, x, y))
-    ]
-    parts += _axis_x(x, figure.x_name, height)
+    parts = [_slice(s, k == figure.shown, x, y) for k, s in enumerate(figure.slices)]
+    parts = parts or _paths(figure.regions, x, y)
+    parts += _axis_x(x, quantity(figure.x_name, figure.x_unit), height)
     if not flat:
-        parts += _axis_y(y, figure.y_name, height)
+        parts += _axis_y(y, quantity(figure.y_name, figure.y_unit), height)
     if figure.trajectory is not None:
         parts.append(_trajectory(figure.trajectory, x, y))
     frame = (
@@ -75,17 +73,35 @@ class _Scale:
         return [float((first + k) * step) for k in range(count)]
 
 
-def _region_path(figure: RegionFigure, code: int, x: _Scale, y: _Scale) -> str:
-    """All cells of one region: a rectangle for each run along x."""
+def _slice(part: RegionSlice, shown: bool, x: _Scale, y: _Scale) -> str:
+    """One slice of several: all but the one that is shown are there for the slider."""
+    hidden = "" if shown else ' display="none"'
+    paths = "".join(_paths(part.regions, x, y))
+    return f'<g class="slice"{hidden}><title>{escape(part.where)}</title>{paths}</g>'
+
+
+def _paths(regions: NDArray[np.uint8], x: _Scale, y: _Scale) -> list[str]:
+    """A path for each region that has cells."""
+    return [
+        f'<path class="r{code}" d="{path}"/>'
+        for code in range(R1, R5 + 1)
+        if (path := _region_path(regions == code, x, y))
+    ]
+
+
+def _region_path(inside: NDArray[np.bool_], x: _Scale, y: _Scale) -> str:
+    """All cells of one region: a rectangle for each run along x, as high as rows have that run."""
     pieces: list[str] = []
-    inside = figure.regions == code
-    for j in range(inside.shape[1]):
-        row = np.flatnonzero(np.diff(np.concatenate(([False], inside[:, j], [False])).astype(int)))
-        top, bottom = y.places[j + 1], y.places[j]
-        pieces += [
-            f"M{x.places[a]:g} {bottom:g}H{x.places[b]:g}V{top:g}H{x.places[a]:g}z"
-            for a, b in zip(row[::2], row[1::2], strict=True)
-        ]
+    open_runs: dict[tuple[int, int], int] = {}
+    for j in range(inside.shape[1] + 1):
+        column = inside[:, j] if j < inside.shape[1] else np.zeros(len(inside), dtype=np.bool_)
+        ends = np.flatnonzero(np.diff(np.concatenate(([False], column, [False])).astype(int)))
+        row = set(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True))
+        for a, b in [run for run in open_runs if run not in row]:
+            bottom, top = y.places[open_runs.pop((a, b))], y.places[j]
+            pieces.append(f"M{x.places[a]:g} {bottom:g}H{x.places[b]:g}V{top:g}H{x.places[a]:g}z")
+        for run in sorted(row):
+            open_runs.setdefault(run, j)
     return "".join(pieces)
 
 

@@ -149,13 +149,17 @@ class Threshold:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A signal over time: `values` (N,) in `unit`; series of equal `panel` share one panel."""
+    """A signal over time: `values` (N,) in `unit`; series of equal `panel` share one panel.
+
+    `held`: each value stands until the next one, as in topics, integers and booleans.
+    """
 
     name: str
     unit: str
     values: NDArray[np.float64]
     panel: str = ""
     thresholds: tuple[Threshold, ...] = ()
+    held: bool = False
 
 
 @dataclass(frozen=True, eq=False)

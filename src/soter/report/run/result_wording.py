@@ -34,6 +34,13 @@ def prose(text: str) -> str:
     return SUBSCRIPTS.sub(lambda match: f"{match[1]}<sub>{match[2].strip('{}')}</sub>", set_off)
 
 
+def quantity(name: str, unit: str) -> str:
+    """What an axis or a panel shows: `x / m`, `speed / (m/s)`; without a unit the name alone."""
+    if not unit:
+        return name
+    return f"{name} / ({unit})" if "/" in unit else f"{name} / {unit}"
+
+
 def violation_count(arm: Flight | Chart) -> int:
     """Return how often the properties failed: as summarized, else as listed."""
     told = arm.summary.get("violations")

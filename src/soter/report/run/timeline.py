@@ -26,8 +26,10 @@ from soter.report.run.figure import (
     violation_cross,
     violation_hover,
 )
+from soter.report.run.level_labels import Curves, level_names, levels_of, levels_range
 from soter.report.run.packed_json import numbers
 from soter.report.run.record import Figure, Json
+from soter.report.run.result_wording import quantity
 from soter.report.run.signal_thinning import (
     POINTS_MAX,
     by_controller,
@@ -40,6 +42,7 @@ from soter.report.run.signal_thinning import (
     takeovers,
     thin,
 )
+from soter.report.run.takeover_density import density_title, takeover_density
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -52,8 +55,13 @@ BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX = 16, 132, 30, 62
 MARGIN_TOP_PX = 20
 NUMBERS_MAX, POINTS_MIN = 20_000, 500
 """Numbers of all signals of a chart together, and points of one at least: pages stay light."""
-LABEL_SHARE = 0.2
-"""Part of a panel's height that the label of a level needs above it."""
+STEPS_SHARE = 0.1
+"""Part of a chart's points that the steps of one signal may take to stand where they were."""
+MARKS_MAX = 80
+"""More decisions than that cover each other: their density is drawn."""
+DENSITY_PX = 44
+FEW = 4
+"""Whole numbers that a panel has a tick for each of."""
 MINUS = "\N{MINUS SIGN}"
 OVERLAYS = (("@ink", "solid"), ("@muted", "dash"), ("@muted", "dot"), ("@muted", "dashdot"))
 DASH_NAMES = {"dash": "dashed", "dot": "dotted", "dashdot": "dash-dotted"}
@@ -98,7 +106,8 @@ def flight_timeline(
 
     `clearance_range_m`: least and greatest clearance of all arms, so that they can be compared.
     """
-    stack = _Stack([BAND_PX, PANEL_PX, PANEL_PX * 2 // 3], end_s)
+    dense = [DENSITY_PX] if len(flight.decisions) > MARKS_MAX else []
+    stack = _Stack([BAND_PX, PANEL_PX, PANEL_PX * 2 // 3, *dense], end_s)
     data: list[Json] = []
     shapes = _band(stack, 0, flight.time_s, flight.in_control)
     stack.add_axis(0, visible=False, range=[0, 1], fixedrange=True)
@@ -117,7 +126,12 @@ def flight_timeline(
         mark, note = _lowest_mark(stack, flight, index)
         data.append(mark)
         notes.append(note)
-    data += _decision_marks(stack, 0, flight.decisions)
+    if dense:
+        data.append(takeover_density(flight.decisions, stack.name(3), end_s))
+        stack.add_axis(3, nticks=3, rangemode="tozero", fixedrange=True)
+        notes.append(_panel_name(stack, 3, density_title(flight.decisions, end_s)))
+    else:
+        data += _decision_marks(stack, 0, flight.decisions)
     data += _violation_marks(stack, 1, flight.violations, flight.time_s, flight.clearance_m)
     return Figure(
         key,
@@ -131,9 +145,12 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
     """Draw a band for each module and a panel for each group of signals."""
     panels = _panels(chart.series)
     bands = len(chart.modes)
+    mine = [_own(chart.decisions, band.module, bands) for band in chart.modes]
+    dense = [k for k, decisions in enumerate(mine) if len(decisions) > MARKS_MAX]
     marked = 1 if chart.violations else 0
-    rows = [BAND_PX] * (bands + marked) + [PANEL_PX] * len(panels)
-    stack = _Stack(rows, end_s)
+    first = bands + len(dense) + marked
+    heights = [BAND_PX] * bands + [DENSITY_PX] * len(dense) + [BAND_PX] * marked
+    stack = _Stack([*heights, *[PANEL_PX] * len(panels)], end_s)
     chosen = _chart_indices(chart)
     data: list[Json] = []
     shapes: list[Json] = []
@@ -141,25 +158,33 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
     for row, band in enumerate(chart.modes):
         shapes += _band(stack, row, chart.time_s, band.in_control)
         stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
-        mine = [d for d in chart.decisions if bands == 1 or d.module == band.module]
-        data += _decision_marks(stack, row, mine)
+        if row not in dense:
+            data += _decision_marks(stack, row, mine[row])
         if bands > 1:
             notes.append(_panel_name(stack, row, band.module))
+    for row, k in enumerate(dense, bands):
+        data.append(takeover_density(mine[k], stack.name(row), end_s))
+        stack.add_axis(row, nticks=3, rangemode="tozero", fixedrange=True)
+        notes.append(_panel_name(stack, row, density_title(mine[k], end_s, chart.modes[k].module)))
     if chart.violations:
-        data.append(_violation_row(stack, bands, chart.violations))
-        stack.add_axis(bands, visible=False, range=[0, 1], fixedrange=True)
+        row = first - 1
+        data.append(_violation_row(stack, row, chart.violations))
+        stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
         shapes += [_instant(violation.time_s) for violation in chart.violations]
-        notes.append(_panel_name(stack, bands, "violations"))
-    for index, (title, series) in enumerate(panels):
-        row = bands + marked + index
+        notes.append(_panel_name(stack, row, "violations"))
+    for row, (title, series) in enumerate(panels, first):
         if bands == 1:
             shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
         data += _panel(stack, row, chart, series, chosen)
-        stack.add_axis(row, nticks=5, **_range(series))
+        span = levels_range(series)
+        ticks = {"dtick": 1} if _few_whole(series) else {"nticks": 5}
+        stack.add_axis(row, **ticks, **({"range": list(span)} if span else {}))
         notes.append(_panel_name(stack, row, title))
-        for value, label in _levels(series).items():
-            shapes.append(_level(stack, row, value))
-            notes.append(_level_name(stack, row, label, value))
+        levels = levels_of(series)
+        shapes += [_level(stack, row, value) for value in levels]
+        if span:
+            curves = Curves(chart.time_s, series, end_s, span)
+            notes += level_names(stack.name(row), levels, curves)
     return Figure(
         key,
         f"{chart.title}: mode and signals over time",
@@ -186,8 +211,7 @@ def _panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
 
 def _panel_title(name: str, members: Sequence[Series]) -> str:
     """Write a panel's name and unit, and what the lines drawn over the first one are."""
-    unit = members[0].unit
-    title = f"{name} / {_unit(unit)}" if unit else name
+    title = quantity(name, members[0].unit)
     overlays = [
         f"{DASH_NAMES[dash]}: {each.name}"
         for (_, dash), each in zip(OVERLAYS[1:], members[1:], strict=False)
@@ -195,9 +219,17 @@ def _panel_title(name: str, members: Sequence[Series]) -> str:
     return f"{title}  ({', '.join(overlays)})" if overlays else title
 
 
-def _unit(unit: str) -> str:
-    """Put a quotient of units in parentheses, as in `speed / (m/s)`."""
-    return f"({unit})" if "/" in unit else unit
+def _few_whole(series: Sequence[Series]) -> bool:
+    """Whether a panel shows only a few whole numbers, as of modes and booleans."""
+    return all(
+        each.held
+        and bool(np.all(each.values == np.rint(each.values)))
+        and float(np.ptp(each.values)) <= FEW
+        and not each.unit
+        and not each.thresholds
+        for each in series
+        if each.values.size
+    )
 
 
 def _chart_indices(chart: Chart) -> NDArray[np.intp]:
@@ -211,6 +243,10 @@ def _chart_indices(chart: Chart) -> NDArray[np.intp]:
         extremes = (lowest(series.values), lowest(-series.values))
         keep += [index for index in extremes if index is not None]
     points_max = min(POINTS_MAX, max(NUMBERS_MAX // max(len(chart.series), 1), POINTS_MIN))
+    for series in chart.series:
+        changes = np.flatnonzero(np.diff(series.values)) + 1
+        if series.held and len(changes) <= points_max * STEPS_SHARE:
+            keep += changes.tolist()
     return thin(len(chart.time_s), keep, points_max=points_max)
 
 
@@ -233,7 +269,10 @@ def _panel(
                 "x": numbers(chart.time_s[chosen], 4),
                 "y": numbers(each.values[chosen], digits_of(each.values)),
                 "yaxis": stack.name(row),
-                "line": line(colour, 1.8 if dash == "solid" else 1.3, dash),
+                "line": {
+                    **line(colour, 1.8 if dash == "solid" else 1.3, dash),
+                    "shape": "hv" if each.held else "linear",
+                },
                 "hovertemplate": f"{escape(each.name)} = %{{y:.4g}}{escape(unit)}"
                 "<br>t = %{x:.3f} s<extra></extra>",
             }
@@ -314,16 +353,6 @@ def _rectangle(
     }
 
 
-def _levels(series: Sequence[Series]) -> dict[float, str]:
-    """The levels of a panel, each once, with everybody's label for it."""
-    labels_by_value: dict[float, list[str]] = {}
-    for each in series:
-        for threshold in each.thresholds:
-            labels = labels_by_value.setdefault(threshold.value, [])
-            labels += [s for s in threshold.label.split(", ") if s not in labels]
-    return {value: ", ".join(labels) for value, labels in labels_by_value.items()}
-
-
 def _level(stack: _Stack, row: int, value: float) -> Json:
     """Return a horizontal line across a row."""
     return {
@@ -335,21 +364,6 @@ def _level(stack: _Stack, row: int, value: float) -> Json:
         "y0": value,
         "y1": value,
         "line": {"color": "@takeover", "width": 1},
-    }
-
-
-def _level_name(stack: _Stack, row: int, label: str, value: float) -> Json:
-    """Return the label at the right end of a level."""
-    return {
-        "text": escape(label),
-        "xref": "paper",
-        "yref": stack.name(row),
-        "x": 1,
-        "y": value,
-        "xanchor": "right",
-        "yanchor": "bottom",
-        "showarrow": False,
-        "font": {"size": 11, "color": "@takeover"},
     }
 
 
@@ -420,16 +434,9 @@ def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> l
     ]
 
 
-def _range(series: Sequence[Series]) -> Json:
-    """Return an axis range in which levels and their labels have room; none without levels."""
-    levels = [threshold.value for each in series for threshold in each.thresholds]
-    if not levels:
-        return {}
-    finite = [each.values[np.isfinite(each.values)] for each in series]
-    values = np.concatenate([np.asarray(levels), *finite])
-    least, greatest = float(values.min()), float(values.max())
-    room = LABEL_SHARE * ((greatest - least) or 1.0)
-    return {"range": [least - 0.3 * room, greatest + room]}
+def _own(decisions: Sequence[Decision], module: str, bands: int) -> list[Decision]:
+    """The decisions of one module; where there is one band, all."""
+    return [d for d in decisions if bands == 1 or d.module == module]
 
 
 def _instant(time_s: float) -> Json:

@@ -169,7 +169,9 @@ def _margins(run: Run, thin: int) -> Iterator[Series]:
     """For how long AC surely keeps control, of modules whose levels say more than the calendar."""
     for m in run.system.modules:
         if m.looks > 1:
-            yield Series(f"margin({m.name})", "s", run.margin(m.name)[::thin], panel=m.name)
+            yield Series(
+                f"margin({m.name})", "s", run.margin(m.name)[::thin], panel=f"margin of {m.name}"
+            )
 
 
 def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
@@ -196,7 +198,8 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
             marks = (Threshold("least", levels.low), Threshold("greatest", levels.high))
         for each in _signals(topic.name, topic.type, trace["topics"][topic.name], marks):
             truth = measured.get(each.name)
-            yield _limited(each if truth is None else replace(each, panel=truth), demanded)
+            held = replace(each, held=True, panel=each.panel if truth is None else truth)
+            yield _limited(held, demanded)
 
 
 def _demanded(system: System) -> dict[str, list[Threshold]]:
@@ -264,7 +267,8 @@ def _signals(
     if isinstance(t, (FloatType, IntType, BoolType)):
         unit = "" if isinstance(t, BoolType) else t.unit
         numbers = np.ascontiguousarray(values, dtype=np.float64)
-        yield Series(name, unit, numbers, panel=name, thresholds=_in_sight(numbers, marks))
+        limits_in_sight, held = _in_sight(numbers, marks), not isinstance(t, FloatType)
+        yield Series(name, unit, numbers, panel=name, thresholds=limits_in_sight, held=held)
     elif isinstance(t, RecordType):
         together = {n for n, _ in t.fields} <= AXES
         for n, f in t.fields:

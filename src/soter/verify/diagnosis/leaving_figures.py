@@ -50,8 +50,10 @@ def leaving_figures(m: ModuleResult, run: LeavingRun) -> Iterator[RegionFigure]:
     drawn = Trajectory(run.time_s, states, none, leaves=True)
     yield RegionFigure(
         title=f"{run.axis} over time",
-        x_name="time, s",
+        x_name="time",
+        x_unit="s",
         y_name=run.axis,
+        y_unit=m.problem.quantities.states[axis].unit,
         x_edges=time,
         y_edges=edges,
         regions=inside[None, :],
@@ -106,4 +108,5 @@ def _plane(sets: GroupSets, run: LeavingRun, axis: int) -> RegionFigure:
     none = np.zeros(len(xs), dtype=np.bool_)
     names = axes[first].name, axes[second].name
     title, drawn = f"{names[0]} and {names[1]}", Trajectory(xs, ys, none, leaves=True)
-    return RegionFigure(title, *names, x, y, turned.T, "", drawn)
+    units = {"x_unit": axes[first].unit, "y_unit": axes[second].unit}
+    return RegionFigure(title, *names, x, y, turned.T, "", drawn, **units)

@@ -1,6 +1,7 @@
 """The paper's regions R1 to R5 of a group's cells, and the figure of them.
 
-Purpose: from the sets of a group to one number a cell; the first two axes as a figure.
+Purpose: from the sets of a group to one number a cell; the first two axes as a
+figure, and slices through the third one.
 Non-goals: drawing (`report/proof/regions.py`).
 """
 
@@ -10,13 +11,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure
+from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure, RegionSlice
 from soter.verify.claims.cell_boxes import drawn_edges
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.verify.claims.results import GroupSets
+    from soter.verify.problem.problem import Axis
+
+SLICES_MAX = 24
+"""Of a figure of three axes: each is some kB of the page."""
 
 
 def regions(sets: GroupSets) -> NDArray[np.uint8]:
@@ -32,25 +37,61 @@ def regions(sets: GroupSets) -> NDArray[np.uint8]:
 
 
 def figure(sets: GroupSets, note: str) -> RegionFigure:
-    """The first two axes; further ones are cut where the state is nearest to the middle."""
+    """The first two axes, cut across further ones where the slice is the fullest.
+
+    The third axis, where there is one, can be gone through: at most `SLICES_MAX` slices.
+    """
     axes, drawn = sets.group.axes, drawn_edges(sets.group.axes)
-    region_ids = regions(sets)
-    cuts: list[str] = []
-    for k, axis in enumerate(axes[2:]):
-        edges = np.asarray(axis.edges)
-        middle = int(np.argmin(np.abs((edges[:-1] + edges[1:]) / 2.0)))
-        region_ids = np.take(region_ids, [middle], axis=2).reshape(
-            *region_ids.shape[:2], *region_ids.shape[3:]
-        )
-        cuts.append(f"{axes[2 + k].name} in [{edges[middle]:.4g}, {edges[middle + 1]:.4g}]")
-    text = "; ".join(filter(None, (note, ", ".join(cuts))))
+    cells = regions(sets)
+    at = fullest(cells)
+    fourth = [_place(a, i) for a, i in zip(axes[3:], at[1:], strict=True)]
     open_ends = [f"{a.name} goes on to {a.edges[-1]:g}" for a in axes[:2] if a.open]
-    text = "; ".join(filter(None, (text, *open_ends)))
-    x = drawn[0]
+    text = "; ".join(filter(None, (note, ", ".join(fourth), *open_ends)))
+    x, unit = drawn[0], axes[0].unit
     if len(axes) == 1:
-        return RegionFigure(
-            axes[0].name, axes[0].name, "", x, np.array([0.0, 1.0]), region_ids[:, None], text
-        )
-    y = drawn[1]
-    title = f"{axes[0].name} and {axes[1].name}"
-    return RegionFigure(title, axes[0].name, axes[1].name, x, y, region_ids, text)
+        y = np.array([0.0, 1.0])
+        return RegionFigure(axes[0].name, axes[0].name, "", x, y, cells[:, None], text, x_unit=unit)
+    cut: tuple[slice | int, ...] = (slice(None), slice(None), slice(None), *at[1:])
+    through = cells[cut] if at else cells
+    indices = _sliced(cells.shape[2], at[0]) if at else []
+    return RegionFigure(
+        title=f"{axes[0].name} and {axes[1].name}",
+        x_name=axes[0].name,
+        y_name=axes[1].name,
+        x_edges=x,
+        y_edges=drawn[1],
+        regions=through[:, :, at[0]] if at else cells,
+        note=text,
+        x_unit=unit,
+        y_unit=axes[1].unit,
+        across=axes[2].name if at else "",
+        slices=tuple(RegionSlice(_place(axes[2], i), through[:, :, i]) for i in indices),
+        shown=indices.index(at[0]) if at else 0,
+    )
+
+
+def fullest(cells: NDArray[np.uint8]) -> tuple[int, ...]:
+    """Where, along the axes from the third on, most cells of the first two may be AC's.
+
+    Among equals: where most are in the core, then in C, then what is nearest to the middle.
+    """
+    if cells.ndim < 3:
+        return ()
+    counts = [np.count_nonzero(cells >= least, axis=(0, 1)) for least in (R2, R3, R4)]
+    places = np.indices(counts[0].shape).reshape(len(counts[0].shape), -1)
+    middle = (np.array(counts[0].shape)[:, None] - 1) / 2
+    off = np.abs(places - middle).sum(axis=0)
+    best = np.lexsort((-off, *(c.ravel() for c in counts)))[-1]
+    return tuple(int(i) for i in places[:, best])
+
+
+def _sliced(count: int, shown: int) -> list[int]:
+    """Which of `count` slices are drawn: both ends and `shown` among them."""
+    even = np.linspace(0, count - 1, min(count, SLICES_MAX)).round().astype(int)
+    return sorted({*even.tolist(), shown})
+
+
+def _place(axis: Axis, index: int) -> str:
+    """A cell of an axis, for people."""
+    unit = f" {axis.unit}" if axis.unit else ""
+    return f"{axis.name} in [{axis.edges[index]:.4g}, {axis.edges[index + 1]:.4g}]{unit}"

@@ -6,6 +6,7 @@ Non-goals: drawing (`report/proof/regions.py`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,11 +38,16 @@ def figures(part: PolytopePart, note: str) -> list[RegionFigure]:
         region_ids[p.contains(points)] = region
     if sets.allowed:
         region_ids[sets.free.contains(points) & sets.safer.contains(points)] = R5
-    cuts = [f"{a.name} = {x:.4g}" for a, x in zip(axes[2:], centre[2:], strict=True)]
+    cuts = [
+        f"{a.name} = {x:.4g} {a.unit}".rstrip() for a, x in zip(axes[2:], centre[2:], strict=True)
+    ]
     text = "; ".join(filter(None, (note, ", ".join(cuts), "drawn from half-spaces, by points")))
     regions = region_ids.reshape([PIXELS] * len(edges))
+    names, units = [a.name for a in axes], [a.unit for a in axes]
     if len(axes) == 1:
         y = np.array([0.0, 1.0])
-        return [RegionFigure(axes[0].name, axes[0].name, "", edges[0], y, regions[:, None], text)]
-    title = f"{axes[0].name} and {axes[1].name}"
-    return [RegionFigure(title, axes[0].name, axes[1].name, edges[0], edges[1], regions, text)]
+        one = regions[:, None]
+        return [RegionFigure(names[0], names[0], "", edges[0], y, one, text, x_unit=units[0])]
+    title = f"{names[0]} and {names[1]}"
+    figure = RegionFigure(title, names[0], names[1], edges[0], edges[1], regions, text)
+    return [replace(figure, x_unit=units[0], y_unit=units[1])]

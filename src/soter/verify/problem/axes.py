@@ -97,12 +97,13 @@ class Axes:
         return Group(tuple(axes), group.kind, group.span)
 
     def _axis(self, item: typed.TypedGridAxis, state: int) -> Axis:
-        name = self.inputs.states[state].name
+        leaf = self.inputs.states[state]
+        name, unit = leaf.name, leaf.unit
         if item.low is None or item.high is None:
             extent = self._extent(state)
             if not all(math.isfinite(x) for x in extent):
                 self._unbounded([name], item.span, f"polytope {name} in [-1.0, 1.0];")
-            return Axis(state, name, extent)
+            return Axis(state, name, extent, unit=unit)
         low, high = (
             float(self.calculator.value(e, "a bound") or 0.0) for e in (item.low, item.high)
         )
@@ -110,9 +111,9 @@ class Axes:
         edges = self._edges(low, high, int(cells or 1), item)
         if item.unbounded:
             width = high - low
-            return Axis(state, name, (low - width, *edges, high + width), unbounded=True)
+            return Axis(state, name, (low - width, *edges, high + width), unbounded=True, unit=unit)
         if item.open is None:
-            return Axis(state, name, edges)
+            return Axis(state, name, edges, unit=unit)
         end = float(self.calculator.value(item.open, "the end of an open axis") or 0.0)
         if not end - low < WIDEST * (high - low):
             self.diagnostics.error(
@@ -122,7 +123,7 @@ class Axes:
                 notes=("enclosures over such a cell say nothing",),
                 helps=("an end that no run passes, not far beyond what matters",),
             )
-        return Axis(state, name, (*edges, end), open=True)
+        return Axis(state, name, (*edges, end), open=True, unit=unit)
 
     def _edges(
         self, low: float, high: float, cells: int, item: typed.TypedGridAxis | None = None
@@ -227,7 +228,8 @@ class Axes:
     def _natural_axis(self, state: int, axes: int, extent: Interval | None) -> Axis:
         assert extent is not None
         edges = self._edges(extent.low, extent.high, DEFAULT_CELLS[axes])
-        return Axis(state, self.inputs.states[state].name, edges)
+        leaf = self.inputs.states[state]
+        return Axis(state, leaf.name, edges, unit=leaf.unit)
 
     # ------------------------------------------------------------ topics that are states
 

@@ -103,7 +103,8 @@ def _states(
             strict=False,
         ):
             name = ".".join((c.name, variable.name, *path))
-            leaf = Leaf(c.index, variable.name, path, name)
+            unit = t.unit if isinstance(t, FloatType) else ""
+            leaf = Leaf(c.index, variable.name, path, name, unit)
             if "[]" in path:
                 _not_float("state", name, variable.type, variable.span, diagnostics)
             elif isinstance(t, FloatType):

@@ -151,6 +151,8 @@ class Axis:
     """Nothing is claimed of runs beyond the last breakpoint, and no run is taken to get there."""
     unbounded: bool = False
     """The first and the last cell have no outer end: what lies beyond belongs to them."""
+    unit: str = ""
+    """As the program declares it for the state, for people."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,8 @@ class Leaf:
     path: tuple[str, ...]
     name: str
     """Full name for people: `tube.q3.x`, `control.y`."""
+    unit: str = ""
+    """Of a state, as it is declared."""
 
 
 @dataclass(frozen=True)
