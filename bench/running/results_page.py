@@ -5,10 +5,11 @@
 Four campaigns: the whole drone for as many hours as make 104 h aloft and 1,505 km, with faults
 inside of what its proofs assume and saves counted; the same seeds with faults outside besides; the
 same stack by other rules on N seeds; the laps of examples/drone/motion_primitive.soter, whose AC
-overshoots, by other rules on N seeds. Each is resumable in the folder DIR. No sentence of the page
-stands in this file as it is: figures are filled in, and which one is said depends on them. Exit
-code 1 where a flight is violated that no fault outside excuses, a flight is another one when it is
-run again, or an hour or a kilometre is missing.
+overshoots, by other rules on N seeds. Each is resumable in the folder DIR. Behind them stands
+what docs/benchmarks.md has of an autopilot's firmware. No sentence of the page stands in this file
+as it is: figures are filled in, and which one is said depends on them. Exit code 1 where a flight
+is violated that no fault outside excuses, a flight is another one when it is run again, or an hour
+or a kilometre is missing.
 """
 
 from __future__ import annotations
@@ -28,6 +29,12 @@ from soter.campaign.statistics import rate
 from soter.campaign.tables import faults as faults_table
 from soter.campaign.wording import an_hour, bound, guilt, interval, listed, verdict
 
+ROOT = Path(__file__).resolve().parents[2]
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from bench.run_all import sections  # noqa: E402 - needs the path
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -36,7 +43,6 @@ if TYPE_CHECKING:
     from soter.campaign.result import Result
     from soter.language.model.system import System
 
-ROOT = Path(__file__).resolve().parents[2]
 DRONE = ROOT / "examples" / "drone"
 PAGE = ROOT / "docs" / "results.md"
 ARMS = ("ac", "paper", "swept")
@@ -44,6 +50,10 @@ HOURS, KM = 104.0, 1505.0
 PAPERS_CRASHES, PAPERS_TAKEOVERS = 34, 109
 CRASH = "always city.NoCollision(d.truth.p)"
 MOTION = "SafeMotionPrimitive"
+FIRMWARE = "On the firmware of a real autopilot"
+PAPERS_FIRMWARE = "The paper flew PX4's firmware in the loop; this is Betaflight's, unmodified."
+HOW = "[autopilot.md](autopilot.md)"
+ON_FIRMWARE = ("Betaflight below a proved geofence", "Betaflight on the drone's laps")
 AGAIN = 3
 """Flights of a campaign that are run again, without a violation."""
 
@@ -249,8 +259,17 @@ def page(
     lines += ["## The same seeds by other rules: the stack", ""]
     lines += [*other_rules(rules), "", *prose(lateness(rules))]
     lines += ["## The same seeds by other rules: laps with an AC that overshoots", ""]
-    lines += [*other_rules(laps), "", *prose(lateness(laps))[:-1]]
-    return "\n".join(lines) + "\n"
+    lines += [*other_rules(laps), "", *prose(lateness(laps))]
+    return "\n".join([*lines, *on_firmware()]) + "\n"
+
+
+def on_firmware() -> list[str]:
+    """What stands in docs/benchmarks.md of flights of a real autopilot's firmware."""
+    lines = [f"## {FIRMWARE}", "", *prose(f"{PAPERS_FIRMWARE} How, and what it rests on: {HOW}.")]
+    text_by_name = sections()
+    for name in ON_FIRMWARE:
+        lines += [f"### {name}", "", text_by_name[name], ""]
+    return lines[:-1]
 
 
 # ---------------------------------------------------------------- flown again

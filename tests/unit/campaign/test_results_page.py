@@ -97,6 +97,11 @@ def test_the_title_has_our_figures_beside_the_papers() -> None:
     assert page.startswith(f"# {results.title(result(0, 172.8, 1564.2), result(0, 173.1, 1563.8))}")
 
 
+def test_the_flights_on_firmware_are_those_of_the_benchmarks() -> None:
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    assert page.endswith("\n".join(["", *results.on_firmware()]) + "\n")
+
+
 def result(violations: int, hours: float, km: float) -> Any:
     """As much of a result as the title says."""
     return SimpleNamespace(violations=violations, rate_hours=hours, km=km)
