@@ -219,6 +219,28 @@ def test_a_monitor_of_another_model_is_refused(
         assert "error[D022]" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "codes"),
+    [
+        ("WIND: float = 0.2", "set world.WIND = 0.1;", ["D022"]),
+        ("LAG: float = 1.0", "set world.LAG = 2.0;", ["D022"]),
+        ("WIND: float = 0.2", "set world.WIND = 0.2;", []),
+        ("WIND: float = 0.2", "", []),
+    ],
+)
+def test_a_system_whose_set_changes_the_model_is_warned_of_its_monitor(
+    tmp_path: Path, old: str, new: str, codes: list[str]
+) -> None:
+    path = world(tmp_path)
+    path.write_text(path.read_text().replace(f"const {old}", f"param {old}"))
+    load(path).emit_monitor(tmp_path / "watch.soter")
+    inner = WATCHED.replace("until 10s;", f"until 10s; {new}")
+    (tmp_path / "watched.soter").write_text(inner)
+    program = load(tmp_path / "watched.soter")
+    assert program.ok
+    assert [d.code for d in program.diagnostics if d.code == "D022"] == codes
+
+
 def test_a_model_that_obeys_another_topic_is_another_model(tmp_path: Path) -> None:
     path = world(tmp_path)
     text = path.read_text().replace(

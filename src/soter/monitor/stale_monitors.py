@@ -1,8 +1,9 @@
 """Whether a model monitor that `soter monitor --emit` wrote is still of the model it was made of.
 
 Purpose: the line of an emitted file that says what it was made of, and D022 for each file of a
-program of which the same command would now write another monitor.
-Non-goals: edits of the emitted node: only what it was made of is compared.
+program of which the same command would now write another monitor; as a warning for each system
+whose `set` gives its module another model than that of the monitor in it.
+Non-goals: edits of the emitted node: only what it was made of is compared. `--set` of a command.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Label, Severity, SoterError
 from soter.diagnostics.span import Span
 from soter.language.front_end import system_of
 from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from soter.language.front_end import CheckResult
     from soter.language.load.loader import LoadedFile
     from soter.language.model.system import System
+    from soter.language.model.typed import SystemSymbol
     from soter.verify.problem.problem import Problem
 
 EMITTED = "made by `soter monitor --emit`"
@@ -84,13 +86,46 @@ def fingerprint(problem: Problem) -> str:
 def stale_monitors(checked: CheckResult) -> list[Diagnostic]:
     """D022 for each emitted monitor in a sound program that is not of the model as it is now."""
     assert checked.loaded is not None
-    found = []
+    stale = []
     for file in checked.loaded.files:
         if EMITTED in file.source.text:
             wrong = _stale(checked, file)
-            if wrong is not None:
-                found.append(wrong)
-    return found
+            stale += [wrong] if wrong is not None else _of_other_systems(checked, file)
+    return stale
+
+
+def _of_other_systems(checked: CheckResult, file: LoadedFile) -> list[Diagnostic]:
+    """Warnings for systems with this monitor whose `set` gives its module another model."""
+    text = file.source.text
+    line = text[text.index(RECORD) + len(RECORD) :].split("\n", 1)[0]
+    made = json.loads(line)
+    others = []
+    for name, symbol in checked.systems.items():
+        if not symbol.sets:
+            continue
+        flat = system_of(checked, name)
+        if not any(
+            c.node is not None and c.node.span.source is file.source for c in flat.components
+        ):
+            continue
+        modules = [
+            m for m in flat.modules if m.name.split(".")[-1] == made["module"].split(".")[-1]
+        ]
+        if any(fingerprint(extract_sets(flat, m)) != made["model"] for m in modules):
+            others.append(_of_another_system(symbol, str(made["system"])))
+    return others
+
+
+def _of_another_system(symbol: SystemSymbol, made_of: str) -> Diagnostic:
+    return Diagnostic(
+        "D022",
+        f"the model monitor of system `{symbol.name}` is not of the model that this system has",
+        Label(symbol.span, f"by its `set`; the monitor is of `{made_of}`"),
+        notes=(
+            "right where the vehicle is to be another one than was proved, else silent or false",
+        ),
+        severity=Severity.WARNING,
+    )
 
 
 def _stale(checked: CheckResult, file: LoadedFile) -> Diagnostic | None:
