@@ -1,8 +1,8 @@
-"""Whether a module's own `safe` holds on what its topics hold: estimates, as its DM reads them.
+"""Whether a module's own `safe` holds on estimates: what its topics hold when an instant is over.
 
 Purpose: `CompiledSafe`, the predicates in C beside the program that runs natively, and
 `InterpretedSafe`, the same by the interpreter's evaluator, for runs of other programs; `SafeTally`,
-the looks of each DM in which it was false.
+the instants of looks of each DM after which it was false (nodes behind the DM count, too).
 Non-goals: properties, which are judged on the truth; why a DM decided (`explain_decision.py`).
 """
 
