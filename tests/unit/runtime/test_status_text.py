@@ -22,7 +22,7 @@ NOW = 10**12
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 ARMED, HOLDS, ENDED = 1, 2, 3
 BEGAN, CHECKED, UNCHECKED = 0, 1, 2
-HEAD, MODULE, LEASE = 3, 9, 3
+HEAD, MODULE, LEASE = 3, 9, 6
 ARM = "rosrun shuttle arm"
 
 
@@ -39,7 +39,8 @@ def code(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any]:
         """
         typedef struct { bool alive, ac, safer; int64_t sure_until; uint32_t why;
                          const uint64_t *takeovers; uint64_t missed; bool leased, lease_over;
-                         uint64_t given; bool actuators_alive; uint32_t state, how, answer;
+                         uint64_t given; uint32_t old_topic; int64_t old_ns, old_most_ns;
+                         bool actuators_alive; uint32_t state, how, answer;
         } soter_module_facts;
         typedef struct { uint32_t modules, module; int32_t lease; } soter_module_place;
         soter_module_facts soter_module_facts_of(soter_module_place, int64_t, const uint64_t *,
@@ -60,7 +61,7 @@ def told(code: tuple[Any, Any], **changed: int) -> tuple[int, str, float, str]:
     said |= {"state": HOLDS, "how": BEGAN, "actuators_age": 0, **changed}
     ffi, library = code
     module = [said["mode"], said["sure"], said["safer"], 1, 7, 0, 0, 0, 0]
-    words = ffi.new("uint64_t[]", [9, 0, 0, *[77] * MODULE, *module, 5, 0, said["over"]])
+    words = ffi.new("uint64_t[]", [9, 0, 0, *[77] * MODULE, *module, 5, 0, said["over"], 0, 0, 0])
     actuators = ffi.new("uint64_t[]", [4711, 0, 0, said["state"], said["how"], 0])
     assert len(words) == HEAD + 2 * MODULE + LEASE
     facts = ffi.new("soter_module_facts *")

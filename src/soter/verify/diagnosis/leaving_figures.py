@@ -108,5 +108,7 @@ def _plane(sets: GroupSets, run: LeavingRun, axis: int) -> RegionFigure:
     none = np.zeros(len(xs), dtype=np.bool_)
     names = axes[first].name, axes[second].name
     title, drawn = f"{names[0]} and {names[1]}", Trajectory(xs, ys, none, leaves=True)
-    units = axes[first].unit, axes[second].unit
-    return RegionFigure(title, *names, x, y, turned.T, "", drawn, *units)
+    return RegionFigure(
+        title, *names, x, y, turned.T, trajectory=drawn, x_unit=axes[first].unit,
+        y_unit=axes[second].unit,
+    )  # fmt: skip
