@@ -10,9 +10,9 @@ import pytest
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims.results import ASSUMED, PROVED, REFUTED, UNDECIDED, WORSE, Finding
+from soter.verify.module_methods import module_method
 from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, remaining
 from soter.verify.problem.extract import extract
-from soter.verify.verify_module import verify_module
 
 EXAMPLES = Path(__file__).resolve().parents[4] / "examples"
 
@@ -27,7 +27,8 @@ def test_a_problem_that_is_verified_twice_rests_on_the_same(name: str) -> None:
     (seen,) = systems_by_view(flat, flat.modules[0])
     problem = extract(*seen)
     before = problem.assumptions
-    first, second = (verify_module(problem, refute=False) for _ in range(2))
+    verify = module_method(problem).verify
+    first, second = (verify(problem, refute=False) for _ in range(2))
     assert first.assumptions == second.assumptions
     assert len(set(first.assumptions)) == len(first.assumptions)
     assert problem.assumptions == before

@@ -180,7 +180,7 @@ def test_the_table_of_the_dm_is_computed_inside_what_the_law_keeps() -> None:
         source = text(**HILL).replace("  failsafe vel = 0.0;\n", line)
         flat = system_of(check_file("stop.soter", source), None)
         (note,) = complete(flat)
-        share = re.search(r"on ([0-9.]+)% of the grid \(S_0\)", note)
+        share = re.search(r"on ([0-9.]+)% of the estimates \(S_0\)", note)
         assert share is not None, note
         assert share_by_law.setdefault(law, share[1]) == share[1]
     assert float(share_by_law["0.3"]) < float(share_by_law["0.0"]) < float(share_by_law["none"])
