@@ -224,7 +224,9 @@ def _jumps(
     bad = terms.both(runs, says, terms.no(good))
     if isinstance(bad, bool):
         return bad
-    return bool(terms.solver().check(bad) != terms.z3.unsat)
+    query = terms.query()
+    query.add(bad)
+    return bool(query.check() != terms.z3.unsat)
 
 
 def _same(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> Term:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.verify.induction.problem import InductionProblem
+    from soter.verify.induction.solver_query import Query
     from soter.verify.induction.solver_terms import Term
 
 DEPTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
@@ -151,14 +152,15 @@ def _base(problem: InductionProblem, induction: Induction, k: int) -> str:
     stretch = Stretch(problem, terms, end, first=True, latching=bool(induction.latching))
     induction.uninterpreted |= stretch.uninterpreted
     bad = _bad(stretch, 0, end)
-    solver = terms.solver()
-    answer = solver.check(terms.either(*[b for b, _, _ in bad]))
+    query = terms.query()
+    query.add(terms.either(*[b for b, _, _ in bad]))
+    answer = query.check()
     if answer == terms.z3.unsat:
         return HOLDS
     if answer != terms.z3.sat:
         induction.why = f"the solver gave up on the first {k} hyperperiods"
         return UNKNOWN
-    model = solver.model()
+    model = query.model()
     times = [
         (model.eval(terms.z3.IntVal(0) + at, model_completion=True).as_long(), number)
         for b, at, number in bad
@@ -186,9 +188,10 @@ def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
     stretch = Stretch(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
     failures = _bad(stretch, k * whole, (k + 1) * whole)
     for claim in sorted({number for _, _, number in failures}):
-        solver = terms.solver()
-        _assume(solver, stretch, k * whole)
-        answer = solver.check(terms.either(*[b for b, _, number in failures if number == claim]))
+        query = terms.query()
+        _assume(query, stretch, k * whole)
+        query.add(terms.either(*[b for b, _, number in failures if number == claim]))
+        answer = query.check()
         if answer == terms.z3.unknown:
             induction.gave_up = "; the solver gave up on some of them"
         if answer != terms.z3.unsat:
@@ -196,13 +199,13 @@ def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
     return True
 
 
-def _assume(solver: Term, stretch: Stretch, until: int) -> None:
+def _assume(query: Query, stretch: Stretch, until: int) -> None:
     """Everything that is seen before `until` held."""
     terms = stretch.terms
     for seen in stretch.seen:
         if seen.earliest < until:
             counts = terms.both(seen.counts, seen.latest < until or seen.at < until)
-            solver.add(terms.z3.Implies(counts, _term(terms, terms.both(*seen.holds))))
+            query.add(terms.z3.Implies(counts, _term(terms, terms.both(*seen.holds))))
 
 
 def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]:
@@ -252,11 +255,11 @@ def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: 
     """
     terms, end = SolverTerms(), n * induction.hyperperiod_ns
     stretch = Stretch(problem, terms, end, returning=True, stays=stays)
-    solver = terms.solver()
-    _assume(solver, stretch, end)
+    query = terms.query()
+    _assume(query, stretch, end)
     granted = [terms.either(terms.no(s.counts), s.granted) for s in stretch.seen]
-    solver.add(*[_term(terms, g) for g in granted])
-    return bool(solver.check() == terms.z3.unsat)
+    query.add(*granted)
+    return bool(query.check() == terms.z3.unsat)
 
 
 def _term(terms: SolverTerms, truth: Term) -> Term:

@@ -27,6 +27,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
+from soter.verify.induction.solver_query import Query
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,10 +44,6 @@ ARRAY_MAX = 16
 """Longer arrays are one value of the uninterpreted sort."""
 ELEMENTS_MAX = 8
 """Of a list that is known: so many of its elements are."""
-QUERY_WORK = 100_000_000
-"""Of one query, in the solver's own units: twenty seconds or so of a free core."""
-QUERY_MS = 600_000
-"""A query that takes so long is on a machine that does nothing else for us."""
 AGE_MAX = 2**63
 
 
@@ -144,17 +141,11 @@ class SolverTerms:
         """Its negation."""
         return not truth if isinstance(truth, bool) else self.z3.Not(truth)
 
-    def solver(self) -> Term:
-        """A solver that knows the facts; it gives up after so much work, however long that took.
-
-        So a verdict does not hang on how busy the machine is.
-        """
-        solver = self.z3.Solver()
-        solver.set("rlimit", QUERY_WORK)
-        solver.set("timeout", QUERY_MS)
-        solver.set("random_seed", 0)
-        solver.add(*[self.z3.BoolVal(f) if isinstance(f, bool) else f for f in self.facts])
-        return solver
+    def query(self) -> Query:
+        """A question that rests on the facts."""
+        query = Query(self.z3)
+        query.add(*self.facts)
+        return query
 
     def state(self, truth: Term) -> None:
         """A fact."""

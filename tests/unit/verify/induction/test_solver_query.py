@@ -1,0 +1,44 @@
+"""A question to the solver: each way of searching, and what is said when none comes to an end."""
+
+from __future__ import annotations
+
+import pytest
+
+from soter.verify.induction import solver_query
+from soter.verify.induction.solver_query import Query
+
+z3 = pytest.importorskip("z3", reason="the extra is absent: pip install 'soter[induction]'")
+
+
+def _pigeons(n: int) -> Query:
+    """n + 1 pigeons in n holes: cannot be met, and takes some work to see."""
+    query = Query(z3)
+    inside = [[z3.Bool(f"pigeon {p} in {h}") for h in range(n)] for p in range(n + 1)]
+    query.add(True, *[z3.Or(*row) for row in inside])
+    for h in range(n):
+        query.add(z3.AtMost(*[row[h] for row in inside], 1))
+    return query
+
+
+def test_values_that_meet_the_constraints_are_of_the_context_that_asked() -> None:
+    x, query = z3.Int("x"), Query(z3)
+    query.add(x * x == 49, x < 0, True)
+    assert query.check() == z3.sat
+    assert query.model().eval(x, model_completion=True).as_long() == -7
+
+
+def test_the_solver_gives_up_after_so_much_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _pigeons(4).check() == z3.unsat
+    monkeypatch.setattr(solver_query, "QUERY_WORK", 200)
+    assert _pigeons(4).check() == z3.unknown
+
+
+@pytest.mark.parametrize("way", ["_with_equations_solved", "_as_it_is", "_with_simplex"])
+def test_each_way_of_searching_answers_by_itself(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for other in ("_with_equations_solved", "_as_it_is", "_with_simplex"):
+        if other != way:
+            monkeypatch.setattr(Query, other, getattr(Query, way))
+    assert _pigeons(4).check() == z3.unsat
+    query = Query(z3)
+    query.add(z3.Int("y") > 3)
+    assert query.check() == z3.sat
