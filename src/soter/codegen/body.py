@@ -46,6 +46,7 @@ FAULT_NAMES = {
     FaultKind.NONFINITE: "SOTER_NONFINITE",
     FaultKind.RANGE: "SOTER_RANGE",
     FaultKind.EXTERN: "SOTER_EXTERN_FAULT",
+    FaultKind.SHIELD: "SOTER_SHIELD",
 }
 COMPARISONS = frozenset(("<", "<=", ">", ">=", "==", "!="))
 UNARY_CALLS = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
@@ -204,6 +205,8 @@ class Body(Places):
         if e.fact == "age":
             stamp = c.IndexExpr(c.Arrow(s, "stamps"), c.Number(str(e.index)))
             return c.CallExpr("soter_seconds", (c.Binary("-", ct, stamp),))
+        if e.fact == "published":
+            return c.Name("true") if e.index in self.certain else self.has(e.index)
         if e.fact == "mode":
             return c.Member(c.IndexExpr(c.Arrow(s, "modules"), c.Number(str(e.index))), "mode")
         enabled = c.Binary("&", c.Name("flags"), c.Name("SOTER_ENABLED"))

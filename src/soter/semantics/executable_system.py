@@ -25,6 +25,7 @@ from soter.semantics.plant_code import PlantCode, compile_plant
 from soter.semantics.publication_gate import check_of
 from soter.semantics.random.faults import by_component
 from soter.semantics.random.random_draws import SeededDraws
+from soter.semantics.shield import ShieldCode
 from soter.semantics.stored_values import storer
 
 if TYPE_CHECKING:
@@ -92,6 +93,8 @@ class ExecutableSystem:
         self.nodes: dict[int, NodeCode] = {}
         self.dms: dict[int, DmCode] = {}
         self.plants: dict[int, PlantCode] = {}
+        self.shields: dict[int, ShieldCode] = {}
+        """Component -> the shield of its module."""
         self._externs = externs
         self._functions = self._extern_functions()
         self._evaluators: list[Evaluator] = []
@@ -161,6 +164,19 @@ class ExecutableSystem:
             self.plants[component.index] = self._plant(component)
         else:
             self.nodes[component.index] = self._node(component)
+            self._shield(component)
+
+    def _shield(self, component: Component) -> None:
+        """The shield of the module whose AC or SC it is; none where it could not be computed."""
+        if component.module is None:
+            return
+        module = self.system.modules[component.module]
+        shield = module.shield
+        if shield is None or shield.held is None or shield.permits is None:
+            return
+        evaluator = self._evaluator(module.scope)
+        held, permits = evaluator.expression(shield.held), evaluator.expression(shield.permits)
+        self.shields[component.index] = ShieldCode(shield.topic, held, permits)
 
     def _dm(self, module: Module) -> DmCode:
         evaluator = self._evaluator(module.scope)

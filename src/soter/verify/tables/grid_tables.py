@@ -42,6 +42,25 @@ FULL = 2
 
 
 @dataclass(frozen=True, eq=False)
+class CommandTable:
+    """What a shield permits: of every cell and least command cell the number of cells up to the
+    greatest that may act, 0 where none may. `control`: the command; None: none moves the group.
+    """
+
+    control: int | None
+    tops: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """S_0 and S_(m-2) of a group, of the grid's shape, and what a shield permits."""
+
+    outer: Bools
+    inner: Bools
+    commands: CommandTable | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class GroupTable(LevelTable):
     """The levels of one group over the axes that the DM sees."""
 
@@ -49,6 +68,7 @@ class GroupTable(LevelTable):
     edges: tuple[tuple[float, ...], ...]
     entries: NDArray[np.uint8]
     """0, 1, 2 a cell."""
+    commands: CommandTable | None = None
 
     @property
     def packed(self) -> tuple[int, ...]:
@@ -105,14 +125,14 @@ class GroupTable(LevelTable):
         return {"axes": axes, "levels": f"{stem}.bin"}
 
 
-def table(problem: Problem, group: Group, pairs: Sequence[tuple[Bools, Bools]]) -> GroupTable:
+def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:
     """The table of a grid from (S_0, S_(m-2)) in every case: what holds in all of them.
 
     All sets have the grid's shape.
     """
     shown = seen(problem)
-    sure = np.logical_and.reduce([np.asarray(outer) for outer, _ in pairs])
-    inner = np.logical_and.reduce([np.asarray(inner) for _, inner in pairs]) & sure
+    sure = np.logical_and.reduce([np.asarray(p.outer) for p in pairs])
+    inner = np.logical_and.reduce([np.asarray(p.inner) for p in pairs]) & sure
     entries = sure.astype(np.uint8) + inner.astype(np.uint8)
     kept = [k for k, a in enumerate(group.axes) if a.state in shown]
     unseen = tuple(k for k in range(entries.ndim) if k not in kept)
@@ -121,7 +141,17 @@ def table(problem: Problem, group: Group, pairs: Sequence[tuple[Bools, Bools]]) 
         tuple(a.state for a in axes),
         tuple(a.edges for a in axes),
         np.asarray(entries.min(axis=unseen)) if unseen else entries,
+        _commands(pairs, unseen),
     )
+
+
+def _commands(pairs: Sequence[Estimates], unseen: tuple[int, ...]) -> CommandTable | None:
+    """What a shield permits in every case, wherever the state lies on axes that nobody sees."""
+    every = [p.commands for p in pairs if p.commands is not None]
+    if len(every) < len(pairs) or len({c.control for c in every}) != 1:
+        return None
+    tops = np.minimum.reduce([c.tops for c in every])
+    return CommandTable(every[0].control, tops.min(axis=unseen) if unseen else tops)
 
 
 def predicates(
