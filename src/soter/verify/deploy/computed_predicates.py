@@ -19,7 +19,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.typed import Literal, TypedUnary
+from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
 from soter.native.cache import find_cached, store
 from soter.native.own_files import SOTER, files_below
@@ -138,13 +138,13 @@ def _shield(
     grids = [x for x in level_tables if isinstance(x, GroupTable) and x.commands is not None]
     if len(grids) < len(level_tables):
         return Literal(BOOL, span, True)
-    shield.held, shield.permits = shield_expressions(problem, flat, shield, grids)
+    shield.held, shield.permits, ttf = shield_expressions(problem, flat, shield, grids)
     topic = flat.topics[shield.topic]
     scope = {**scope, topic.symbol: topic.index}
     for symbol in topic_reads(shield.held, shield.permits):
         module.scope.topics.setdefault(symbol, scope[symbol])
         flat.components[module.dm].scope.topics.setdefault(symbol, scope[symbol])
-    return TypedUnary(BOOL, span, "!", shield.permits)
+    return ttf
 
 
 def looks_of(problem: Problem, level_tables: Found) -> int:

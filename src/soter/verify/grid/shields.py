@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.verify.grid.sets import GridGroup
-from soter.verify.problem.estimates import errors_of
+from soter.verify.problem.estimates import errors_of, seen
 from soter.verify.tables.shield_tables import command_edges
 
 if TYPE_CHECKING:
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.verify.claims.case import Case, GroupProof
+    from soter.language.model.typed import TopicSymbol
     from soter.verify.claims.results import GroupSets
+    from soter.verify.problem.problem import Problem
 
     Bools = NDArray[np.bool_]
 
@@ -43,6 +45,11 @@ def find(
     assert problem.module.shield is not None
     n = problem.module.shield.cells
     part.tops = np.zeros((*part.allowed.shape, n), dtype=np.uint8)
+    ages = {t.name for t in seen(problem).values() if _max_age(problem, t) is None}
+    if ages:
+        text = f"a shield asks how old an estimate may be, which {', '.join(sorted(ages))} does not say"
+        case.fail("ttf", text, proof, "give it a `max_age`")
+        return
     group = engine.c
     if group.commands > 1:
         names = [problem.quantities.controls[group.command[k]].name for k in range(group.commands)]
@@ -66,6 +73,11 @@ def find(
             if not permitted.any():
                 break
             part.tops[permitted, i] = j + 1
+    part.tops[part.levels[0]] = n  # all of U may act there
+
+
+def _max_age(problem: Problem, symbol: TopicSymbol) -> int | None:
+    return next(t.max_age_ns for t in problem.system.topics if t.symbol is symbol)
 
 
 def between(engine: GridGroup, control: int, low: float, high: float) -> GridGroup:

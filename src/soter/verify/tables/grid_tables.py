@@ -102,14 +102,20 @@ class GroupTable(LevelTable):
         """The middle of every cell, where it lies inside; None where the DM sees no axis."""
         if not self.states:
             return None  # one entry for all estimates
+        middle = [np.array(e[:-1]) / 2 + np.array(e[1:]) / 2 for e in self.edges]
+        grids = np.meshgrid(*middle, indexing="ij")
+        points = np.stack(grids, axis=-1).reshape(-1, len(middle))
+        sure = self.wide
+        levels = self.entries.ravel()[sure]
+        return EstimateSamples(np.ascontiguousarray(points[sure]), levels, levels, whole=True)
+
+    @property
+    def wide(self) -> Bools:
+        """Which cells, in C order, hold their middle inside."""
         edges = [np.array(e) for e in self.edges]
         middle = [e[:-1] / 2 + e[1:] / 2 for e in edges]
         wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges, strict=True)]
-        grids = np.meshgrid(*middle, indexing="ij")
-        points = np.stack(grids, axis=-1).reshape(-1, len(middle))
-        sure = np.logical_and.reduce(np.meshgrid(*wide, indexing="ij")).ravel()
-        levels = self.entries.ravel()[sure]
-        return EstimateSamples(np.ascontiguousarray(points[sure]), levels, levels, whole=True)
+        return np.asarray(np.logical_and.reduce(np.meshgrid(*wide, indexing="ij")).ravel())
 
     def function(self, w: Writer, name: str) -> t.FunSymbol:
         """The cell is looked for by halving."""

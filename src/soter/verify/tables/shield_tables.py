@@ -198,9 +198,10 @@ def command_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
 
 def shield_expressions(
     problem: Problem, system: System, shield: Shield, tables: Sequence[GroupTable]
-) -> tuple[t.TypedExpr, t.TypedExpr]:
-    """(held, permits) of a module's `Shield`."""
+) -> tuple[t.TypedExpr, t.TypedExpr, t.TypedExpr]:
+    """(held, permits) of a module's `Shield`, and its DM's `ttf`, which sees by itself what is old."""
     w = ShieldWriter(problem, system, shield)
     ends = w.ends()
-    parts = [w.permitted(table, ends, k) for k, table in enumerate(tables)]
-    return w.held(), w.chain("&&", [*w.fresh(), *parts])
+    permitted = w.chain("&&", [w.permitted(table, ends, k) for k, table in enumerate(tables)])
+    ttf = t.TypedUnary(BOOL, w.span, "!", permitted)
+    return w.held(), w.chain("&&", [*w.fresh(), permitted]), ttf
