@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.verify.claims.case import Case, GroupProof
     from soter.language.model.typed import TopicSymbol
+    from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.problem.problem import Problem
 
@@ -47,7 +47,8 @@ def find(
     part.tops = np.zeros((*part.allowed.shape, n), dtype=np.uint8)
     ages = {t.name for t in seen(problem).values() if _max_age(problem, t) is None}
     if ages:
-        text = f"a shield asks how old an estimate may be, which {', '.join(sorted(ages))} does not say"
+        names = ", ".join(sorted(ages))
+        text = f"a shield asks how old an estimate may be, which {names} does not say"
         case.fail("ttf", text, proof, "give it a `max_age`")
         return
     group = engine.c

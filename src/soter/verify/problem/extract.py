@@ -25,7 +25,7 @@ from soter.verify.problem.axes import Axes
 from soter.verify.problem.failsafe_problem import behind, under_law
 from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.other_modes import modes_as_topics
-from soter.verify.problem.problem import Interval, Problem
+from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import VerificationSystem, place, whole
 from soter.verify.time.cause_effect_chains import side_inputs

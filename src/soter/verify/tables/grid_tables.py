@@ -43,12 +43,15 @@ FULL = 2
 
 @dataclass(frozen=True, eq=False)
 class CommandTable:
-    """What a shield permits: of every cell and least command cell the number of cells up to the
-    greatest that may act, 0 where none may. `control`: the command; None: none moves the group.
+    """What a shield permits.
+
+    `tops`: of every cell and least command cell the number of cells up to the greatest that may
+    act, 0 where none may. `control`: the command, `name`; None: none moves the group.
     """
 
     control: int | None
     tops: NDArray[np.uint8]
+    name: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +131,11 @@ class GroupTable(LevelTable):
         for i, (state, edges) in enumerate(zip(self.states, self.edges, strict=True)):
             files[f"{stem}_axis{i}.bin"] = np.array(edges, dtype="<f8").tobytes()
             axes.append({"state": names[state], "edges": f"{stem}_axis{i}.bin"})
-        return {"axes": axes, "levels": f"{stem}.bin"}
+        entry: dict[str, object] = {"axes": axes, "levels": f"{stem}.bin"}
+        if self.commands is not None:
+            files[f"{stem}_commands.bin"] = self.commands.tops.tobytes()
+            entry |= {"command": self.commands.name, "commands": f"{stem}_commands.bin"}
+        return entry
 
 
 def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:
@@ -147,17 +154,21 @@ def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTa
         tuple(a.state for a in axes),
         tuple(a.edges for a in axes),
         np.asarray(entries.min(axis=unseen)) if unseen else entries,
-        _commands(pairs, unseen),
+        _commands(problem, pairs, unseen),
     )
 
 
-def _commands(pairs: Sequence[Estimates], unseen: tuple[int, ...]) -> CommandTable | None:
+def _commands(
+    problem: Problem, pairs: Sequence[Estimates], unseen: tuple[int, ...]
+) -> CommandTable | None:
     """What a shield permits in every case, wherever the state lies on axes that nobody sees."""
     every = [p.commands for p in pairs if p.commands is not None]
     if len(every) < len(pairs) or len({c.control for c in every}) != 1:
         return None
     tops = np.minimum.reduce([c.tops for c in every])
-    return CommandTable(every[0].control, tops.min(axis=unseen) if unseen else tops)
+    moved = every[0].control
+    name = None if moved is None else problem.quantities.controls[moved].name
+    return CommandTable(moved, tops.min(axis=unseen) if unseen else tops, name)
 
 
 def predicates(

@@ -62,7 +62,7 @@ class ShieldWriter(Writer):
         return self.call(self.places[control], self.command(control))
 
     def held(self) -> t.TypedExpr:
-        """`fun held(times, now, cells...)`: the times, where the commands held so far end now."""
+        """The times, where the commands that were held so far end now."""
         times = self.variable("times", "parameter", self.topic.type)
         now = self.variable("now", "parameter", FLOAT)
         inputs = [self.variable(f"i{k}", "parameter", INT) for k in range(len(self.places))]
@@ -92,9 +92,9 @@ class ShieldWriter(Writer):
         return t.TopicRead(self.topic.type, self.span, self.topic.symbol)
 
     def ends(self) -> t.FunSymbol:
-        """`fun ends(times, first, own, since)`: the least cell and the greatest that may act.
+        """A function: the least cell and the greatest of `own` and of those held since `since`.
 
-        As least + CELLS_MAX * greatest: `own`, and those held at `since` or later.
+        As least + cells * greatest. `first`: where the times of the command begin.
         """
         times = self.variable("times", "parameter", self.topic.type)
         first, own = (self.variable(n, "parameter", INT) for n in ("first", "own"))
@@ -152,7 +152,7 @@ class ShieldWriter(Writer):
         return arguments
 
     def reach(self, table: GroupTable, name: str) -> t.FunSymbol:
-        """`fun reach(x0, ..., ends): int`: 1 where these commands are permitted at this estimate."""
+        """A function: 1 where commands of the cells `ends` are permitted at an estimate, else 0."""
         assert table.commands is not None
         inputs = [self.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges))]
         ends = self.variable("ends", "parameter", INT)
@@ -199,7 +199,7 @@ def command_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
 def shield_expressions(
     problem: Problem, system: System, shield: Shield, tables: Sequence[GroupTable]
 ) -> tuple[t.TypedExpr, t.TypedExpr, t.TypedExpr]:
-    """(held, permits) of a module's `Shield`, and its DM's `ttf`, which sees by itself what is old."""
+    """(held, permits) of a module's `Shield`, and `ttf`: its DM sees by itself what is old."""
     w = ShieldWriter(problem, system, shield)
     ends = w.ends()
     permitted = w.chain("&&", [w.permitted(table, ends, k) for k, table in enumerate(tables)])
