@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT, int_number
-from soter.codegen.storage.storage_plan import RESULT, has_address, is_still_here, output_name
+from soter.codegen.storage.storage_plan import RESULT, has_address, is_still_here
 from soter.codegen.storage.trivial_comparisons import LOGICAL, compared_twice, is_foregone
 from soter.codegen.storage.value_locations import MADE, Places
 from soter.core import core
+from soter.core.core import output_name
 from soter.core.layout import scalar
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import (

@@ -25,7 +25,6 @@ from soter.semantics.plant_code import PlantCode, compile_plant
 from soter.semantics.publication_gate import check_of
 from soter.semantics.random.faults import by_component
 from soter.semantics.random.random_draws import SeededDraws
-from soter.semantics.shield import ShieldCode
 from soter.semantics.stored_values import storer
 
 if TYPE_CHECKING:
@@ -68,6 +67,15 @@ class DmCode:
     module: Module
     ttf: Compiled | None
     safer: Compiled | None
+
+
+@dataclass(frozen=True, slots=True)
+class ShieldCode:
+    """The code of a module's shield: its topic, that topic's next value, what is permitted."""
+
+    topic: int
+    held: Compiled
+    permits: Compiled
 
 
 class ExecutableSystem:

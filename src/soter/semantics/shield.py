@@ -8,7 +8,7 @@ is held (`rules.py`: it is the module's `ttf`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
@@ -17,19 +17,10 @@ from soter.semantics.configuration import put
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.language.evaluate.expressions import Compiled
-    from soter.language.model.system import Component, Module, Value
+    from soter.language.model.system import Component, Module
+    from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
-
-
-@dataclass(frozen=True, slots=True)
-class ShieldCode:
-    """The code of a module's shield: its topic, that topic's next value, what is permitted."""
-
-    topic: int
-    held: Compiled
-    permits: Compiled
 
 
 def shielded(

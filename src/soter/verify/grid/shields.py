@@ -53,8 +53,10 @@ def find(
         return
     group = engine.c
     if group.commands > 1:
-        names = [problem.quantities.controls[group.command[k]].name for k in range(group.commands)]
-        text = f"a shield asks for groups that one command moves, here {' and '.join(names)} do"
+        several = [
+            problem.quantities.controls[group.command[k]].name for k in range(group.commands)
+        ]
+        text = f"a shield asks for groups that one command moves, here {' and '.join(several)} do"
         case.fail("ttf", text, proof, "groups of one command each, or no `shield`")
         return
     if not group.commands:

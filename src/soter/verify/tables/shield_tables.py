@@ -181,7 +181,7 @@ class ShieldWriter(Writer):
     def fresh(self) -> list[t.TypedExpr]:
         """That what the DM reads is no older than it may be, as it is for its look."""
         shown = {*seen(self.problem).values()}
-        conditions = []
+        conditions: list[t.TypedExpr] = []
         for topic in self.problem.system.topics:
             if topic.symbol in shown and topic.max_age_ns is not None:
                 age = t.AgeRead(FLOAT, self.span, topic.symbol)
