@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions import shield
 from soter.certificate.inclusions.cell_sets import Cells, Grid, parts
 from soter.certificate.inclusions.group_claims import (
     FREE_PIECES,
@@ -298,6 +299,9 @@ class CaseCheck:
             free = Cells(group.grid, group.free)
             show: Any = partial(levels_hold, self.model, group, levels[0], free)
             self._add("an estimate in S_0 may be of a state outside R(H), in", group.grid, show)
+            if self.model.facts.symbol.shield is not None:
+                for what, of_commands in shield.to_show(self.model, group, self.cores[i]):
+                    self._add(what, group.grid, of_commands)
             check = FreeCheck(self.model, group, between)
             for k in range(1, len(levels)):
                 if (levels[k].members & ~levels[k - 1].members).any():

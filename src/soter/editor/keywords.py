@@ -32,7 +32,7 @@ PLACES: dict[str, tuple[str, ...]] = {
     ),
     "node": NODE,
     "rta": (
-        "ac", "sc", "period", "safe", "safer", "ttf", "clean", "failsafe", "wcet", "jitter",
+        "ac", "sc", "period", "safe", "safer", "ttf", "clean", "shield", "failsafe", "wcet", "jitter",
         "assumes", "guarantees", "verify",
     ),
     "verify": VERIFY,
@@ -139,6 +139,7 @@ WORDS: dict[str, str] = {
     "safer": "Where AC may get control back: φ_safer, well inside `safe`.",
     "ttf": "When SC must take over now, whatever AC would do: ttf_2Δ.",
     "clean": "How many clean outputs AC needs after a fault before it may have control.",
+    "shield": "Each command of AC is judged before it acts: into how many cells it is cut.",
     "verify": "What `soter verify` is to know: over which states, how late things are.",
     "grid": "States that are analysed together, in cells: `grid p.x in [0, 1] / 200;`.",
     "polytope": "States with linear dynamics, analysed together by half-spaces.",

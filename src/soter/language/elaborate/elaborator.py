@@ -15,6 +15,7 @@ from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
 from soter.language.elaborate.margin_topics import make_margin_topics
+from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics
 from soter.language.elaborate.size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
 from soter.language.elaborate.tests_and_faults.faults import place_faults
@@ -79,6 +80,8 @@ class Elaborator(Topics):
         self._modules_by_name: dict[str, Module] = {}
         self._margins: list[int] = []
         """Modules whose margin somebody reads."""
+        self._shields: dict[int, int] = {}
+        """Into how many cells the commands of modules are cut."""
 
     # ------------------------------------------------------------ the result
 
@@ -102,6 +105,9 @@ class Elaborator(Topics):
         for c in components:
             if c.takes_ns is not None:
                 self._hold(c)
+        self.topics += make_shield_topics(
+            modules, self._shields, self.topics, components, self.diagnostics
+        )
         system = System(
             name=self.symbol.name,
             program=self.program,
@@ -509,6 +515,9 @@ class Elaborator(Topics):
         for output in outputs:
             self._has_set(self.topics[output], module)
         late_ns, levels = self._verify_block(module)
+        shield = self.count(module.shield, "`shield`", 1, CELLS_MAX)
+        if shield is not None:
+            self._shields[index] = shield
         return Module(
             index=index,
             name=placed.name,

@@ -166,6 +166,22 @@ class Component:
 
 
 @dataclass(eq=False)
+class Shield:
+    """How a module judges the commands of its AC (docs/semantics.md, Shields).
+
+    `cells`: into how many each number of a command is cut; `topic`: the hidden topic that holds
+    of each cell until when (s) a command of it was held. `held` is its next value where a command
+    is published, `permits` whether all commands that may act then may do so until SC's first
+    output acts; both None until they are computed.
+    """
+
+    cells: int
+    topic: int
+    held: TypedExpr | None = None
+    permits: TypedExpr | None = None
+
+
+@dataclass(eq=False)
 class Module:
     """An RTA module instance; `dm`, `ac`, `sc` are component indices.
 
@@ -209,6 +225,7 @@ class Module:
     """Where `safer` was true, so many looks of the DM at least keep AC: the next one counts."""
     looked: int | None = None
     """Where somebody reads `margin` of it: the topic that says what the DM saw last."""
+    shield: Shield | None = None
 
     def looks_left(self, *, unsafe: bool, safer: bool) -> int:
         """How many periods from a look on AC surely keeps control; `unsafe`: not even this one."""

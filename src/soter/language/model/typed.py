@@ -614,6 +614,8 @@ class ModuleSymbol(Symbol):
     wcet: TypedExpr | None = None
     jitter: TypedExpr | None = None
     """Of its decision module, as of a node."""
+    shield: TypedExpr | None = None
+    """Into how many cells each number that it publishes is cut, where commands are judged, too."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:

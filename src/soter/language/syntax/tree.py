@@ -628,6 +628,8 @@ class RtaDecl(Decl):
     """The fail-safe law: `failsafe speed = 0.0;`."""
     wcet: SyntaxExpr | None = None
     jitter: SyntaxExpr | None = None
+    shield: SyntaxExpr | None = None
+    """`shield 8;`: into how many cells each number that it publishes is cut."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from soter.codegen.unit import generate
 from soter.core.layout import encode_into, size_of, state_dtype, struct_of
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
+from soter.language.elaborate.shield_topics import NEVER_HELD
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
@@ -34,6 +35,8 @@ from soter.native.cffi_interface import interface, opened
 from soter.verify.deploy.computed_predicates import put
 from soter.verify.deploy.dm_inputs import AC, SC, gates, values
 from soter.verify.proof_methods import pairs_of, tables
+from soter.verify.tables.grid_tables import GroupTable
+from soter.verify.tables.shield_tables import command_edges
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -48,7 +51,10 @@ if TYPE_CHECKING:
     from soter.verify.claims.results import ModuleResult
     from soter.verify.deploy.dm_inputs import Points
     from soter.verify.problem.problem import Problem
-    from soter.verify.tables.level_table import LevelTable
+    from soter.verify.tables.level_table import EstimateSamples, LevelTable
+
+    Place = tuple[int, float]
+    ActingCommands = tuple[Place, Place, NDArray[np.bool_]]
 
 
 NEVER = -(2**62)
@@ -335,6 +341,19 @@ class _Inputs:
         if samples is None or fresh is None:
             return
         state, at = fresh
+        judged = list(self._commands(table))
+        if not judged:
+            self._tried(state, at, samples)
+        else:
+            for held, acting, permitted in judged:
+                for place, value in (held, acting):
+                    struct.pack_into("<d", state, place, value)
+                levels = np.where(permitted, np.maximum(samples.surely, 1), 0).astype(np.uint8)
+                self._tried(state, at, replace(samples, surely=levels, least=levels))
+                struct.pack_into("<d", state, acting[0], NEVER_HELD)
+
+    def _tried(self, state: bytearray, at: NDArray[np.uintp], samples: EstimateSamples) -> None:
+        """The compiled DM on samples, in this state otherwise."""
         points, surely = samples.points, samples.surely
         facts = (self.at["ttf"], self.at["safer"])
         got = self.c.levels(self.module.index, state, facts, at, points)
@@ -345,6 +364,35 @@ class _Inputs:
         for k in np.flatnonzero((got > surely) | (got < samples.least))[:1]:
             where = points[k].tolist()
             self.check.differs(f"at {where} its level is {got[k]}, not {surely[k]}")
+
+    def _commands(self, table: LevelTable) -> Iterator[ActingCommands]:
+        """The command that is held and another one that may act, in each pair of cells.
+
+        With where they lie in a state, and on which samples they are permitted.
+        """
+        shield = self.module.shield
+        if shield is None or not isinstance(table, GroupTable) or table.commands is None:
+            return
+        if table.commands.control is None:
+            return
+        layout, topics, n = self.c.unit.layout, self.system.topics, shield.cells
+        numbers = [
+            (i, leaf, bound)
+            for i in self.module.outputs
+            for leaf, bound in enumerate(topics[i].bounds)
+        ]
+        topic, leaf, bound = numbers[table.commands.control]
+        assert bound is not None
+        edges = command_edges(bound.low, bound.high, n)
+        place = layout.topic_offset(topic) + _leaf_offset(topics[topic].type, leaf)
+        times = layout.topic_offset(shield.topic) + 8 * table.commands.control * n
+        tops = table.commands.tops.reshape(-1, n)[table.wide]
+        for held in range(n):
+            value = edges[held] / 2 + edges[held + 1] / 2
+            for acting in range(n):
+                low, high = min(held, acting), max(held, acting)
+                when = (times + 8 * acting, NOW_NS / 1e9)
+                yield (place, value), when, tops[:, low] > high
 
     def _ages(self) -> Iterator[dict[int, int]]:
         """Ages: all fresh; then each input at its limit, beyond it, never published."""

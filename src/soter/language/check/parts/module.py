@@ -119,6 +119,7 @@ class ModuleChecker:
             sc = self.node_ref(decl.sc, scope) if decl.sc else None
         period = number(decl.period, context, DURATION, "a period") if decl.period else None
         clean = number(decl.clean, context, INT, "`clean`") if decl.clean else None
+        shield = number(decl.shield, context, INT, "`shield`") if decl.shield else None
         wcet = number(decl.wcet, context, DURATION, "`wcet`") if decl.wcet else None
         jitter = number(decl.jitter, context, DURATION, "`jitter`") if decl.jitter else None
         if decl.ac is None or decl.sc is None or decl.safe is None:
@@ -143,6 +144,7 @@ class ModuleChecker:
             over=over,
             wcet=sound(wcet),
             jitter=sound(jitter),
+            shield=sound(shield),
         )
         self.shared.later(module, decl, scope)
         return module

@@ -244,6 +244,7 @@ class NodeParser(VerifyParser):
             failsafe=tuple(parts.failsafe),
             wcet=once("wcet"),
             jitter=once("jitter"),
+            shield=once("shield"),
         )
 
     def _clause(self, parts: _RtaParts) -> None:
@@ -324,6 +325,7 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, _RtaParts], None]] = {
     "safer": predicate("safer", "the safer condition"),
     "ttf": predicate("ttf", "the ttf condition"),
     "clean": predicate("clean", "the value of `clean`"),
+    "shield": predicate("shield", "the value of `shield`"),
     "failsafe": NodeParser._failsafe,
     "assumes": NodeParser._clause,
     "guarantees": NodeParser._clause,
