@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.report.assurance.expanded_predicate import MEANINGS
 from soter.report.run.result_wording import prose
+from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -34,12 +35,6 @@ STYLE = """<style>
 .formula .whole { white-space: nowrap; }
 .formula b { font-weight: 600; color: var(--sc); }
 .foot { display: none; }
-@media (max-width: 640px) {
-  .board thead { display: none; }
-  .board tr, .board td { display: block; border: 0; padding: 1px 0; }
-  .board tr { padding: 9px 0; border-bottom: 1px solid var(--grid); }
-  .board td[data-head]:not(:empty)::before { content: attr(data-head) ": "; color: var(--muted); }
-}
 @media print {
   main { display: table; table-layout: fixed; width: 100%; }
   .foot { display: table-footer-group; break-inside: avoid; }
@@ -239,9 +234,9 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = "".join(
         (f'<tr id="{escape(anchor, quote=True)}">' if anchor else "<tr>")
         + "".join(
-            f'<td data-head="{escape(h)}">{cell}</td>' for h, cell in zip(heads, cells, strict=True)
+            f"<td{data_head(h)}>{cell}</td>" for h, cell in zip(heads, cells, strict=True)
         )
         + "</tr>"
         for anchor, *cells in rows
     )
-    return f'<table class="case board"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
+    return f'<table class="case board stacked"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'

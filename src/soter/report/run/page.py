@@ -32,6 +32,7 @@ from soter.report.run.result_wording import (
 )
 from soter.report.run.signal_thinning import place
 from soter.report.run.timeline import chart_timeline, flight_timeline
+from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -207,7 +208,8 @@ def _charts(page: ReportPage, drawn: list[Figure]) -> str:
 def _violations(arms: Sequence[Flight | Chart]) -> str:
     """List every violation with the property that failed."""
     rows = "".join(
-        f'<tr><td class="number">{violation.time_s:.2f}</td><td>{escape(arm.title)}</td>'
+        f'<tr><td class="number"{data_head("t / s")}>{violation.time_s:.2f}</td>'
+        f"<td{data_head('arm')}>{escape(arm.title)}</td>"
         f"<td>{prose(violation.text)}</td>{_where(arm, violation)}</tr>"
         for arm in arms
         for violation in arm.violations
@@ -217,7 +219,7 @@ def _violations(arms: Sequence[Flight | Chart]) -> str:
     placed = any(isinstance(arm, Flight) for arm in arms)
     where = '<th scope="col">where / m</th>' if placed else ""
     return (
-        '<section><h2>Violations</h2><div class="scroll tall"><table class="events"><thead><tr>'
+        '<section><h2>Violations</h2><div class="scroll tall"><table class="events stacked"><thead><tr>'
         '<th scope="col" class="number">t / s</th><th scope="col">arm</th>'
         f'<th scope="col">what failed</th>{where}</tr></thead><tbody>{rows}</tbody></table></div>'
         "</section>"
@@ -229,7 +231,7 @@ def _where(arm: Flight | Chart, event: Decision | Violation) -> str:
     if not isinstance(arm, Flight):
         return ""
     x, y, z = place(arm, event.time_s, event.position)
-    return f'<td class="where">{_minus(f"{x:.1f}, {y:.1f}, {z:.1f}")}</td>'
+    return f'<td class="where"{data_head("where / m")}>{_minus(f"{x:.1f}, {y:.1f}, {z:.1f}")}</td>'
 
 
 def _minus(number: str) -> str:
@@ -260,7 +262,7 @@ def _decision_table(arm: Flight | Chart, *, several: bool) -> str:
         _decision_row(arm, decision, with_module=len(modules) > 1) for decision in arm.decisions
     )
     return (
-        f'{title}<div class="scroll tall"><table class="events"><thead><tr>'
+        f'{title}<div class="scroll tall"><table class="events stacked"><thead><tr>'
         '<th scope="col" class="number">t / s</th><th scope="col">change</th>'
         f'<th scope="col">why</th><th scope="col">what the DM saw</th>{where}{module}'
         f"</tr></thead><tbody>{rows}</tbody></table></div>"
@@ -269,12 +271,12 @@ def _decision_table(arm: Flight | Chart, *, several: bool) -> str:
 
 def _decision_row(arm: Flight | Chart, decision: Decision, *, with_module: bool) -> str:
     """Show one decision."""
-    module = f"<td><code>{escape(decision.module)}</code></td>" if with_module else ""
+    module = f"<td{data_head('module')}><code>{escape(decision.module)}</code></td>" if with_module else ""
     kind = "takeover" if decision.to == "SC" else "giveback"
     seen = "<br>".join(escape(text) for text in predicates_text(decision.predicates))
     values = "".join(f"<br><code>{escape(text)}</code>" for text in decision.why)
     return (
-        f'<tr><td class="number">{decision.time_s:.2f}</td>'
+        f'<tr><td class="number"{data_head("t / s")}>{decision.time_s:.2f}</td>'
         f'<td class="change"><i class="mark {kind}"></i>{change_text(decision)}</td>'
         f'<td class="why">{prose(decision.reason)}{values}</td><td class="seen">{seen}</td>'
         f"{_where(arm, decision)}{module}</tr>"
