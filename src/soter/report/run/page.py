@@ -61,7 +61,8 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         program_section(page.picture, signals_drawn(drawn)),
         _violations([*page.flights, *page.charts]),
         _decisions([*page.flights, *page.charts]),
-        _assumptions(page.assumptions),
+        _listed("Notes", page.notes),
+        _listed("What this rests on", page.assumptions),
         _provenance(page),
     ]
     return "\n".join(section for section in sections if section), drawn
@@ -114,15 +115,35 @@ def _card(arm: Flight | Chart, picture: str, bars: str) -> str:
     return (
         f'<article class="arm"><header><h2>{escape(arm.title)}</h2>{name}</header>{picture}{bars}'
         f'<div class="result">{lap_text}<p class="verdict {verdict}"><span>{sign}</span> '
-        f"{escape(count_text(violations, 'violation'))}</p></div><dl>{items}</dl></article>"
+        f"{escape(count_text(violations, 'violation'))}</p></div>{_watched(arm)}"
+        f"<dl>{items}</dl></article>"
     )
+
+
+def _watched(arm: Flight | Chart) -> str:
+    """Name each property with its verdict: a count of violations says nothing of what was asked."""
+    if isinstance(arm, Flight) or arm.properties is None:
+        return ""
+    if not arm.properties:
+        return '<p class="note">The system states no property: nothing was asked.</p>'
+    failed = {violation.text for violation in arm.violations}
+    items = "".join(
+        f'<li class="{"bad" if text in failed else "good"}"><span>'
+        f"{'✕ violated' if text in failed else '✓ held'}</span> <code>{escape(text)}</code></li>"
+        for text in arm.properties
+    )
+    return f'<ul class="watched">{items}</ul>'
 
 
 def _chart_bars(chart: Chart, end_s: float) -> str:
     """Show who was in control of each module, named where there are several."""
     several = len(chart.modes) > 1
     return "".join(
-        (f'<p class="bar-name">{escape(band.module)}</p>' if several else "")
+        (
+            f'<p class="bar-name">{escape(band.module)} {escape(band.told)}</p>'
+            if several
+            else ""
+        )
         + mode_bar(chart.time_s, band.in_control, end_s)
         for band in chart.modes
     )
@@ -210,7 +231,7 @@ def _violations(arms: Sequence[Flight | Chart]) -> str:
     rows = "".join(
         f'<tr><td class="number"{data_head("t / s")}>{violation.time_s:.2f}</td>'
         f"<td{data_head('arm')}>{escape(arm.title)}</td>"
-        f"<td>{prose(violation.text)}</td>{_where(arm, violation)}</tr>"
+        f"<td>{prose(violation.text)}{_often(violation)}</td>{_where(arm, violation)}</tr>"
         for arm in arms
         for violation in arm.violations
     )
@@ -224,6 +245,10 @@ def _violations(arms: Sequence[Flight | Chart]) -> str:
         f'<th scope="col">what failed</th>{where}</tr></thead><tbody>{rows}</tbody></table></div>'
         "</section>"
     )
+
+
+def _often(violation: Violation) -> str:
+    return f", the first of {violation.count} times" if violation.count > 1 else ""
 
 
 def _where(arm: Flight | Chart, event: Decision | Violation) -> str:
@@ -283,12 +308,12 @@ def _decision_row(arm: Flight | Chart, decision: Decision, *, with_module: bool)
     )
 
 
-def _assumptions(assumptions: Sequence[str]) -> str:
-    """Say what the result rests on."""
-    if not assumptions:
+def _listed(title: str, texts: Sequence[str]) -> str:
+    """Say what the result rests on, or what is worth knowing of it."""
+    if not texts:
         return ""
-    items = "".join(f"<li>{prose(text)}</li>" for text in assumptions)
-    return f'<section class="grounds"><h2>What this rests on</h2><ul>{items}</ul></section>'
+    items = "".join(f"<li>{prose(text)}</li>" for text in texts)
+    return f'<section class="grounds"><h2>{title}</h2><ul>{items}</ul></section>'
 
 
 def _provenance(page: ReportPage) -> str:
