@@ -107,7 +107,7 @@
   const drawing = document.querySelector(".program .scroll");
   const placed = (e) => e.getBoundingClientRect();
   const [top] = [...drawing.querySelectorAll("[data-component]")].sort((a, b) => placed(a).top - placed(b).top);
-  if (top) {
+  if (top && placed(top).right > placed(drawing).right) {
     const box = placed(top);
     drawing.scrollLeft = box.left + box.width / 2 - placed(drawing).left - drawing.clientWidth / 2;
   }

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         Comparison,
         Decision,
         Figure,
+        ModeBand,
         ReportPage,
         Violation,
     )
@@ -140,13 +141,17 @@ def _chart_bars(chart: Chart, end_s: float) -> str:
     several = len(chart.modes) > 1
     return "".join(
         (
-            f'<p class="bar-name">{escape(band.module)} {escape(band.told)}</p>'
+            f'<p class="bar-name">{escape(band.module)}{_told(band)}</p>'
             if several
             else ""
         )
         + mode_bar(chart.time_s, band.in_control, end_s)
         for band in chart.modes
     )
+
+
+def _told(band: ModeBand) -> str:
+    return f": {escape(band.told)}" if band.told else ""
 
 
 def _key_of_bars(arms: Sequence[Flight | Chart]) -> str:

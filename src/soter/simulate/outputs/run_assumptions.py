@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 PROVED = ("P1a", "P1b")
 ASSUMED = ("P1c", "P2a", "P2b", "P3")
-NAMED_MAX = 3
-"""So many signals that a bound is of are named."""
+NAMED_MAX = 2
+"""More signals that one bound is of are counted."""
 
 
 def verdicts(module: Module) -> dict[str, str]:
@@ -193,7 +193,7 @@ def _errors(system: System, x: Component) -> str:
     if len(signals) == 1:
         return next(iter(signals))
     return ", ".join(
-        f"{bound} of {' '.join(names) if len(names) <= NAMED_MAX else f'{len(names)} signals'}"
+        f"{bound} of {' and '.join(names) if len(names) <= NAMED_MAX else f'{len(names)} signals'}"
         for bound, names in signals.items()
     )
 

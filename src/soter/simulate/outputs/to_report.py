@@ -53,6 +53,7 @@ SAMPLES_MAX = 20_000
 SIGNAL_SHARE_MIN = 20
 """A signal keeps at least this part of its panel's height."""
 AXES = {"x", "y", "z"}
+TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def require_report_package() -> None:
@@ -157,7 +158,7 @@ def run_chart(run: Run) -> Chart:
 def _share_told(run: Run, module: str) -> str:
     """What one of several modules did."""
     m = run.modules[module]
-    return f"AC in control {m.ac_share:.1%}, SC took over {count_text(m.switches_to_sc, 'time')}"
+    return f"AC in control {m.ac_share:.1%}, SC took over {m.switches_to_sc} {TIMES}"
 
 
 def _decision(d: decisions.DecisionStepRecord) -> Decision:
