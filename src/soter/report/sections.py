@@ -34,7 +34,7 @@ def sections_main(
 ) -> Iterator[str]:
     """The body of the page; `verdict`: "good", "bad" or "", how the headline is coloured."""
     yield f'<h1>{escape(title)}</h1>\n<p class="verdict {verdict}">'
-    yield f"<strong>{escape(headline)}</strong></p>"
+    yield f"<strong>{prose(headline)}</strong></p>"
     yield from sections_told(sections)
 
 
@@ -45,7 +45,7 @@ def sections_told(sections: Sequence[PageSection]) -> Iterator[str]:
 
 
 def _section(section: PageSection) -> Iterator[str]:
-    yield f'<section class="told"><h2>{escape(section.title)}</h2>'
+    yield f'<section class="told"><h2>{prose(section.title)}</h2>'
     for text in section.says:
         yield f"<p>{prose(text)}</p>"
     if section.rows:
@@ -56,7 +56,7 @@ def _section(section: PageSection) -> Iterator[str]:
 def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table of text; one with long cells becomes a list of its rows on a phone."""
     long = any(len(cell) > LONG for row in rows for cell in row)
-    heads = "".join(f'<th scope="col">{escape(h)}</th>' for h in head)
+    heads = "".join(f'<th scope="col">{prose(h)}</th>' for h in head)
     lines = "".join(f"<tr>{_cells(head, row)}</tr>" for row in rows)
     return (
         f'<div class="wide"><table{" class=stacked" if long else ""}><thead><tr>{heads}</tr>'
@@ -73,4 +73,4 @@ def _cells(head: Sequence[str], row: Sequence[str]) -> str:
 
 def data_head(head: str) -> str:
     """The attribute by which a cell of a stacked table says its head."""
-    return f' data-head="{escape(head, quote=True)}"'
+    return f' data-head="{escape(head.replace("`", ""), quote=True)}"'
