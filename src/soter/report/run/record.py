@@ -261,10 +261,10 @@ class ReportPage:
     scene: SceneView | None = None
     flights: tuple[Flight, ...] = ()
     charts: tuple[Chart, ...] = ()
-    notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     picture: Picture | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.flights and self.scene is None:
