@@ -46,6 +46,10 @@ STYLE = """<style>
 ON_EVERY_PAGE = ("Soter", "re-checker", "certificate", "C compiler")
 """Of what a case was made with, beside its program."""
 NO_FILE = "No file of hazards, requirements and owners was given (<code>--hazards FILE</code>)."
+CLOSED = (
+    "Supported is what leads to properties that all are; flights are left aside, as they are a "
+    "sample and close nothing."
+)
 FAULTS = (
     "Functions of the program are written out, and their parts have names. Calls that are left are "
     "operations of the language and functions of its prelude (docs/prelude.md). Where an operation "
@@ -121,7 +125,7 @@ def traced(case: SafetyCase) -> str:
             rows.append((i.id, escape(i.id), prose(i.text), over, "<br>".join(behind), state))
         heads = ("id", "what", "traces to", "rests on", "state")
         sections.append(f"<h3>{title}</h3>{_table(heads, rows)}" if rows else "")
-    said = f"As {_code(traceability.path)} says, SHA-256 {_code(traceability.sha256)}."
+    said = f"As {_code(traceability.path)} says, SHA-256 {_code(traceability.sha256)}. {CLOSED}"
     source = f'<p class="note lead">{said}</p>'
     rows = [
         ("", _code(p.name), HOW[p.how], _goal(p.goal), escape(p.status), _ids(p.hazards))
@@ -136,6 +140,8 @@ def traced(case: SafetyCase) -> str:
 
 
 def _behind(p: TracedProperty) -> str:
+    if not p.goal and p.how == "flights":
+        return f"{_code(p.name)}: {escape(p.status)}, as no campaign was given"
     at = f" ({_link(p.goal)})" if p.goal else ", no goal of this case is about it"
     return f"{_code(p.name)}: {escape(p.status)}, {HOW[p.how]}{at}"
 
@@ -233,9 +239,7 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     head = "".join(f'<th scope="col">{escape(h)}</th>' for h in heads)
     lines = "".join(
         (f'<tr id="{escape(anchor, quote=True)}">' if anchor else "<tr>")
-        + "".join(
-            f"<td{data_head(h)}>{cell}</td>" for h, cell in zip(heads, cells, strict=True)
-        )
+        + "".join(f"<td{data_head(h)}>{cell}</td>" for h, cell in zip(heads, cells, strict=True))
         + "</tr>"
         for anchor, *cells in rows
     )

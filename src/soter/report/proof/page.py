@@ -121,7 +121,7 @@ def _property(p: PropertyRow) -> str:
         f'<tr><th scope="row">{prose(p.name)}</th>'
         f'<td><span class="badge {escape(p.verdict)}">{SIGNS.get(p.verdict, "?")} '
         f"{escape(p.verdict)}</span></td><td>{prose(p.meaning)}{detail}</td>"
-        f'<td{data_head("method")}>{prose(p.method)}</td>'
+        f"<td{data_head('method')}>{prose(p.method)}</td>"
         f'<td class="number"{data_head("time / s")}>{p.seconds:.2f}</td></tr>'
     )
 

@@ -140,11 +140,7 @@ def _chart_bars(chart: Chart, end_s: float) -> str:
     """Show who was in control of each module, named where there are several."""
     several = len(chart.modes) > 1
     return "".join(
-        (
-            f'<p class="bar-name">{escape(band.module)}{_told(band)}</p>'
-            if several
-            else ""
-        )
+        (f'<p class="bar-name">{escape(band.module)}{_told(band)}</p>' if several else "")
         + mode_bar(chart.time_s, band.in_control, end_s)
         for band in chart.modes
     )
@@ -301,7 +297,11 @@ def _decision_table(arm: Flight | Chart, *, several: bool) -> str:
 
 def _decision_row(arm: Flight | Chart, decision: Decision, *, with_module: bool) -> str:
     """Show one decision."""
-    module = f"<td{data_head('module')}><code>{escape(decision.module)}</code></td>" if with_module else ""
+    module = (
+        f"<td{data_head('module')}><code>{escape(decision.module)}</code></td>"
+        if with_module
+        else ""
+    )
     kind = "takeover" if decision.to == "SC" else "giveback"
     seen = "<br>".join(escape(text) for text in predicates_text(decision.predicates))
     values = "".join(f"<br><code>{escape(text)}</code>" for text in decision.why)
