@@ -68,12 +68,12 @@ ALARM = (
 )
 MEANING = (
     "The model explains a step where disturbances within the ranges that the program declares lead "
-    "from one recorded state to the next. An alarm is a step that none explains.",
-    "Judged on truth: on the states of the plants. On estimates: on what the DM read, with the "
-    "measurement errors that the program declares.",
-    "Most of the disturbance used: of all steps the largest part of a declared range that one "
-    "needed, and the state (column `by`) that needed it. At most 100% is as declared.",
-    "That every step is explained does not say that the run was safe: `soter run` judges that.",
+    "from one recorded state to the next. An alarm is a step that none explains. Judged on truth: "
+    "on the states of the plants; on estimates: on what the DM read, with the measurement errors "
+    "that the program declares. Most of the disturbance used: of all steps the largest part of a "
+    "declared range that one needed, and the state (column `by`) that needed it; at most 100% is "
+    "as declared. That every step is explained does not say that the run was safe: `soter run` "
+    "judges that."
 )
 """What the words of the table mean, for a page that is read without the program beside it."""
 ENDING = "-monitor.html"
@@ -232,7 +232,7 @@ def _outcome(
     headline = "the model is false" if alarms else "the model explains every step"
     told = [
         PageSection("What was judged", (says, ALARM) if alarms else (says,), head, tuple(rows)),
-        PageSection("How to read it", MEANING),
+        PageSection("How to read it", (MEANING,)),
         PageSection("Provenance", _provenance(program)),
     ]
     fields |= _report(args, headline, bool(alarms), told, console)

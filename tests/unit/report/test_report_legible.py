@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from html import unescape
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,6 +12,7 @@ import sequence_sample
 from test_report_assurance import case_of
 from test_report_in_browser import CART, campaign_page, proof_page
 
+import browser
 import legibility
 import soter
 from soter.report.assurance.page import write_case
@@ -22,9 +22,9 @@ from soter.report.sections import PageSection, sections_main
 from soter.report.sequence.page import write_page as write_sequence
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
 
-    import browser
     from soter.report.run.record import ReportPage
 
 HASH = "64e94e48e18f8e7a523192fd32eba788858b7f9257e2f21fe1d313150dbd6b1c"
@@ -33,6 +33,15 @@ DRAWN = (
     "document.readyState === 'complete' && [...document.querySelectorAll('.plot')]"
     ".every((e) => e.querySelector('.main-svg, canvas'))"
 )
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[browser.Page]:
+    """One browser for all of them: each test opens a page of its own."""
+    if browser.chromium() is None:
+        pytest.skip("no chromium on this machine")
+    with browser.page() as opened:
+        yield opened
 
 
 def run_page(folder: Path) -> Path:
@@ -117,6 +126,14 @@ def test_nothing_on_a_page_of_a_flight_hinders_reading(
 
 
 LETTERS = "a word that is read"
+DARK_BOX = (
+    '<svg width="300" height="30"><rect width="300" height="30" fill="#111"/>'
+    '<text y="20">{}</text></svg>'
+)
+FAR_RIGHT = (
+    '<div style="overflow-x: auto"><svg width="3000" height="30">'
+    '<text x="2000" y="20">{}</text></svg></div>'
+)
 
 
 @pytest.mark.parametrize(
@@ -132,16 +149,8 @@ LETTERS = "a word that is read"
             f'<svg width="200" viewBox="0 0 1000 100"><text y="50">{LETTERS}</text></svg>',
             "3.2 px: ",
         ),
-        (
-            '<svg width="300" height="30"><rect width="300" height="30" fill="#111"/>'
-            f'<text y="20">{LETTERS}</text></svg>',
-            "contrast 1.",
-        ),
-        (
-            '<div style="overflow-x: auto"><svg width="3000" height="30"><text x="2000" y="20">'
-            f"{LETTERS}</text></svg></div>",
-            "out of sight: ",
-        ),
+        (DARK_BOX.format(LETTERS), "contrast 1."),
+        (FAR_RIGHT.format(LETTERS), "out of sight: "),
     ],
 )
 def test_each_hindrance_is_seen(

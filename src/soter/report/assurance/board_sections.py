@@ -243,4 +243,5 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         + "</tr>"
         for anchor, *cells in rows
     )
-    return f'<table class="case board stacked"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
+    opened = f'<table class="case board stacked"><thead><tr>{head}</tr></thead>'
+    return f"{opened}<tbody>{lines}</tbody></table>"

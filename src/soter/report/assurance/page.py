@@ -212,7 +212,8 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "") 
         + "</tr>"
         for anchor, *cells in rows
     )
-    return f'<table class="case stacked{kind}"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
+    opened = f'<table class="case stacked{kind}"><thead><tr>{head}</tr></thead>'
+    return f"{opened}<tbody>{lines}</tbody></table>"
 
 
 def _state(case: SafetyCase, n: CaseNode) -> str:

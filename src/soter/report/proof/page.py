@@ -109,9 +109,11 @@ def _open(count: int) -> str:
 def _properties(m: ModuleProof) -> str:
     rows = "".join(_property(p) for p in m.properties)
     return (
-        '<div class="scroll"><table class="events proof stacked"><thead><tr><th scope="col">property</th>'
+        '<div class="scroll"><table class="events proof stacked"><thead><tr>'
+        '<th scope="col">property</th>'
         '<th scope="col">verdict</th><th scope="col">what it says</th><th scope="col">method</th>'
-        f'<th scope="col" class="number">time / s</th></tr></thead><tbody>{rows}</tbody></table></div>'
+        '<th scope="col" class="number">time / s</th></tr></thead>'
+        f"<tbody>{rows}</tbody></table></div>"
     )
 
 

@@ -241,8 +241,8 @@ def _violations(arms: Sequence[Flight | Chart]) -> str:
     placed = any(isinstance(arm, Flight) for arm in arms)
     where = '<th scope="col">where / m</th>' if placed else ""
     return (
-        '<section><h2>Violations</h2><div class="scroll tall"><table class="events stacked"><thead><tr>'
-        '<th scope="col" class="number">t / s</th><th scope="col">arm</th>'
+        '<section><h2>Violations</h2><div class="scroll tall"><table class="events stacked">'
+        '<thead><tr><th scope="col" class="number">t / s</th><th scope="col">arm</th>'
         f'<th scope="col">what failed</th>{where}</tr></thead><tbody>{rows}</tbody></table></div>'
         "</section>"
     )

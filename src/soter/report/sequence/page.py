@@ -223,6 +223,7 @@ def _table(view: SequenceView) -> str:
 
 def _step(step: SequenceStep) -> str:
     late = late_text(step)
+    after = f'<br><span class="late">{late}</span>' if late else ""
     time = escape(duration_text(step.time_ns))
     deeds = [f"<li>{prose(phrase)}</li>" for phrase in does(step)]
     if step.note:
@@ -237,13 +238,17 @@ def _step(step: SequenceStep) -> str:
         f'<tr id="step-{step.number}" class="{"violates" if step.violates else step.kind}'
         f'{"" if step.matters else " aside"}">'
         f'<td class="number"{data_head("step")}><a href="#row-{step.number}">{step.number}</a></td>'
-        f'<td class="where"{data_head("time")}>{time}{f"<br><span class=late>{late}</span>" if late else ""}</td>'
-        f"<td{data_head('actor') if step.lane else ''}>{_name(step.lane)}</td>"
-        f"<td{data_head('does') if deeds else ''}><ul>{''.join(deeds)}</ul></td>"
-        f'<td class="values{" gated" if step.gated else ""}"{data_head("publishes") if values else ""}>'
-        f"<ul>{values}</ul></td>"
+        f'<td class="where"{data_head("time")}>{time}{after}</td>'
+        f"<td{data_head('actor')}>{_name(step.lane)}</td>"
+        f"<td{data_head('does')}>{_items(''.join(deeds))}</td>"
+        f'<td class="values{" gated" if step.gated else ""}"{data_head("publishes")}>'
+        f"{_items(values)}</td>"
         f"<td>{' '.join(marks)}</td></tr>"
     )
+
+
+def _items(items: str) -> str:
+    return f"<ul>{items}</ul>" if items else ""
 
 
 def _grounds(view: SequenceView) -> str:
