@@ -118,7 +118,8 @@ def _properties(m: ModuleProof) -> str:
 
 
 def _property(p: PropertyRow) -> str:
-    detail = f'<br><span class="detail">{prose(p.detail)}</span>' if p.detail else ""
+    more = p.detail if p.detail != p.meaning else ""
+    detail = f'<br><span class="detail">{prose(more)}</span>' if more else ""
     return (
         f'<tr><th scope="row">{prose(p.name)}</th>'
         f'<td><span class="badge {escape(p.verdict)}">{SIGNS.get(p.verdict, "?")} '

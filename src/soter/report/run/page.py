@@ -249,7 +249,7 @@ def _violations(arms: Sequence[Flight | Chart]) -> str:
 
 
 def _often(violation: Violation) -> str:
-    return f", the first of {violation.count} times" if violation.count > 1 else ""
+    return f", the first of {violation.times} times" if violation.times > 1 else ""
 
 
 def _where(arm: Flight | Chart, event: Decision | Violation) -> str:

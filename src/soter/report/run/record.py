@@ -51,13 +51,13 @@ class Decision:
 class Violation(NamedTuple):
     """A system property that failed on the truth: when, which, and where (m) if it has a place.
 
-    `count`: how often it began to fail; the others came after `time_s`.
+    `times`: how often it began to fail; the others came after `time_s`.
     """
 
     time_s: float
     text: str
     position: Vec3 | None = None
-    count: int = 1
+    times: int = 1
 
 
 @dataclass(frozen=True, eq=False)

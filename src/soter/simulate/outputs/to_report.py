@@ -146,7 +146,7 @@ def run_chart(run: Run) -> Chart:
         modes=bands,
         decisions=tuple(_decision(d) for d in decisions.changes(run)),
         violations=tuple(
-            Violation(v.time_s, v.what, count=v.count)
+            Violation(v.time_s, v.what, times=v.count)
             for v in run.violation_list
             if v.time_s is not None
         ),
