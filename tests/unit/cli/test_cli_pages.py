@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from soter.api import load
 from soter.cli.main import command_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from soter.api import Program
 
     Soter = Callable[..., Any]
 
@@ -46,6 +49,10 @@ def test_a_replayed_trace_has_a_page_without_a_path(soter: Soter, here: Path, na
 # ---------------------------------------------------------------- monitor
 
 
+def soter_program(folder: Path) -> Program:
+    return load(folder / "cart.soter")
+
+
 def text_of(path: Path) -> str:
     """The words of a page, code in backticks as in a terminal."""
     page = re.sub(r"</?code>", "`", path.read_text("utf-8"))
@@ -68,6 +75,8 @@ def test_a_page_of_the_monitor_says_what_the_terminal_says(
     assert "cart.soter: flight.mcap" in words
     assert ("The model is false" in words) is (code == 3)
     assert ("the model explains every step" in words) is (code == 0)
+    assert soter_program(here).sha256 in words
+    assert "An alarm is a step that none explains" in words
     row = next(line for line in done.out.splitlines() if line.startswith("SafeCart"))
     assert row.split() == words[words.index("SafeCart") :].split()[: len(row.split())]
     again = soter("monitor", "cart.soter", "flight.mcap", "--report", "m.html", "--json")
@@ -87,7 +96,15 @@ def test_a_page_of_a_log_of_somebody_else_has_its_assumptions(soter: Soter, here
     words = text_of(here / done.document["report"])
     for text in done.document["log"]["assumptions"]:
         assert text in words
-    assert f"{done.document['log']['modules']['SafeCart']['steps']:,} steps of the DM" in words
+    judged = done.document["log"]["modules"]["SafeCart"]
+    assert f"{judged['steps']:,} steps of the DM" in words
+    assert judged["changes"]
+    for change in judged["changes"]:  # a row of a table each
+        assert f"{change['time_s']:.3f} s {change['to']} {change['reason']}" in " ".join(
+            re.sub(r"φ safe", "φ_safe", " ".join(words.split())).split()
+        )
+    if judged["outside"]:
+        assert f"SafeCart: {judged['outside']:,} of" in words
 
 
 def test_a_page_that_cannot_be_written_is_d006_and_one_of_no_judgement_u001(
