@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from dataclasses import replace
 from html import unescape
 from typing import TYPE_CHECKING
 
 import pytest
-import sequence_sample
-from test_report_assurance import case_of
-from test_report_in_browser import CART, campaign_page, proof_page
 
 import browser
 import legibility
@@ -27,6 +25,10 @@ if TYPE_CHECKING:
 
     from soter.report.run.record import ReportPage
 
+sample = importlib.import_module("sequence_sample")
+case_of = importlib.import_module("test_report_assurance").case_of
+in_browser = importlib.import_module("test_report_in_browser")
+CART = in_browser.CART
 HASH = "64e94e48e18f8e7a523192fd32eba788858b7f9257e2f21fe1d313150dbd6b1c"
 WINDOWS = ((1300, "light"), (1300, "dark"), (420, "light"))
 DRAWN = (
@@ -51,7 +53,7 @@ def run_page(folder: Path) -> Path:
 
 def sequence_page(folder: Path) -> Path:
     """Every other step is one that does not matter."""
-    view = sequence_sample.small()
+    view = sample.small()
     steps = tuple(replace(s, matters=s.violates or s.number % 2 == 0) for s in view.steps)
     return write_sequence(replace(view, steps=steps), folder / "sequence.html")
 
@@ -87,8 +89,8 @@ def told_page(folder: Path) -> Path:
 
 MADE = (
     run_page,
-    proof_page,
-    campaign_page,
+    in_browser.proof_page,
+    in_browser.campaign_page,
     sequence_page,
     case_page,
     advice_page,
