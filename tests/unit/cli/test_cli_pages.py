@@ -17,8 +17,6 @@ from soter.cli.main import command_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.api import Program
-
     Soter = Callable[..., Any]
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -49,10 +47,6 @@ def test_a_replayed_trace_has_a_page_without_a_path(soter: Soter, here: Path, na
 # ---------------------------------------------------------------- monitor
 
 
-def soter_program(folder: Path) -> Program:
-    return load(folder / "cart.soter")
-
-
 def text_of(path: Path) -> str:
     """The words of a page, code in backticks as in a terminal."""
     page = re.sub(r"</?code>", "`", path.read_text("utf-8"))
@@ -75,7 +69,9 @@ def test_a_page_of_the_monitor_says_what_the_terminal_says(
     assert "cart.soter: flight.mcap" in words
     assert ("The model is false" in words) is (code == 3)
     assert ("the model explains every step" in words) is (code == 0)
-    assert soter_program(here).sha256 in words
+    sha256 = load(here / "cart.soter").sha256
+    assert sha256 is not None
+    assert sha256 in words
     assert "An alarm is a step that none explains" in words
     row = next(line for line in done.out.splitlines() if line.startswith("SafeCart"))
     assert row.split() == words[words.index("SafeCart") :].split()[: len(row.split())]
