@@ -147,7 +147,7 @@ ROOMS = {
     "tests/generators": (66, "each makes one kind of input; nobody reads two of them at once"),
     "tests/correct": (90, "a file a promise of the pages, found by its name"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
-    "tests/unit/report": (18, "as above"),
+    "tests/unit/report": (19, "as above"),
     "tests/unit/language": (18, "as above"),
     "tests/unit/certificate": (26, "as above"),
     "tests/unit/cli": (33, "as above: a file a command"),

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.report.assurance.expanded_predicate import MEANINGS
 from soter.report.run.result_wording import prose
+from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -34,12 +35,6 @@ STYLE = """<style>
 .formula .whole { white-space: nowrap; }
 .formula b { font-weight: 600; color: var(--sc); }
 .foot { display: none; }
-@media (max-width: 640px) {
-  .board thead { display: none; }
-  .board tr, .board td { display: block; border: 0; padding: 1px 0; }
-  .board tr { padding: 9px 0; border-bottom: 1px solid var(--grid); }
-  .board td[data-head]:not(:empty)::before { content: attr(data-head) ": "; color: var(--muted); }
-}
 @media print {
   main { display: table; table-layout: fixed; width: 100%; }
   .foot { display: table-footer-group; break-inside: avoid; }
@@ -51,6 +46,10 @@ STYLE = """<style>
 ON_EVERY_PAGE = ("Soter", "re-checker", "certificate", "C compiler")
 """Of what a case was made with, beside its program."""
 NO_FILE = "No file of hazards, requirements and owners was given (<code>--hazards FILE</code>)."
+CLOSED = (
+    "Supported is what leads to properties that all are; flights are left aside, as they are a "
+    "sample and close nothing."
+)
 FAULTS = (
     "Functions of the program are written out, and their parts have names. Calls that are left are "
     "operations of the language and functions of its prelude (docs/prelude.md). Where an operation "
@@ -126,7 +125,7 @@ def traced(case: SafetyCase) -> str:
             rows.append((i.id, escape(i.id), prose(i.text), over, "<br>".join(behind), state))
         heads = ("id", "what", "traces to", "rests on", "state")
         sections.append(f"<h3>{title}</h3>{_table(heads, rows)}" if rows else "")
-    said = f"As {_code(traceability.path)} says, SHA-256 {_code(traceability.sha256)}."
+    said = f"As {_code(traceability.path)} says, SHA-256 {_code(traceability.sha256)}. {CLOSED}"
     source = f'<p class="note lead">{said}</p>'
     rows = [
         ("", _code(p.name), HOW[p.how], _goal(p.goal), escape(p.status), _ids(p.hazards))
@@ -141,6 +140,8 @@ def traced(case: SafetyCase) -> str:
 
 
 def _behind(p: TracedProperty) -> str:
+    if not p.goal and p.how == "flights":
+        return f"{_code(p.name)}: {escape(p.status)}, as no campaign was given"
     at = f" ({_link(p.goal)})" if p.goal else ", no goal of this case is about it"
     return f"{_code(p.name)}: {escape(p.status)}, {HOW[p.how]}{at}"
 
@@ -238,10 +239,9 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     head = "".join(f'<th scope="col">{escape(h)}</th>' for h in heads)
     lines = "".join(
         (f'<tr id="{escape(anchor, quote=True)}">' if anchor else "<tr>")
-        + "".join(
-            f'<td data-head="{escape(h)}">{cell}</td>' for h, cell in zip(heads, cells, strict=True)
-        )
+        + "".join(f"<td{data_head(h)}>{cell}</td>" for h, cell in zip(heads, cells, strict=True))
         + "</tr>"
         for anchor, *cells in rows
     )
-    return f'<table class="case board"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
+    opened = f'<table class="case board stacked"><thead><tr>{head}</tr></thead>'
+    return f"{opened}<tbody>{lines}</tbody></table>"
