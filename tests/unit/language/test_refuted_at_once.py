@@ -1,0 +1,73 @@
+"""W022: a `ttf` that meets `safe` in a thin band is not said to come too late."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.language.front_end import check_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TRACK = """soter 1;
+param LIMIT: float = 10.0;
+param MARGIN: float = {margin!r};
+topic pos: float in [-20.0, 20.0] max_age 20ms;
+topic speed: float in [-1.0, 1.0];
+topic vel: float in [-1.0, 1.0] = 0.0;
+plant Cart period 10ms {{
+  reads vel;
+  drives pos = clamp(x, -20.0, 20.0);
+  drives speed = vel;
+  state x: float;
+  der x = vel;
+}}
+node Fast period 10ms {{
+  subscribes pos; publishes vel;
+  step {{ publish vel = clamp(9.0 - pos, -1.0, 1.0); }}
+}}
+node Stop period 10ms {{ publishes vel; step {{ publish vel = 0.0; }} }}
+rta Guard {{
+  ac Fast; sc Stop; period 50ms;
+  safe {safe};
+  ttf {ttf};
+  safer abs(pos) < 5.0;
+}}
+system Track {{ c: Cart; module Guard; until 10s; }}
+"""
+
+
+def _codes(tmp_path: Path, safe: str, ttf: str, margin: float = 0.1) -> list[str]:
+    path = tmp_path / "track.soter"
+    path.write_text(TRACK.format(safe=safe, ttf=ttf, margin=margin))
+    codes = [d.code for d in check_file(path).diagnostics.items]
+    return [code for code in codes if code != "W001"]  # of what a predicate leaves out
+
+
+@pytest.mark.parametrize(
+    ("safe", "ttf"),
+    [
+        ("abs(pos) < LIMIT", "abs(pos) > LIMIT - MARGIN"),
+        ("abs(pos) < LIMIT", "abs(pos) + MARGIN * abs(speed) > LIMIT"),
+        ("abs(pos) < 10.0", "abs(pos) + 0.12 * abs(speed) > 10.0"),
+        ("abs(pos) < LIMIT", "abs(pos) > LIMIT - MARGIN && speed > 0.9"),
+        ("abs(pos) < LIMIT || speed == 0.0", "abs(pos) > LIMIT && abs(speed) < MARGIN"),
+    ],
+)
+def test_predicates_that_meet_in_a_thin_band_are_not_warned_of(
+    safe: str, ttf: str, tmp_path: Path
+) -> None:
+    assert _codes(tmp_path, safe, ttf) == []
+
+
+def test_random_margins_are_not_warned_of_and_their_absence_is(tmp_path: Path) -> None:
+    draw = random.Random(0)  # noqa: S311 - the same programs each time
+    for _ in range(40):
+        margin = 10 ** draw.uniform(-9, 0)
+        radius = draw.choice(("abs(pos)", "sqrt(pos * pos + speed * speed)", "max(pos, -pos)"))
+        safe, late = f"{radius} < LIMIT", f"{radius} >= LIMIT"
+        assert _codes(tmp_path, safe, f"{radius} > LIMIT - MARGIN", margin) == [], margin
+        assert _codes(tmp_path, safe, late, margin) == ["W022"]
