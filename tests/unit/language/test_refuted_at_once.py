@@ -71,3 +71,46 @@ def test_random_margins_are_not_warned_of_and_their_absence_is(tmp_path: Path) -
         safe, late = f"{radius} < LIMIT", f"{radius} >= LIMIT"
         assert _codes(tmp_path, safe, f"{radius} > LIMIT - MARGIN", margin) == [], margin
         assert _codes(tmp_path, safe, late, margin) == ["W022"]
+
+
+CART = """soter 1;
+topic pos: float in [-20.0, 20.0] max_age 20ms;
+topic vel: float in [-1.0, 1.0] = 0.0;
+plant Cart period 10ms {{ reads vel; drives pos = x; state x: float = {start}; der x = vel; }}
+node Fast period 10ms {{ publishes vel; step {{ publish vel = 1.0; }} }}
+node Stop period 10ms {{ publishes vel; step {{ publish vel = 0.0; }} }}
+"""
+GATE = """topic gate: bool = false;
+node Open period 10ms { publishes gate; step { publish gate = true; } }
+node Shut period 10ms { publishes gate; step { publish gate = false; } }
+rta Guard {
+  ac Fast; sc Stop; period 50ms;
+  safe abs(pos) < 10.0; ttf abs(pos) > 9.0 || gate; safer abs(pos) < 8.0 && !gate;
+}
+rta Gate {
+  ac Open; sc Shut; period 50ms;
+  safe abs(pos) < 11.0; ttf abs(pos) > 9.0; safer abs(pos) < 8.0;
+}
+system Track { c: Cart; module Guard; module Gate; until 10s; }
+"""
+
+
+def test_what_another_decision_module_reads_is_not_said_to_be_read_by_nothing(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "gate.soter"
+    path.write_text(CART.format(start="0.0") + GATE)
+    assert [d.code for d in check_file(path).diagnostics.items] == []
+    path.write_text(CART.format(start="0.0") + GATE.replace(" || gate", "").replace(" && !gate", ""))
+    assert [d.code for d in check_file(path).diagnostics.items] == ["W023"]
+
+
+def test_a_value_that_its_topic_never_holds_is_not_said_to_be_its_first(tmp_path: Path) -> None:
+    rest = GATE[GATE.index("rta Guard") : GATE.index("rta Gate")].replace(" || gate", "")
+    rest = rest.replace(" && !gate", "") + "system Track { c: Cart; module Guard; until 10s; }"
+    path = tmp_path / "track.soter"
+    codes = []
+    for start in ("15.0", "30.0"):  # at 30.0 the plant faults, and `pos` keeps its default
+        path.write_text(CART.format(start=start) + rest)
+        codes.append([d.code for d in check_file(path).diagnostics.items])
+    assert codes == [["W021"], []]

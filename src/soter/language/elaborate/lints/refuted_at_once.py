@@ -82,7 +82,8 @@ def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> Non
 def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
     """What plants publish at the start, at the low and the high ends of their states.
 
-    Nothing where one of the topics is driven by something else, or depends on what is drawn.
+    Nothing where one of the topics is driven by something else, depends on what is drawn, or leaves
+    its set.
     """
     drivers = {
         c.scope.topics[topic]: (c, value)
@@ -96,10 +97,18 @@ def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
         topics: list[Value] = [t.default for t in system.topics]
         for i in indices:
             value = _published_at_first(*drivers[i], end)
-            if value is None:
+            if value is None or not _is_of_its_set(system, i, value):
                 return
             topics[i] = value
         yield topics
+
+
+def _is_of_its_set(system: System, index: int, value: Value) -> bool:
+    """Whether a topic may hold a value; a plant that publishes another one faults."""
+    bounds = system.topics[index].bounds
+    return len(bounds) != len(flat(value)) or all(
+        b is None or b.low <= x <= b.high for b, x in zip(bounds, flat(value), strict=True)
+    )
 
 
 def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> Value | None:
@@ -259,8 +268,8 @@ def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> N
 
 
 def _read(system: System, module: Module) -> set[int]:
-    """The topics that plants and nodes read, but for AC and SC of the module."""
-    read: set[int] = set()
+    """The topics that plants, nodes and other DMs read, but for AC and SC of the module."""
+    read = {t for other in system.modules if other.index != module.index for t in other.inputs}
     for component in system.components:
         topics = component.scope.topics
         if component.plant is not None:
@@ -277,7 +286,7 @@ def _unread(system: System, module: Module, diagnostics: Diagnostics) -> None:
         "W023",
         f"nothing reads what module `{module.symbol.name}` publishes",
         outputs[0].symbol.span,
-        "no plant and no node reads it",
+        "no plant, no node and no other DM reads it",
         also=((module.symbol.span, f"publishes {names}"),),
         notes=("what no plant feels keeps nothing safe",),
         helps=(f"let a plant read it: `reads {outputs[0].symbol.name.rpartition('.')[2]};`",),
