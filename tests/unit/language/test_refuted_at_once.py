@@ -101,7 +101,9 @@ def test_what_another_decision_module_reads_is_not_said_to_be_read_by_nothing(
     path = tmp_path / "gate.soter"
     path.write_text(CART.format(start="0.0") + GATE)
     assert [d.code for d in check_file(path).diagnostics.items] == []
-    path.write_text(CART.format(start="0.0") + GATE.replace(" || gate", "").replace(" && !gate", ""))
+    path.write_text(
+        CART.format(start="0.0") + GATE.replace(" || gate", "").replace(" && !gate", "")
+    )
     assert [d.code for d in check_file(path).diagnostics.items] == ["W023"]
 
 
@@ -114,3 +116,23 @@ def test_a_value_that_its_topic_never_holds_is_not_said_to_be_its_first(tmp_path
         path.write_text(CART.format(start=start) + rest)
         codes.append([d.code for d in check_file(path).diagnostics.items])
     assert codes == [["W021"], []]
+
+
+def test_a_proof_by_induction_is_not_told_to_leave_out_what_it_needs(tmp_path: Path) -> None:
+    path = tmp_path / "plan.soter"
+    path.write_text("""soter 1;
+topic plan: int in [0, 9];
+topic flown: int in [0, 9];
+node Any period 10ms { publishes plan; step { publish plan = choose [0, 9]; } }
+node Stay period 10ms { publishes plan; step { publish plan = 0; } }
+node Fly period 10ms { subscribes plan; publishes flown; step { publish flown = plan; } }
+rta Guard {
+  ac Any; sc Stay; period 20ms;
+  safe flown < 5; ttf flown >= 5; safer flown < 5;
+  verify { induction; }
+}
+system Flown { node Fly; module Guard; until 1s; }
+""")
+    (warning,) = check_file(path).diagnostics.items
+    assert warning.code == "W022"
+    assert not any("leave both out" in help_ for help_ in warning.helps)  # R032 without them

@@ -9,6 +9,7 @@ Non-goals: a proof; initial states between the ends of their sets; `ttf` and `sa
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.lints.contradictory_predicates import (
@@ -146,20 +147,21 @@ def doubt_trials(
         return  # nothing is to be kept, or W021 says so
     ttf_always, safer_always = _always(ttf, trials[0][0]), _always(safer, trials[0][1])
     name = f"of module `{symbol.name}`"
+    nothing = partial(_decides_nothing, induction=symbol.verify.induction is not None)
     if ttf_always is False:
-        _decides_nothing(f"`ttf` {name} never holds", ttf, "AC is never taken off", diagnostics)
+        nothing(f"`ttf` {name} never holds", ttf, "AC is never taken off", diagnostics)
     elif ttf_always and safer_always is not False:
-        _decides_nothing(f"`ttf` {name} always holds", ttf, "AC never keeps control", diagnostics)
+        nothing(f"`ttf` {name} always holds", ttf, "AC never keeps control", diagnostics)
     elif safer_always is False and not ttf_always:
-        _decides_nothing(f"`safer` {name} never holds", safer, "AC never has control", diagnostics)
+        nothing(f"`safer` {name} never holds", safer, "AC never has control", diagnostics)
     elif _exclude(system, module, trials, 0):
         label = "AC would be taken off when it is too late"
         message = f"`ttf` {name} seems to hold only where `safe` is lost"
-        _decides_nothing(message, ttf, label, diagnostics, safe)
+        nothing(message, ttf, label, diagnostics, safe)
     elif _exclude(system, module, trials, 1):
         label = "AC would get control where it must not be"
         message = f"`safer` {name} seems to hold only where `safe` is lost"
-        _decides_nothing(message, safer, label, diagnostics, safe)
+        nothing(message, safer, label, diagnostics, safe)
 
 
 def _decides_nothing(
@@ -168,7 +170,12 @@ def _decides_nothing(
     label: str,
     diagnostics: Diagnostics,
     safe: typed.TypedExpr | None = None,
+    *,
+    induction: bool,
 ) -> None:
+    helps = ("leave both out: then they are computed from `safe`",)
+    if induction:
+        helps = ("write them of states in which `safe` holds: induction computes neither",)
     sampled = ("no value that was tried meets both, which is no proof",) if safe else ()
     diagnostics.warning(
         "W022",
@@ -181,7 +188,7 @@ def _decides_nothing(
             "both are for states where `safe` holds and can still be kept",
             *sampled,
         ),
-        helps=("leave both out: then they are computed from `safe`",),
+        helps=helps,
     )
 
 
