@@ -43,7 +43,7 @@ system Track {{ c: Cart; module Guard; until 10s; }}
 def _codes(tmp_path: Path, safe: str, ttf: str, margin: float = 0.1) -> list[str]:
     path = tmp_path / "track.soter"
     path.write_text(TRACK.format(safe=safe, ttf=ttf, margin=margin))
-    codes = [d.code for d in check_file(path).diagnostics.items]
+    codes = [d.code for d in check_file(str(path)).diagnostics.items]
     return [code for code in codes if code != "W001"]  # of what a predicate leaves out
 
 
@@ -100,11 +100,11 @@ def test_what_another_decision_module_reads_is_not_said_to_be_read_by_nothing(
 ) -> None:
     path = tmp_path / "gate.soter"
     path.write_text(CART.format(start="0.0") + GATE)
-    assert [d.code for d in check_file(path).diagnostics.items] == []
+    assert [d.code for d in check_file(str(path)).diagnostics.items] == []
     path.write_text(
         CART.format(start="0.0") + GATE.replace(" || gate", "").replace(" && !gate", "")
     )
-    assert [d.code for d in check_file(path).diagnostics.items] == ["W023"]
+    assert [d.code for d in check_file(str(path)).diagnostics.items] == ["W023"]
 
 
 def test_a_value_that_its_topic_never_holds_is_not_said_to_be_its_first(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_a_value_that_its_topic_never_holds_is_not_said_to_be_its_first(tmp_path
     codes = []
     for start in ("15.0", "30.0"):  # at 30.0 the plant faults, and `pos` keeps its default
         path.write_text(CART.format(start=start) + rest)
-        codes.append([d.code for d in check_file(path).diagnostics.items])
+        codes.append([d.code for d in check_file(str(path)).diagnostics.items])
     assert codes == [["W021"], []]
 
 
@@ -133,6 +133,6 @@ rta Guard {
 }
 system Flown { node Fly; module Guard; until 1s; }
 """)
-    (warning,) = check_file(path).diagnostics.items
+    (warning,) = check_file(str(path)).diagnostics.items
     assert warning.code == "W022"
     assert not any("leave both out" in help_ for help_ in warning.helps)  # R032 without them

@@ -108,7 +108,7 @@ def _grouped(items: Sequence[OpenItem]) -> Iterator[str]:
         ids_by_why.setdefault(item.why, []).append(item.id)
     for why, ids in ids_by_why.items():
         link = {"property": _code, "assumption": _link}.get(items[0].kind, _link_to_row)
-        linked = ", ".join(map(link, ids))
+        linked = ", ".join(link(i) for i in ids)
         yield f"<li>{linked}: {prose(why)}</li>"
 
 

@@ -179,8 +179,8 @@ def _returns(problem: InductionProblem, induction: Induction) -> Finding:
             hint = "let one of them give control back whatever the other one does"
             finding.rest_on(UNDECIDED, problem.modes.never, hint)
     elif induction.contradicted:
-        granted = "what the DM reads is fresh" + ", and `progress` holds" * bool(problem.progress)
-        finding.text = f"what it takes for granted holds in no run for so long: {granted}"
+        grounds = "what the DM reads is fresh" + ", and `progress` holds" * bool(problem.progress)
+        finding.text = f"what it takes for granted holds in no run for so long: {grounds}"
         finding.hint = "a `max_age` of what the DM reads that its publisher keeps"
         if problem.progress:
             finding.hint = "say what always holds: at the start, too, and of topics' defaults"
