@@ -107,8 +107,7 @@ def _grouped(items: Sequence[OpenItem]) -> Iterator[str]:
     for item in items:
         ids_by_why.setdefault(item.why, []).append(item.id)
     for why, ids in ids_by_why.items():
-        link = {"property": _code, "assumption": _link}.get(items[0].kind, _link_to_row)
-        linked = ", ".join(link(i) for i in ids)
+        linked = ", ".join(_link_of(items[0].kind, i) for i in ids)
         yield f"<li>{linked}: {prose(why)}</li>"
 
 
@@ -234,6 +233,13 @@ def _code(text: str) -> str:
 
 def _link(id_: str, before: str = "") -> str:
     return f'<a href="#{before}{escape(id_, quote=True)}">{escape(id_)}</a>'
+
+
+def _link_of(kind: str, id_: str) -> str:
+    """Of what is open: to its row; a property has none."""
+    if kind == "property":
+        return _code(id_)
+    return _link(id_) if kind == "assumption" else _link_to_row(id_)
 
 
 def _link_to_row(id_: str) -> str:
