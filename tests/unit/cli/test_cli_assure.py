@@ -482,22 +482,6 @@ def test_versions_hashes_and_flags_are_those_of_what_was_used(soter: Soter, cart
         assert text in foot
 
 
-def test_flags_that_the_user_gives_the_compiler_are_told(
-    soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given = ("--cert", "proof", "--set", "GAIN=1.0")
-    assured(soter, *given)
-    plain = case_of(cart)["provenance"]["C compiler"].split()
-    monkeypatch.setenv("SOTER_CC", f"{find().command[0]} -DNAMED -fno-common")
-    find.cache_clear()
-    try:
-        assured(soter, *given)
-    finally:
-        find.cache_clear()
-    told = case_of(cart)["provenance"]["C compiler"].split()
-    assert [word for word in told if word not in plain] == ["-DNAMED", "-fno-common"]
-
-
 @pytest.mark.long
 def test_the_document_of_strictdoc_names_every_parent(soter: Soter, cart: Path) -> None:
     assured(soter, "--cert", "proof")
