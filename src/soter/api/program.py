@@ -21,7 +21,15 @@ from soter.api.arguments import (
 )
 from soter.api.check_report import CheckReport, check_report
 from soter.api.compiled_systems import PreparedSystems
-from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
+from soter.api.files import (
+    format_text,
+    read_text,
+    require_no_certificate,
+    require_writable,
+    require_writers,
+    run_log,
+    write_advice,
+)
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.option import made, takes
 from soter.language.front_end import CheckResult, check_file, system_of
@@ -322,6 +330,8 @@ class Program:
                 how: dict[str, Any] = {"refute": refute, "report": report, "progress": progress}
                 return load(written[0]).verify(module, cert, system=system, params=params, **how)
         require_writers(None, report)
+        if report is not None and cert is not None:
+            require_no_certificate(Path(report), Path(cert))
         return verify(
             self._checked,
             module=module,
@@ -376,6 +386,8 @@ class Program:
         from soter.verify.command import modules_of, problems_of  # noqa: PLC0415 - the same
         from soter.verify.period_sweep import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
 
+        if report is not None:
+            require_writable(Path(report))
         chosen = modules_of(self._checked, module, system, self._values(params))
         advice = advise_all(problems_of(chosen), factors, levels, progress)
         if report is not None and advice:

@@ -43,6 +43,8 @@ STYLE = """<style>
   .formula, .board tr { break-inside: avoid; }
 }
 </style>"""
+ROW = "row-"
+"""Before the anchors of hazards and requirements."""
 ON_EVERY_PAGE = ("Soter", "re-checker", "certificate", "C compiler")
 """Of what a case was made with, beside its program."""
 NO_FILE = "No file of hazards, requirements and owners was given (<code>--hazards FILE</code>)."
@@ -104,7 +106,7 @@ def _grouped(items: Sequence[OpenItem]) -> Iterator[str]:
     for item in items:
         ids_by_why.setdefault(item.why, []).append(item.id)
     for why, ids in ids_by_why.items():
-        linked = ", ".join(_link(i) if items[0].kind != "property" else _code(i) for i in ids)
+        linked = ", ".join(_link_of(items[0].kind, i) for i in ids)
         yield f"<li>{linked}: {prose(why)}</li>"
 
 
@@ -119,10 +121,10 @@ def traced(case: SafetyCase) -> str:
         rows = []
         for i in (i for i in traceability.items if i.kind == kind):
             behind = [_behind(properties[name]) for name in i.properties]
-            over = ", ".join(_code(t) if t in properties else _link(t) for t in i.traces_to)
+            over = ", ".join(_code(t) if t in properties else _link_to_row(t) for t in i.traces_to)
             good = i.status == "supported"
             state = f'<span class="{"good" if good else "open"}">{escape(i.status)}</span>'
-            rows.append((i.id, escape(i.id), prose(i.text), over, "<br>".join(behind), state))
+            rows.append((ROW + i.id, escape(i.id), prose(i.text), over, "<br>".join(behind), state))
         heads = ("id", "what", "traces to", "rests on", "state")
         sections.append(f"<h3>{title}</h3>{_table(heads, rows)}" if rows else "")
     said = f"As {_code(traceability.path)} says, SHA-256 {_code(traceability.sha256)}. {CLOSED}"
@@ -151,7 +153,7 @@ def _goal(goal: str) -> str:
 
 
 def _ids(ids: Iterable[str]) -> str:
-    return ", ".join(_link(i) for i in ids) or "none"
+    return ", ".join(_link_to_row(i) for i in ids) or "none"
 
 
 def assumptions(case: SafetyCase) -> str:
@@ -230,8 +232,20 @@ def _code(text: str) -> str:
     return f"<code>{escape(text)}</code>"
 
 
-def _link(id_: str) -> str:
-    return f'<a href="#{escape(id_, quote=True)}">{escape(id_)}</a>'
+def _link(id_: str, before: str = "") -> str:
+    return f'<a href="#{before}{escape(id_, quote=True)}">{escape(id_)}</a>'
+
+
+def _link_of(kind: str, id_: str) -> str:
+    """Of what is open: to its row; a property has none."""
+    if kind == "property":
+        return _code(id_)
+    return _link(id_) if kind == "assumption" else _link_to_row(id_)
+
+
+def _link_to_row(id_: str) -> str:
+    """To a hazard or a requirement, whose id people choose: it may be that of a goal, too."""
+    return _link(id_, ROW)
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -10,6 +10,7 @@ times or modes; states that the plant never reaches.
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING, cast
 
@@ -57,12 +58,10 @@ def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -
     predicates = (ttf, safer, symbol.safe)
     if not of_topics_alone(predicates):
         return []
-    topics = {
-        t: module.scope.topics[t] for t in topic_reads(*predicates) if t in module.scope.topics
-    }
-    if sum(leaf_count(system.topics[i].type) for i in topics.values()) > LEAVES_MAX:
+    indices = tried_topics(module)
+    if sum(leaf_count(system.topics[i].type) for i in indices) > LEAVES_MAX:
         return []
-    trials = trials_of(system, module, predicates, sorted(set(topics.values())))
+    trials = trials_of(system, module, predicates, indices)
     both = next((t for t in trials if t[0] and t[1] and _alike(ttf, safer)), None)
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
@@ -82,13 +81,20 @@ def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -
             "W013",
             f"`ttf` and `safer` of module `{symbol.name}` can both hold",
             safer.span,
-            f"also where {shown(system, sorted(set(topics.values())), both[3])}",
+            f"also where {shown(system, indices, both[3])}",
             also=((ttf.span, "`ttf`, which holds there, too"),),
             notes=("control would go back to AC and be taken away at the next look",),
             helps=("leave a gap: let `safer` begin where `ttf` has long ended",),
         )
         return []
     return trials
+
+
+def tried_topics(module: Module) -> list[int]:
+    """The topics of which values are tried, in the order of a trial."""
+    symbol, topics = module.symbol, module.scope.topics
+    written = [e for e in (symbol.ttf, symbol.safer, symbol.safe) if e is not None]
+    return sorted({topics[t] for t in topic_reads(*written) if t in topics})
 
 
 def of_topics_alone(predicates: Sequence[typed.TypedExpr]) -> bool:
@@ -227,7 +233,7 @@ def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> st
     parts: list[str] = []
     for index, value in zip(indices, values, strict=True):
         topic = system.topics[index]
-        for (path, t), leaf in zip(leaves(topic.type), _flat(value), strict=False):
+        for (path, t), leaf in zip(leaves(topic.type), flat(value), strict=False):
             name = ".".join((topic.name, *path)).replace(".[", "[")
             shown = f"{t.name}.{t.members[cast('int', leaf)]}" if isinstance(t, EnumType) else ""
             if isinstance(leaf, bool):
@@ -236,5 +242,44 @@ def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> st
     return " and ".join(parts[:3])
 
 
-def _flat(value: Value) -> list[Value]:
-    return [x for v in value for x in _flat(v)] if isinstance(value, tuple) else [value]
+def flat(value: Value) -> list[Value]:
+    """The scalars that a value is made of."""
+    return [x for v in value for x in flat(v)] if isinstance(value, tuple) else [value]
+
+
+def rebuilt(values: Sequence[Value], scalars: Sequence[Value]) -> list[Value]:
+    """Values made of other scalars, as `flat` gives them."""
+    given = iter(scalars)
+
+    def whole(value: Value) -> Value:
+        return tuple(whole(v) for v in value) if isinstance(value, tuple) else next(given)
+
+    return [whole(v) for v in values]
+
+
+Holds = Callable[["Sequence[typed.TypedExpr]", "Sequence[Value]"], list[bool]]
+"""Which of some predicates hold at values of the topics; one that faults does not."""
+
+
+def predicates_at(system: System, module: Module, indices: Sequence[int]) -> Holds:
+    """Judges predicates of a module at values of the topics `indices`; BudgetExceeded."""
+    evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
+    topics = [t.default for t in system.topics]
+    left = BUDGET
+
+    def holds(predicates: Sequence[typed.TypedExpr], values: Sequence[Value]) -> list[bool]:
+        nonlocal left
+        for i, value in zip(indices, values, strict=True):
+            topics[i] = value
+        env, held = Environment(topics=topics, stamps=[0] * len(topics)), []
+        for p in predicates:
+            try:
+                held.append(bool(evaluator.value(p, env)))
+            except StepFault:
+                held.append(False)
+            left -= evaluator.spent
+        if left < 0:
+            raise BudgetExceeded
+        return held
+
+    return holds

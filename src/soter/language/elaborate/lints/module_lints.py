@@ -53,7 +53,7 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
         if number < TRIED_MAX:
             doubt_start(system, module, diagnostics)
             trials = doubt_predicates(system, module, diagnostics)
-            doubt_trials(module, trials, diagnostics)
+            doubt_trials(system, module, trials, diagnostics)
 
 
 def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None:

@@ -1,21 +1,26 @@
 """What a proof of a module refutes by looking at it.
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
-holds only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the DM looks
-rarely beside its plant).
+seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
+DM looks rarely beside its plant).
 Non-goals: a proof; initial states between the ends of their sets; `ttf` and `safer` that exclude
 `safe` only in part.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.lints.contradictory_predicates import (
     Trial,
+    flat,
     of_topics_alone,
+    predicates_at,
+    rebuilt,
     shown,
     trials_of,
+    tried_topics,
 )
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
@@ -29,6 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.elaborate.lints.contradictory_predicates import Holds
     from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Value
 
@@ -38,7 +44,9 @@ RARELY = 1000
 OUTPUTS_SHOWN = 3
 BOTH_EXPECTED = 8.0
 """So many values of those tried would meet two conditions that have nothing to do with each other.
-Where none does, they exclude each other: by chance in 1 of 3,000 modules."""
+Where none does, values between them are tried: they may meet in a band that is thin."""
+PAIRS, HALVINGS = 24, 40
+"""Values of either condition between which one looks, and how closely."""
 
 
 def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -75,7 +83,8 @@ def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> Non
 def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
     """What plants publish at the start, at the low and the high ends of their states.
 
-    Nothing where one of the topics is driven by something else, or depends on what is drawn.
+    Nothing where one of the topics is driven by something else, depends on what is drawn, or leaves
+    its set.
     """
     drivers = {
         c.scope.topics[topic]: (c, value)
@@ -89,10 +98,18 @@ def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
         topics: list[Value] = [t.default for t in system.topics]
         for i in indices:
             value = _published_at_first(*drivers[i], end)
-            if value is None:
+            if value is None or not _is_of_its_set(system, i, value):
                 return
             topics[i] = value
         yield topics
+
+
+def _is_of_its_set(system: System, index: int, value: Value) -> bool:
+    """Whether a topic may hold a value; a plant that publishes another one faults."""
+    bounds = system.topics[index].bounds
+    return len(bounds) != len(flat(value)) or all(
+        b is None or b.low <= x <= b.high for b, x in zip(bounds, flat(value), strict=True)
+    )
 
 
 def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> Value | None:
@@ -118,7 +135,9 @@ def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> V
         return None  # a `let` of a disturbance, say: it is drawn
 
 
-def doubt_trials(module: Module, trials: Sequence[Trial], diagnostics: Diagnostics) -> None:
+def doubt_trials(
+    system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
+) -> None:
     """W022 for predicates that decide nothing."""
     symbol = module.symbol
     ttf, safer, safe = symbol.ttf, symbol.safer, symbol.safe
@@ -128,20 +147,21 @@ def doubt_trials(module: Module, trials: Sequence[Trial], diagnostics: Diagnosti
         return  # nothing is to be kept, or W021 says so
     ttf_always, safer_always = _always(ttf, trials[0][0]), _always(safer, trials[0][1])
     name = f"of module `{symbol.name}`"
+    nothing = partial(_decides_nothing, induction=symbol.verify.induction is not None)
     if ttf_always is False:
-        _decides_nothing(f"`ttf` {name} never holds", ttf, "AC is never taken off", diagnostics)
+        nothing(f"`ttf` {name} never holds", ttf, "AC is never taken off", diagnostics)
     elif ttf_always and safer_always is not False:
-        _decides_nothing(f"`ttf` {name} always holds", ttf, "AC never keeps control", diagnostics)
+        nothing(f"`ttf` {name} always holds", ttf, "AC never keeps control", diagnostics)
     elif safer_always is False and not ttf_always:
-        _decides_nothing(f"`safer` {name} never holds", safer, "AC never has control", diagnostics)
-    elif _exclude([t[0] for t in trials], [t[2] for t in trials]):
-        label = "AC is taken off when it is too late"
-        message = f"`ttf` {name} holds only where `safe` is lost"
-        _decides_nothing(message, ttf, label, diagnostics, safe)
-    elif _exclude([t[1] for t in trials], [t[2] for t in trials]):
+        nothing(f"`safer` {name} never holds", safer, "AC never has control", diagnostics)
+    elif _exclude(system, module, trials, 0):
+        label = "AC would be taken off when it is too late"
+        message = f"`ttf` {name} seems to hold only where `safe` is lost"
+        nothing(message, ttf, label, diagnostics, safe)
+    elif _exclude(system, module, trials, 1):
         label = "AC would get control where it must not be"
-        message = f"`safer` {name} holds only where `safe` is lost"
-        _decides_nothing(message, safer, label, diagnostics, safe)
+        message = f"`safer` {name} seems to hold only where `safe` is lost"
+        nothing(message, safer, label, diagnostics, safe)
 
 
 def _decides_nothing(
@@ -150,7 +170,13 @@ def _decides_nothing(
     label: str,
     diagnostics: Diagnostics,
     safe: typed.TypedExpr | None = None,
+    *,
+    induction: bool,
 ) -> None:
+    helps = ("leave both out: then they are computed from `safe`",)
+    if induction:
+        helps = ("write them of states in which `safe` holds: induction computes neither",)
+    sampled = ("no value that was tried meets both, which is no proof",) if safe else ()
     diagnostics.warning(
         "W022",
         message,
@@ -160,8 +186,9 @@ def _decides_nothing(
         notes=(
             "`ttf` says when AC must not go on, `safer` when it may have control again",
             "both are for states where `safe` holds and can still be kept",
+            *sampled,
         ),
-        helps=("leave both out: then they are computed from `safe`",),
+        helps=helps,
     )
 
 
@@ -170,10 +197,64 @@ def _always(predicate: typed.TypedExpr, tried: bool) -> bool | None:
     return None if topic_reads(predicate) else tried
 
 
-def _exclude(one: Sequence[bool], other: Sequence[bool]) -> bool:
-    """Whether two conditions never hold together, where chance would make them do it often."""
-    expected = sum(one) * sum(other) / len(one)
-    return expected >= BOTH_EXPECTED and not any(a and b for a, b in zip(one, other, strict=True))
+def _exclude(system: System, module: Module, trials: Sequence[Trial], number: int) -> bool:
+    """Whether `ttf` (0) or `safer` (1) meets `safe` at no value, where chance would make it often.
+
+    Between values of the one and of the other, too.
+    """
+    one, other = [t for t in trials if t[number]], [t for t in trials if t[2]]
+    if len(one) * len(other) < BOTH_EXPECTED * len(trials) or any(t[2] for t in one):
+        return False
+    predicate = (module.symbol.ttf, module.symbol.safer)[number]
+    predicates = tuple(e for e in (predicate, module.symbol.safe) if e is not None)
+    asked = predicates_at(system, module, tried_topics(module))
+    try:
+        return not any(
+            _meet_between(asked, predicates, beyond[3], inside[3])
+            for beyond, inside in zip(_spread(one), _spread(other), strict=False)
+        )
+    except BudgetExceeded:
+        return False
+
+
+def _spread(trials: Sequence[Trial]) -> Sequence[Trial]:
+    return trials[:: max(1, len(trials) // PAIRS)][:PAIRS]
+
+
+def _meet_between(
+    holds: Holds,
+    predicates: Sequence[typed.TypedExpr],
+    beyond: Sequence[Value],
+    inside: Sequence[Value],
+) -> bool:
+    """Whether two conditions both hold on the way from where the second does not to where it does.
+
+    Straight, and with one number of the values at a time.
+    """
+    far, near = flat(tuple(beyond)), flat(tuple(inside))
+    ends = [near, *([*far[:k], near[k], *far[k + 1 :]] for k in range(len(far)))]
+    for end in ends:
+        low, high = far, end
+        for _ in range(HALVINGS):
+            one, other = holds(predicates, rebuilt(inside, high))
+            if one and other:
+                return True
+            if high is end and not other:
+                break  # this way does not lead there
+            middle = [_midway(a, b) for a, b in zip(low, high, strict=True)]
+            if middle in (low, high):
+                break
+            if holds(predicates[1:], rebuilt(inside, middle))[0]:
+                high = middle
+            else:
+                low = middle
+    return False
+
+
+def _midway(a: Value, b: Value) -> Value:
+    if isinstance(a, bool) or a == b:
+        return b
+    return (a + b) // 2 if isinstance(a, int) else a / 2 + b / 2
 
 
 def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -194,8 +275,8 @@ def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> N
 
 
 def _read(system: System, module: Module) -> set[int]:
-    """The topics that plants and nodes read, but for AC and SC of the module."""
-    read: set[int] = set()
+    """The topics that plants, nodes and other DMs read, but for AC and SC of the module."""
+    read = {t for other in system.modules if other.index != module.index for t in other.inputs}
     for component in system.components:
         topics = component.scope.topics
         if component.plant is not None:
@@ -212,7 +293,7 @@ def _unread(system: System, module: Module, diagnostics: Diagnostics) -> None:
         "W023",
         f"nothing reads what module `{module.symbol.name}` publishes",
         outputs[0].symbol.span,
-        "no plant and no node reads it",
+        "no plant, no node and no other DM reads it",
         also=((module.symbol.span, f"publishes {names}"),),
         notes=("what no plant feels keeps nothing safe",),
         helps=(f"let a plant read it: `reads {outputs[0].symbol.name.rpartition('.')[2]};`",),
