@@ -1,0 +1,331 @@
+(* One module: DM, AC and SC with their times, what reaches the plant, and the theorem.
+   Purpose: "The model of time" and "Theorem" of docs/proof.md, for a module without nodes on its ways.
+   Non-goals: the gate that looks at commands (Gate.v), return (Return.v), leases, views. *)
+Require Import Reals Lra Lia Classical.
+From Soter Require Import Releases Trajectories ScRuns.
+Open Scope R_scope.
+
+Record times := {
+  Delta : R; delta : R; dm_phase : R; sc_phase : R;       (* periods and phases of DM and SC *)
+  dm_late : R; dm_response : R; sc_late : R; sc_response : R;
+  L : R; L_min : R;                                       (* from an output to its effect *)
+  age : R; sc_age : R;                                    (* of the states that DM and SC read, at their start *)
+  G : R; r : R }.                                         (* from a release of the DM to one of SC: at most, at least *)
+
+Section Times.
+Variable T : times.
+Definition dm_release k := dm_phase T + INR k * Delta T.
+Definition sc_release m := sc_phase T + INR m * delta T.
+Definition Lambda := Rmax (sc_late T) (dm_late T + dm_response T - r T).
+Definition window := Lambda + sc_response T + L T - L_min T.
+Definition state_age := sc_age T + sc_response T + L T.
+Definition H_star := age T + Delta T + Rmax (dm_late T + dm_response T) (G T + sc_late T) + sc_response T + L T.
+(* rho the release of SC from which on outputs count, q no earlier than the DM's last one at or before rho *)
+Definition h_0 rho q := rho + Rmax (sc_late T) (q + dm_late T + dm_response T - rho) + sc_response T + L T.
+
+Record times_hold : Prop := {
+  periods : 0 < delta T <= Delta T;
+  not_negative : 0 <= dm_phase T /\ 0 <= sc_phase T /\ 0 <= dm_late T /\ 0 <= dm_response T /\ 0 <= sc_late T /\
+    0 <= sc_response T /\ 0 <= L_min T <= L T /\ 0 <= age T /\ 0 <= sc_age T;
+  no_overlap : dm_late T + dm_response T <= Delta T;
+  windows_apart : 2 * window <= delta T;                  (* R015 *)
+  G_most : forall k, exists m, dm_release (S k) <= sc_release m <= dm_release (S k) + G T;
+  G_less : G T < Delta T;
+  r_least : forall k m, dm_release k <= sc_release m -> dm_release k + r T <= sc_release m }.
+End Times.
+
+(* One execution. A verdict is in force from dm_out on; the mode at an instant is that of the last one in force. *)
+Record execution (P : plant) (T : times) (answers : estimate P -> (component P -> value P) -> Prop) := {
+  x : R -> state P; u : R -> component P -> value P;
+  dm_start : nat -> R; dm_out : nat -> R; says_ac : nat -> Prop;
+  sc_start : nat -> R; sc_out : nat -> R; counts : nat -> Prop; out : nat -> component P -> value P;
+  acts : nat -> component P -> R; complete : nat -> R;
+  emitted : component P -> R -> R -> value P -> Prop;  (* emitted i e a v: v is published at e and begins to act at a *)
+  ac_mode := fun t => exists k, dm_out k <= t /\ says_ac k /\ forall k', dm_out k' <= t -> (k' <= k)%nat;
+  dm_starts : forall k, dm_release T k <= dm_start k <= dm_release T k + dm_late T;
+  dm_answers : forall k, dm_start k <= dm_out k <= dm_start k + dm_response T;
+  sc_waits : forall k m, dm_release T k <= sc_release T m -> dm_out k <= sc_start m;
+  sc_starts : forall m, sc_release T m <= sc_start m /\ (sc_start m <= sc_release T m + sc_late T \/
+    exists k, dm_release T k <= sc_release T m /\ sc_start m <= dm_out k);
+  sc_publishes : forall m, sc_start m <= sc_out m <= sc_start m + sc_response T;
+  sc_acts : forall m i, sc_out m + L_min T <= acts m i <= sc_out m + L T;
+  sc_complete : forall m, (forall i, acts m i <= complete m) /\ exists i, acts m i = complete m;
+  sc_answers : forall m, counts m -> exists s y, 0 <= s /\ sc_start m - sc_age T <= s <= sc_start m /\
+    reads_as P (x s) y /\ answers y (out m);
+  (* the gate: SC's outputs pass unless AC has control, and then nothing else does; all that passes is in U *)
+  sc_passes : forall m i, ~ ac_mode (sc_out m) -> emitted i (sc_out m) (acts m i) (out m i);
+  sc_alone : forall i e a v, emitted i e a v -> 0 <= e -> ~ ac_mode e ->
+    exists m, e = sc_out m /\ a = acts m i /\ v = out m i;
+  emitted_in_U : forall i e a v, emitted i e a v -> e <= a <= e + L T /\ inputs P i v;
+  (* the actuators: of what acts at t the last that was emitted; effects come in order *)
+  acting : forall t i, 0 <= t -> exists e a, emitted i e a (u t i) /\ a <= t /\
+    forall e' a' v', emitted i e' a' v' -> a' <= t -> e' <= e;
+  moves : forall t, 0 <= t -> flow P x u 0 t }.
+
+Section Safety.
+Variable P : plant.
+Variable T : times.
+Variable answers : estimate P -> (component P -> value P) -> Prop.
+Variable ex : execution P T answers.
+Hypothesis TH : times_hold T.
+Notation x := (x P T answers ex).
+Notation u := (u P T answers ex).
+Notation dm_start := (dm_start P T answers ex).
+Notation dm_out := (dm_out P T answers ex).
+Notation says_ac := (says_ac P T answers ex).
+Notation sc_start := (sc_start P T answers ex).
+Notation sc_out := (sc_out P T answers ex).
+Notation acts := (acts P T answers ex).
+Notation complete := (complete P T answers ex).
+Notation counts := (counts P T answers ex).
+Notation out := (out P T answers ex).
+Notation ac_mode := (ac_mode P T answers ex).
+Notation emitted := (emitted P T answers ex).
+Notation run m b := (fun C => sc_run P answers (delta T) (window T) (state_age T) C x u (fun k => acts (m + k)%nat)
+  (fun k => complete (m + k)%nat) (fun k => out (m + k)%nat) (sc_release T m + L_min T) b).
+
+Lemma dm_window : forall k, dm_release T k <= dm_start k /\ dm_start k <= dm_out k /\
+  dm_out k <= dm_release T k + dm_late T + dm_response T /\ dm_out k <= dm_release T (S k) /\ 0 <= dm_release T k.
+Proof.
+  intros k. pose proof (dm_starts _ _ _ ex k). pose proof (dm_answers _ _ _ ex k). pose proof (no_overlap T TH).
+  pose proof (not_negative T TH). pose proof (periods T TH). pose proof (pos_INR k).
+  unfold dm_release in *. rewrite S_INR. nra.
+Qed.
+
+Lemma dm_in_order : forall k n, (k < n)%nat -> dm_out k <= dm_release T n.
+Proof.
+  intros k n Hkn. destruct (dm_window k) as (_ & _ & _ & Q & _). assert (INR (S k) <= INR n) by (apply le_INR; lia).
+  pose proof (periods T TH). unfold dm_release in *. nra.
+Qed.
+
+Lemma dm_out_order : forall k n, (k <= n)%nat -> dm_out k <= dm_out n.
+Proof.
+  intros k n Hkn. destruct (Nat.eq_dec k n) as [-> |]; [lra |]. pose proof (dm_in_order k n ltac:(lia)).
+  destruct (dm_window n). lra.
+Qed.
+
+Lemma sc_window : forall m i, sc_release T m <= sc_start m /\ sc_start m <= sc_out m /\
+  sc_out m <= sc_release T m + Lambda T + sc_response T /\
+  sc_release T m + L_min T <= acts m i <= sc_release T m + L_min T + window T /\ 0 <= sc_release T m.
+Proof.
+  intros m i. destruct (sc_starts _ _ _ ex m) as [S1 S2]. pose proof (sc_publishes _ _ _ ex m).
+  pose proof (sc_acts _ _ _ ex m i). pose proof (not_negative T TH). pose proof (periods T TH). pose proof (pos_INR m).
+  assert (0 <= sc_release T m) by (unfold sc_release; nra).
+  assert (sc_start m <= sc_release T m + Lambda T).
+  { unfold Lambda. destruct S2 as [S2 | [k [R1 S2]]].
+    - pose proof (Rmax_l (sc_late T) (dm_late T + dm_response T - r T)). lra.
+    - pose proof (Rmax_r (sc_late T) (dm_late T + dm_response T - r T)). pose proof (r_least T TH k m R1).
+      destruct (dm_window k) as (_ & _ & W & _). lra. }
+  unfold window. lra.
+Qed.
+
+Lemma window_pos : 0 <= window T /\ window T < delta T /\ Lambda T + sc_response T <= window T.
+Proof.
+  pose proof (not_negative T TH). pose proof (periods T TH). pose proof (windows_apart T TH).
+  pose proof (Rmax_l (sc_late T) (dm_late T + dm_response T - r T)). unfold window, Lambda in *. lra.
+Qed.
+
+Lemma sc_in_order : forall m n i, (m < n)%nat -> sc_out m < sc_out n /\ acts m i < acts n i.
+Proof.
+  intros m n i Hmn. destruct (sc_window m i) as (_ & _ & A1 & A2 & _). destruct (sc_window n i) as (B1 & B2 & _ & B3 & _).
+  assert (INR m + 1 <= INR n) by (rewrite <- S_INR; apply le_INR; lia).
+  pose proof window_pos. pose proof (periods T TH). unfold sc_release in *. nra.
+Qed.
+
+(* From an output that counts on, while no "AC" verdict is in force, the execution is an SC-run. *)
+Lemma sc_run_begins : forall (C : state P -> Prop) m b, (forall n, (m <= n)%nat -> counts n) -> complete m <= b ->
+  (forall t, 0 <= t <= complete m -> C (x t)) -> (forall t, sc_out m <= t < b -> ~ ac_mode t) -> run m b C.
+Proof.
+  intros C m b Hc Hb HC Hm. destruct (sc_complete _ _ _ ex m) as [Cm1 [i0 Cm2]].
+  destruct (sc_window m i0) as (W1 & W2 & _ & W3 & W4). pose proof (not_negative T TH) as NN.
+  assert (Rel : forall k, sc_release T (m + k) = sc_release T m + INR k * delta T)
+    by (intros; unfold sc_release; rewrite plus_INR; ring).
+  constructor.
+  - intros k i. destruct (sc_window (m + k) i) as (_ & _ & _ & Q & _). rewrite Rel in Q. lra.
+  - intros k. apply sc_complete.
+  - rewrite Nat.add_0_r. lra.
+  - rewrite Nat.add_0_r. intros t T0 Ht. apply HC. lra.
+  - intros t i Ht. destruct (acting _ _ _ ex t i ltac:(lra)) as (e & a & E & _). apply (emitted_in_U _ _ _ ex) in E. tauto.
+  - intros k i t Ht Hb'. destruct (acting _ _ _ ex t i ltac:(lra)) as (e & a & E & Ha & Last).
+    assert (Out : sc_out m <= sc_out (m + k)%nat).
+    { destruct k; [rewrite Nat.add_0_r; lra |]. left. apply (sc_in_order m (m + S k) i). lia. }
+    pose proof (sc_acts _ _ _ ex (m + k)%nat i) as Acts.
+    assert (Pass : emitted i (sc_out (m + k)%nat) (acts (m + k)%nat i) (out (m + k)%nat i)).
+    { apply (sc_passes _ _ _ ex). apply Hm. lra. }
+    pose proof (Last _ _ _ Pass ltac:(lra)) as Le.
+    destruct (emitted_in_U _ _ _ ex _ _ _ _ E) as [Ea _].
+    destruct (sc_alone _ _ _ ex _ _ _ _ E) as (n & -> & -> & ->); [lra | apply Hm; lra |].
+    replace n with (m + k)%nat; auto.
+    destruct (Nat.lt_trichotomy n (m + k)) as [Q | [Q | Q]]; auto.
+    + apply (sc_in_order n (m + k) i) in Q. lra.
+    + assert (acts (m + S k)%nat i <= acts n i); [| lra]. destruct (Nat.eq_dec n (m + S k)) as [-> |]; [lra |].
+      left. apply (sc_in_order (m + S k) n i). lia.
+  - intros k _. destruct (sc_answers _ _ _ ex (m + k)%nat) as (s & y & S0 & S1 & S2 & S3); [apply Hc; lia |].
+    exists s, y. destruct (sc_complete _ _ _ ex (m + k)%nat) as [_ [i Ci]].
+    pose proof (sc_acts _ _ _ ex (m + k)%nat) as Acts. pose proof (sc_publishes _ _ _ ex (m + k)%nat).
+    pose proof (Acts i). unfold state_age. repeat split; auto; [lra |]. intros i'. specialize (Acts i'). lra.
+  - apply moves. lra.
+Qed.
+
+(* Until the mode is AC again: after a verdict that is not "AC" nobody but SC gets through. *)
+Lemma no_ac_before : forall j n t, (forall k, (j < k < n)%nat -> ~ says_ac k) -> dm_out (S j) <= t < dm_out n ->
+  ~ ac_mode t.
+Proof.
+  intros j n t No Ht (k & Hk & Ac & Last). pose proof (Last _ (proj1 Ht)). apply (No k); auto. split; [lia |].
+  destruct (Nat.lt_ge_cases k n) as [| Q]; auto. apply dm_out_order in Q. lra.
+Qed.
+
+Lemma no_ac_at_first : forall n t, (forall k, (k < n)%nat -> ~ says_ac k) -> t < dm_out n -> ~ ac_mode t.
+Proof.
+  intros n t No Ht (k & Hk & Ac & _). apply (No k); auto. destruct (Nat.lt_ge_cases k n) as [| Q]; auto.
+  apply dm_out_order in Q. lra.
+Qed.
+
+(* P1c. After a release j of the DM: an output of SC that starts after the verdict of j + 1 and is complete in time. *)
+Lemma takes_over_in_time : forall j, exists m, dm_release T (S j) <= sc_release T m /\
+  dm_out (S j) <= sc_start m /\ complete m <= dm_release T j - age T + H_star T.
+Proof.
+  intros j. destruct (G_most T TH j) as [m [M1 M2]]. exists m. repeat split; auto.
+  - apply (sc_waits _ _ _ ex). exact M1.
+  - destruct (sc_complete _ _ _ ex m) as [_ [i Ci]]. pose proof (sc_acts _ _ _ ex m i) as SA.
+    pose proof (sc_publishes _ _ _ ex m). destruct (sc_starts _ _ _ ex m) as [_ SS].
+    assert (Q : sc_start m <= dm_release T (S j) + Rmax (dm_late T + dm_response T) (G T + sc_late T)).
+    { pose proof (Rmax_l (dm_late T + dm_response T) (G T + sc_late T)).
+      pose proof (Rmax_r (dm_late T + dm_response T) (G T + sc_late T)).
+      destruct SS as [SS | [k [Rk SS]]]; [lra |].
+      assert (Kj : (k <= S j)%nat).
+      { destruct (Nat.le_gt_cases k (S j)) as [| Gt]; auto. assert (INR (S j) + 1 <= INR k)
+          by (rewrite <- S_INR; apply le_INR; lia). pose proof (G_less T TH). pose proof (periods T TH).
+        unfold dm_release in *. nra. }
+      apply dm_out_order in Kj. destruct (dm_window (S j)) as (_ & _ & W & _). lra. }
+    unfold H_star. unfold dm_release in Q. rewrite S_INR in Q. unfold dm_release. lra.
+Qed.
+
+Lemma outputs_after : forall m n, (m <= n)%nat -> sc_release T m <= sc_release T n.
+Proof. intros m n Q. apply le_INR in Q. pose proof (periods T TH). unfold sc_release. nra. Qed.
+
+(* SC's outputs from number m0 on count, whatever happened before. *)
+Variable m0 : nat. Variable q : R.
+Hypothesis counts_from : forall m, (m0 <= m)%nat -> counts m.
+Hypothesis q_last : forall k, dm_release T k <= sc_release T m0 -> dm_release T k <= q.
+Notation h0 := (h_0 T (sc_release T m0) q).
+
+Lemma first_in_time : complete m0 <= h0.
+Proof.
+  destruct (sc_complete _ _ _ ex m0) as [_ [i Ci]]. pose proof (sc_acts _ _ _ ex m0 i).
+  pose proof (sc_publishes _ _ _ ex m0). destruct (sc_starts _ _ _ ex m0) as [_ SS]. unfold h_0.
+  pose proof (Rmax_l (sc_late T) (q + dm_late T + dm_response T - sc_release T m0)).
+  pose proof (Rmax_r (sc_late T) (q + dm_late T + dm_response T - sc_release T m0)).
+  destruct SS as [SS | [k [Rk SS]]]; [lra |]. destruct (dm_window k) as (_ & _ & W & _). pose proof (q_last k Rk). lra.
+Qed.
+
+Variables C K : state P -> Prop.
+Hypothesis K_in_C : forall z, K z -> C z.
+Hypothesis P2a : core P answers (delta T) (window T) (state_age T) C K.
+
+(* The invariant: (F) free until a deadline, or (S) an SC-run from K. *)
+Definition free t := exists D, t <= D /\ look_ahead P K (D - t) (x t).
+Definition under_sc t := exists m, K (x (complete m)) /\ complete m <= t /\ run m t C.
+
+Lemma U_only : forall a b, 0 <= a -> within P (inputs P) u a b.
+Proof.
+  intros a b Ha t i Ht. destruct (acting _ _ _ ex t i ltac:(lra)) as (e & e' & E & _).
+  apply (emitted_in_U _ _ _ ex) in E. tauto.
+Qed.
+
+Lemma moves_from : forall a b, 0 <= a <= b -> flow P x u a b.
+Proof. intros a b Q. apply flow_part with 0 b; try lra. apply moves. lra. Qed.
+
+Lemma free_along : forall s h t, 0 <= s -> s <= t <= s + h -> look_ahead P K h (x s) -> free t.
+Proof.
+  intros s h t S0 St HR. exists (s + h). split; [lra |].
+  apply look_ahead_later with u; auto; [apply U_only | apply moves_from]; lra.
+Qed.
+
+Lemma free_K : forall t, 0 <= t -> free t -> K (x t).
+Proof.
+  intros t T0 (D & HD & HR). apply (look_along P K (D - t) x u t t); auto; try lra; [apply U_only | apply moves_from]; lra.
+Qed.
+
+Lemma invariant_C : forall t, 0 <= t -> free t \/ under_sc t -> C (x t).
+Proof.
+  intros t T0 [F | (m & Km & Hm & Run)]; [apply K_in_C, free_K; auto |].
+  apply (P2a _ _ _ _ _ _ _ Run); rewrite ?Nat.add_0_r; auto; lra.
+Qed.
+
+(* From a state of time s with H to go, if SC is complete at m before that and alone from then on until b. *)
+Lemma segment : forall s h m b, 0 <= s -> look_ahead P K h (x s) -> s <= complete m <= s + h ->
+  (forall t, 0 <= t < s -> C (x t)) -> (forall n, (m <= n)%nat -> counts n) ->
+  (forall t, sc_out m <= t < b -> ~ ac_mode t) -> forall t, s <= t <= b -> free t \/ under_sc t.
+Proof.
+  intros s h m b S0 HR Sm HC Hc Hm t Ht. destruct (Rle_or_lt t (complete m)) as [Q | Q].
+  - left. apply free_along with s h; auto; lra.
+  - right. exists m. split; [| split; [lra |]].
+    + apply free_K; [lra |]. apply free_along with s h; auto; lra.
+    + apply sc_run_begins; auto; [lra | | intros t' Ht'; apply Hm; lra].
+      intros t' Ht'. destruct (Rlt_or_le t' s); [apply HC; lra |]. apply K_in_C, free_K; [lra |].
+      apply free_along with s h; auto; lra.
+Qed.
+
+Variable H : R.
+Variables ttf safer : estimate P -> Prop.
+(* A verdict "AC" is on a read of a state no older than the age, at which ttf is false (or safer true). *)
+Hypothesis verdicts : forall k, says_ac k -> exists s y, 0 <= s /\ dm_start k - age T <= s <= dm_start k /\
+  reads_as P (x s) y /\ (~ ttf y \/ safer y).
+Hypothesis P3 : forall z y, C z -> reads_as P z y -> ~ ttf y \/ safer y -> look_ahead P K H z.
+Hypothesis P1c : H_star T <= H.
+Hypothesis start : look_ahead P K h0 (x 0).
+(* SC reads no more than the DM, whose read was available; or there is time for the first output that counts. *)
+Hypothesis available : (forall k m, says_ac k -> dm_start k <= sc_start m -> counts m) \/ h0 <= H.
+
+Lemma last_below : forall (A : nat -> Prop) n, (exists k, (k < n)%nat /\ A k) ->
+  exists j, (j < n)%nat /\ A j /\ forall k, (j < k < n)%nat -> ~ A k.
+Proof.
+  induction n; intros (k & Kn & Ak); [lia |]. destruct (classic (A n)) as [An | An].
+  - exists n. repeat split; auto. lia.
+  - destruct IHn as (j & Jn & Aj & Q).
+    + exists k. split; auto. assert (k <> n) by (intros ->; auto). lia.
+    + exists j. repeat split; [lia | auto |]. intros k' Hk'. destruct (Nat.eq_dec k' n) as [-> |]; auto. apply Q. lia.
+Qed.
+
+Lemma invariant_until : forall n t, 0 <= t <= dm_out n -> free t \/ under_sc t.
+Proof.
+  induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.
+  destruct (classic (exists k, (k < n)%nat /\ says_ac k)) as [Some | None].
+  - destruct (last_below says_ac n Some) as (j & Jn & Acj & NoAc).
+    destruct (verdicts j Acj) as (s & y & S0 & S1 & S2 & S3). destruct (dm_window j) as (D1 & D2 & D3 & D4 & D5).
+    destruct (Rlt_or_le t s) as [Q | Q]; [apply (IH j); auto; lra |].
+    assert (HC : forall t', 0 <= t' <= s -> C (x t')) by (intros t' Ht'; apply invariant_C; [lra | apply (IH j); auto; lra]).
+    assert (HR : look_ahead P K H (x s)) by (apply P3 with y; auto; apply HC; lra).
+    destruct (takes_over_in_time j) as (m & M1 & M2 & M3).
+    assert (exists m', (forall n', (m' <= n')%nat -> counts n') /\ dm_out (S j) <= sc_out m' /\
+      s <= complete m' <= s + H) as (m' & Cm & Om & Mm).
+    { assert (Late : forall n', dm_release T (S j) <= sc_release T n' -> dm_out (S j) <= sc_out n' /\ s <= complete n').
+      { intros n' R'. pose proof (sc_waits _ _ _ ex _ _ R'). destruct (sc_complete _ _ _ ex n') as [_ [i Ci]].
+        destruct (sc_window n' i) as (W1 & W2 & _). destruct (sc_acts _ _ _ ex n' i). destruct (dm_window (S j)).
+        pose proof (not_negative T TH). lra. }
+      destruct available as [Av | Av].
+      - exists m. destruct (Late m M1). repeat split; auto; [| lra]. intros n' N'. apply (Av j); auto.
+        apply outputs_after in N'. pose proof (sc_waits _ _ _ ex (S j) n' ltac:(lra)). destruct (dm_window (S j)). lra.
+      - destruct (Nat.le_ge_cases m0 m) as [Q' | Q'].
+        + exists m. destruct (Late m M1). repeat split; auto; [| lra]. intros n' N'. apply counts_from. lia.
+        + exists m0. destruct (Late m0); [apply outputs_after in Q'; lra |]. pose proof first_in_time.
+          repeat split; auto; lra. }
+    apply segment with s H m' (dm_out n); auto; [| | lra].
+    + intros t' Ht'. apply HC; lra.
+    + intros t' Ht'. apply no_ac_before with j n; auto. lra.
+  - pose proof first_in_time. destruct (sc_complete _ _ _ ex m0) as [_ [i Ci]].
+    destruct (sc_window m0 i) as (W1 & W2 & _ & W3 & W4). pose proof (not_negative T TH).
+    apply segment with 0 h0 m0 (dm_out n); auto; try lra; [intros; lra |].
+    intros t' Ht'. apply no_ac_at_first with n; [| lra]. intros k Kn Ak. apply None. eauto.
+Qed.
+
+Theorem invariant : forall t, 0 <= t -> free t \/ under_sc t.
+Proof.
+  intros t T0. pose proof (periods T TH). destruct (enough_steps (t - dm_phase T) (Delta T)) as [n Hn]; [lra |].
+  apply (invariant_until n). destruct (dm_window n) as (W & W' & _). unfold dm_release in W. lra.
+Qed.
+
+Theorem safe : forall t, 0 <= t -> C (x t).
+Proof. intros t T0. apply invariant_C, invariant; exact T0. Qed.
+End Safety.
