@@ -25,7 +25,7 @@ Definition h_0 rho q := rho + Rmax (sc_late T) (q + dm_late T + dm_response T - 
 
 Record times_hold : Prop := {
   periods : 0 < delta T <= Delta T;
-  not_negative : 0 <= dm_phase T /\ 0 <= sc_phase T /\ 0 <= dm_late T /\ 0 <= dm_response T /\ 0 <= sc_late T /\
+  not_negative : 0 <= dm_phase T < Delta T /\ 0 <= sc_phase T /\ 0 <= dm_late T /\ 0 <= dm_response T /\ 0 <= sc_late T /\
     0 <= sc_response T /\ 0 <= L_min T <= L T /\ 0 <= age T /\ 0 <= sc_age T;
   no_overlap : dm_late T + dm_response T <= Delta T;
   windows_apart : 2 * window <= delta T;                  (* R015 *)
@@ -35,7 +35,7 @@ Record times_hold : Prop := {
 End Times.
 
 (* One execution. A verdict is in force from dm_out on; the mode at an instant is that of the last one in force. *)
-Record execution (P : plant) (T : times) (answers : estimate P -> (component P -> value P) -> Prop) := {
+Record execution {P : plant} {T : times} {answers : estimate P -> (component P -> value P) -> Prop} := {
   x : R -> state P; u : R -> component P -> value P;
   dm_start : nat -> R; dm_out : nat -> R; says_ac : nat -> Prop;
   sc_start : nat -> R; sc_out : nat -> R; counts : nat -> Prop; out : nat -> component P -> value P;
@@ -66,28 +66,28 @@ Section Safety.
 Variable P : plant.
 Variable T : times.
 Variable answers : estimate P -> (component P -> value P) -> Prop.
-Variable ex : execution P T answers.
+Variable ex : @execution P T answers.
 Hypothesis TH : times_hold T.
-Notation x := (x P T answers ex).
-Notation u := (u P T answers ex).
-Notation dm_start := (dm_start P T answers ex).
-Notation dm_out := (dm_out P T answers ex).
-Notation says_ac := (says_ac P T answers ex).
-Notation sc_start := (sc_start P T answers ex).
-Notation sc_out := (sc_out P T answers ex).
-Notation acts := (acts P T answers ex).
-Notation complete := (complete P T answers ex).
-Notation counts := (counts P T answers ex).
-Notation out := (out P T answers ex).
-Notation ac_mode := (ac_mode P T answers ex).
-Notation emitted := (emitted P T answers ex).
+Notation x := (x ex).
+Notation u := (u ex).
+Notation dm_start := (dm_start ex).
+Notation dm_out := (dm_out ex).
+Notation says_ac := (says_ac ex).
+Notation sc_start := (sc_start ex).
+Notation sc_out := (sc_out ex).
+Notation acts := (acts ex).
+Notation complete := (complete ex).
+Notation counts := (counts ex).
+Notation out := (out ex).
+Notation ac_mode := (ac_mode ex).
+Notation emitted := (emitted ex).
 Notation run m b := (fun C => sc_run P answers (delta T) (window T) (state_age T) C x u (fun k => acts (m + k)%nat)
   (fun k => complete (m + k)%nat) (fun k => out (m + k)%nat) (sc_release T m + L_min T) b).
 
 Lemma dm_window : forall k, dm_release T k <= dm_start k /\ dm_start k <= dm_out k /\
   dm_out k <= dm_release T k + dm_late T + dm_response T /\ dm_out k <= dm_release T (S k) /\ 0 <= dm_release T k.
 Proof.
-  intros k. pose proof (dm_starts _ _ _ ex k). pose proof (dm_answers _ _ _ ex k). pose proof (no_overlap T TH).
+  intros k. pose proof (dm_starts ex k). pose proof (dm_answers ex k). pose proof (no_overlap T TH).
   pose proof (not_negative T TH). pose proof (periods T TH). pose proof (pos_INR k).
   unfold dm_release in *. rewrite S_INR. nra.
 Qed.
@@ -108,8 +108,8 @@ Lemma sc_window : forall m i, sc_release T m <= sc_start m /\ sc_start m <= sc_o
   sc_out m <= sc_release T m + Lambda T + sc_response T /\
   sc_release T m + L_min T <= acts m i <= sc_release T m + L_min T + window T /\ 0 <= sc_release T m.
 Proof.
-  intros m i. destruct (sc_starts _ _ _ ex m) as [S1 S2]. pose proof (sc_publishes _ _ _ ex m).
-  pose proof (sc_acts _ _ _ ex m i). pose proof (not_negative T TH). pose proof (periods T TH). pose proof (pos_INR m).
+  intros m i. destruct (sc_starts ex m) as [S1 S2]. pose proof (sc_publishes ex m).
+  pose proof (sc_acts ex m i). pose proof (not_negative T TH). pose proof (periods T TH). pose proof (pos_INR m).
   assert (0 <= sc_release T m) by (unfold sc_release; nra).
   assert (sc_start m <= sc_release T m + Lambda T).
   { unfold Lambda. destruct S2 as [S2 | [k [R1 S2]]].
@@ -136,7 +136,7 @@ Qed.
 Lemma sc_run_begins : forall (C : state P -> Prop) m b, (forall n, (m <= n)%nat -> counts n) -> complete m <= b ->
   (forall t, 0 <= t <= complete m -> C (x t)) -> (forall t, sc_out m <= t < b -> ~ ac_mode t) -> run m b C.
 Proof.
-  intros C m b Hc Hb HC Hm. destruct (sc_complete _ _ _ ex m) as [Cm1 [i0 Cm2]].
+  intros C m b Hc Hb HC Hm. destruct (sc_complete ex m) as [Cm1 [i0 Cm2]].
   destruct (sc_window m i0) as (W1 & W2 & _ & W3 & W4). pose proof (not_negative T TH) as NN.
   assert (Rel : forall k, sc_release T (m + k) = sc_release T m + INR k * delta T)
     by (intros; unfold sc_release; rewrite plus_INR; ring).
@@ -145,24 +145,24 @@ Proof.
   - intros k. apply sc_complete.
   - rewrite Nat.add_0_r. lra.
   - rewrite Nat.add_0_r. intros t T0 Ht. apply HC. lra.
-  - intros t i Ht. destruct (acting _ _ _ ex t i ltac:(lra)) as (e & a & E & _). apply (emitted_in_U _ _ _ ex) in E. tauto.
-  - intros k i t Ht Hb'. destruct (acting _ _ _ ex t i ltac:(lra)) as (e & a & E & Ha & Last).
+  - intros t i Ht. destruct (acting ex t i ltac:(lra)) as (e & a & E & _). apply (emitted_in_U ex) in E. tauto.
+  - intros k i t Ht Hb'. destruct (acting ex t i ltac:(lra)) as (e & a & E & Ha & Last).
     assert (Out : sc_out m <= sc_out (m + k)%nat).
     { destruct k; [rewrite Nat.add_0_r; lra |]. left. apply (sc_in_order m (m + S k) i). lia. }
-    pose proof (sc_acts _ _ _ ex (m + k)%nat i) as Acts.
+    pose proof (sc_acts ex (m + k)%nat i) as Acts.
     assert (Pass : emitted i (sc_out (m + k)%nat) (acts (m + k)%nat i) (out (m + k)%nat i)).
-    { apply (sc_passes _ _ _ ex). apply Hm. lra. }
+    { apply (sc_passes ex). apply Hm. lra. }
     pose proof (Last _ _ _ Pass ltac:(lra)) as Le.
-    destruct (emitted_in_U _ _ _ ex _ _ _ _ E) as [Ea _].
-    destruct (sc_alone _ _ _ ex _ _ _ _ E) as (n & -> & -> & ->); [lra | apply Hm; lra |].
+    destruct (emitted_in_U ex _ _ _ _ E) as [Ea _].
+    destruct (sc_alone ex _ _ _ _ E) as (n & -> & -> & ->); [lra | apply Hm; lra |].
     replace n with (m + k)%nat; auto.
     destruct (Nat.lt_trichotomy n (m + k)) as [Q | [Q | Q]]; auto.
     + apply (sc_in_order n (m + k) i) in Q. lra.
     + assert (acts (m + S k)%nat i <= acts n i); [| lra]. destruct (Nat.eq_dec n (m + S k)) as [-> |]; [lra |].
       left. apply (sc_in_order (m + S k) n i). lia.
-  - intros k _. destruct (sc_answers _ _ _ ex (m + k)%nat) as (s & y & S0 & S1 & S2 & S3); [apply Hc; lia |].
-    exists s, y. destruct (sc_complete _ _ _ ex (m + k)%nat) as [_ [i Ci]].
-    pose proof (sc_acts _ _ _ ex (m + k)%nat) as Acts. pose proof (sc_publishes _ _ _ ex (m + k)%nat).
+  - intros k _. destruct (sc_answers ex (m + k)%nat) as (s & y & S0 & S1 & S2 & S3); [apply Hc; lia |].
+    exists s, y. destruct (sc_complete ex (m + k)%nat) as [_ [i Ci]].
+    pose proof (sc_acts ex (m + k)%nat) as Acts. pose proof (sc_publishes ex (m + k)%nat).
     pose proof (Acts i). unfold state_age. repeat split; auto; [lra |]. intros i'. specialize (Acts i'). lra.
   - apply moves. lra.
 Qed.
@@ -186,9 +186,9 @@ Lemma takes_over_in_time : forall j, exists m, dm_release T (S j) <= sc_release 
   dm_out (S j) <= sc_start m /\ complete m <= dm_release T j - age T + H_star T.
 Proof.
   intros j. destruct (G_most T TH j) as [m [M1 M2]]. exists m. repeat split; auto.
-  - apply (sc_waits _ _ _ ex). exact M1.
-  - destruct (sc_complete _ _ _ ex m) as [_ [i Ci]]. pose proof (sc_acts _ _ _ ex m i) as SA.
-    pose proof (sc_publishes _ _ _ ex m). destruct (sc_starts _ _ _ ex m) as [_ SS].
+  - apply (sc_waits ex). exact M1.
+  - destruct (sc_complete ex m) as [_ [i Ci]]. pose proof (sc_acts ex m i) as SA.
+    pose proof (sc_publishes ex m). destruct (sc_starts ex m) as [_ SS].
     assert (Q : sc_start m <= dm_release T (S j) + Rmax (dm_late T + dm_response T) (G T + sc_late T)).
     { pose proof (Rmax_l (dm_late T + dm_response T) (G T + sc_late T)).
       pose proof (Rmax_r (dm_late T + dm_response T) (G T + sc_late T)).
@@ -212,8 +212,8 @@ Notation h0 := (h_0 T (sc_release T m0) q).
 
 Lemma first_in_time : complete m0 <= h0.
 Proof.
-  destruct (sc_complete _ _ _ ex m0) as [_ [i Ci]]. pose proof (sc_acts _ _ _ ex m0 i).
-  pose proof (sc_publishes _ _ _ ex m0). destruct (sc_starts _ _ _ ex m0) as [_ SS]. unfold h_0.
+  destruct (sc_complete ex m0) as [_ [i Ci]]. pose proof (sc_acts ex m0 i).
+  pose proof (sc_publishes ex m0). destruct (sc_starts ex m0) as [_ SS]. unfold h_0.
   pose proof (Rmax_l (sc_late T) (q + dm_late T + dm_response T - sc_release T m0)).
   pose proof (Rmax_r (sc_late T) (q + dm_late T + dm_response T - sc_release T m0)).
   destruct SS as [SS | [k [Rk SS]]]; [lra |]. destruct (dm_window k) as (_ & _ & W & _). pose proof (q_last k Rk). lra.
@@ -229,8 +229,8 @@ Definition under_sc t := exists m, K (x (complete m)) /\ complete m <= t /\ run 
 
 Lemma U_only : forall a b, 0 <= a -> within P (inputs P) u a b.
 Proof.
-  intros a b Ha t i Ht. destruct (acting _ _ _ ex t i ltac:(lra)) as (e & e' & E & _).
-  apply (emitted_in_U _ _ _ ex) in E. tauto.
+  intros a b Ha t i Ht. destruct (acting ex t i ltac:(lra)) as (e & e' & E & _).
+  apply (emitted_in_U ex) in E. tauto.
 Qed.
 
 Lemma moves_from : forall a b, 0 <= a <= b -> flow P x u a b.
@@ -267,6 +267,17 @@ Proof.
       apply free_along with s h; auto; lra.
 Qed.
 
+Hypothesis start : look_ahead P K h0 (x 0).
+
+Lemma invariant_at_first : forall n t, (forall k, (k < n)%nat -> ~ says_ac k) -> 0 <= t <= dm_out n ->
+  free t \/ under_sc t.
+Proof.
+  intros n t No Ht. pose proof first_in_time. destruct (sc_complete ex m0) as [_ [i Ci]].
+  destruct (sc_window m0 i) as (W1 & W2 & _ & W3 & W4). pose proof (not_negative T TH).
+  apply segment with 0 h0 m0 (dm_out n); auto; try lra; [intros; lra |].
+  intros t' Ht'. apply no_ac_at_first with n; auto; lra.
+Qed.
+
 Variable H : R.
 Variables ttf safer : estimate P -> Prop.
 (* A verdict "AC" is on a read of a state no older than the age, at which ttf is false (or safer true). *)
@@ -274,7 +285,6 @@ Hypothesis verdicts : forall k, says_ac k -> exists s y, 0 <= s /\ dm_start k - 
   reads_as P (x s) y /\ (~ ttf y \/ safer y).
 Hypothesis P3 : forall z y, C z -> reads_as P z y -> ~ ttf y \/ safer y -> look_ahead P K H z.
 Hypothesis P1c : H_star T <= H.
-Hypothesis start : look_ahead P K h0 (x 0).
 (* SC reads no more than the DM, whose read was available; or there is time for the first output that counts. *)
 Hypothesis available : (forall k m, says_ac k -> dm_start k <= sc_start m -> counts m) \/ h0 <= H.
 
@@ -301,12 +311,12 @@ Proof.
     assert (exists m', (forall n', (m' <= n')%nat -> counts n') /\ dm_out (S j) <= sc_out m' /\
       s <= complete m' <= s + H) as (m' & Cm & Om & Mm).
     { assert (Late : forall n', dm_release T (S j) <= sc_release T n' -> dm_out (S j) <= sc_out n' /\ s <= complete n').
-      { intros n' R'. pose proof (sc_waits _ _ _ ex _ _ R'). destruct (sc_complete _ _ _ ex n') as [_ [i Ci]].
-        destruct (sc_window n' i) as (W1 & W2 & _). destruct (sc_acts _ _ _ ex n' i). destruct (dm_window (S j)).
+      { intros n' R'. pose proof (sc_waits ex _ _ R'). destruct (sc_complete ex n') as [_ [i Ci]].
+        destruct (sc_window n' i) as (W1 & W2 & _). destruct (sc_acts ex n' i). destruct (dm_window (S j)).
         pose proof (not_negative T TH). lra. }
       destruct available as [Av | Av].
       - exists m. destruct (Late m M1). repeat split; auto; [| lra]. intros n' N'. apply (Av j); auto.
-        apply outputs_after in N'. pose proof (sc_waits _ _ _ ex (S j) n' ltac:(lra)). destruct (dm_window (S j)). lra.
+        apply outputs_after in N'. pose proof (sc_waits ex (S j) n' ltac:(lra)). destruct (dm_window (S j)). lra.
       - destruct (Nat.le_ge_cases m0 m) as [Q' | Q'].
         + exists m. destruct (Late m M1). repeat split; auto; [| lra]. intros n' N'. apply counts_from. lia.
         + exists m0. destruct (Late m0); [apply outputs_after in Q'; lra |]. pose proof first_in_time.
@@ -314,10 +324,7 @@ Proof.
     apply segment with s H m' (dm_out n); auto; [| | lra].
     + intros t' Ht'. apply HC; lra.
     + intros t' Ht'. apply no_ac_before with j n; auto. lra.
-  - pose proof first_in_time. destruct (sc_complete _ _ _ ex m0) as [_ [i Ci]].
-    destruct (sc_window m0 i) as (W1 & W2 & _ & W3 & W4). pose proof (not_negative T TH).
-    apply segment with 0 h0 m0 (dm_out n); auto; try lra; [intros; lra |].
-    intros t' Ht'. apply no_ac_at_first with n; [| lra]. intros k Kn Ak. apply None. eauto.
+  - apply invariant_at_first with n; auto. intros k Kn Ak. apply None. eauto.
 Qed.
 
 Theorem invariant : forall t, 0 <= t -> free t \/ under_sc t.

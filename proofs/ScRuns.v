@@ -77,7 +77,24 @@ Qed.
 (* Return: from z every SC-run is in Q at some all_act k, at most T + j after its beginning; T sums the chains. *)
 Inductive leads_to (Q : state P -> Prop) : R -> state P -> Prop :=
   | arrived : forall T z, 0 <= T -> Q z -> leads_to Q T z
-  | chain_to : forall T z N, (forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z ->
+  | chain_to : forall T z N, 0 <= T -> (forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z ->
       al N <= b -> leads_to Q T (x (al N))) -> leads_to Q (T + INR N * delta) z.
 
+
+Theorem run_arrives : forall K Q S, core K -> keeps Q S -> forall T z, leads_to Q T z ->
+  forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z -> K z ->
+  forall t, t0 + T + j <= t <= b -> S (x t).
+Proof.
+  intros K Q S HK HQ T z HT.
+  assert (G : forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z ->
+    (forall t, al 0%nat <= t <= b -> C (x t)) -> forall t, t0 + T + j <= t <= b -> S (x t)).
+  { induction HT as [T z T0 Qz | T z N T0 _ IH]; intros x u act al out t0 b H E HC t Ht;
+      pose proof (last_window _ _ _ _ _ _ _ 0%nat H) as W0; simpl in W0.
+    - apply (HQ _ _ _ _ _ _ _ H); [congruence | lra].
+    - pose proof (last_window _ _ _ _ _ _ _ N H) as W. pose proof (pos_INR N).
+      assert (R' := run_suffix _ _ _ _ _ _ _ N H ltac:(lra) ltac:(intros q Hq; apply HC; lra)).
+      apply (IH x u act al out t0 b H E ltac:(lra) _ _ _ _ _ _ _ R'); rewrite ?Nat.add_0_r; auto; [| lra].
+      intros q Hq. apply HC. destruct N; [lra |]. rewrite S_INR in *. pose proof (pos_INR N). nra. }
+  intros x u act al out t0 b H E Kz. apply (G _ _ _ _ _ _ _ H E). apply (HK _ _ _ _ _ _ _ H). congruence.
+Qed.
 End Runs.
