@@ -49,17 +49,16 @@ Proof.
   - intros k i t Ht Hb'. apply Cm; auto. replace (S (N + k)) with (N + S k)%nat by lia. exact Ht.
 Qed.
 
-(* Chains: from every state of K some number N >= 1 of outputs leads back to K, in C all the way. *)
-Definition chained (K : state P -> Prop) := forall x0, K x0 -> exists N, (1 <= N)%nat /\
-  forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = x0 ->
-    (forall t, al 0%nat <= t <= Rmin b (al N) -> C (x t)) /\ (al N <= b -> K (x (al N))).
+(* Chains: from every state of K some number N >= 1 of outputs leads back to K, in S all the way. *)
+Definition chained (K S : state P -> Prop) := forall z, K z -> exists N, (1 <= N)%nat /\
+  forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z ->
+    (forall t, al 0%nat <= t <= Rmin b (al N) -> S (x t)) /\ (al N <= b -> K (x (al N))).
 
-
-Theorem core_of_chains : forall K, chained K -> core K.
+Theorem keeps_of_chains : forall (K S : state P -> Prop), (forall z, S z -> C z) -> chained K S -> keeps K S.
 Proof.
-  intros K HK.
+  intros K S SC HK.
   assert (Q : forall n x u act al out t0 b, sc_run x u act al out t0 b -> K (x (al 0%nat)) ->
-    forall t, al 0%nat <= t <= b -> t <= al 0%nat + INR n * (delta - j) -> C (x t)).
+    forall t, al 0%nat <= t <= b -> t <= al 0%nat + INR n * (delta - j) -> S (x t)).
   { induction n; intros x u act al out t0 b H K0 t Ht Hn; destruct (HK _ K0) as [N [N1 Ch]];
       destruct (Ch x u act al out t0 b H eq_refl) as [CC KN];
       pose proof (last_window _ _ _ _ _ _ _ 0%nat H) as W0; pose proof (last_window _ _ _ _ _ _ _ N H) as WN;
@@ -67,12 +66,15 @@ Proof.
     - apply CC. simpl in Hn. unfold Rmin. destruct (Rle_dec b (al N)); nra.
     - destruct (Rle_or_lt t (al N)) as [L | G].
       + apply CC. unfold Rmin. destruct (Rle_dec b (al N)); lra.
-      + assert (S' := run_suffix _ _ _ _ _ _ _ N H).
-        apply (IHn _ _ _ _ _ _ _ (S' ltac:(lra) ltac:(intros q Hq; apply CC; unfold Rmin; destruct (Rle_dec b (al N)); lra)));
+      + assert (S' := run_suffix _ _ _ _ _ _ _ N H). apply (IHn _ _ _ _ _ _ _ (S' ltac:(lra)
+          ltac:(intros q Hq; apply SC, CC; unfold Rmin; destruct (Rle_dec b (al N)); lra)));
           rewrite ?Nat.add_0_r; [apply KN; lra | lra |]. rewrite S_INR in Hn. nra. }
   intros x u act al out t0 b H K0 t Ht. destruct (enough_steps (t - al 0%nat) (delta - j)) as [n Hn]; [lra |].
   apply (Q n _ _ _ _ _ _ _ H K0 t Ht). lra.
 Qed.
+
+Corollary core_of_chains : forall K, chained K C -> core K.
+Proof. intros K. apply keeps_of_chains. auto. Qed.
 
 (* Return: from z every SC-run is in Q at some all_act k, at most T + j after its beginning; T sums the chains. *)
 Inductive leads_to (Q : state P -> Prop) : R -> state P -> Prop :=
