@@ -179,3 +179,94 @@ Proof.
         apply le_INR in Km. lra.
   - exact X_moves.
 Defined.
+
+(* The DM reads as late as it may, as wrong as it may be, and goes by its predicates. *)
+Definition seen k := X (20 * INR k - 1) + 2.
+Definition ttf y := ~ ball 160 y.
+Definition safer y := ball 100 y.
+
+Theorem dm_goes_by_its_predicates : forall k, ((k = 1 \/ 14 <= k)%nat -> safer (seen k)) /\
+  ((2 <= k <= 8)%nat -> ~ ttf (seen k)) /\ (k = 9%nat -> ttf (seen k)) /\ ((10 <= k <= 13)%nat -> ~ safer (seen k)).
+Proof.
+  intros k. unfold safer, ttf, seen, ball. split; [intros [-> | Q] | split; [intros [Q Q'] No; apply No |
+    split; [intros -> No | intros [Q Q'] No]]]; naturals; simpl in *; cases.
+Qed.
+
+Lemma room : forall z y, reads_as integrator z y -> ball 163 y -> look_ahead integrator (ball 200) 31 z.
+Proof. intros z y Rd Hy. apply look. unfold ball in *. simpl in Rd. lra. Qed.
+
+Lemma seen_room : forall k, ac k -> ball 163 (seen k).
+Proof. unfold ac, ball, seen. intros k [[Q Q'] | Q]; naturals; cases. Qed.
+
+Lemma first_dm : forall k, dm_release T k <= sc_release T 0 -> dm_release T k <= 0.
+Proof. intros k Q. times. destruct (nat_apart k 0) as [[Q' _] | [Q' _]]; simpl in *; lra. Qed.
+
+Lemma K_core : core integrator answers (delta T) (window T) (state_age T) (ball 220) (ball 200).
+Proof. rewrite T_window, T_age. apply kept; unfold ball; intros; lra. Qed.
+
+Lemma begins : look_ahead integrator (ball 200) (h_0 T (sc_release T 0) 0) (X 0).
+Proof. apply look. times. unfold ball, X. cases. Qed.
+
+Theorem flight_safe : forall t, 0 <= t -> ball 220 (X t).
+Proof.
+  apply (safe integrator T answers flight T_holds 0 0) with (ball 200) 31 ttf safer;
+    [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core | exact begins | | | |].
+  - intros k Ac. change (ac k) in Ac. unfold ac in Ac. exists (20 * INR k - 1), (seen k). pose proof (dm_goes_by_its_predicates k) as (D1 & D2 & _).
+    assert (1 <= INR k) by (apply (le_INR 1); lia). simpl. unfold seen. repeat split; try lra.
+    destruct (Nat.le_gt_cases 14 k); [right; apply D1; lia |].
+    destruct (Nat.eq_dec k 1); [right; apply D1 | left; apply D2]; lia.
+  - intros z y _ Rd [Ok | Ok]; apply room with y; auto; [apply NNPP in Ok |]; unfold safer, ball in *; simpl in *; lra.
+  - rewrite T_H. lra.
+  - left. intros; exact I.
+Qed.
+
+(* SC takes over with its output 9, after verdict 9; it gives control back with verdict 14, in the time of P2b. *)
+Theorem flight_returns : exists k, ac k /\ 187 <= 20 * INR k + 2 <= 189 + 140 + 4 + 2 + 20 + 1 + 1.
+Proof.
+  assert (Home : ball (80 + INR 7 * 14) (X (20 * INR 9 + 9))) by (unfold ball; simpl; cases).
+  apply (comes_home (ball 220)) in Home.
+  destruct (control_returns integrator T answers flight (ball 220) (ball 200) (ball 80) safer (INR 7 * 20) 9) as (k & Ac & Hk).
+  - exact T_holds.
+  - exact K_core.
+  - rewrite T_window, T_age. apply kept; [lra | |]; unfold ball, safer.
+    + intros z Hz y Rd. simpl in Rd. unfold ball. lra.
+    + intros z Hz. specialize (Hz z ltac:(simpl; lra)). unfold ball in Hz. simpl in *. lra.
+  - intros; exact I.
+  - intros (k & Hk & Ac & Last). specialize (Last 9%nat ltac:(simpl; lra)). simpl in Hk.
+    assert (k <= 9)%nat by (apply nat_below with 2 7; simpl; lra). change (ac k) in Ac. unfold ac in Ac. lia.
+  - intros t Ht. apply flight_safe. lra.
+  - unfold ball. simpl. cases.
+  - rewrite T_window, T_age. exact Home.
+  - intros k Hk. exists (20 * INR k - 1), (seen k). simpl in *. unfold seen. repeat split; try lra. intros Sf.
+    assert (10 <= k)%nat by (apply nat_below with 0 12; simpl; lra). right.
+    destruct (Nat.le_gt_cases 14 k); auto. destruct (dm_goes_by_its_predicates k) as (_ & _ & _ & No). exfalso. apply No; auto; lia.
+  - exists k. split; [exact Ac |]. rewrite T_window in Hk. simpl in *. lra.
+Qed.
+
+(* The gate, in the same flight: each judgement is about R(H), which is less than R_V(H) would be. *)
+Theorem flight_gated : forall t, 0 <= t -> ball 220 (X t).
+Proof.
+  apply (gate_safe integrator T answers flight T_holds 0 0) with (ball 200) 31;
+    [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core | exact begins | rewrite T_H; lra | | | |
+     intros; exact I].
+  - intros k Ac. change (ac k) in Ac. assert (1 <= INR k) by (apply (le_INR 1); unfold ac in Ac; lia).
+    exists (20 * INR k - 1), (20 * INR k + 1). split; [| times; split; [lra | split; [lra |]]].
+    + split; [simpl; lra |]. exists (seen k). split; [unfold seen; simpl; lra |]. intros z Rd.
+      apply gate_refuses_no_more, room with (seen k); auto. apply seen_room; auto.
+    + intros i e a v [(-> & _) | (m & -> & _)] He; [lra |]. pose proof (nat_apart m k). exfalso.
+      destruct (nat_apart k m) as [[Q _] | [Q _]]; lra.
+  - intros i e a v [(-> & _) | (m & -> & -> & ->)] E0 (k & Hk & Ac & Last); [lra |]. simpl in *.
+    exists (20 * INR m + 3). pose proof (pos_INR m). split; [split; [lra |] |].
+    + exists (X (20 * INR m + 3) + 2). split; [simpl; lra |]. intros z Rd.
+      apply gate_refuses_no_more, room with (X (20 * INR m + 3) + 2); auto.
+      assert (m <= k)%nat by (apply Last; lra). assert (k <= m)%nat by (apply nat_below with 2 7; lra).
+      replace k with m in Ac by lia. change (ac m) in Ac. unfold ac, ball in *. destruct Ac as [[Q Q'] | Q]; naturals; cases.
+    + intros k' Hk'. times. assert (k' <= m)%nat by (apply nat_below with 1 7; lra). naturals. lra.
+  - intros b (i & e & a & v & E & Hb). destruct (Rle_or_lt b 7) as [Q | Q].
+    + exists tt, (-1), (-1), 0. split; [left; auto |]. destruct E as [(-> & _) | (m & -> & _)]; [| pose proof (pos_INR m); lra].
+      split; auto. intros _ e a' v' [(-> & _) | (m & -> & _)] Hb'; [lra | pose proof (pos_INR m); lra].
+    + destruct (next_release 7 20 b) as [[| m] Hm]; [lra | lra | simpl in Hm; lra |]. rewrite S_INR in Hm.
+      exists tt, (20 * INR m + 7), (20 * INR m + 9), (command m). split; [right; exists m; auto | split; [lra |]].
+      intros _ e' a' v' [(-> & _) | (k & -> & _)] Hb'; [pose proof (pos_INR m); lra |].
+      assert (k <= m)%nat; [| naturals; lra]. destruct (nat_apart k m) as [[_ K'] | [K' _]]; auto. lra.
+Qed.
