@@ -80,9 +80,7 @@ Proof.
   - apply moves_from. lra.
 Qed.
 
-Notation ok := (fun t => C (x ex t)).
-
-Lemma gate_until : forall n t, 0 <= t <= dm_out ex n -> ok t.
+Lemma gate_until : forall n t, 0 <= t <= dm_out ex n -> C (x ex t).
 Proof.
   induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.
   destruct (classic (exists k, (k < n)%nat /\ says_ac ex k)) as [Some | None].
@@ -99,10 +97,11 @@ Proof.
     apply (dm_out_order P T answers ex TH) in Gt. lra. }
   pose proof (Rmax_l (dm_late T + dm_response T) (G T + sc_late T)) as Max.
   assert (Star : H_star T >= age T + Delta T + dm_late T + dm_response T) by (unfold H_star; lra).
-  destruct (Rle_or_lt t (dm_out ex (S j))) as [Q' | Q'].
-  { apply K_in_C. apply gate_keeps with j t t; auto; try lra.
+  assert (Before : forall t', dm_out ex j <= t' <= dm_out ex (S j) -> K (x ex t')).
+  { intros t' Ht'. apply gate_keeps with j t' t'; auto; try lra.
     - intros i e a v _ He. apply Acm. lra.
     - intros i e a v E He Ha. destruct (emitted_in_U ex _ _ _ _ E). lra. }
+  destruct (Rle_or_lt t (dm_out ex (S j))) as [Q' | Q']; [apply K_in_C, Before; lra |].
   (* the verdict of j + 1 is not "AC": mx is SC's first output that passes *)
   destruct (takes_over_in_time P T answers ex TH j) as (m1 & M1 & M2 & M3).
   assert (Mx : dm_out ex (S j) <= sc_out ex m1) by (destruct (sc_publishes ex m1); lra).
@@ -114,7 +113,7 @@ Proof.
   assert (ScOnly : forall i e a v, emitted ex i e a v -> dm_out ex (S j) <= e < dm_out ex n ->
     sc_out ex mx <= e /\ sc_out ex mx + L_min T <= a).
   { intros i e a v E He. destruct (sc_alone ex _ _ _ _ E) as (m & -> & -> & _); [lra | |].
-    - apply (no_ac_before P T answers ex TH j n); auto; lra.
+    - apply (no_ac P T answers ex TH (S j) n); [intros k Kn; apply NoAc; lia | right |]; lra.
     - pose proof (Mx2 m (proj1 He)) as Le. pose proof (sc_acts ex m i).
       destruct (Nat.eq_dec mx m) as [-> | Ne]; [lra |]. destruct (sc_in_order P T answers ex TH mx m i); [lia |]. lra. }
   assert (KeepK : forall t', dm_out ex (S j) <= t' <= dm_out ex n -> t' <= complete ex mx -> K (x ex t')).
@@ -133,16 +132,10 @@ Proof.
   - intros n' N'. apply (available j); auto. destruct (Nat.eq_dec mx n') as [<- | Ne]; [lra |].
     destruct (sc_in_order P T answers ex TH mx n' i0); [lia |]. lra.
   - intros t' Ht'. destruct (Rle_or_lt t' (dm_out ex j)); [apply (IH j); auto; lra |]. apply K_in_C.
-    destruct (Rle_or_lt t' (dm_out ex (S j))); [| apply KeepK; lra].
-    apply gate_keeps with j t' t'; auto; try lra.
-    + intros i e a v _ He. apply Acm. lra.
-    + intros i e a v E He Ha. destruct (emitted_in_U ex _ _ _ _ E). lra.
-  - intros t' Ht'. apply (no_ac_before P T answers ex TH j n); auto; lra.
+    destruct (Rle_or_lt t' (dm_out ex (S j))); [apply Before | apply KeepK]; lra.
+  - intros t' Ht'. apply (no_ac P T answers ex TH (S j) n); [intros k Kn; apply NoAc; lia | right |]; lra.
 Qed.
 
 Theorem gate_safe : forall t, 0 <= t -> C (x ex t).
-Proof.
-  intros t T0. pose proof (periods T TH). destruct (enough_steps (t - dm_phase T) (Delta T)) as [n Hn]; [lra |].
-  apply (gate_until n). destruct (dm_window P T answers ex TH n) as (W & W' & _). unfold dm_release in W. lra.
-Qed.
+Proof. intros t T0. destruct (verdicts_go_on P T answers ex TH t) as [n Hn]. apply (gate_until n). lra. Qed.
 End Gate.

@@ -68,19 +68,10 @@ Variable T : times.
 Variable answers : estimate P -> (component P -> value P) -> Prop.
 Variable ex : @execution P T answers.
 Hypothesis TH : times_hold T.
-Notation x := (x ex).
-Notation u := (u ex).
-Notation dm_start := (dm_start ex).
-Notation dm_out := (dm_out ex).
-Notation says_ac := (says_ac ex).
-Notation sc_start := (sc_start ex).
-Notation sc_out := (sc_out ex).
-Notation acts := (acts ex).
-Notation complete := (complete ex).
-Notation counts := (counts ex).
-Notation out := (out ex).
-Notation ac_mode := (ac_mode ex).
-Notation emitted := (emitted ex).
+Notation x := (x ex). Notation u := (u ex). Notation dm_start := (dm_start ex). Notation dm_out := (dm_out ex).
+Notation says_ac := (says_ac ex). Notation sc_start := (sc_start ex). Notation sc_out := (sc_out ex).
+Notation acts := (acts ex). Notation complete := (complete ex). Notation counts := (counts ex).
+Notation out := (out ex). Notation ac_mode := (ac_mode ex). Notation emitted := (emitted ex).
 Notation run m b := (fun C => sc_run P answers (delta T) (window T) (state_age T) C x u (fun k => acts (m + k)%nat)
   (fun k => complete (m + k)%nat) (fun k => out (m + k)%nat) (sc_release T m + L_min T) b).
 
@@ -92,16 +83,9 @@ Proof.
   unfold dm_release in *. rewrite S_INR. nra.
 Qed.
 
-Lemma dm_in_order : forall k n, (k < n)%nat -> dm_out k <= dm_release T n.
-Proof.
-  intros k n Hkn. destruct (dm_window k) as (_ & _ & _ & Q & _). assert (INR (S k) <= INR n) by (apply le_INR; lia).
-  pose proof (periods T TH). unfold dm_release in *. nra.
-Qed.
-
 Lemma dm_out_order : forall k n, (k <= n)%nat -> dm_out k <= dm_out n.
 Proof.
-  intros k n Hkn. destruct (Nat.eq_dec k n) as [-> |]; [lra |]. pose proof (dm_in_order k n ltac:(lia)).
-  destruct (dm_window n). lra.
+  intros k n Q. induction Q as [| n _ IH]; [lra |]. destruct (dm_window n) as (_ & _ & _ & W & _). destruct (dm_window (S n)). lra.
 Qed.
 
 Lemma sc_window : forall m i, sc_release T m <= sc_start m /\ sc_start m <= sc_out m /\
@@ -132,6 +116,15 @@ Proof.
   pose proof window_pos. pose proof (periods T TH). unfold sc_release in *. nra.
 Qed.
 
+Lemma U_only : forall a b, 0 <= a -> within P (inputs P) u a b.
+Proof.
+  intros a b Ha t i Ht. destruct (acting ex t i ltac:(lra)) as (e & e' & E & _).
+  apply (emitted_in_U ex _ _ _ _ E).
+Qed.
+
+Lemma moves_from : forall a b, 0 <= a <= b -> flow P x u a b.
+Proof. intros a b Q. apply flow_part with 0 b; try lra. apply moves. lra. Qed.
+
 (* From an output that counts on, while no "AC" verdict is in force, the execution is an SC-run. *)
 Lemma sc_run_begins : forall (C : state P -> Prop) m b, (forall n, (m <= n)%nat -> counts n) -> complete m <= b ->
   (forall t, 0 <= t <= complete m -> C (x t)) -> (forall t, sc_out m <= t < b -> ~ ac_mode t) -> run m b C.
@@ -145,7 +138,7 @@ Proof.
   - intros k. apply sc_complete.
   - rewrite Nat.add_0_r. lra.
   - rewrite Nat.add_0_r. intros t T0 Ht. apply HC. lra.
-  - intros t i Ht. destruct (acting ex t i ltac:(lra)) as (e & a & E & _). apply (emitted_in_U ex) in E. tauto.
+  - apply U_only. lra.
   - intros k i t Ht Hb'. destruct (acting ex t i ltac:(lra)) as (e & a & E & Ha & Last).
     assert (Out : sc_out m <= sc_out (m + k)%nat).
     { destruct k; [rewrite Nat.add_0_r; lra |]. left. apply (sc_in_order m (m + S k) i). lia. }
@@ -167,18 +160,19 @@ Proof.
   - apply moves. lra.
 Qed.
 
-(* Until the mode is AC again: after a verdict that is not "AC" nobody but SC gets through. *)
-Lemma no_ac_before : forall j n t, (forall k, (j < k < n)%nat -> ~ says_ac k) -> dm_out (S j) <= t < dm_out n ->
-  ~ ac_mode t.
+(* Where no verdict from number j on is "AC" until that of n, nobody but SC gets through. *)
+Lemma no_ac : forall j n t, (forall k, (j <= k < n)%nat -> ~ says_ac k) -> j = 0%nat \/ dm_out j <= t ->
+  t < dm_out n -> ~ ac_mode t.
 Proof.
-  intros j n t No Ht (k & Hk & Ac & Last). pose proof (Last _ (proj1 Ht)). apply (No k); auto. split; [lia |].
-  destruct (Nat.lt_ge_cases k n) as [| Q]; auto. apply dm_out_order in Q. lra.
+  intros j n t No Hj Ht (k & Hk & Ac & Last). apply (No k); auto. split.
+  - destruct Hj as [-> | Hj]; [lia | apply Last; exact Hj].
+  - destruct (Nat.lt_ge_cases k n) as [| Q]; auto. apply dm_out_order in Q. lra.
 Qed.
 
-Lemma no_ac_at_first : forall n t, (forall k, (k < n)%nat -> ~ says_ac k) -> t < dm_out n -> ~ ac_mode t.
+Lemma verdicts_go_on : forall t, exists n, t <= dm_out n.
 Proof.
-  intros n t No Ht (k & Hk & Ac & _). apply (No k); auto. destruct (Nat.lt_ge_cases k n) as [| Q]; auto.
-  apply dm_out_order in Q. lra.
+  intros t. pose proof (periods T TH). destruct (enough_steps (t - dm_phase T) (Delta T)) as [n Hn]; [lra |].
+  exists n. destruct (dm_window n) as (W & W' & _). unfold dm_release in W. lra.
 Qed.
 
 (* P1c. After a release j of the DM: an output of SC that starts after the verdict of j + 1 and is complete in time. *)
@@ -227,15 +221,6 @@ Hypothesis P2a : core P answers (delta T) (window T) (state_age T) C K.
 Definition free t := exists D, t <= D /\ look_ahead P K (D - t) (x t).
 Definition under_sc t := exists m, K (x (complete m)) /\ complete m <= t /\ run m t C.
 
-Lemma U_only : forall a b, 0 <= a -> within P (inputs P) u a b.
-Proof.
-  intros a b Ha t i Ht. destruct (acting ex t i ltac:(lra)) as (e & e' & E & _).
-  apply (emitted_in_U ex) in E. tauto.
-Qed.
-
-Lemma moves_from : forall a b, 0 <= a <= b -> flow P x u a b.
-Proof. intros a b Q. apply flow_part with 0 b; try lra. apply moves. lra. Qed.
-
 Lemma free_along : forall s h t, 0 <= s -> s <= t <= s + h -> look_ahead P K h (x s) -> free t.
 Proof.
   intros s h t S0 St HR. exists (s + h). split; [lra |].
@@ -275,7 +260,7 @@ Proof.
   intros n t No Ht. pose proof first_in_time. destruct (sc_complete ex m0) as [_ [i Ci]].
   destruct (sc_window m0 i) as (W1 & W2 & _ & W3 & W4). pose proof (not_negative T TH).
   apply segment with 0 h0 m0 (dm_out n); auto; try lra; [intros; lra |].
-  intros t' Ht'. apply no_ac_at_first with n; auto; lra.
+  intros t' Ht'. apply no_ac with 0%nat n; [intros k Kn; apply No; lia | auto | lra].
 Qed.
 
 Variable H : R.
@@ -323,15 +308,12 @@ Proof.
           repeat split; auto; lra. }
     apply segment with s H m' (dm_out n); auto; [| | lra].
     + intros t' Ht'. apply HC; lra.
-    + intros t' Ht'. apply no_ac_before with j n; auto. lra.
+    + intros t' Ht'. apply no_ac with (S j) n; [intros k Kn; apply NoAc; lia | right | ]; lra.
   - apply invariant_at_first with n; auto. intros k Kn Ak. apply None. eauto.
 Qed.
 
 Theorem invariant : forall t, 0 <= t -> free t \/ under_sc t.
-Proof.
-  intros t T0. pose proof (periods T TH). destruct (enough_steps (t - dm_phase T) (Delta T)) as [n Hn]; [lra |].
-  apply (invariant_until n). destruct (dm_window n) as (W & W' & _). unfold dm_release in W. lra.
-Qed.
+Proof. intros t T0. destruct (verdicts_go_on t) as [n Hn]. apply (invariant_until n). lra. Qed.
 
 Theorem safe : forall t, 0 <= t -> C (x t).
 Proof. intros t T0. apply invariant_C, invariant; exact T0. Qed.

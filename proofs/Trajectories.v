@@ -45,19 +45,16 @@ Proof.
   - replace 0 with (s - s) by lra. apply (flow_moved P x u s t2 s F).
 Qed.
 
-Lemma look_along : forall K H x u s b, s <= b <= s + H -> look_ahead K H (x s) -> within (inputs P) u s b ->
-  flow P x u s b -> forall t, s <= t <= b -> K (x t).
-Proof.
-  intros K H x u s b Sb HR HU F t Ht. replace t with (t - s + s) by lra.
-  apply (HR (fun q => x (q + s)) (fun q => u (q + s)) (b - s)); try lra.
-  - f_equal; lra.
-  - intros q i Hq. apply HU; lra.
-  - replace 0 with (s - s) by lra. apply (flow_moved P x u s b s F).
-Qed.
-
 (* What the DM permits, the gate permits, whatever the command. *)
 Theorem gate_refuses_no_more : forall K Vi H w z, look_ahead K H z -> gated_look_ahead K Vi H w z.
 Proof. intros K Vi H w z HR x u t1 t2 T1 T2 _ E _ HU F. apply (HR x u t2); auto; lra. Qed.
+
+Lemma look_along : forall K H x u s b, s <= b <= s + H -> look_ahead K H (x s) -> within (inputs P) u s b ->
+  flow P x u s b -> forall t, s <= t <= b -> K (x t).
+Proof.
+  intros K H x u s b Sb HR HU F. apply (gated_along K (inputs P) H 0 x u s b b); auto; try lra.
+  apply gate_refuses_no_more. exact HR.
+Qed.
 
 (* The fewer commands may act, the fewer are refused: V may be a larger set than it need be. *)
 Lemma gated_fewer : forall K (Vi Vj : component P -> value P -> Prop) H w z, (forall i v, Vi i v -> Vj i v) ->
