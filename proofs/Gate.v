@@ -106,16 +106,16 @@ Proof.
   destruct (takes_over_in_time P T answers ex TH j) as (m1 & M1 & M2 & M3).
   assert (Mx : dm_out ex (S j) <= sc_out ex m1) by (destruct (sc_publishes ex m1); lra).
   destruct (least (fun m => dm_out ex (S j) <= sc_out ex m) m1 Mx) as (mx & Mx1 & Mx2).
-  pose proof (Mx2 _ Mx) as Mle. destruct (sc_complete ex mx) as [_ [i0 Ci]]. pose proof (sc_acts ex mx i0) as Acts.
+  pose proof (Mx2 _ Mx) as Mle. pose proof (sc_window P T answers ex TH mx) as Acts.
   assert (In_time : complete ex mx <= dm_release T j - age T + H).
-  { destruct (Nat.eq_dec mx m1) as [-> | Ne]; [lra |]. destruct (sc_complete ex m1) as [Cm _]. specialize (Cm i0).
-    destruct (sc_in_order P T answers ex TH mx m1 i0); [lia |]. lra. }
+  { destruct (Nat.eq_dec mx m1) as [-> | Ne]; [lra |]. destruct (sc_complete ex m1) as [Cm _].
+    destruct (sc_complete ex mx) as [_ [i <-]]. destruct (sc_in_order P T answers ex TH mx m1 i); [lia |].
+    specialize (Cm i). lra. }
   assert (ScOnly : forall i e a v, emitted ex i e a v -> dm_out ex (S j) <= e < dm_out ex n ->
     sc_out ex mx <= e /\ sc_out ex mx + L_min T <= a).
   { intros i e a v E He. destruct (sc_alone ex _ _ _ _ E) as (m & -> & -> & _); [lra | |].
     - apply (no_ac P T answers ex TH (S j) n); [intros k Kn; apply NoAc; lia | right |]; lra.
-    - pose proof (Mx2 m (proj1 He)) as Le. pose proof (sc_acts ex m i).
-      destruct (Nat.eq_dec mx m) as [-> | Ne]; [lra |]. destruct (sc_in_order P T answers ex TH mx m i); [lia |]. lra. }
+    - pose proof (sc_out_order P T answers ex TH _ _ (Mx2 m (proj1 He))). pose proof (sc_acts ex m i). lra. }
   assert (KeepK : forall t', dm_out ex (S j) <= t' <= dm_out ex n -> t' <= complete ex mx -> K (x ex t')).
   { intros t' Ht' Hc. apply gate_keeps with j (Rmin t' (sc_out ex mx)) (Rmin t' (sc_out ex mx + L_min T));
       auto; try (unfold Rmin; destruct (Rle_dec t' (sc_out ex mx)), (Rle_dec t' (sc_out ex mx + L_min T)); lra).
@@ -129,8 +129,7 @@ Proof.
   destruct (Rle_or_lt t (complete ex mx)) as [Q2 | Q2]; [apply K_in_C, KeepK; lra |].
   apply (invariant_C P T answers ex C K K_in_C P2a); [lra |]. right. exists mx. split; [apply KeepK; lra |].
   split; [lra |]. apply sc_run_begins; auto; [| lra | |].
-  - intros n' N'. apply (available j); auto. destruct (Nat.eq_dec mx n') as [<- | Ne]; [lra |].
-    destruct (sc_in_order P T answers ex TH mx n' i0); [lia |]. lra.
+  - intros n' N'. apply (available j); auto. pose proof (sc_out_order P T answers ex TH _ _ N'). lra.
   - intros t' Ht'. destruct (Rle_or_lt t' (dm_out ex j)); [apply (IH j); auto; lra |]. apply K_in_C.
     destruct (Rle_or_lt t' (dm_out ex (S j))); [apply Before | apply KeepK]; lra.
   - intros t' Ht'. apply (no_ac P T answers ex TH (S j) n); [intros k Kn; apply NoAc; lia | right |]; lra.

@@ -88,19 +88,15 @@ Proof.
   intros k n Q. induction Q as [| n _ IH]; [lra |]. destruct (dm_window n) as (_ & _ & _ & W & _). destruct (dm_window (S n)). lra.
 Qed.
 
-Lemma sc_window : forall m i, sc_release T m <= sc_start m /\ sc_start m <= sc_out m /\
-  sc_out m <= sc_release T m + Lambda T + sc_response T /\
-  sc_release T m + L_min T <= acts m i <= sc_release T m + L_min T + window T /\ 0 <= sc_release T m.
+Lemma sc_window : forall m, 0 <= sc_release T m <= sc_start m /\ sc_start m <= sc_out m /\
+  sc_out m <= sc_release T m + Lambda T + sc_response T /\ sc_out m + L_min T <= complete m <= sc_out m + L T.
 Proof.
-  intros m i. destruct (sc_starts ex m) as [S1 S2]. pose proof (sc_publishes ex m).
-  pose proof (sc_acts ex m i). pose proof (not_negative T TH). pose proof (periods T TH). pose proof (pos_INR m).
-  assert (0 <= sc_release T m) by (unfold sc_release; nra).
-  assert (sc_start m <= sc_release T m + Lambda T).
-  { unfold Lambda. destruct S2 as [S2 | [k [R1 S2]]].
-    - pose proof (Rmax_l (sc_late T) (dm_late T + dm_response T - r T)). lra.
-    - pose proof (Rmax_r (sc_late T) (dm_late T + dm_response T - r T)). pose proof (r_least T TH k m R1).
-      destruct (dm_window k) as (_ & _ & W & _). lra. }
-  unfold window. lra.
+  intros m. destruct (sc_starts ex m) as [S1 S2]. pose proof (sc_publishes ex m). pose proof (not_negative T TH).
+  pose proof (periods T TH). pose proof (pos_INR m). assert (0 <= sc_release T m) by (unfold sc_release; nra).
+  destruct (sc_complete ex m) as [_ [i <-]]. pose proof (sc_acts ex m i). repeat split; try lra. unfold Lambda.
+  pose proof (Rmax_l (sc_late T) (dm_late T + dm_response T - r T)).
+  pose proof (Rmax_r (sc_late T) (dm_late T + dm_response T - r T)). destruct S2 as [S2 | [k [R1 S2]]]; [lra |].
+  pose proof (r_least T TH k m R1). destruct (dm_window k) as (_ & _ & W & _). lra.
 Qed.
 
 Lemma window_pos : 0 <= window T /\ window T < delta T /\ Lambda T + sc_response T <= window T.
@@ -111,9 +107,23 @@ Qed.
 
 Lemma sc_in_order : forall m n i, (m < n)%nat -> sc_out m < sc_out n /\ acts m i < acts n i.
 Proof.
-  intros m n i Hmn. destruct (sc_window m i) as (_ & _ & A1 & A2 & _). destruct (sc_window n i) as (B1 & B2 & _ & B3 & _).
-  assert (INR m + 1 <= INR n) by (rewrite <- S_INR; apply le_INR; lia).
-  pose proof window_pos. pose proof (periods T TH). unfold sc_release in *. nra.
+  intros m n i Hmn. pose proof (sc_window m). pose proof (sc_window n). pose proof (sc_acts ex m i).
+  pose proof (sc_acts ex n i). assert (INR m + 1 <= INR n) by (rewrite <- S_INR; apply le_INR; lia).
+  pose proof window_pos. pose proof (periods T TH). unfold window, sc_release in *. nra.
+Qed.
+
+Lemma sc_out_order : forall m n, (m <= n)%nat -> sc_out m <= sc_out n.
+Proof.
+  intros m n Q. destruct (sc_complete ex m) as [_ [i _]]. destruct (Nat.eq_dec m n) as [-> | Ne]; [lra |].
+  left. apply (sc_in_order m n i). lia.
+Qed.
+
+Lemma complete_by : forall m b, (forall k, dm_release T k <= sc_release T m -> dm_out k <= b) ->
+  complete m <= Rmax (sc_release T m + sc_late T) b + sc_response T + L T.
+Proof.
+  intros m b Hb. destruct (sc_starts ex m) as [_ SS]. pose proof (sc_publishes ex m). pose proof (sc_window m).
+  pose proof (Rmax_l (sc_release T m + sc_late T) b). pose proof (Rmax_r (sc_release T m + sc_late T) b).
+  destruct SS as [SS | [k [Rk SS]]]; [lra |]. specialize (Hb k Rk). lra.
 Qed.
 
 Lemma U_only : forall a b, 0 <= a -> within P (inputs P) u a b.
@@ -129,34 +139,27 @@ Proof. intros a b Q. apply flow_part with 0 b; try lra. apply moves. lra. Qed.
 Lemma sc_run_begins : forall (C : state P -> Prop) m b, (forall n, (m <= n)%nat -> counts n) -> complete m <= b ->
   (forall t, 0 <= t <= complete m -> C (x t)) -> (forall t, sc_out m <= t < b -> ~ ac_mode t) -> run m b C.
 Proof.
-  intros C m b Hc Hb HC Hm. destruct (sc_complete ex m) as [Cm1 [i0 Cm2]].
-  destruct (sc_window m i0) as (W1 & W2 & _ & W3 & W4). pose proof (not_negative T TH) as NN.
+  intros C m b Hc Hb HC Hm. pose proof (sc_window m) as W. pose proof (not_negative T TH) as NN.
   assert (Rel : forall k, sc_release T (m + k) = sc_release T m + INR k * delta T)
     by (intros; unfold sc_release; rewrite plus_INR; ring).
   constructor.
-  - intros k i. destruct (sc_window (m + k) i) as (_ & _ & _ & Q & _). rewrite Rel in Q. lra.
+  - intros k i. pose proof (sc_window (m + k)) as Q. pose proof (sc_acts ex (m + k) i). rewrite Rel in Q. unfold window. lra.
   - intros k. apply sc_complete.
   - rewrite Nat.add_0_r. lra.
   - rewrite Nat.add_0_r. intros t T0 Ht. apply HC. lra.
   - apply U_only. lra.
   - intros k i t Ht Hb'. destruct (acting ex t i ltac:(lra)) as (e & a & E & Ha & Last).
-    assert (Out : sc_out m <= sc_out (m + k)%nat).
-    { destruct k; [rewrite Nat.add_0_r; lra |]. left. apply (sc_in_order m (m + S k) i). lia. }
-    pose proof (sc_acts ex (m + k)%nat i) as Acts.
-    assert (Pass : emitted i (sc_out (m + k)%nat) (acts (m + k)%nat i) (out (m + k)%nat i)).
-    { apply (sc_passes ex). apply Hm. lra. }
-    pose proof (Last _ _ _ Pass ltac:(lra)) as Le.
+    pose proof (sc_out_order m (m + k) ltac:(lia)). pose proof (sc_acts ex (m + k)%nat i) as Acts.
+    pose proof (Last _ _ _ (sc_passes ex (m + k)%nat i ltac:(apply Hm; lra)) ltac:(lra)) as Le.
     destruct (emitted_in_U ex _ _ _ _ E) as [Ea _].
     destruct (sc_alone ex _ _ _ _ E) as (n & -> & -> & ->); [lra | apply Hm; lra |].
-    replace n with (m + k)%nat; auto.
-    destruct (Nat.lt_trichotomy n (m + k)) as [Q | [Q | Q]]; auto.
+    destruct (Nat.lt_trichotomy n (m + k)) as [Q | [-> | Q]]; auto; exfalso.
     + apply (sc_in_order n (m + k) i) in Q. lra.
     + assert (acts (m + S k)%nat i <= acts n i); [| lra]. destruct (Nat.eq_dec n (m + S k)) as [-> |]; [lra |].
       left. apply (sc_in_order (m + S k) n i). lia.
   - intros k _. destruct (sc_answers ex (m + k)%nat) as (s & y & S0 & S1 & S2 & S3); [apply Hc; lia |].
-    exists s, y. destruct (sc_complete ex (m + k)%nat) as [_ [i Ci]].
-    pose proof (sc_acts ex (m + k)%nat) as Acts. pose proof (sc_publishes ex (m + k)%nat).
-    pose proof (Acts i). unfold state_age. repeat split; auto; [lra |]. intros i'. specialize (Acts i'). lra.
+    exists s, y. pose proof (sc_window (m + k)). pose proof (sc_publishes ex (m + k)).
+    unfold state_age. repeat split; auto; [lra |]. intros i. pose proof (sc_acts ex (m + k) i). lra.
   - apply moves. lra.
 Qed.
 
@@ -179,24 +182,17 @@ Qed.
 Lemma takes_over_in_time : forall j, exists m, dm_release T (S j) <= sc_release T m /\
   dm_out (S j) <= sc_start m /\ complete m <= dm_release T j - age T + H_star T.
 Proof.
-  intros j. destruct (G_most T TH j) as [m [M1 M2]]. exists m. repeat split; auto.
-  - apply (sc_waits ex). exact M1.
-  - destruct (sc_complete ex m) as [_ [i Ci]]. pose proof (sc_acts ex m i) as SA.
-    pose proof (sc_publishes ex m). destruct (sc_starts ex m) as [_ SS].
-    assert (Q : sc_start m <= dm_release T (S j) + Rmax (dm_late T + dm_response T) (G T + sc_late T)).
-    { pose proof (Rmax_l (dm_late T + dm_response T) (G T + sc_late T)).
-      pose proof (Rmax_r (dm_late T + dm_response T) (G T + sc_late T)).
-      destruct SS as [SS | [k [Rk SS]]]; [lra |].
-      assert (Kj : (k <= S j)%nat).
-      { destruct (Nat.le_gt_cases k (S j)) as [| Gt]; auto. assert (INR (S j) + 1 <= INR k)
-          by (rewrite <- S_INR; apply le_INR; lia). pose proof (G_less T TH). pose proof (periods T TH).
-        unfold dm_release in *. nra. }
-      apply dm_out_order in Kj. destruct (dm_window (S j)) as (_ & _ & W & _). lra. }
-    unfold H_star. unfold dm_release in Q. rewrite S_INR in Q. unfold dm_release. lra.
+  intros j. destruct (G_most T TH j) as [m [M1 M2]]. exists m. repeat split; auto; [apply (sc_waits ex); exact M1 |].
+  pose proof (complete_by m (dm_release T (S j) + (dm_late T + dm_response T))) as Q. unfold H_star.
+  assert (Rel : dm_release T (S j) = dm_release T j + Delta T) by (unfold dm_release; rewrite S_INR; ring).
+  pose proof (Rmax_l (dm_late T + dm_response T) (G T + sc_late T)).
+  pose proof (Rmax_r (dm_late T + dm_response T) (G T + sc_late T)). pose proof (G_less T TH).
+  refine (Rle_trans _ _ _ (Q _) _); [| unfold Rmax at 1; destruct Rle_dec; lra].
+  intros k Rk. assert (Kj : (k <= S j)%nat).
+  { destruct (Nat.le_gt_cases k (S j)) as [| Gt]; auto. apply le_INR in Gt. rewrite S_INR in Gt.
+    pose proof (periods T TH). unfold dm_release in *. nra. }
+  apply dm_out_order in Kj. destruct (dm_window (S j)) as (_ & _ & W & _). lra.
 Qed.
-
-Lemma outputs_after : forall m n, (m <= n)%nat -> sc_release T m <= sc_release T n.
-Proof. intros m n Q. apply le_INR in Q. pose proof (periods T TH). unfold sc_release. nra. Qed.
 
 (* SC's outputs from number m0 on count, whatever happened before. *)
 Variable m0 : nat. Variable q : R.
@@ -206,11 +202,9 @@ Notation h0 := (h_0 T (sc_release T m0) q).
 
 Lemma first_in_time : complete m0 <= h0.
 Proof.
-  destruct (sc_complete ex m0) as [_ [i Ci]]. pose proof (sc_acts ex m0 i).
-  pose proof (sc_publishes ex m0). destruct (sc_starts ex m0) as [_ SS]. unfold h_0.
-  pose proof (Rmax_l (sc_late T) (q + dm_late T + dm_response T - sc_release T m0)).
-  pose proof (Rmax_r (sc_late T) (q + dm_late T + dm_response T - sc_release T m0)).
-  destruct SS as [SS | [k [Rk SS]]]; [lra |]. destruct (dm_window k) as (_ & _ & W & _). pose proof (q_last k Rk). lra.
+  refine (Rle_trans _ _ _ (complete_by m0 (q + dm_late T + dm_response T) _) _).
+  - intros k Rk. destruct (dm_window k) as (_ & _ & W & _). pose proof (q_last k Rk). lra.
+  - unfold h_0, Rmax. repeat destruct Rle_dec; lra.
 Qed.
 
 Variables C K : state P -> Prop.
@@ -257,8 +251,7 @@ Hypothesis start : look_ahead P K h0 (x 0).
 Lemma invariant_at_first : forall n t, (forall k, (k < n)%nat -> ~ says_ac k) -> 0 <= t <= dm_out n ->
   free t \/ under_sc t.
 Proof.
-  intros n t No Ht. pose proof first_in_time. destruct (sc_complete ex m0) as [_ [i Ci]].
-  destruct (sc_window m0 i) as (W1 & W2 & _ & W3 & W4). pose proof (not_negative T TH).
+  intros n t No Ht. pose proof first_in_time. pose proof (sc_window m0). pose proof (not_negative T TH).
   apply segment with 0 h0 m0 (dm_out n); auto; try lra; [intros; lra |].
   intros t' Ht'. apply no_ac with 0%nat n; [intros k Kn; apply No; lia | auto | lra].
 Qed.
@@ -295,17 +288,13 @@ Proof.
     destruct (takes_over_in_time j) as (m & M1 & M2 & M3).
     assert (exists m', (forall n', (m' <= n')%nat -> counts n') /\ dm_out (S j) <= sc_out m' /\
       s <= complete m' <= s + H) as (m' & Cm & Om & Mm).
-    { assert (Late : forall n', dm_release T (S j) <= sc_release T n' -> dm_out (S j) <= sc_out n' /\ s <= complete n').
-      { intros n' R'. pose proof (sc_waits ex _ _ R'). destruct (sc_complete ex n') as [_ [i Ci]].
-        destruct (sc_window n' i) as (W1 & W2 & _). destruct (sc_acts ex n' i). destruct (dm_window (S j)).
-        pose proof (not_negative T TH). lra. }
-      destruct available as [Av | Av].
-      - exists m. destruct (Late m M1). repeat split; auto; [| lra]. intros n' N'. apply (Av j); auto.
-        apply outputs_after in N'. pose proof (sc_waits ex (S j) n' ltac:(lra)). destruct (dm_window (S j)). lra.
-      - destruct (Nat.le_ge_cases m0 m) as [Q' | Q'].
-        + exists m. destruct (Late m M1). repeat split; auto; [| lra]. intros n' N'. apply counts_from. lia.
-        + exists m0. destruct (Late m0); [apply outputs_after in Q'; lra |]. pose proof first_in_time.
-          repeat split; auto; lra. }
+    { pose proof (sc_window m). pose proof (sc_publishes ex m). pose proof (dm_window (S j)). pose proof (not_negative T TH).
+      destruct available as [Av | Av]; [| destruct (Nat.le_ge_cases m0 m) as [Q' | Q']].
+      - exists m. repeat split; try lra. intros n' N'. apply (Av j); auto. assert (dm_out (S j) <= sc_start n'); [| lra].
+        apply (sc_waits ex). apply le_INR in N'. pose proof (periods T TH). unfold sc_release in *. nra.
+      - exists m. repeat split; try lra. intros n' N'. apply counts_from. lia.
+      - exists m0. pose proof first_in_time. pose proof (sc_out_order m m0 Q'). pose proof (sc_window m0).
+        repeat split; auto; lra. }
     apply segment with s H m' (dm_out n); auto; [| | lra].
     + intros t' Ht'. apply HC; lra.
     + intros t' Ht'. apply no_ac with (S j) n; [intros k Kn; apply NoAc; lia | right | ]; lra.

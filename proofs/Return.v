@@ -21,9 +21,8 @@ Theorem control_returns : forall P T answers (ex : @execution P T answers) (C K 
     sc_out ex m <= dm_out ex k <= complete ex m + T_Q + window T + age T + Delta T + dm_late T + dm_response T.
 Proof.
   intros P T answers ex C K Q safer T_Q m TH HK HQ Hc Hm HC Km Lead Fresh. apply NNPP. intros No.
-  destruct (sc_complete ex m) as [_ [i Ci]]. destruct (sc_window P T answers ex TH m i) as (W1 & W2 & _ & W3 & W4).
+  pose proof (sc_window P T answers ex TH m) as W.
   pose proof (not_negative T TH) as NN. pose proof (periods T TH). pose proof (window_pos T TH).
-  pose proof (sc_acts ex m i).
   assert (0 <= T_Q) by (inversion Lead as [| t' z' N]; subst; auto; pose proof (pos_INR N); nra).
   set (tau := complete ex m + T_Q + window T) in *.
   set (b := tau + age T + Delta T + dm_late T + dm_response T) in *.
