@@ -54,8 +54,7 @@ Proof.
   destruct (dm_window P T answers ex TH j) as (D1 & D2 & _ & _ & D5).
   destruct (classic (exists i e a v, emitted ex i e a v /\ now < e < b)) as [(i & e & a & v & E & Eb) | No].
   - destruct (finitely_many b) as (i' & e' & a' & v' & E' & Eb' & Last); [exists i, e, a, v; split; auto; lra |].
-    pose proof (Last _ _ _ _ E ltac:(lra)).
-    assert (Ac' : ac_mode ex e').
+    pose proof (Last _ _ _ _ E ltac:(lra)). assert (Ac' : ac_mode ex e').
     { destruct (Rle_or_lt e' (dm_out ex j)); [apply (S3 _ _ _ _ E') | apply (Since _ _ _ _ E')]; lra. }
     destruct (judged _ _ _ _ E' ltac:(lra) Ac') as (s' & G' & R').
     exists s', e'. pose proof (R' j ltac:(lra)). destruct (proj1 G'). repeat split; try lra; try apply G'. exact Last.
@@ -88,8 +87,7 @@ Proof.
        apply (invariant_at_first P T answers ex TH m0 q) with n; auto. intros k Kn Ak. apply None. eauto. }
   destruct (last_below (says_ac ex) n Some) as (j & Jn & Acj & NoAc).
   destruct (dm_window P T answers ex TH j) as (D1 & D2 & D3 & D4 & D5).
-  destruct (dm_window P T answers ex TH (S j)) as (F1 & F2 & F3 & _).
-  pose proof (not_negative T TH) as NN.
+  destruct (dm_window P T answers ex TH (S j)) as (F1 & F2 & F3 & _). pose proof (not_negative T TH) as NN.
   assert (Rel : dm_release T (S j) = dm_release T j + Delta T) by (unfold dm_release; rewrite S_INR; ring).
   destruct (Rle_or_lt t (dm_out ex j)) as [Q | Q]; [apply (IH j); auto; lra |].
   assert (Acm : forall e, dm_out ex j <= e < dm_out ex (S j) -> ac_mode ex e).
@@ -124,8 +122,7 @@ Proof.
     - intros i e a v E He Ha. destruct (emitted_in_U ex _ _ _ _ E).
       assert (dm_out ex (S j) <= e) by (unfold Rmin in He; destruct (Rle_dec t' (sc_out ex mx)); lra).
       assert (a < t') by (unfold Rmin in Ha; destruct (Rle_dec t' (sc_out ex mx + L_min T)); lra).
-      destruct (ScOnly _ _ _ _ E); [lra |].
-      unfold Rmin in Ha; destruct (Rle_dec t' (sc_out ex mx + L_min T)); lra. }
+      destruct (ScOnly _ _ _ _ E); [lra |]. unfold Rmin in Ha; destruct (Rle_dec t' (sc_out ex mx + L_min T)); lra. }
   destruct (Rle_or_lt t (complete ex mx)) as [Q2 | Q2]; [apply K_in_C, KeepK; lra |].
   apply (invariant_C P T answers ex C K K_in_C P2a); [lra |]. right. exists mx. split; [apply KeepK; lra |].
   split; [lra |]. apply sc_run_begins; auto; [| lra | |].

@@ -35,8 +35,7 @@ Definition ball (d z : R) := -d <= z <= d.
 Ltac times := unfold window, Lambda, state_age, H_star, h_0, sc_release, dm_release in *; simpl in *;
   unfold Rmax in *; repeat destruct Rle_dec; try lra.
 
-Lemma T_window : window T = 4. Proof. times. Qed.
-Lemma T_age : state_age T = 5. Proof. times. Qed.
+Lemma T_window : window T = 4. Proof. times. Qed. Lemma T_age : state_age T = 5. Proof. times. Qed.
 Lemma T_H : H_star T = 31. Proof. times. Qed.
 
 Lemma nat_apart : forall k m, (INR k <= INR m /\ (k <= m)%nat) \/ (INR m + 1 <= INR k /\ (m < k)%nat).
@@ -181,9 +180,7 @@ Proof.
 Defined.
 
 (* The DM reads as late as it may, as wrong as it may be, and goes by its predicates. *)
-Definition seen k := X (20 * INR k - 1) + 2.
-Definition ttf y := ~ ball 160 y.
-Definition safer y := ball 100 y.
+Definition seen k := X (20 * INR k - 1) + 2. Definition ttf y := ~ ball 160 y. Definition safer y := ball 100 y.
 
 Theorem dm_goes_by_its_predicates : forall k, ((k = 1 \/ 14 <= k)%nat -> safer (seen k)) /\
   ((2 <= k <= 8)%nat -> ~ ttf (seen k)) /\ (k = 9%nat -> ttf (seen k)) /\ ((10 <= k <= 13)%nat -> ~ safer (seen k)).

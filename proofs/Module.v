@@ -128,8 +128,7 @@ Qed.
 
 Lemma U_only : forall a b, 0 <= a -> within P (inputs P) u a b.
 Proof.
-  intros a b Ha t i Ht. destruct (acting ex t i ltac:(lra)) as (e & e' & E & _).
-  apply (emitted_in_U ex _ _ _ _ E).
+  intros a b Ha t i Ht. destruct (acting ex t i ltac:(lra)) as (e & e' & E & _). apply (emitted_in_U ex _ _ _ _ E).
 Qed.
 
 Lemma moves_from : forall a b, 0 <= a <= b -> flow P x u a b.

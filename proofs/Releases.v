@@ -39,8 +39,7 @@ Proof.
   fold g in ED, Ed. assert (Em : (a mod g = r)%Z).
   { unfold a, r. replace (ps + m * d - (pd + k * D))%Z with (ps - pd + (m * d' - k * D') * g)%Z by (rewrite ED, Ed; ring).
     apply Z.mod_add. lia. }
-  pose proof (Z.div_mod a g ltac:(lia)) as Q. rewrite Em in Q.
-  assert (0 <= r < g)%Z by (apply Z.mod_pos_bound; lia).
+  pose proof (Z.div_mod a g ltac:(lia)) as Q. rewrite Em in Q. assert (0 <= r < g)%Z by (apply Z.mod_pos_bound; lia).
   assert (0 <= a / g)%Z by (apply Z.div_pos; lia). split; [nia |]. intros L.
   assert (a / g < d')%Z by (apply Z.mul_lt_mono_pos_r with g; lia).
   assert ((a / g + 1) * g <= d' * g)%Z by (apply Z.mul_le_mono_nonneg_r; lia). lia.

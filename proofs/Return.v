@@ -24,8 +24,7 @@ Proof.
   pose proof (sc_window P T answers ex TH m) as W.
   pose proof (not_negative T TH) as NN. pose proof (periods T TH). pose proof (window_pos T TH).
   assert (0 <= T_Q) by (inversion Lead as [| t' z' N]; subst; auto; pose proof (pos_INR N); nra).
-  set (tau := complete ex m + T_Q + window T) in *.
-  set (b := tau + age T + Delta T + dm_late T + dm_response T) in *.
+  set (tau := complete ex m + T_Q + window T) in *. set (b := tau + age T + Delta T + dm_late T + dm_response T) in *.
   assert (Sc : forall t, sc_out ex m <= t < b -> ~ ac_mode ex t).
   { intros t Ht (k & Hk & Ac & Last). destruct (Rle_or_lt (sc_out ex m) (dm_out ex k)).
     - apply No. exists k. split; auto. unfold b, tau in *. lra.

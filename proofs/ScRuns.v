@@ -56,8 +56,7 @@ Definition chained (K S : state P -> Prop) := forall z, K z -> exists N, (1 <= N
 
 Theorem keeps_of_chains : forall (K S : state P -> Prop), (forall z, S z -> C z) -> chained K S -> keeps K S.
 Proof.
-  intros K S SC HK.
-  assert (Q : forall n x u act al out t0 b, sc_run x u act al out t0 b -> K (x (al 0%nat)) ->
+  intros K S SC HK. assert (Q : forall n x u act al out t0 b, sc_run x u act al out t0 b -> K (x (al 0%nat)) ->
     forall t, al 0%nat <= t <= b -> t <= al 0%nat + INR n * (delta - j) -> S (x t)).
   { induction n; intros x u act al out t0 b H K0 t Ht Hn; destruct (HK _ K0) as [N [N1 Ch]];
       destruct (Ch x u act al out t0 b H eq_refl) as [CC KN];
@@ -87,8 +86,7 @@ Theorem run_arrives : forall K Q S, core K -> keeps Q S -> forall T z, leads_to 
   forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z -> K z ->
   forall t, t0 + T + j <= t <= b -> S (x t).
 Proof.
-  intros K Q S HK HQ T z HT.
-  assert (G : forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z ->
+  intros K Q S HK HQ T z HT. assert (G : forall x u act al out t0 b, sc_run x u act al out t0 b -> x (al 0%nat) = z ->
     (forall t, al 0%nat <= t <= b -> C (x t)) -> forall t, t0 + T + j <= t <= b -> S (x t)).
   { induction HT as [T z T0 Qz | T z N T0 _ IH]; intros x u act al out t0 b H E HC t Ht;
       pose proof (last_window _ _ _ _ _ _ _ 0%nat H) as W0; simpl in W0.

@@ -76,8 +76,7 @@ Proof.
     - intros r i Hr. unfold glue. destruct (Rlt_dec r t); [apply HU | apply HV]; lra.
     - apply flow_joined with t; try lra.
       + apply (flow_same P x _ u); [| | exact F]; intros r Hr; unfold glue.
-        * destruct (Rlt_dec r t); auto. unfold y'. replace r with t by lra.
-          replace (t + - t) with 0 by lra. auto.
+        * destruct (Rlt_dec r t); auto. unfold y'. replace r with t by lra. replace (t + - t) with 0 by lra. auto.
         * destruct (Rlt_dec r t); [auto | lra].
       + apply (flow_same P y' _ v').
         * intros r Hr. unfold glue. destruct (Rlt_dec r t); [lra | auto].
