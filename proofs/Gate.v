@@ -6,11 +6,9 @@ From Soter Require Import Releases Trajectories ScRuns Module.
 Open Scope R_scope.
 
 Section Gate.
-Variable P : plant.
-Variable T : times.
+Variable P : plant. Variable T : times.
 Variable answers : estimate P -> (component P -> value P) -> Prop.
-Variable ex : @execution P T answers.
-Hypothesis TH : times_hold T.
+Variable ex : @execution P T answers. Hypothesis TH : times_hold T.
 Variable m0 : nat. Variable q : R.
 Hypothesis counts_from : forall m, (m0 <= m)%nat -> counts ex m.
 Hypothesis q_last : forall k, dm_release T k <= sc_release T m0 -> dm_release T k <= q.

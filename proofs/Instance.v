@@ -122,12 +122,6 @@ Ltac naturals := repeat match goal with
   | Q : (?a <= ?b)%nat |- _ => apply le_INR in Q; simpl in Q
   | Q : (?a < ?b)%nat |- _ => apply le_INR in Q; rewrite S_INR in Q; simpl in Q end.
 
-Lemma sc_where_alone : forall m, ~ ac m -> command m = sc_says m.
-Proof.
-  intros m Hm. assert (Q : (m <= 0)%nat \/ (9 <= m <= 13)%nat) by (unfold ac in Hm; lia).
-  destruct Q as [Q | [Q1 Q2]]; naturals; pose proof (pos_INR m); cases.
-Qed.
-
 Lemma X_moves : forall t, 0 <= t -> rate X (fun t _ => commands t) 0 t.
 Proof.
   assert (Piece : forall a b c e, a <= b -> c - 1/10 <= e <= c + 1/10 -> (forall t, a <= t < b -> commands t = c) ->
@@ -141,14 +135,16 @@ Proof.
     solve [lra | intros; cases].
 Qed.
 
-Lemma nat_below : forall k m a b, 20 * INR k + a <= 20 * INR m + b -> b < a + 20 -> (k <= m)%nat.
-Proof. intros k m a b Q B. destruct (nat_apart k m) as [[_ Q'] | [Q' _]]; auto. lra. Qed.
+Lemma below : forall k m, 20 * INR k < 20 * INR m + 20 -> (k <= m)%nat /\ INR k <= INR m.
+Proof. intros k m Q. destruct (nat_apart k m) as [[Q' K] | [Q' _]]; [auto | lra]. Qed.
 
+(* Where AC has no control what acts is what SC says. *)
 Lemma alone : forall m, ~ (exists k, 20 * INR k + 2 <= 20 * INR m + 7 /\ ac k /\
   forall k', 20 * INR k' + 2 <= 20 * INR m + 7 -> (k' <= k)%nat) -> command m = sc_says m.
 Proof.
-  intros m No. apply sc_where_alone. intros A. apply No. exists m. repeat split; [lra | auto |].
-  intros k' Q. apply nat_below with 2 7; lra.
+  intros m No. assert (Hm : ~ ac m) by (intros A; apply No; exists m; repeat split; auto; [lra |]; intros k' Q; apply below; lra).
+  assert (Q : (m <= 0)%nat \/ (9 <= m <= 13)%nat) by (unfold ac in Hm; lia).
+  destruct Q as [Q | [Q1 Q2]]; naturals; pose proof (pos_INR m); cases.
 Qed.
 
 Definition flight : @execution integrator T answers.
@@ -158,7 +154,7 @@ Proof.
     sc_out := fun m => 20 * INR m + 7; counts := fun _ => True; out := fun m _ => sc_says m;
     acts := fun m _ => 20 * INR m + 9; complete := fun m => 20 * INR m + 9; emitted := published |}.
   all: try (intros; times; fail).
-  - intros k m Q. times. destruct (nat_apart k m) as [[Q' _] | [Q' _]]; lra.
+  - intros k m Q. times. destruct (below k m); lra.
   - intros m. split; [intros _; apply Rle_refl | exists tt; reflexivity].
   - intros m _. exists (20 * INR m + 4), (X (20 * INR m + 4) + 2). pose proof (pos_INR m). simpl.
     repeat split; try lra.
@@ -174,8 +170,7 @@ Proof.
       destruct Q1 as [m Hm]. exists (20 * INR m + 7), (20 * INR m + 9). split; [right; exists m | split; [lra |]].
       * repeat split. pose proof (nat_apart m 0). pose proof (nat_apart m 8). pose proof (nat_apart m 13). simpl in *. cases.
       * intros e a v [(-> & _) | (k & -> & -> & _)] Ha; [pose proof (pos_INR m); lra |].
-        assert (Km : (k <= m)%nat) by (destruct (nat_apart k m) as [[_ K'] | [K' _]]; auto; lra).
-        apply le_INR in Km. lra.
+        destruct (below k m); lra.
   - exact X_moves.
 Defined.
 
@@ -196,7 +191,7 @@ Lemma seen_room : forall k, ac k -> ball 163 (seen k).
 Proof. unfold ac, ball, seen. intros k [[Q Q'] | Q]; naturals; cases. Qed.
 
 Lemma first_dm : forall k, dm_release T k <= sc_release T 0 -> dm_release T k <= 0.
-Proof. intros k Q. times. destruct (nat_apart k 0) as [[Q' _] | [Q' _]]; simpl in *; lra. Qed.
+Proof. intros k Q. destruct (below k 0); times. Qed.
 
 Lemma K_core : core integrator answers (delta T) (window T) (state_age T) (ball 220) (ball 200).
 Proof. rewrite T_window, T_age. apply kept; unfold ball; intros; lra. Qed.
@@ -208,10 +203,10 @@ Theorem flight_safe : forall t, 0 <= t -> ball 220 (X t).
 Proof.
   apply (safe integrator T answers flight T_holds 0 0) with (ball 200) 31 ttf safer;
     [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core | exact begins | | | |].
-  - intros k Ac. change (ac k) in Ac. unfold ac in Ac. exists (20 * INR k - 1), (seen k). pose proof (dm_goes_by_its_predicates k) as (D1 & D2 & _).
+  - intros k Ac. change (ac k) in Ac. unfold ac in Ac. exists (20 * INR k - 1), (seen k).
+    pose proof (dm_goes_by_its_predicates k) as (D1 & D2 & _).
     assert (1 <= INR k) by (apply (le_INR 1); lia). simpl. unfold seen. repeat split; try lra.
-    destruct (Nat.le_gt_cases 14 k); [right; apply D1; lia |].
-    destruct (Nat.eq_dec k 1); [right; apply D1 | left; apply D2]; lia.
+    assert (Q : (k = 1 \/ 14 <= k \/ 2 <= k <= 8)%nat) by lia. destruct Q as [Q | [Q | Q]]; auto.
   - intros z y _ Rd [Ok | Ok]; apply room with y; auto; [apply NNPP in Ok |]; unfold safer, ball in *; simpl in *; lra.
   - rewrite T_H. lra.
   - left. intros; exact I.
@@ -223,20 +218,19 @@ Proof.
   assert (Home : ball (80 + INR 7 * 14) (X (20 * INR 9 + 9))) by (unfold ball; simpl; cases).
   apply (comes_home (ball 220)) in Home.
   destruct (control_returns integrator T answers flight (ball 220) (ball 200) (ball 80) safer (INR 7 * 20) 9) as (k & Ac & Hk).
-  - exact T_holds.
-  - exact K_core.
+  1, 2: solve [exact T_holds | exact K_core].
   - rewrite T_window, T_age. apply kept; [lra | |]; unfold ball, safer.
     + intros z Hz y Rd. simpl in Rd. unfold ball. lra.
     + intros z Hz. specialize (Hz z ltac:(simpl; lra)). unfold ball in Hz. simpl in *. lra.
   - intros; exact I.
   - intros (k & Hk & Ac & Last). specialize (Last 9%nat ltac:(simpl; lra)). simpl in Hk.
-    assert (k <= 9)%nat by (apply nat_below with 2 7; simpl; lra). change (ac k) in Ac. unfold ac in Ac. lia.
+    assert (k <= 9)%nat by (apply below; simpl; lra). change (ac k) in Ac. unfold ac in Ac. lia.
   - intros t Ht. apply flight_safe. lra.
   - unfold ball. simpl. cases.
   - rewrite T_window, T_age. exact Home.
   - intros k Hk. exists (20 * INR k - 1), (seen k). simpl in *. unfold seen. repeat split; try lra. intros Sf.
-    assert (10 <= k)%nat by (apply nat_below with 0 12; simpl; lra). right.
-    destruct (Nat.le_gt_cases 14 k); auto. destruct (dm_goes_by_its_predicates k) as (_ & _ & _ & No). exfalso. apply No; auto; lia.
+    assert (10 <= k)%nat by (apply below; simpl; lra). right.
+    destruct (Nat.le_gt_cases 14 k); auto. exfalso. apply (dm_goes_by_its_predicates k); auto; lia.
   - exists k. split; [exact Ac |]. rewrite T_window in Hk. simpl in *. lra.
 Qed.
 
@@ -250,20 +244,19 @@ Proof.
     exists (20 * INR k - 1), (20 * INR k + 1). split; [| times; split; [lra | split; [lra |]]].
     + split; [simpl; lra |]. exists (seen k). split; [unfold seen; simpl; lra |]. intros z Rd.
       apply gate_refuses_no_more, room with (seen k); auto. apply seen_room; auto.
-    + intros i e a v [(-> & _) | (m & -> & _)] He; [lra |]. pose proof (nat_apart m k). exfalso.
-      destruct (nat_apart k m) as [[Q _] | [Q _]]; lra.
+    + intros i e a v [(-> & _) | (m & -> & _)] He; [lra |]. destruct (nat_apart k m) as [[Q _] | [Q _]]; lra.
   - intros i e a v [(-> & _) | (m & -> & -> & ->)] E0 (k & Hk & Ac & Last); [lra |]. simpl in *.
     exists (20 * INR m + 3). pose proof (pos_INR m). split; [split; [lra |] |].
     + exists (X (20 * INR m + 3) + 2). split; [simpl; lra |]. intros z Rd.
       apply gate_refuses_no_more, room with (X (20 * INR m + 3) + 2); auto.
-      assert (m <= k)%nat by (apply Last; lra). assert (k <= m)%nat by (apply nat_below with 2 7; lra).
+      assert (m <= k)%nat by (apply Last; lra). assert (k <= m)%nat by (apply below; lra).
       replace k with m in Ac by lia. change (ac m) in Ac. unfold ac, ball in *. destruct Ac as [[Q Q'] | Q]; naturals; cases.
-    + intros k' Hk'. times. assert (k' <= m)%nat by (apply nat_below with 1 7; lra). naturals. lra.
+    + intros k' Hk'. times. destruct (below k' m); lra.
   - intros b (i & e & a & v & E & Hb). destruct (Rle_or_lt b 7) as [Q | Q].
     + exists tt, (-1), (-1), 0. split; [left; auto |]. destruct E as [(-> & _) | (m & -> & _)]; [| pose proof (pos_INR m); lra].
       split; auto. intros _ e a' v' [(-> & _) | (m & -> & _)] Hb'; [lra | pose proof (pos_INR m); lra].
     + destruct (next_release 7 20 b) as [[| m] Hm]; [lra | lra | simpl in Hm; lra |]. rewrite S_INR in Hm.
       exists tt, (20 * INR m + 7), (20 * INR m + 9), (command m). split; [right; exists m; auto | split; [lra |]].
       intros _ e' a' v' [(-> & _) | (k & -> & _)] Hb'; [pose proof (pos_INR m); lra |].
-      assert (k <= m)%nat; [| naturals; lra]. destruct (nat_apart k m) as [[_ K'] | [K' _]]; auto. lra.
+      destruct (below k m); lra.
 Qed.

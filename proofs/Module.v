@@ -63,11 +63,9 @@ Record execution {P : plant} {T : times} {answers : estimate P -> (component P -
   moves : forall t, 0 <= t -> flow P x u 0 t }.
 
 Section Safety.
-Variable P : plant.
-Variable T : times.
+Variable P : plant. Variable T : times.
 Variable answers : estimate P -> (component P -> value P) -> Prop.
-Variable ex : @execution P T answers.
-Hypothesis TH : times_hold T.
+Variable ex : @execution P T answers. Hypothesis TH : times_hold T.
 Notation x := (x ex). Notation u := (u ex). Notation dm_start := (dm_start ex). Notation dm_out := (dm_out ex).
 Notation says_ac := (says_ac ex). Notation sc_start := (sc_start ex). Notation sc_out := (sc_out ex).
 Notation acts := (acts ex). Notation complete := (complete ex). Notation counts := (counts ex).
