@@ -91,14 +91,7 @@ Proof.
   assert (Acm : forall e, dm_out ex j <= e < dm_out ex (S j) -> ac_mode ex e).
   { intros e He. exists j. repeat split; auto; [lra |]. intros k' Hk'. destruct (Nat.le_gt_cases k' j) as [| Gt]; auto.
     apply (dm_out_order P T answers ex TH) in Gt. lra. }
-  pose proof (Rmax_l (dm_late T + dm_response T) (G T + sc_late T)) as Max.
-  assert (Star : H_star T >= age T + Delta T + dm_late T + dm_response T) by (unfold H_star; lra).
-  assert (Before : forall t', dm_out ex j <= t' <= dm_out ex (S j) -> K (x ex t')).
-  { intros t' Ht'. apply gate_keeps with j t' t'; auto; try lra.
-    - intros i e a v _ He. apply Acm. lra.
-    - intros i e a v E He Ha. destruct (emitted_in_U ex _ _ _ _ E). lra. }
-  destruct (Rle_or_lt t (dm_out ex (S j))) as [Q' | Q']; [apply K_in_C, Before; lra |].
-  (* the verdict of j + 1 is not "AC": mx is SC's first output that passes *)
+  (* mx is SC's first output that passes from the verdict of j + 1 on, if that is not "AC" *)
   destruct (takes_over_in_time P T answers ex TH j) as (m1 & M1 & M2 & M3).
   assert (Mx : dm_out ex (S j) <= sc_out ex m1) by (destruct (sc_publishes ex m1); lra).
   destruct (least (fun m => dm_out ex (S j) <= sc_out ex m) m1 Mx) as (mx & Mx1 & Mx2).
@@ -112,21 +105,19 @@ Proof.
   { intros i e a v E He. destruct (sc_alone ex _ _ _ _ E) as (m & -> & -> & _); [lra | |].
     - apply (no_ac P T answers ex TH (S j) n); [intros k Kn; apply NoAc; lia | right |]; lra.
     - pose proof (sc_out_order P T answers ex TH _ _ (Mx2 m (proj1 He))). pose proof (sc_acts ex m i). lra. }
-  assert (KeepK : forall t', dm_out ex (S j) <= t' <= dm_out ex n -> t' <= complete ex mx -> K (x ex t')).
-  { intros t' Ht' Hc. apply gate_keeps with j (Rmin t' (sc_out ex mx)) (Rmin t' (sc_out ex mx + L_min T));
-      auto; try (unfold Rmin; destruct (Rle_dec t' (sc_out ex mx)), (Rle_dec t' (sc_out ex mx + L_min T)); lra).
-    - intros i e a v E He. destruct (Rlt_or_le e (dm_out ex (S j))); [apply Acm; lra |].
-      destruct (ScOnly _ _ _ _ E); unfold Rmin in He; destruct (Rle_dec t' (sc_out ex mx)); lra.
-    - intros i e a v E He Ha. destruct (emitted_in_U ex _ _ _ _ E).
-      assert (dm_out ex (S j) <= e) by (unfold Rmin in He; destruct (Rle_dec t' (sc_out ex mx)); lra).
-      assert (a < t') by (unfold Rmin in Ha; destruct (Rle_dec t' (sc_out ex mx + L_min T)); lra).
-      destruct (ScOnly _ _ _ _ E); [lra |]. unfold Rmin in Ha; destruct (Rle_dec t' (sc_out ex mx + L_min T)); lra. }
+  assert (KeepK : forall t', dm_out ex j <= t' <= dm_out ex n -> t' <= complete ex mx -> K (x ex t')).
+  { intros t' Ht' Hc. set (b := Rmin t' (sc_out ex mx)). set (t1 := Rmin t' (sc_out ex mx + L_min T)).
+    assert (B : b <= t' /\ b <= sc_out ex mx /\ (t' <= b \/ sc_out ex mx <= b)) by (unfold b, Rmin; destruct Rle_dec; lra).
+    assert (B' : t1 <= t' /\ t1 <= sc_out ex mx + L_min T /\ b <= t1 /\ t' <= t1 + (L T - L_min T))
+      by (unfold b, t1, Rmin; repeat destruct Rle_dec; lra). clearbody b t1. destruct B as (B1 & B2 & B3).
+    apply gate_keeps with j b t1; auto; try (destruct B3; lra); intros i e a v E He; [| intros Ha];
+      destruct (emitted_in_U ex _ _ _ _ E) as [Ea _]; (destruct (Rlt_or_le e (dm_out ex (S j))) as [Q' | Q'];
+      [| destruct B3; destruct (ScOnly _ _ _ _ E); lra]); [apply Acm; lra | destruct B3; lra]. }
   destruct (Rle_or_lt t (complete ex mx)) as [Q2 | Q2]; [apply K_in_C, KeepK; lra |].
   apply (invariant_C P T answers ex C K K_in_C P2a); [lra |]. right. exists mx. split; [apply KeepK; lra |].
   split; [lra |]. apply sc_run_begins; auto; [| lra | |].
   - intros n' N'. apply (available j); auto. pose proof (sc_out_order P T answers ex TH _ _ N'). lra.
-  - intros t' Ht'. destruct (Rle_or_lt t' (dm_out ex j)); [apply (IH j); auto; lra |]. apply K_in_C.
-    destruct (Rle_or_lt t' (dm_out ex (S j))); [apply Before | apply KeepK]; lra.
+  - intros t' Ht'. destruct (Rle_or_lt t' (dm_out ex j)); [apply (IH j); auto | apply K_in_C, KeepK]; lra.
   - intros t' Ht'. apply (no_ac P T answers ex TH (S j) n); [intros k Kn; apply NoAc; lia | right |]; lra.
 Qed.
 

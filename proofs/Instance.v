@@ -48,6 +48,20 @@ Proof.
   - intros k m. destruct (nat_apart k m) as [[Q _] | [Q _]]; times.
 Qed.
 
+(* The gate permits more than the DM: at 190 not every command may act for H, but braking may. *)
+Theorem gate_permits_more : gated_look_ahead integrator (ball 200) (fun _ v => v = -1) 31 2 190 /\
+  ~ look_ahead integrator (ball 200) 31 190.
+Proof.
+  split.
+  - intros x u t1 t2 T1 T2 T3 E HV HU F t Ht. destruct (Rle_or_lt t t1) as [Q | Q].
+    + destruct (F 0 t (-1) (-1) ltac:(lra) ltac:(lra)); [intros q Hq; rewrite (HV q tt) by lra; lra |]. unfold ball. lra.
+    + destruct (F 0 t1 (-1) (-1) ltac:(lra) ltac:(lra)); [intros q Hq; rewrite (HV q tt) by lra; lra |].
+      destruct (F t1 t (-1) 1 ltac:(lra) ltac:(lra)); [intros q Hq; apply (HU q tt); lra |]. unfold ball. lra.
+  - intros Q. specialize (Q (fun t => 190 + t) (fun _ _ => 1) 31 ltac:(lra) ltac:(lra)).
+    assert (A : ball 200 (190 + 31)); [apply Q | unfold ball in A]; try lra; [intros t i Ht; simpl; lra |].
+    intros s t lo hi S1 S2 Hu. destruct (Req_dec s t) as [-> | Ne]; [lra |]. specialize (Hu s ltac:(lra)). nra.
+Qed.
+
 (* Over a time h the state moves by 11/10 h at most. *)
 Lemma moves_by : forall x u a b s t, flow integrator x u a b -> within integrator (inputs integrator) u a b ->
   a <= s <= t -> t <= b -> ball (11/10 * (t - s)) (x t - x s).

@@ -263,16 +263,6 @@ Hypothesis P1c : H_star T <= H.
 (* SC reads no more than the DM, whose read was available; or there is time for the first output that counts. *)
 Hypothesis available : (forall k m, says_ac k -> dm_start k <= sc_start m -> counts m) \/ h0 <= H.
 
-Lemma last_below : forall (A : nat -> Prop) n, (exists k, (k < n)%nat /\ A k) ->
-  exists j, (j < n)%nat /\ A j /\ forall k, (j < k < n)%nat -> ~ A k.
-Proof.
-  induction n; intros (k & Kn & Ak); [lia |]. destruct (classic (A n)) as [An | An].
-  - exists n. repeat split; auto. lia.
-  - destruct IHn as (j & Jn & Aj & Q).
-    + exists k. split; auto. assert (k <> n) by (intros ->; auto). lia.
-    + exists j. repeat split; [lia | auto |]. intros k' Hk'. destruct (Nat.eq_dec k' n) as [-> |]; auto. apply Q. lia.
-Qed.
-
 Lemma invariant_until : forall n t, 0 <= t <= dm_out n -> free t \/ under_sc t.
 Proof.
   induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.

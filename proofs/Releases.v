@@ -27,6 +27,15 @@ Proof.
   exists n. split; auto. intros k Ak. destruct (Nat.le_gt_cases n k); auto. exfalso; eauto.
 Qed.
 
+Lemma last_below : forall (A : nat -> Prop) n, (exists k, (k < n)%nat /\ A k) ->
+  exists j, (j < n)%nat /\ A j /\ forall k, (j < k < n)%nat -> ~ A k.
+Proof.
+  induction n as [| n IH]; intros (k & Kn & Ak); [lia |].
+  destruct (classic (A n)) as [An | An]; [exists n; repeat split; auto; lia |].
+  destruct IH as (j & Jn & Aj & Q); [exists k; split; auto; assert (k <> n) by congruence; lia |].
+  exists j. repeat split; auto. intros k' Hk'. destruct (Nat.eq_dec k' n) as [-> |]; auto. apply Q. lia.
+Qed.
+
 (* Differences between releases are r + q g, g the gcd of the periods: r at least, d - g + r where less than d. *)
 Lemma differences : forall pd ps D d k m, (0 < D)%Z -> (0 < d)%Z ->
   let g := Z.gcd D d in let r := ((ps - pd) mod g)%Z in let a := (ps + m * d - (pd + k * D))%Z in
