@@ -4,7 +4,6 @@
 Require Import Reals Lra Lia.
 From Soter Require Import Releases.
 Open Scope R_scope.
-
 Section Composition.
 Variables M X V W : Type.                        (* modules; states of all; influences; choices *)
 Variable influence : M -> X -> V.                (* what others feel of a module *)
@@ -31,8 +30,7 @@ Hypothesis unique : forall c x y n, original c x -> original c y -> (forall t, 0
   forall t, 0 <= t <= event (S n) -> x t = y t.
 
 Theorem all_promises_hold : forall c x, original c x -> forall m t, 0 <= t -> promised m (influence m (x t)).
-Proof.
-  intros c x Ox m t T0. destruct (solvable c) as [y Cy].
+Proof. intros c x Ox m t T0. destruct (solvable c) as [y Cy].
   assert (Py : forall m t, 0 <= t -> promised m (influence m (y t))).
   { intros m' t' T'. apply (theorem_of m' c _ y (fun r k _ => project_into k (influence k (y r))) Cy t' T'). }
   assert (Oy : original c y).

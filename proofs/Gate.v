@@ -4,7 +4,6 @@
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories ScRuns Module.
 Open Scope R_scope.
-
 Section Gate.
 Variable P : plant. Variable T : times.
 Variable answers : estimate P -> (component P -> value P) -> Prop.
@@ -47,8 +46,7 @@ Lemma last_judgement : forall j b, says_ac ex j -> dm_out ex j <= b ->
   (forall i e a v, emitted ex i e a v -> dm_out ex j < e < b -> ac_mode ex e) ->
   exists s now, good s now /\ dm_release T j - age T <= s <= b /\
     forall i e a v, emitted ex i e a v -> e < b -> e <= now.
-Proof.
-  intros j b Ac Hb Since. destruct (silence j Ac) as (s & now & Gs & S1 & S2 & S3).
+Proof. intros j b Ac Hb Since. destruct (silence j Ac) as (s & now & Gs & S1 & S2 & S3).
   destruct (dm_window P T answers ex TH j) as (D1 & D2 & _ & _ & D5).
   destruct (classic (exists i e a v, emitted ex i e a v /\ now < e < b)) as [(i & e & a & v & E & Eb) | No].
   - destruct (finitely_many b) as (i' & e' & a' & v' & E' & Eb' & Last); [exists i, e, a, v; split; auto; lra |].
@@ -65,8 +63,7 @@ Lemma gate_keeps : forall j b t1 t, says_ac ex j -> dm_out ex j <= b ->
   (forall i e a v, emitted ex i e a v -> dm_out ex j < e < b -> ac_mode ex e) ->
   b <= t1 <= t -> (forall i e a v, emitted ex i e a v -> b <= e -> a < t1 -> False) ->
   t <= t1 + (L T - L_min T) -> t <= dm_release T j - age T + H -> 0 <= b -> K (x ex t).
-Proof.
-  intros j b t1 t Ac Hb Since T1 Late Tw TH' B0.
+Proof. intros j b t1 t Ac Hb Since T1 Late Tw TH' B0.
   destruct (last_judgement j b Ac Hb Since) as (s & now & G & Sb & Em). destruct G as [[S0 Sn] (y & Ry & Ok)].
   apply (gated_along P K (may_act s now) H (L T - L_min T) (x ex) (u ex) s t1 t); auto; try lra.
   - intros t' i Ht'. destruct (acting ex t' i ltac:(lra)) as (e & a & E & Ha & Last).
@@ -78,8 +75,7 @@ Proof.
 Qed.
 
 Lemma gate_until : forall n t, 0 <= t <= dm_out ex n -> C (x ex t).
-Proof.
-  induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.
+Proof. induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.
   destruct (classic (exists k, (k < n)%nat /\ says_ac ex k)) as [Some | None].
   2: { apply (invariant_C P T answers ex C K K_in_C P2a); [lra |].
        apply (invariant_at_first P T answers ex TH m0 q) with n; auto. intros k Kn Ak. apply None. eauto. }

@@ -11,8 +11,7 @@ Definition rate (x : R -> R) (u : R -> unit -> R) a b := forall s t lo hi, a <= 
   (forall r, s <= r < t -> lo <= u r tt <= hi) -> (lo - 1/10) * (t - s) <= x t - x s <= (hi + 1/10) * (t - s).
 
 Definition integrator : plant.
-Proof.
-  refine {| state := R; component := unit; value := R; estimate := R; flow := rate;
+Proof. refine {| state := R; component := unit; value := R; estimate := R; flow := rate;
     inputs := fun _ v => -1 <= v <= 1; reads_as := fun z y => -2 <= y - z <= 2 |}; unfold rate.
   - intros x y u v a b Ex Eu F s t lo hi S1 S2 Hu. rewrite <- !Ex by lra. apply F; auto.
     intros r Hr. rewrite Eu by lra. auto.
@@ -31,7 +30,6 @@ Definition T := {| Delta := 20; delta := 20; dm_phase := 0; sc_phase := 5; dm_la
 Definition law (y : R) : R := if Rlt_dec 40 y then -1 else if Rlt_dec y (-40) then 1 else 0.
 Definition answers (y : estimate integrator) (v : component integrator -> value integrator) : Prop := v tt = law y.
 Definition ball (d z : R) := -d <= z <= d.
-
 Ltac times := unfold window, Lambda, state_age, H_star, h_0, sc_release, dm_release in *; simpl in *;
   unfold Rmax in *; repeat destruct Rle_dec; try lra.
 
@@ -40,10 +38,8 @@ Lemma T_H : H_star T = 31. Proof. times. Qed.
 
 Lemma nat_apart : forall k m, (INR k <= INR m /\ (k <= m)%nat) \/ (INR m + 1 <= INR k /\ (m < k)%nat).
 Proof. intros k m. destruct (Nat.le_gt_cases k m); [left | right]; split; auto; [apply le_INR | rewrite <- S_INR; apply le_INR]; lia. Qed.
-
 Lemma T_holds : times_hold T.
-Proof.
-  constructor; try (times; fail).
+Proof. constructor; try (times; fail).
   - intros k. exists (S k). times.
   - intros k m. destruct (nat_apart k m) as [[Q _] | [Q _]]; times.
 Qed.
@@ -51,8 +47,7 @@ Qed.
 (* The gate permits more than the DM: at 190 not every command may act for H, but braking may. *)
 Theorem gate_permits_more : gated_look_ahead integrator (ball 200) (fun _ v => v = -1) 31 2 190 /\
   ~ look_ahead integrator (ball 200) 31 190.
-Proof.
-  split.
+Proof. split.
   - intros x u t1 t2 T1 T2 T3 E HV HU F t Ht. destruct (Rle_or_lt t t1) as [Q | Q].
     + destruct (F 0 t (-1) (-1) ltac:(lra) ltac:(lra)); [intros q Hq; rewrite (HV q tt) by lra; lra |]. unfold ball. lra.
     + destruct (F 0 t1 (-1) (-1) ltac:(lra) ltac:(lra)); [intros q Hq; rewrite (HV q tt) by lra; lra |].
@@ -65,14 +60,12 @@ Qed.
 (* Over a time h the state moves by 11/10 h at most. *)
 Lemma moves_by : forall x u a b s t, flow integrator x u a b -> within integrator (inputs integrator) u a b ->
   a <= s <= t -> t <= b -> ball (11/10 * (t - s)) (x t - x s).
-Proof.
-  intros x u a b s t F U S1 S2. destruct (F s t (-1) 1 S1 S2) as [A B]; [| unfold ball; lra].
+Proof. intros x u a b s t F U S1 S2. destruct (F s t (-1) 1 S1 S2) as [A B]; [| unfold ball; lra].
   intros q Hq. apply (U q tt). lra.
 Qed.
 
 Lemma look : forall d h z, ball (d - 11/10 * h) z -> look_ahead integrator (ball d) h z.
-Proof.
-  intros d h z Hz x u b Hb E U F t Ht. pose proof (moves_by x u 0 b 0 t F U ltac:(lra) ltac:(lra)) as M.
+Proof. intros d h z Hz x u b Hb E U F t Ht. pose proof (moves_by x u 0 b 0 t F U ltac:(lra) ltac:(lra)) as M.
   unfold ball in *. rewrite E in M. lra.
 Qed.
 
@@ -82,8 +75,7 @@ Notation run C := (sc_run integrator answers 20 4 5 C).
 Lemma one_period : forall C x u act al out t0 b d, run C x u act al out t0 b -> 80 <= d -> ball d (x (al 0%nat)) ->
   (forall t, al 0%nat <= t <= Rmin b (al 1%nat) -> ball d (x t)) /\
   (al 1%nat <= b -> ball (Rmax 80 (d - 14)) (x (al 1%nat))).
-Proof.
-  intros C x u act al out t0 b d H Hd H0.
+Proof. intros C x u act al out t0 b d H Hd H0.
   pose proof (last_window integrator answers 20 4 5 C x u act al out t0 b 0 H) as W0.
   pose proof (last_window integrator answers 20 4 5 C x u act al out t0 b 1 H) as W1. simpl in W0, W1.
   destruct H as [_ M B _ U Cm Rd F]. destruct (M 0%nat) as [_ [[] M0]]. destruct (M 1%nat) as [_ [[] M1]].
@@ -102,16 +94,14 @@ Qed.
 
 Lemma kept : forall (C : R -> Prop) d (S : R -> Prop), 80 <= d -> (forall z, ball d z -> S z) -> (forall z, S z -> C z) ->
   keeps integrator answers 20 4 5 C (ball d) S.
-Proof.
-  intros C d S Hd HS HC. apply keeps_of_chains; try lra; auto. intros z Hz. exists 1%nat. split; [lia |].
+Proof. intros C d S Hd HS HC. apply keeps_of_chains; try lra; auto. intros z Hz. exists 1%nat. split; [lia |].
   intros x u act al out t0 b Hrun E. rewrite <- E in Hz. destruct (one_period _ _ _ _ _ _ _ _ d Hrun Hd Hz) as [A B].
   split; [intros t Ht; auto |]. intros L. specialize (B L). unfold ball, Rmax in *. destruct Rle_dec; lra.
 Qed.
 
 Lemma comes_home : forall (C : R -> Prop) n z, ball (80 + INR n * 14) z ->
   leads_to integrator answers 20 4 5 C (ball 80) (INR n * 20) z.
-Proof.
-  induction n; intros z Hz; [apply arrived; simpl in *; [lra | unfold ball in *; lra] |].
+Proof. induction n; intros z Hz; [apply arrived; simpl in *; [lra | unfold ball in *; lra] |].
   rewrite S_INR in *. pose proof (pos_INR n). replace ((INR n + 1) * 20) with (INR n * 20 + INR 1 * 20) by (simpl; ring).
   apply chain_to; [lra |]. intros x u act al out t0 b Hrun E L. apply IHn. rewrite <- E in Hz.
   destruct (one_period _ _ _ _ _ _ _ _ (80 + (INR n + 1) * 14) Hrun ltac:(lra) Hz) as [_ B]. specialize (B L).
@@ -128,7 +118,6 @@ Definition ac k := (1 <= k <= 8)%nat \/ (14 <= k)%nat.
 Definition published (_ : unit) e a v := (e = -1 /\ a = -1 /\ v = 0) \/
   exists m, e = 20 * INR m + 7 /\ a = 20 * INR m + 9 /\ v = command m.
 Definition sc_says m := law (X (20 * INR m + 4) + 2).
-
 Ltac cases := unfold sc_says, law, command, commands, X in *; repeat (match goal with
   | |- context [Rlt_dec ?a ?b] => destruct (Rlt_dec a b)
   | Q : context [Rlt_dec ?a ?b] |- _ => destruct (Rlt_dec a b) end; try lra); try lra.
@@ -162,8 +151,7 @@ Proof.
 Qed.
 
 Definition flight : @execution integrator T answers.
-Proof.
-  refine {| x := (X : R -> state integrator); u := fun t _ => commands t; dm_start := fun k => 20 * INR k + 1;
+Proof. refine {| x := (X : R -> state integrator); u := fun t _ => commands t; dm_start := fun k => 20 * INR k + 1;
     dm_out := fun k => 20 * INR k + 2; says_ac := ac; sc_start := fun m => 20 * INR m + 6;
     sc_out := fun m => 20 * INR m + 7; counts := fun _ => True; out := fun m _ => sc_says m;
     acts := fun m _ => 20 * INR m + 9; complete := fun m => 20 * INR m + 9; emitted := published |}.
@@ -190,32 +178,24 @@ Defined.
 
 (* The DM reads as late as it may, as wrong as it may be, and goes by its predicates. *)
 Definition seen k := X (20 * INR k - 1) + 2. Definition ttf y := ~ ball 160 y. Definition safer y := ball 100 y.
-
 Theorem dm_goes_by_its_predicates : forall k, ((k = 1 \/ 14 <= k)%nat -> safer (seen k)) /\
   ((2 <= k <= 8)%nat -> ~ ttf (seen k)) /\ (k = 9%nat -> ttf (seen k)) /\ ((10 <= k <= 13)%nat -> ~ safer (seen k)).
-Proof.
-  intros k. unfold safer, ttf, seen, ball. split; [intros [-> | Q] | split; [intros [Q Q'] No; apply No |
+Proof. intros k. unfold safer, ttf, seen, ball. split; [intros [-> | Q] | split; [intros [Q Q'] No; apply No |
     split; [intros -> No | intros [Q Q'] No]]]; naturals; simpl in *; cases.
 Qed.
 
 Lemma room : forall z y, reads_as integrator z y -> ball 163 y -> look_ahead integrator (ball 200) 31 z.
 Proof. intros z y Rd Hy. apply look. unfold ball in *. simpl in Rd. lra. Qed.
-
 Lemma seen_room : forall k, ac k -> ball 163 (seen k).
 Proof. unfold ac, ball, seen. intros k [[Q Q'] | Q]; naturals; cases. Qed.
-
 Lemma first_dm : forall k, dm_release T k <= sc_release T 0 -> dm_release T k <= 0.
 Proof. intros k Q. destruct (below k 0); times. Qed.
-
 Lemma K_core : core integrator answers (delta T) (window T) (state_age T) (ball 220) (ball 200).
 Proof. rewrite T_window, T_age. apply kept; unfold ball; intros; lra. Qed.
-
 Lemma begins : look_ahead integrator (ball 200) (h_0 T (sc_release T 0) 0) (X 0).
 Proof. apply look. times. unfold ball, X. cases. Qed.
-
 Theorem flight_safe : forall t, 0 <= t -> ball 220 (X t).
-Proof.
-  apply (safe integrator T answers flight T_holds 0 0) with (ball 200) 31 ttf safer;
+Proof. apply (safe integrator T answers flight T_holds 0 0) with (ball 200) 31 ttf safer;
     [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core | exact begins | | | |].
   - intros k Ac. change (ac k) in Ac. unfold ac in Ac. exists (20 * INR k - 1), (seen k).
     pose proof (dm_goes_by_its_predicates k) as (D1 & D2 & _).
@@ -228,8 +208,7 @@ Qed.
 
 (* SC takes over with its output 9, after verdict 9; it gives control back with verdict 14, in the time of P2b. *)
 Theorem flight_returns : exists k, ac k /\ 187 <= 20 * INR k + 2 <= 189 + 140 + 4 + 2 + 20 + 1 + 1.
-Proof.
-  assert (Home : ball (80 + INR 7 * 14) (X (20 * INR 9 + 9))) by (unfold ball; simpl; cases).
+Proof. assert (Home : ball (80 + INR 7 * 14) (X (20 * INR 9 + 9))) by (unfold ball; simpl; cases).
   apply (comes_home (ball 220)) in Home.
   destruct (control_returns integrator T answers flight (ball 220) (ball 200) (ball 80) safer (INR 7 * 20) 9) as (k & Ac & Hk).
   1, 2: solve [exact T_holds | exact K_core].
@@ -250,8 +229,7 @@ Qed.
 
 (* The gate, in the same flight: each judgement is about R(H), which is less than R_V(H) would be. *)
 Theorem flight_gated : forall t, 0 <= t -> ball 220 (X t).
-Proof.
-  apply (gate_safe integrator T answers flight T_holds 0 0) with (ball 200) 31;
+Proof. apply (gate_safe integrator T answers flight T_holds 0 0) with (ball 200) 31;
     [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core | exact begins | rewrite T_H; lra | | | |
      intros; exact I].
   - intros k Ac. change (ac k) in Ac. assert (1 <= INR k) by (apply (le_INR 1); unfold ac in Ac; lia).

@@ -4,7 +4,6 @@
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories ScRuns.
 Open Scope R_scope.
-
 Record times := {
   Delta : R; delta : R; dm_phase : R; sc_phase : R;       (* periods and phases of DM and SC *)
   dm_late : R; dm_response : R; sc_late : R; sc_response : R;
@@ -22,7 +21,6 @@ Definition state_age := sc_age T + sc_response T + L T.
 Definition H_star := age T + Delta T + Rmax (dm_late T + dm_response T) (G T + sc_late T) + sc_response T + L T.
 (* rho the release of SC from which on outputs count, q no earlier than the DM's last one at or before rho *)
 Definition h_0 rho q := rho + Rmax (sc_late T) (q + dm_late T + dm_response T - rho) + sc_response T + L T.
-
 Record times_hold : Prop := {
   periods : 0 < delta T <= Delta T;
   not_negative : 0 <= dm_phase T < Delta T /\ 0 <= sc_phase T /\ 0 <= dm_late T /\ 0 <= dm_response T /\ 0 <= sc_late T /\
@@ -75,8 +73,7 @@ Notation run m b := (fun C => sc_run P answers (delta T) (window T) (state_age T
 
 Lemma dm_window : forall k, dm_release T k <= dm_start k /\ dm_start k <= dm_out k /\
   dm_out k <= dm_release T k + dm_late T + dm_response T /\ dm_out k <= dm_release T (S k) /\ 0 <= dm_release T k.
-Proof.
-  intros k. pose proof (dm_starts ex k). pose proof (dm_answers ex k). pose proof (no_overlap T TH).
+Proof. intros k. pose proof (dm_starts ex k). pose proof (dm_answers ex k). pose proof (no_overlap T TH).
   pose proof (not_negative T TH). pose proof (periods T TH). pose proof (pos_INR k).
   unfold dm_release in *. rewrite S_INR. nra.
 Qed.
@@ -98,21 +95,18 @@ Proof.
 Qed.
 
 Lemma window_pos : 0 <= window T /\ window T < delta T /\ Lambda T + sc_response T <= window T.
-Proof.
-  pose proof (not_negative T TH). pose proof (periods T TH). pose proof (windows_apart T TH).
+Proof. pose proof (not_negative T TH). pose proof (periods T TH). pose proof (windows_apart T TH).
   pose proof (Rmax_l (sc_late T) (dm_late T + dm_response T - r T)). unfold window, Lambda in *. lra.
 Qed.
 
 Lemma sc_in_order : forall m n i, (m < n)%nat -> sc_out m < sc_out n /\ acts m i < acts n i.
-Proof.
-  intros m n i Hmn. pose proof (sc_window m). pose proof (sc_window n). pose proof (sc_acts ex m i).
+Proof. intros m n i Hmn. pose proof (sc_window m). pose proof (sc_window n). pose proof (sc_acts ex m i).
   pose proof (sc_acts ex n i). assert (INR m + 1 <= INR n) by (rewrite <- S_INR; apply le_INR; lia).
   pose proof window_pos. pose proof (periods T TH). unfold window, sc_release in *. nra.
 Qed.
 
 Lemma sc_out_order : forall m n, (m <= n)%nat -> sc_out m <= sc_out n.
-Proof.
-  intros m n Q. destruct (sc_complete ex m) as [_ [i _]]. destruct (Nat.eq_dec m n) as [-> | Ne]; [lra |].
+Proof. intros m n Q. destruct (sc_complete ex m) as [_ [i _]]. destruct (Nat.eq_dec m n) as [-> | Ne]; [lra |].
   left. apply (sc_in_order m n i). lia.
 Qed.
 
@@ -135,8 +129,7 @@ Proof. intros a b Q. apply flow_part with 0 b; try lra. apply moves. lra. Qed.
 (* From an output that counts on, while no "AC" verdict is in force, the execution is an SC-run. *)
 Lemma sc_run_begins : forall (C : state P -> Prop) m b, (forall n, (m <= n)%nat -> counts n) -> complete m <= b ->
   (forall t, 0 <= t <= complete m -> C (x t)) -> (forall t, sc_out m <= t < b -> ~ ac_mode t) -> run m b C.
-Proof.
-  intros C m b Hc Hb HC Hm. pose proof (sc_window m) as W. pose proof (not_negative T TH) as NN.
+Proof. intros C m b Hc Hb HC Hm. pose proof (sc_window m) as W. pose proof (not_negative T TH) as NN.
   assert (Rel : forall k, sc_release T (m + k) = sc_release T m + INR k * delta T)
     by (intros; unfold sc_release; rewrite plus_INR; ring).
   constructor.
@@ -163,15 +156,13 @@ Qed.
 (* Where no verdict from number j on is "AC" until that of n, nobody but SC gets through. *)
 Lemma no_ac : forall j n t, (forall k, (j <= k < n)%nat -> ~ says_ac k) -> j = 0%nat \/ dm_out j <= t ->
   t < dm_out n -> ~ ac_mode t.
-Proof.
-  intros j n t No Hj Ht (k & Hk & Ac & Last). apply (No k); auto. split.
+Proof. intros j n t No Hj Ht (k & Hk & Ac & Last). apply (No k); auto. split.
   - destruct Hj as [-> | Hj]; [lia | apply Last; exact Hj].
   - destruct (Nat.lt_ge_cases k n) as [| Q]; auto. apply dm_out_order in Q. lra.
 Qed.
 
 Lemma verdicts_go_on : forall t, exists n, t <= dm_out n.
-Proof.
-  intros t. pose proof (periods T TH). destruct (enough_steps (t - dm_phase T) (Delta T)) as [n Hn]; [lra |].
+Proof. intros t. pose proof (periods T TH). destruct (enough_steps (t - dm_phase T) (Delta T)) as [n Hn]; [lra |].
   exists n. destruct (dm_window n) as (W & W' & _). unfold dm_release in W. lra.
 Qed.
 
@@ -196,10 +187,8 @@ Variable m0 : nat. Variable q : R.
 Hypothesis counts_from : forall m, (m0 <= m)%nat -> counts m.
 Hypothesis q_last : forall k, dm_release T k <= sc_release T m0 -> dm_release T k <= q.
 Notation h0 := (h_0 T (sc_release T m0) q).
-
 Lemma first_in_time : complete m0 <= h0.
-Proof.
-  refine (Rle_trans _ _ _ (complete_by m0 (q + dm_late T + dm_response T) _) _).
+Proof. refine (Rle_trans _ _ _ (complete_by m0 (q + dm_late T + dm_response T) _) _).
   - intros k Rk. destruct (dm_window k) as (_ & _ & W & _). pose proof (q_last k Rk). lra.
   - unfold h_0, Rmax. repeat destruct Rle_dec; lra.
 Qed.
@@ -211,10 +200,8 @@ Hypothesis P2a : core P answers (delta T) (window T) (state_age T) C K.
 (* The invariant: (F) free until a deadline, or (S) an SC-run from K. *)
 Definition free t := exists D, t <= D /\ look_ahead P K (D - t) (x t).
 Definition under_sc t := exists m, K (x (complete m)) /\ complete m <= t /\ run m t C.
-
 Lemma free_along : forall s h t, 0 <= s -> s <= t <= s + h -> look_ahead P K h (x s) -> free t.
-Proof.
-  intros s h t S0 St HR. exists (s + h). split; [lra |].
+Proof. intros s h t S0 St HR. exists (s + h). split; [lra |].
   apply look_ahead_later with u; auto; [apply U_only | apply moves_from]; lra.
 Qed.
 
@@ -224,8 +211,7 @@ Proof.
 Qed.
 
 Lemma invariant_C : forall t, 0 <= t -> free t \/ under_sc t -> C (x t).
-Proof.
-  intros t T0 [F | (m & Km & Hm & Run)]; [apply K_in_C, free_K; auto |].
+Proof. intros t T0 [F | (m & Km & Hm & Run)]; [apply K_in_C, free_K; auto |].
   apply (P2a _ _ _ _ _ _ _ Run); rewrite ?Nat.add_0_r; auto; lra.
 Qed.
 
@@ -233,8 +219,7 @@ Qed.
 Lemma segment : forall s h m b, 0 <= s -> look_ahead P K h (x s) -> s <= complete m <= s + h ->
   (forall t, 0 <= t < s -> C (x t)) -> (forall n, (m <= n)%nat -> counts n) ->
   (forall t, sc_out m <= t < b -> ~ ac_mode t) -> forall t, s <= t <= b -> free t \/ under_sc t.
-Proof.
-  intros s h m b S0 HR Sm HC Hc Hm t Ht. destruct (Rle_or_lt t (complete m)) as [Q | Q].
+Proof. intros s h m b S0 HR Sm HC Hc Hm t Ht. destruct (Rle_or_lt t (complete m)) as [Q | Q].
   - left. apply free_along with s h; auto; lra.
   - right. exists m. split; [| split; [lra |]].
     + apply free_K; [lra |]. apply free_along with s h; auto; lra.
@@ -244,11 +229,9 @@ Proof.
 Qed.
 
 Hypothesis start : look_ahead P K h0 (x 0).
-
 Lemma invariant_at_first : forall n t, (forall k, (k < n)%nat -> ~ says_ac k) -> 0 <= t <= dm_out n ->
   free t \/ under_sc t.
-Proof.
-  intros n t No Ht. pose proof first_in_time. pose proof (sc_window m0). pose proof (not_negative T TH).
+Proof. intros n t No Ht. pose proof first_in_time. pose proof (sc_window m0). pose proof (not_negative T TH).
   apply segment with 0 h0 m0 (dm_out n); auto; try lra; [intros; lra |].
   intros t' Ht'. apply no_ac with 0%nat n; [intros k Kn; apply No; lia | auto | lra].
 Qed.
@@ -262,10 +245,8 @@ Hypothesis P3 : forall z y, C z -> reads_as P z y -> ~ ttf y \/ safer y -> look_
 Hypothesis P1c : H_star T <= H.
 (* SC reads no more than the DM, whose read was available; or there is time for the first output that counts. *)
 Hypothesis available : (forall k m, says_ac k -> dm_start k <= sc_start m -> counts m) \/ h0 <= H.
-
 Lemma invariant_until : forall n t, 0 <= t <= dm_out n -> free t \/ under_sc t.
-Proof.
-  induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.
+Proof. induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.
   destruct (classic (exists k, (k < n)%nat /\ says_ac k)) as [Some | None].
   - destruct (last_below says_ac n Some) as (j & Jn & Acj & NoAc).
     destruct (verdicts j Acj) as (s & y & S0 & S1 & S2 & S3). destruct (dm_window j) as (D1 & D2 & D3 & D4 & D5).
@@ -290,7 +271,6 @@ Qed.
 
 Theorem invariant : forall t, 0 <= t -> free t \/ under_sc t.
 Proof. intros t T0. destruct (verdicts_go_on t) as [n Hn]. apply (invariant_until n). lra. Qed.
-
 Theorem safe : forall t, 0 <= t -> C (x t).
 Proof. intros t T0. apply invariant_C, invariant; exact T0. Qed.
 End Safety.

@@ -3,10 +3,8 @@
    Non-goals: ages over nodes between sensor and module. *)
 Require Import Reals Lra Lia ZArith Classical.
 Open Scope R_scope.
-
 Lemma enough_steps : forall a e, 0 < e -> exists n, a < INR n * e.
-Proof.
-  intros a e He. destruct (archimed (a / e)) as [U _]. exists (Z.to_nat (up (a / e))).
+Proof. intros a e He. destruct (archimed (a / e)) as [U _]. exists (Z.to_nat (up (a / e))).
   assert (Q : a < IZR (up (a / e)) * e).
   { apply (Rmult_lt_compat_r e) in U; auto. unfold Rdiv in U. rewrite Rmult_assoc, Rinv_l in U; lra. }
   rewrite INR_IZR_INZ. destruct (Z_le_gt_dec 0 (up (a / e))) as [Z | Z]; [rewrite Z2Nat.id; auto |].
@@ -14,23 +12,20 @@ Proof.
 Qed.
 
 Lemma next_release : forall p d t, 0 < d -> p < t + d -> exists m, t <= p + INR m * d < t + d.
-Proof.
-  intros p d t Hd Hp. destruct (enough_steps (t - p) d Hd) as [n Hn].
+Proof. intros p d t Hd Hp. destruct (enough_steps (t - p) d Hd) as [n Hn].
   assert (Q : t <= p + INR n * d) by lra. clear Hn. induction n; [exists 0%nat; simpl in *; lra |].
   destruct (Rle_or_lt t (p + INR n * d)); auto. exists (S n). rewrite S_INR in *. lra.
 Qed.
 
 Lemma least : forall (A : nat -> Prop) n, A n -> exists m, A m /\ forall k, A k -> (m <= k)%nat.
-Proof.
-  intros A n. induction n using (well_founded_induction lt_wf). intros An.
+Proof. intros A n. induction n using (well_founded_induction lt_wf). intros An.
   destruct (classic (exists k, (k < n)%nat /\ A k)) as [[k [L Ak]] | Q]; [eauto |].
   exists n. split; auto. intros k Ak. destruct (Nat.le_gt_cases n k); auto. exfalso; eauto.
 Qed.
 
 Lemma last_below : forall (A : nat -> Prop) n, (exists k, (k < n)%nat /\ A k) ->
   exists j, (j < n)%nat /\ A j /\ forall k, (j < k < n)%nat -> ~ A k.
-Proof.
-  induction n as [| n IH]; intros (k & Kn & Ak); [lia |].
+Proof. induction n as [| n IH]; intros (k & Kn & Ak); [lia |].
   destruct (classic (A n)) as [An | An]; [exists n; repeat split; auto; lia |].
   destruct IH as (j & Jn & Aj & Q); [exists k; split; auto; assert (k <> n) by congruence; lia |].
   exists j. repeat split; auto. intros k' Hk'. destruct (Nat.eq_dec k' n) as [-> |]; auto. apply Q. lia.
@@ -40,8 +35,7 @@ Qed.
 Lemma differences : forall pd ps D d k m, (0 < D)%Z -> (0 < d)%Z ->
   let g := Z.gcd D d in let r := ((ps - pd) mod g)%Z in let a := (ps + m * d - (pd + k * D))%Z in
   (0 <= r < g /\ (0 <= a -> r <= a /\ (a < d -> a <= d - g + r)))%Z.
-Proof.
-  intros pd ps D d k m HD Hd g r a.
+Proof. intros pd ps D d k m HD Hd g r a.
   assert (Hg : (0 < g)%Z) by (pose proof (Z.gcd_nonneg D d); destruct (Z.eq_dec g 0) as [E |]; [| lia];
     apply Z.gcd_eq_0_l in E; lia).
   destruct (Z.gcd_divide_l D d) as [D' ED]. destruct (Z.gcd_divide_r D d) as [d' Ed].

@@ -4,7 +4,6 @@
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories ScRuns Module.
 Open Scope R_scope.
-
 Theorem control_returns : forall P T answers (ex : @execution P T answers) (C K Q : state P -> Prop)
     (safer : estimate P -> Prop) T_Q m,
   times_hold T ->
@@ -19,8 +18,7 @@ Theorem control_returns : forall P T answers (ex : @execution P T answers) (C K 
     reads_as P (x ex s) y /\ (safer y -> says_ac ex k)) ->
   exists k, says_ac ex k /\
     sc_out ex m <= dm_out ex k <= complete ex m + T_Q + window T + age T + Delta T + dm_late T + dm_response T.
-Proof.
-  intros P T answers ex C K Q safer T_Q m TH HK HQ Hc Hm HC Km Lead Fresh. apply NNPP. intros No.
+Proof. intros P T answers ex C K Q safer T_Q m TH HK HQ Hc Hm HC Km Lead Fresh. apply NNPP. intros No.
   pose proof (sc_window P T answers ex TH m) as W.
   pose proof (not_negative T TH) as NN. pose proof (periods T TH). pose proof (window_pos T TH).
   assert (0 <= T_Q) by (inversion Lead as [| t' z' N]; subst; auto; pose proof (pos_INR N); nra).

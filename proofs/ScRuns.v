@@ -4,7 +4,6 @@
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories.
 Open Scope R_scope.
-
 Section Runs.
 Variable P : plant.
 Variable answers : estimate P -> (component P -> value P) -> Prop.  (* what SC may answer, whatever its locals in La *)
@@ -29,7 +28,6 @@ Record sc_run (x : R -> state P) (u : R -> component P -> value P) (act : nat ->
 Definition keeps (K S : state P -> Prop) := forall x u act all_act out t0 b,
   sc_run x u act all_act out t0 b -> K (x (all_act 0%nat)) -> forall t, all_act 0%nat <= t <= b -> S (x t).
 Definition core (K : state P -> Prop) := keeps K C.
-
 Lemma last_window : forall x u act al out t0 b k, sc_run x u act al out t0 b ->
   t0 + INR k * delta <= al k <= t0 + INR k * delta + j.
 Proof. intros. destruct (run_last _ _ _ _ _ _ _ H k) as [_ [i E]]. rewrite <- E. apply (run_windows _ _ _ _ _ _ _ H). Qed.
@@ -38,8 +36,7 @@ Proof. intros. destruct (run_last _ _ _ _ _ _ _ H k) as [_ [i E]]. rewrite <- E.
 Lemma run_suffix : forall x u act al out t0 b N, sc_run x u act al out t0 b -> al N <= b ->
   (forall t, al 0%nat <= t <= al N -> C (x t)) ->
   sc_run x u (fun k => act (N + k)%nat) (fun k => al (N + k)%nat) (fun k => out (N + k)%nat) (t0 + INR N * delta) b.
-Proof.
-  intros x u act al out t0 b N H Hb HC. pose proof (last_window _ _ _ _ _ _ _ 0%nat H) as W0.
+Proof. intros x u act al out t0 b N H Hb HC. pose proof (last_window _ _ _ _ _ _ _ 0%nat H) as W0.
   pose proof (last_window _ _ _ _ _ _ _ N H) as WN. destruct H as [W M B Bf U Cm Rd F]. simpl in W0.
   constructor; auto.
   - intros k i. specialize (W (N + k)%nat i). rewrite plus_INR in W. lra.

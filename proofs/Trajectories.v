@@ -36,8 +36,7 @@ Definition gated_look_ahead K Vi (H w : R) z := forall x u t1 t2,
 Lemma gated_along : forall K Vi H w x u s t1 t2, s <= t1 <= t2 -> t2 <= s + H -> t2 <= t1 + w ->
   gated_look_ahead K Vi H w (x s) -> within Vi u s t1 -> within (inputs P) u s t2 -> flow P x u s t2 ->
   forall t, s <= t <= t2 -> K (x t).
-Proof.
-  intros K Vi H w x u s t1 t2 S1 S2 S3 HR HV HU F t Ht. replace t with (t - s + s) by lra.
+Proof. intros K Vi H w x u s t1 t2 S1 S2 S3 HR HV HU F t Ht. replace t with (t - s + s) by lra.
   apply (HR (fun q => x (q + s)) (fun q => u (q + s)) (t1 - s) (t2 - s)); try lra.
   - f_equal; lra.
   - intros q i Hq. apply HV; lra.
@@ -48,11 +47,9 @@ Qed.
 (* What the DM permits, the gate permits, whatever the command. *)
 Theorem gate_refuses_no_more : forall K Vi H w z, look_ahead K H z -> gated_look_ahead K Vi H w z.
 Proof. intros K Vi H w z HR x u t1 t2 T1 T2 _ E _ HU F. apply (HR x u t2); auto; lra. Qed.
-
 Lemma look_along : forall K H x u s b, s <= b <= s + H -> look_ahead K H (x s) -> within (inputs P) u s b ->
   flow P x u s b -> forall t, s <= t <= b -> K (x t).
-Proof.
-  intros K H x u s b Sb HR HU F. apply (gated_along K (inputs P) H 0 x u s b b); auto; try lra.
+Proof. intros K H x u s b Sb HR HU F. apply (gated_along K (inputs P) H 0 x u s b b); auto; try lra.
   apply gate_refuses_no_more. exact HR.
 Qed.
 
@@ -63,11 +60,9 @@ Proof. intros K Vi Vj H w z S HR x u t1 t2 T1 T2 T3 E HV. apply (HR x u t1 t2); 
 
 (* Concatenation: the future of x(t) is a future of x(s), so x(t) is in R(s + H - t). *)
 Definition glue {T} (c : R) (f g : R -> T) t := if Rlt_dec t c then f t else g t.
-
 Lemma look_ahead_later : forall K H x u s t, s <= t <= s + H -> look_ahead K H (x s) ->
   within (inputs P) u s t -> flow P x u s t -> look_ahead K (s + H - t) (x t).
-Proof.
-  intros K H x u s t St HR HU F y v b Hb Ey HV G q Hq.
+Proof. intros K H x u s t St HR HU F y v b Hb Ey HV G q Hq.
   set (y' := fun r => y (r + - t)). set (v' := fun r => v (r + - t)).
   assert (Q : forall r, s <= r <= t + b -> K (glue t x y' r)).
   { apply (look_along K H (glue t x y') (glue t u v') s (t + b)); try lra.
