@@ -128,7 +128,9 @@ def test_the_theorems_rest_on_axioms_of_the_library_only(proofs: Path) -> None:
 
 
 def test_an_axiom_of_ones_own_is_seen(proofs: Path) -> None:
-    text = "Axiom wrong : forall n : nat, n = 0.\nDefinition used := wrong.\nDefinition fine := 0.\n"
+    text = (
+        "Axiom wrong : forall n : nat, n = 0.\nDefinition used := wrong.\nDefinition fine := 0.\n"
+    )
     (proofs / "Wrong.v").write_text(text)
     assert compiled(proofs, "Wrong.v").returncode == 0
     assert assumptions(proofs, ("Wrong.used", "Wrong.fine")) == [{"Wrong.wrong"}, set()]
