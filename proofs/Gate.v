@@ -103,7 +103,8 @@ Proof. induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.
     - pose proof (sc_out_order P T answers ex TH _ _ (Mx2 m (proj1 He))). pose proof (sc_acts ex m i). lra. }
   assert (KeepK : forall t', dm_out ex j <= t' <= dm_out ex n -> t' <= complete ex mx -> K (x ex t')).
   { intros t' Ht' Hc. set (b := Rmin t' (sc_out ex mx)). set (t1 := Rmin t' (sc_out ex mx + L_min T)).
-    assert (B : b <= t' /\ b <= sc_out ex mx /\ (t' <= b \/ sc_out ex mx <= b)) by (unfold b, Rmin; destruct Rle_dec; lra).
+    assert (B : b <= t' /\ b <= sc_out ex mx /\ (t' <= b \/ sc_out ex mx <= b))
+      by (unfold b, Rmin; destruct Rle_dec; lra).
     assert (B' : t1 <= t' /\ t1 <= sc_out ex mx + L_min T /\ b <= t1 /\ t' <= t1 + (L T - L_min T))
       by (unfold b, t1, Rmin; repeat destruct Rle_dec; lra). clearbody b t1. destruct B as (B1 & B2 & B3).
     apply gate_keeps with j b t1; auto; try (destruct B3; lra); intros i e a v E He; [| intros Ha];

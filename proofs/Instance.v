@@ -1,5 +1,5 @@
-(* An integrator x' = u + w, |u| <= 1, |w| <= 1/10, on which every hypothesis of the theorems holds, in an execution with a
-   takeover and a return. All latenesses, responses, ages and errors are positive, and at their bounds.
+(* An integrator x' = u + w, |u| <= 1, |w| <= 1/10, of which every hypothesis of the theorems is proved, in an execution
+   with a takeover and a return. All latenesses, responses, ages and errors are positive, and at their bounds.
    Purpose: what is assumed in Module.v, Return.v and Gate.v can be met. Times in units of 50 ms.
    Non-goals: anything about integrators. *)
 Require Import Reals Lra Lia Classical Arith.
@@ -37,7 +37,8 @@ Lemma T_window : window T = 4. Proof. times. Qed. Lemma T_age : state_age T = 5.
 Lemma T_H : H_star T = 31. Proof. times. Qed.
 
 Lemma nat_apart : forall k m, (INR k <= INR m /\ (k <= m)%nat) \/ (INR m + 1 <= INR k /\ (m < k)%nat).
-Proof. intros k m. destruct (Nat.le_gt_cases k m); [left | right]; split; auto; [apply le_INR | rewrite <- S_INR; apply le_INR]; lia. Qed.
+Proof. intros k m. destruct (Nat.le_gt_cases k m); [left | right]; split; auto;
+  [apply le_INR | rewrite <- S_INR; apply le_INR]; lia. Qed.
 Lemma T_holds : times_hold T.
 Proof. constructor; try (times; fail).
   - intros k. exists (S k). times.
@@ -108,7 +109,7 @@ Proof. induction n; intros z Hz; [apply arrived; simpl in *; [lra | unfold ball 
   unfold ball, Rmax in *. destruct Rle_dec; lra.
 Qed.
 
-(* The execution: AC pushes (with the wind) until the DM finds ttf at its step 9; SC brings the state back until step 14. *)
+(* The execution: AC pushes, with the wind, until the DM finds ttf at its step 9; SC brings it back until step 14. *)
 Definition X (t : R) : R := if Rlt_dec t 29 then 0 else if Rlt_dec t 189 then 11/10 * (t - 29) else
   if Rlt_dec t 289 then 176 - (t - 189) else 76.
 Definition commands (t : R) : R := if Rlt_dec t 29 then 0 else if Rlt_dec t 189 then 1 else
@@ -145,7 +146,8 @@ Proof. intros k m Q. destruct (nat_apart k m) as [[Q' K] | [Q' _]]; [auto | lra]
 Lemma alone : forall m, ~ (exists k, 20 * INR k + 2 <= 20 * INR m + 7 /\ ac k /\
   forall k', 20 * INR k' + 2 <= 20 * INR m + 7 -> (k' <= k)%nat) -> command m = sc_says m.
 Proof.
-  intros m No. assert (Hm : ~ ac m) by (intros A; apply No; exists m; repeat split; auto; [lra |]; intros k' Q; apply below; lra).
+  intros m No. assert (Hm : ~ ac m) by (intros A; apply No; exists m; repeat split; auto; [lra |];
+    intros k' Q; apply below; lra).
   assert (Q : (m <= 0)%nat \/ (9 <= m <= 13)%nat) by (unfold ac in Hm; lia).
   destruct Q as [Q | [Q1 Q2]]; naturals; pose proof (pos_INR m); cases.
 Qed.
@@ -170,7 +172,8 @@ Proof. refine {| x := (X : R -> state integrator); u := fun t _ => commands t; d
       { destruct (next_release 9 20 t) as [m Hm]; try lra. destruct (Rle_or_lt (9 + INR m * 20) t); [exists m; lra |].
         destruct m; [simpl in *; lra |]. exists m. rewrite S_INR in *. lra. }
       destruct Q1 as [m Hm]. exists (20 * INR m + 7), (20 * INR m + 9). split; [right; exists m | split; [lra |]].
-      * repeat split. pose proof (nat_apart m 0). pose proof (nat_apart m 8). pose proof (nat_apart m 13). simpl in *. cases.
+      * repeat split. pose proof (nat_apart m 0).
+        pose proof (nat_apart m 8). pose proof (nat_apart m 13). simpl in *. cases.
       * intros e a v [(-> & _) | (k & -> & -> & _)] Ha; [pose proof (pos_INR m); lra |].
         destruct (below k m); lra.
   - exact X_moves.
@@ -210,7 +213,8 @@ Qed.
 Theorem flight_returns : exists k, ac k /\ 187 <= 20 * INR k + 2 <= 189 + 140 + 4 + 2 + 20 + 1 + 1.
 Proof. assert (Home : ball (80 + INR 7 * 14) (X (20 * INR 9 + 9))) by (unfold ball; simpl; cases).
   apply (comes_home (ball 220)) in Home.
-  destruct (control_returns integrator T answers flight (ball 220) (ball 200) (ball 80) safer (INR 7 * 20) 9) as (k & Ac & Hk).
+  destruct (control_returns integrator T answers flight (ball 220) (ball 200) (ball 80) safer (INR 7 * 20) 9)
+    as (k & Ac & Hk).
   1, 2: solve [exact T_holds | exact K_core].
   - rewrite T_window, T_age. apply kept; [lra | |]; unfold ball, safer.
     + intros z Hz y Rd. simpl in Rd. unfold ball. lra.
@@ -242,10 +246,12 @@ Proof. apply (gate_safe integrator T answers flight T_holds 0 0) with (ball 200)
     + exists (X (20 * INR m + 3) + 2). split; [simpl; lra |]. intros z Rd.
       apply gate_refuses_no_more, room with (X (20 * INR m + 3) + 2); auto.
       assert (m <= k)%nat by (apply Last; lra). assert (k <= m)%nat by (apply below; lra).
-      replace k with m in Ac by lia. change (ac m) in Ac. unfold ac, ball in *. destruct Ac as [[Q Q'] | Q]; naturals; cases.
+      replace k with m in Ac by lia. change (ac m) in Ac. unfold ac, ball in *.
+      destruct Ac as [[Q Q'] | Q]; naturals; cases.
     + intros k' Hk'. times. destruct (below k' m); lra.
   - intros b (i & e & a & v & E & Hb). destruct (Rle_or_lt b 7) as [Q | Q].
-    + exists tt, (-1), (-1), 0. split; [left; auto |]. destruct E as [(-> & _) | (m & -> & _)]; [| pose proof (pos_INR m); lra].
+    + exists tt, (-1), (-1), 0. split; [left; auto |].
+      destruct E as [(-> & _) | (m & -> & _)]; [| pose proof (pos_INR m); lra].
       split; auto. intros _ e a' v' [(-> & _) | (m & -> & _)] Hb'; [lra | pose proof (pos_INR m); lra].
     + destruct (next_release 7 20 b) as [[| m] Hm]; [lra | lra | simpl in Hm; lra |]. rewrite S_INR in Hm.
       exists tt, (20 * INR m + 7), (20 * INR m + 9), (command m). split; [right; exists m; auto | split; [lra |]].

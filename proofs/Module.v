@@ -80,7 +80,8 @@ Qed.
 
 Lemma dm_out_order : forall k n, (k <= n)%nat -> dm_out k <= dm_out n.
 Proof.
-  intros k n Q. induction Q as [| n _ IH]; [lra |]. destruct (dm_window n) as (_ & _ & _ & W & _). destruct (dm_window (S n)). lra.
+  intros k n Q. induction Q as [| n _ IH]; [lra |]. destruct (dm_window n) as (_ & _ & _ & W & _).
+  destruct (dm_window (S n)). lra.
 Qed.
 
 Lemma sc_window : forall m, 0 <= sc_release T m <= sc_start m /\ sc_start m <= sc_out m /\
@@ -133,7 +134,8 @@ Proof. intros C m b Hc Hb HC Hm. pose proof (sc_window m) as W. pose proof (not_
   assert (Rel : forall k, sc_release T (m + k) = sc_release T m + INR k * delta T)
     by (intros; unfold sc_release; rewrite plus_INR; ring).
   constructor.
-  - intros k i. pose proof (sc_window (m + k)) as Q. pose proof (sc_acts ex (m + k) i). rewrite Rel in Q. unfold window. lra.
+  - intros k i. pose proof (sc_window (m + k)) as Q. pose proof (sc_acts ex (m + k) i).
+    rewrite Rel in Q. unfold window. lra.
   - intros k. apply sc_complete.
   - rewrite Nat.add_0_r. lra.
   - rewrite Nat.add_0_r. intros t T0 Ht. apply HC. lra.
@@ -207,7 +209,8 @@ Qed.
 
 Lemma free_K : forall t, 0 <= t -> free t -> K (x t).
 Proof.
-  intros t T0 (D & HD & HR). apply (look_along P K (D - t) x u t t); auto; try lra; [apply U_only | apply moves_from]; lra.
+  intros t T0 (D & HD & HR). apply (look_along P K (D - t) x u t t); auto; try lra;
+    [apply U_only | apply moves_from]; lra.
 Qed.
 
 Lemma invariant_C : forall t, 0 <= t -> free t \/ under_sc t -> C (x t).
@@ -251,7 +254,8 @@ Proof. induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.
   - destruct (last_below says_ac n Some) as (j & Jn & Acj & NoAc).
     destruct (verdicts j Acj) as (s & y & S0 & S1 & S2 & S3). destruct (dm_window j) as (D1 & D2 & D3 & D4 & D5).
     destruct (Rlt_or_le t s) as [Q | Q]; [apply (IH j); auto; lra |].
-    assert (HC : forall t', 0 <= t' <= s -> C (x t')) by (intros t' Ht'; apply invariant_C; [lra | apply (IH j); auto; lra]).
+    assert (HC : forall t', 0 <= t' <= s -> C (x t'))
+      by (intros t' Ht'; apply invariant_C; [lra | apply (IH j); auto; lra]).
     assert (HR : look_ahead P K H (x s)) by (apply P3 with y; auto; apply HC; lra).
     destruct (takes_over_in_time j) as (m & M1 & M2 & M3).
     assert (exists m', (forall n', (m' <= n')%nat -> counts n') /\ dm_out (S j) <= sc_out m' /\
