@@ -1,7 +1,7 @@
 """What the shield of a DM permits, cell by cell.
 
 Purpose: that from no state behind an estimate commands of the cells that are permitted there lead
-out of K before SC's first output acts (docs/proof.md, Shields).
+out of K before SC's first output acts (docs/proof.md, A gate that looks at commands).
 Non-goals: that the DM reads the table as it should; the table's bytes (`dm_tables.py`).
 
 A command lies in its set, which is cut at low + (high - low) (k / n), k = 1, ..., n - 1. Where
@@ -43,6 +43,8 @@ def cells_of(facts: Facts) -> int:
     assert facts.symbol.shield is not None
     if facts.kind == "map" or facts.view or any(e.nodes for e in facts.setting.effects):
         raise NotRecheckedError("a shield of a map, of a view, or with nodes behind the module")
+    if {r.name for r in facts.setting.by_sc} - {r.name for r in facts.setting.by_dm}:
+        raise NotRecheckedError("a shield of an SC that reads what the DM does not")
     topics = {topic for topic, _ in facts.leaves.values()}
     if any(facts.system.topics[i].max_age_ns is None for i in topics):
         raise RejectedError("a shield reads a topic without a `max_age`")

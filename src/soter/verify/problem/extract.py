@@ -173,9 +173,11 @@ def _shield(
     if symbol.shield is None:
         return
     behind = times is not None and any(o.nodes for o in times.schedule.outputs)
+    more = times is not None and times.schedule.reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,
         "nodes between the module and its plants": behind,
+        "an SC that reads what the DM does not": more,
         "views": bool(at.module.view),
         "groups that are no grids": any(g.representation != "grid" for g in groups),
         "a plant that moves in steps (`next`)": kind != "flow",
