@@ -32,8 +32,8 @@ PLACES: dict[str, tuple[str, ...]] = {
     ),
     "node": NODE,
     "rta": (
-        "ac", "sc", "period", "safe", "safer", "ttf", "clean", "shield", "failsafe", "wcet", "jitter",
-        "assumes", "guarantees", "verify",
+        "ac", "sc", "period", "safe", "safer", "ttf", "clean", "shield", "failsafe", "wcet",
+        "jitter", "assumes", "guarantees", "verify",
     ),
     "verify": VERIFY,
     "view": ("grid", "polytope", "abstracts"),

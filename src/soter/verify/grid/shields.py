@@ -1,7 +1,8 @@
 """Which commands a shield permits, on a grid.
 
 Purpose: of every cell of estimates and every least command cell the greatest one such that all
-commands between may act, in any order, until SC's first output does (docs/proof.md, A gate that looks at commands).
+commands between may act, in any order, until SC's first output does (docs/proof.md, "A gate that
+looks at commands").
 Non-goals: reading it (`verify/tables/shield_tables.py`).
 
 R_V(H) is R(H) with a box V of commands in the place of U: the same engine, told that the group's
