@@ -110,6 +110,8 @@ class EngineSettings(SearchOptions):
     known: tuple[tuple[int, int], ...] = ()
     """Violations (what, index) at which a search does not stop: it looks for others."""
     noted: Observations | None = None
+    max_ran: int = 0
+    """Steps that are run and not combined of others; 0: no bound."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +126,8 @@ class SearchResult(Generic[S]):
     steps: tuple[S, ...]
     states: int = 0
     transitions: int = 0
+    combined: int = 0
+    """Of these: combinations of what groups of actors do in an instant, no step was run."""
     runs: int = 0
     table_bytes: int = 0
     frontier_bytes: int = 0
@@ -340,6 +344,7 @@ class Engine:
                 "threads": s.threads,
                 "memory": s.memory,
                 "max_states": s.max_states,
+                "max_ran": s.max_ran,
                 "seed": s.seed & (2**64 - 1),
                 "runs": s.runs,
                 "bug_depth": s.bug_depth,
@@ -378,6 +383,7 @@ class Engine:
             broken=broken,
             states=int(r.states),
             transitions=int(r.transitions),
+            combined=int(r.combined),
             runs=int(r.runs),
             table_bytes=int(r.table_bytes),
             frontier_bytes=int(r.frontier_bytes),

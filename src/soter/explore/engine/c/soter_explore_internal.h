@@ -378,6 +378,8 @@ typedef struct {
   struct soter_instant* instant; /* NULL: all configurations are given to the search */
   struct soter_groups* groups;   /* NULL: not by groups */
   uint64_t transitions;
+  uint64_t combined; /* of these: ends that are combinations of what groups do */
+  uint64_t max_ran;  /* of the others: no more are wanted then; 0: no bound */
   uint32_t begin; /* the first successor of the configuration last expanded */
   bool broke; /* a move of the configuration last expanded violates `broken`: no configuration comes
                  after it */
@@ -444,9 +446,14 @@ SOTER_INLINE bool soter_keeps_sleep(const soter_expander* e) {
   return (e->reduce & SOTER_REDUCE_SLEEP) != 0U && e->instant == NULL;
 }
 
+/* Whether so many steps were run as a search may run that only looks which reduction is quicker. */
+SOTER_INLINE bool soter_ran_enough(const soter_expander* e) {
+  return e->max_ran > 0U && e->transitions - e->combined >= e->max_ran;
+}
+
 /* Whether the search is to end: then successors are missing. */
 SOTER_INLINE bool soter_cuts(soter_expander* e) {
-  e->place.cut = e->place.cut || soter_is_stopped(&e->place);
+  e->place.cut = e->place.cut || soter_is_stopped(&e->place) || soter_ran_enough(e);
   return e->place.cut;
 }
 
