@@ -305,9 +305,10 @@ uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uin
                           void* to);
 
 /* The sum of a number for every entry, and whether two tables have the same ones: of configurations
- * as they are but for what they have in common. */
-uint64_t soter_store_digest(const soter_store* s);
-bool soter_store_same(const soter_store* s, const soter_store* other);
+ * as they are but for what they have in common, and for these bits of the first word, which all of
+ * a table have in common though it keeps them (`calendar`; 0: none). */
+uint64_t soter_store_digest(const soter_store* s, uint64_t calendar);
+bool soter_store_same(const soter_store* s, const soter_store* other, uint64_t calendar);
 
 SOTER_INLINE uint64_t soter_scramble(uint64_t x) {
   x ^= x >> 32;
@@ -410,6 +411,8 @@ void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep
  * for it. */
 void soter_fold(const soter_explore_options* o, uint64_t* packed);
 
+/* Whether all windows are points: every execution goes from one end of an instant to the next. */
+bool soter_has_instants(const soter_model* m);
 /* Whether a search stores only ends of instants: it was asked to, and all windows are points. */
 bool soter_by_instants(const soter_model* m, const soter_explore_options* o);
 /* Steps in so many instants: the same in all executions. */
