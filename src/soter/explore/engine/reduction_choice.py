@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.explorer_library import Engine, Searched
     from soter.explore.engine.progress import EngineProgress
 
-RUN = 8_000
+RUN = 4_000
 """Steps of each of the two beginnings: about as many as a thousand configurations take."""
 PLACES = 6
 """Orders of equal instances from which on they change places: to put two into order takes longer
