@@ -97,6 +97,7 @@ class Search:
         self.words = self._engine.words
         self.sampled = self._engine.plan.sampled
         self.times = self._engine.plan.times
+        self.unheard = self._engine.plan.unheard
         self.parts = 1
         """How many parts of the system the last search explored apart."""
         self.equal: tuple[tuple[str, ...], ...] = ()
