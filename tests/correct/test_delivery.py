@@ -1,0 +1,36 @@
+"""examples/testing/delivery.soter: six modules of two robots by parts, and every part can fail."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from bench.testing.whole_robots import DELIVERY, Mutant, caught, explored
+
+from soter.explore.by_parts import wholes
+from soter.explore.results import EXHAUSTED, VIOLATED
+from soter.language.front_end import check_file
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mutant", DELIVERY.mutants, ids=lambda m: m.what)
+def test_a_wrong_program_breaks_a_property_or_a_contract(mutant: Mutant) -> None:
+    assert caught(DELIVERY, mutant)
+
+
+def test_what_is_said_of_the_whole_needs_every_part_clean() -> None:
+    given = DELIVERY.file.read_text(encoding="utf-8")
+    short = re.sub(r"horizon \d+ms", "horizon 30ms", given)
+    names = tuple(check_file(str(DELIVERY.file), short).tests)
+    results = [explored(DELIVERY, short, name) for name in names]
+    assert [r.verdict for r in results] == [EXHAUSTED for _ in names]
+    (whole,) = wholes(results)
+    assert not whole.missing
+    assert whole.horizon_ns == 30_000_000
+    assert not whole.assumed, "who is replaced by a plant is heard by nobody"
+    (some,) = wholes(results[1:3])
+    assert any("runs as it is in no test" in why for why in some.missing)
+    results[1].verdict = VIOLATED
+    (broken,) = wholes(results)
+    assert "Fenced0 is not exhausted and clean" in broken.missing
+    assert "not shown as a whole" in broken.text
