@@ -1,4 +1,4 @@
-"""Whole robots under `soter test`, one module at a time; wrong ones that have to be seen; undivided.
+"""Whole robots under `soter test`, one module at a time; wrong ones to be seen; undivided.
 
     .venv/bin/python bench/testing/whole_robots.py [--only NAME ...] [--seconds 45] [--json FILE]
 
@@ -67,7 +67,7 @@ DELIVERY = Robots(
     "system Hall; horizon 160ms; always Apart(r[0].body.truth.at, r[1].body.truth.at);",
     (
         Mutant(
-            "the battery is looked at a tick too late",
+            "the battery is looked at too late",
             "const RESERVE: int = 5;",
             "const RESERVE: int = 2;",
             ("NeverEmpty0",),
@@ -103,9 +103,9 @@ DELIVERY = Robots(
             ("NeverEmpty0",),
         ),
         Mutant(
-            "the wheels turn on when nobody speaks",
-            "age(drive) < YOUNG ? drive : Move.Stay",
-            "age(drive) < 1.0 ? drive : Move.Stay",
+            "the other robot is seen when it is there",
+            "ttf Near(place, other);",
+            "ttf place.column == other.column;",
             ("NeverTogether",),
         ),
     ),

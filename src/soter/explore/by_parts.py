@@ -4,7 +4,7 @@ Purpose: the theorem of docs/testing.md ("Contracts") applied by code: what has 
 tests, that it is, and what it says of the system that nobody searched; or why it cannot be said.
 A contract is judged as its owner steps, so contracts may rely on each other in a circle. What a
 node or a plant stands for is assumed, and told, unless nobody hears it.
-Non-goals: verdicts of single tests; systems none of whose tests has a contract in place of anything.
+Non-goals: verdicts of single tests; systems whose tests have no contract in place of anything.
 """
 
 from __future__ import annotations
@@ -66,13 +66,14 @@ def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
 
 
 def _circumstances(result: TestResult, symbol: TestSymbol) -> Hashable:
-    """What has to be the same in all parts: the executions of the whole are compared step by step."""
+    """What has to be the same in all parts: executions are compared step by step."""
     plan, system = plan_of(result.system), result.system
     names = [c.name for c in system.components]
     faults = {(names[f.component], f.kind, f.by_ns, f.at_most, f.least_ns) for f in plan.faults}
     inputs = {(system.topics[d.topic].name, d.every_ns, repr(d.values)) for d in system.inputs}
     return (
-        symbol.system,
+        system.program.sha256,
+        symbol.system.name,
         frozenset((name, repr(value)) for name, value in system.params.items()),
         plan.skew_ns,
         plan.quantum_ns,

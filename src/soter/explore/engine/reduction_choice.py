@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.explorer_library import Engine, Searched
     from soter.explore.engine.progress import EngineProgress
 
-RUN = 4_000
+RUN = 2_000
 """Steps of each of the two beginnings: about as many as a thousand configurations take."""
 PLACES = 6
 """Orders of equal instances from which on they change places: to put two into order takes longer
@@ -42,7 +42,7 @@ def may_choose(engine: Engine, s: EngineSettings) -> bool:
     asked = s.reduction != "all" or s.strategy != STRATEGIES[0] or s.storage != STORAGES[0]
     stored = s.max_states or s.keep or s.go_on or s.known or s.noted is not None
     shared = s.threads > 1 and s.closes and engine.plan.repeats
-    return not (asked or stored or shared or s.plainly) and engine.has_instants
+    return not (asked or stored or shared or s.plainly)
 
 
 def explored(
@@ -63,12 +63,19 @@ def explored(
     def ran(how: EngineSettings) -> Searched:
         return engine.explore(how, look, left())
 
-    chosen = _quicker(engine, s, left_s) if may_choose(engine, s) else s
+    chosen = _chosen(engine, s, left_s) if may_choose(engine, s) else s
     found = ran(chosen) if isinstance(chosen, EngineSettings) else chosen
     if found.status in SHORT_OF_MEMORY and chosen != s:
         ends = ran(s)
         found = ends if ends.covered_ns >= found.covered_ns else found
     return replace(found, seconds=time.perf_counter() - began)
+
+
+def _chosen(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
+    """What to do; where steps are remembered, to make one is quicker than to know who sleeps."""
+    if engine.has_instants:
+        return _quicker(engine, s, left_s)
+    return replace(s, between=True) if engine.model.brief else s
 
 
 def _quicker(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
