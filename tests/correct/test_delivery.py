@@ -22,7 +22,7 @@ def test_what_is_said_of_the_whole_needs_every_part_clean() -> None:
     given = DELIVERY.file.read_text(encoding="utf-8")
     short = re.sub(r"horizon \d+ms", "horizon 30ms", given)
     names = tuple(check_file(str(DELIVERY.file), short).tests)
-    results = [explored(DELIVERY, short, name) for name in names]
+    results = explored(DELIVERY.file, short, names, 60.0)
     assert [r.verdict for r in results] == [EXHAUSTED for _ in names]
     (whole,) = wholes(results)
     assert not whole.missing
