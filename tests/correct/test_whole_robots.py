@@ -1,11 +1,11 @@
-"""examples/testing/delivery.soter: six modules of two robots by parts, and every part can fail."""
+"""Robots of several modules, tested by parts: every part can fail, and all are needed."""
 
 from __future__ import annotations
 
 import re
 
 import pytest
-from bench.testing.whole_robots import DELIVERY, Mutant, caught, explored
+from bench.testing.whole_robots import DELIVERY, ROBOTS, Mutant, Robots, caught, explored
 
 from soter.explore.by_parts import wholes
 from soter.explore.results import EXHAUSTED, VIOLATED
@@ -13,16 +13,28 @@ from soter.language.front_end import check_file
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("mutant", DELIVERY.mutants, ids=lambda m: m.what)
-def test_a_wrong_program_breaks_a_property_or_a_contract(mutant: Mutant) -> None:
-    assert caught(DELIVERY, mutant)
+@pytest.mark.parametrize(
+    ("robots", "mutant"),
+    [pytest.param(r, m, id=m.what) for r in ROBOTS for m in r.mutants],
+)
+def test_a_wrong_program_breaks_a_property_or_a_contract(robots: Robots, mutant: Mutant) -> None:
+    assert caught(robots, mutant)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("robots", ROBOTS, ids=lambda r: r.name)
+def test_the_right_program_is_clean(robots: Robots) -> None:
+    text = robots.file.read_text(encoding="utf-8")
+    results = explored(robots.file, text, (), None)
+    assert {r.name: r.verdict for r in results} == {r.name: EXHAUSTED for r in results}
+    assert not any(whole.missing for whole in wholes(results))
 
 
 def test_what_is_said_of_the_whole_needs_every_part_clean() -> None:
     given = DELIVERY.file.read_text(encoding="utf-8")
     short = re.sub(r"horizon \d+ms", "horizon 30ms", given)
     names = tuple(check_file(str(DELIVERY.file), short).tests)
-    results = explored(DELIVERY.file, short, names, 60.0)
+    results = explored(DELIVERY.file, short, names, None)
     assert [r.verdict for r in results] == [EXHAUSTED for _ in names]
     (whole,) = wholes(results)
     assert not whole.missing
