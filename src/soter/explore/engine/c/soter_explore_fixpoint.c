@@ -5,9 +5,9 @@
  * the least common multiple of all periods. If the layer then has the same configurations as at an
  * earlier beginning, times aside, so have all that follow, whatever the horizon. Every layer of a
  * beginning has a number; where one comes again its table is kept, and compared with the one that
- * comes as much later, entry by entry. Where what lies between is stored as well, the layers at ends
- * of instants are those of as many steps. Non-goals: programs that read the time, and what no number
- * of instants repeats.
+ * comes as much later, entry by entry. Where what lies between is stored as well, the layers at
+ * ends of instants are those of as many steps. Non-goals: programs that read the time, and what no
+ * number of instants repeats.
  */
 #include "soter_explore_bfs.h"
 
@@ -35,9 +35,8 @@ static uint64_t calendar_of(const layered* all) {
   const soter_model* const m = all->s->m;
   const soter_expander* const e = &all->w[0].expander;
   const bool fine = e->instant == NULL && !soter_keeps_sleep(e) && soter_has_instants(m);
-  return fine && m->calendar > 0U && m->calendar < 63U
-             ? ((UINT64_C(1) << m->calendar) - 1U) << 1U
-             : 0U;
+  return fine && m->calendar > 0U && m->calendar < 63U ? ((UINT64_C(1) << m->calendar) - 1U) << 1U
+                                                       : 0U;
 }
 
 /* Whether the next layer is one of ends of instants. */

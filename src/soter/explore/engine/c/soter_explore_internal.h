@@ -381,7 +381,7 @@ typedef struct {
   uint64_t transitions;
   uint64_t combined; /* of these: ends that are combinations of what groups do */
   uint64_t max_ran;  /* of the others: no more are wanted then; 0: no bound */
-  uint32_t begin; /* the first successor of the configuration last expanded */
+  uint32_t begin;    /* the first successor of the configuration last expanded */
   bool broke; /* a move of the configuration last expanded violates `broken`: no configuration comes
                  after it */
   soter_broken broken;
