@@ -55,6 +55,17 @@ PARTS = frozenset({"parts", "all"})
 """With these, parts of a system that share nothing are explored apart."""
 
 
+def knows_ends(reduction: str) -> bool:
+    """Whether it leaves out what lies between ends of instants."""
+    return bool(REDUCTIONS[reduction] & INSTANTS)
+
+
+def reduce_bits(reduction: str, *, between: bool) -> int:
+    """`soter_explore_options.reduce`; `between`: what lies between ends is stored after all."""
+    asked = REDUCTIONS[reduction]
+    return asked & ~(SLEEP | GROUPS) if between else asked
+
+
 def constant(name: str) -> str:
     """What a strategy or storage is called in C."""
     return f"SOTER_{name.upper()}"

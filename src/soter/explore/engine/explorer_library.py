@@ -21,15 +21,7 @@ from soter.core.steps import lower
 from soter.explore.engine.coverage_counters import coverage_of, empty_counters
 from soter.explore.engine.progress import progress_of
 from soter.explore.engine.symmetry_reduction import SymmetricInstances
-from soter.explore.methods import (
-    GROUPS,
-    INSTANTS,
-    REDUCTIONS,
-    SLEEP,
-    STATUSES,
-    STEPS_MAX,
-    constant,
-)
+from soter.explore.methods import STATUSES, STEPS_MAX, constant, knows_ends, reduce_bits
 from soter.explore.model.actors import plan_of
 from soter.explore.model.explorer_model import generate_model
 from soter.explore.model.independent_parts import IndependentPart, loose_parts_of, parts_of
@@ -123,17 +115,6 @@ class EngineSettings(SearchOptions):
     between: bool = False
     """What lies between ends of instants is stored, too, though `reduction` leaves it out."""
 
-    @property
-    def knows_ends(self) -> bool:
-        """Whether the reduction that was asked for leaves out what lies between."""
-        return bool(REDUCTIONS[self.reduction] & INSTANTS)
-
-    @property
-    def reduce(self) -> int:
-        """`soter_explore_options.reduce`."""
-        asked = REDUCTIONS[self.reduction]
-        return asked & ~(SLEEP | GROUPS) if self.between else asked
-
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult(Generic[S]):
@@ -206,13 +187,6 @@ class Engine:
         """Whether somebody wants searches to end; asked ten times a second."""
         self.seen = empty_counters(system, self.generated)
         self.equal = SymmetricInstances(system, lowered, self.generated)
-
-    @property
-    def has_instants(self) -> bool:
-        """Whether all windows are points: only ends of instants may be observed."""
-        m = self.model
-        rows = [m.actor[i] for i in range(int(m.actors))]
-        return not m.timely and not any(a.window_ns or a.overrun_ns for a in rows)
 
     def close(self) -> None:
         """Give back the memory of kept configurations."""
@@ -368,7 +342,7 @@ class Engine:
             {
                 "strategy": getattr(self.lib, constant(s.strategy)),
                 "storage": getattr(self.lib, constant(s.storage)),
-                "reduce": s.reduce,
+                "reduce": reduce_bits(s.reduction, between=s.between),
                 "threads": s.threads,
                 "memory": s.memory,
                 "max_states": s.max_states,
@@ -383,7 +357,7 @@ class Engine:
                 "plainly": s.plainly,
                 "unguided": s.unguided,
                 "go_on": s.go_on,
-                "closes": s.closes and s.knows_ends and self.plan.repeats,
+                "closes": s.closes and knows_ends(s.reduction) and self.plan.repeats,
                 "known": self._known,
                 "knowns": len(s.known),
                 **(s.noted.options(self.ffi) if s.noted else {}),

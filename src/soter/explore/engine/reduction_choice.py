@@ -73,9 +73,15 @@ def explored(
 
 def _chosen(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
     """What to do; where steps are remembered, to make one is quicker than to know who sleeps."""
-    if engine.has_instants:
+    if _has_instants(engine):
         return _quicker(engine, s, left_s)
     return replace(s, between=True) if engine.model.brief else s
+
+
+def _has_instants(engine: Engine) -> bool:
+    """Whether all windows are points: only ends of instants may be observed."""
+    late = any(a.window_ns or a.overrun_ns for a in engine.actors)
+    return not engine.plan.timely and not late
 
 
 def _quicker(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
