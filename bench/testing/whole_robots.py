@@ -70,7 +70,7 @@ DELIVERY = Robots(
         Mutant(
             "the battery is looked at too late",
             "const RESERVE: int = 5;",
-            "const RESERVE: int = 2;",
+            "const RESERVE: int = 0;",
             ("NeverEmpty0",),
         ),
         Mutant(
@@ -88,7 +88,7 @@ DELIVERY = Robots(
         Mutant(
             "the gap forgets that the other one moves",
             "const GAP: int = 5;",
-            "const GAP: int = 2;",
+            "const GAP: int = 3;",
             ("NeverTogether",),
         ),
         Mutant(
