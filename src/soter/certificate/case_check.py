@@ -42,6 +42,7 @@ from soter.certificate.polytope.dm_half_spaces import returned
 from soter.certificate.polytope.plant_publications import all_published
 from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.polytope.predicates import certain_beside, show_admitted
+from soter.certificate.reading.age_parts import ttf_of_states
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
 from soter.certificate.reading.facts import bounded_topics
@@ -224,7 +225,7 @@ class CaseCheck:
         symbol = self.model.facts.symbol
         wanted: list[tuple[str, Any, bool]] = []
         if self.claims & {"P3", "ttf"}:
-            wanted.append(("ttf", symbol.ttf, False))
+            wanted.append(("ttf", ttf_of_states(symbol.ttf), False))
         if self.claims & {"P3", "safer"}:
             wanted.append(("safer", symbol.safer, True))
         for name, expr, admits in wanted:

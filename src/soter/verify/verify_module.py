@@ -37,6 +37,7 @@ from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid.sets import UnboundedError
+from soter.verify.problem.age_disjuncts import said_of_ages
 from soter.verify.problem.assumption import SCHEME, Assumption
 from soter.verify.problem.extract import cases
 from soter.verify.problem.other_modes import said
@@ -97,11 +98,12 @@ def verify_module(
     library, prelude = library_of(problem)
     done = _all_cases(problem, library, _upto(progress, CASES))
     entered, why = _handed_over(problem, done)
+    ages = said_of_ages(problem.module.symbol.ttf)
     result = ModuleResult(
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *small_cores(done), *entered.values()),
+        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages),
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
     )

@@ -44,7 +44,7 @@ def seen(module: Module, name: str) -> Module:
         "verify": block,
         "safe": _of(symbol.safe, shown, wanted=True),
         "safer": _of(symbol.safer, shown, wanted=True),
-        "ttf": _not(_of(symbol.ttf, shown, wanted=False)),
+        "ttf": negated(_of(symbol.ttf, shown, wanted=False)),
     }
     return dataclasses.replace(module, symbol=typed.ModuleSymbol(**values))
 
@@ -68,7 +68,7 @@ def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
     for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
         if predicate is None:
             return f"module `{symbol.name}` has views and no `{name}`"
-        for part in _parts(predicate, wanted=True):
+        for part in must_hold(predicate, wanted=True):
             if not any(_in(part, shown) for shown in every):
                 return f"no view of module `{symbol.name}` shows a part of `{name}`"
     return ""
@@ -82,15 +82,15 @@ def _in(part: Part, shown: set[typed.TopicSymbol]) -> bool:
     return all(topic in shown for topic in topic_reads(part[0]))
 
 
-def _parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
+def must_hold(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
     """What must hold for `e` to be `wanted`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
-        yield from _parts(e.operand, wanted=not wanted)
+        yield from must_hold(e.operand, wanted=not wanted)
     elif isinstance(e, typed.TypedBinary) and e.op == ("&&" if wanted else "||"):
-        yield from _parts(e.left, wanted=wanted)
-        yield from _parts(e.right, wanted=wanted)
+        yield from must_hold(e.left, wanted=wanted)
+        yield from must_hold(e.right, wanted=wanted)
     elif isinstance(e, typed.TypedCall) and (body := _body(e)) is not None:
-        parts = list(_parts(body, wanted=wanted))
+        parts = list(must_hold(body, wanted=wanted))
         yield from parts if len(parts) > 1 else [(e, wanted)]
     else:
         yield e, wanted
@@ -126,12 +126,13 @@ def _filled(e: Any, arguments: dict[int, typed.TypedExpr]) -> Any:  # noqa: ANN4
 def _of(e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool) -> typed.TypedExpr:
     """That all parts hold which are shown; true where there are none."""
     conjunction: typed.TypedExpr = typed.Literal(BOOL, e.span, value=True)
-    for part in _parts(e, wanted=wanted):
+    for part in must_hold(e, wanted=wanted):
         if _in(part, shown):
-            own = part[0] if part[1] else _not(part[0])
+            own = part[0] if part[1] else negated(part[0])
             conjunction = typed.TypedBinary(BOOL, e.span, "&&", conjunction, own)
     return conjunction
 
 
-def _not(e: typed.TypedExpr) -> typed.TypedExpr:
+def negated(e: typed.TypedExpr) -> typed.TypedExpr:
+    """`!e`."""
     return typed.TypedUnary(BOOL, e.span, "!", e)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from soter.certificate.reading.age_parts import ttf_of_states
 from soter.certificate.reading.facts import (
     DiffersError,
     Facts,
@@ -184,10 +185,11 @@ def _read_topics(facts: Facts) -> None:
     module, sc = facts.module, facts.sc
     read = [sc.scope.topics[t] for t in read_by_sc(sc)]
     predicates = [p for p in (module.symbol.ttf, module.symbol.safer) if p is not None]
-    read += [module.scope.topics[t] for t in topic_reads(*predicates)]
-    read = list(dict.fromkeys(read))
     driven = driven_topics(facts)
-    seen = set(read)
+    seen = {*read, *(module.scope.topics[t] for t in topic_reads(*predicates))}
+    shown = [p for p in (ttf_of_states(module.symbol.ttf), module.symbol.safer) if p is not None]
+    read += [module.scope.topics[t] for t in topic_reads(*shown)]
+    read = list(dict.fromkeys(read))
     if not predicates:  # computed predicates read what carries the axes
         known = {*sc.scope.topics.values(), *module.scope.topics.values()}
         seen |= {topic for topic, _ in facts.leaves.values()} or known
