@@ -1,0 +1,216 @@
+"""What to write, tried before it is said.
+
+Purpose: for a module that is not proved: changes that a person could make, one after the other, each
+verified with a bound on its CPU time, on merged cells first; those that helped, those that did not,
+and those that were not tried are told apart. Where SC keeps nothing: whether AC would.
+Non-goals: verdicts: nothing of it is claimed of the program as it is; other laws, other plants.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.verify.claims.results import UNDECIDED, Cause
+from soter.verify.diagnosis import changed_problems
+from soter.verify.diagnosis.experiments import COARSE
+from soter.verify.diagnosis.vacuity import vacuity
+from soter.verify.enclose.compiled_enclosures import EnclosureError
+from soter.verify.grid.sets import CancelledError, UnboundedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from soter.verify.claims.case import Case
+    from soter.verify.claims.results import Finding, ModuleResult
+    from soter.verify.problem.problem import Problem
+
+    Tell = Callable[[str, float], None]
+    Attempt = Callable[[Problem, Tell], list[Case]]
+
+LEAST_S, OF_PROOF = 10.0, 2.0
+"""CPU seconds that all trials of a module get: so many, or so often what the proof has taken."""
+CHAIN_MAX = 3
+"""So many changes are made together at most."""
+ORDER = ("P2a", "ttf", "safer", "start", "P2b")
+EXCHANGED = "`ac {}; sc {};`, if that is what was meant"
+LEFT_OUT = "neither `ttf` nor `safer`: left out, both are computed"
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A change: what to write, and the problem that it makes; None: it was not tried."""
+
+    said: str
+    problem: Problem | None
+
+
+class Trials:
+    """Verifications of changed problems of one module, and what they took."""
+
+    def __init__(self, problem: Problem, cpu_s: float, attempt: Attempt) -> None:
+        self.problem, self._attempt = problem, attempt
+        self._until = time.process_time() + max(LEAST_S, OF_PROOF * cpu_s)
+
+    def failing(self, problem: Problem) -> tuple[str, ...] | None:
+        """The claims that are not proved of a problem, in order; None: that was not seen.
+
+        An AC that never has control counts as a failure of `ttf`.
+        """
+        coarse = changed_problems.merged(problem, COARSE[1])
+        found = None
+        for one in (coarse, problem) if coarse.groups != problem.groups else (problem,):
+            found = self._failing(one)
+            if found == ():
+                break
+        return found
+
+    def coarsely(self, problem: Problem) -> list[Case] | None:
+        """All cases on merged cells alone; None where time does not suffice."""
+        return self._done(changed_problems.merged(problem, COARSE[1]))
+
+    def _failing(self, problem: Problem) -> tuple[str, ...] | None:
+        done = self._done(problem)
+        if done is None:
+            return None
+        wrong = {f.claim for case in done for f in case.failures}
+        if not wrong and vacuity(done) is not None:
+            wrong = {"ttf"}
+        return tuple(claim for claim in ORDER if claim in wrong)
+
+    def _done(self, problem: Problem) -> list[Case] | None:
+        def tell(what: str, share: float) -> None:
+            del what, share
+            if not self.goes_on():
+                raise CancelledError
+
+        if not self.goes_on():
+            return None
+        try:
+            done = self._attempt(problem, tell)
+        except (CancelledError, UnboundedError, SoterError, EnclosureError):
+            return None
+        return done if self.goes_on() else None
+
+    def goes_on(self) -> bool:
+        """Whether there is CPU time left."""
+        return time.process_time() < self._until
+
+
+def remedies(problem: Problem, failing: Sequence[str]) -> Iterator[Remedy]:
+    """What may help where these claims fail, the cheapest first."""
+    younger = changed_problems.younger_reads(problem)
+    if failing[0] == "P2a":
+        if younger is not None:
+            yield Remedy(" and ".join(younger[1]), younger[0])
+        return
+    if not problem.computed:
+        yield Remedy(LEFT_OUT, changed_problems.predicates_left_out(problem))
+    elif "P2b" in failing:
+        fewer = changed_problems.fewer_levels(problem)
+        if fewer is not None:
+            yield Remedy("`levels 2;`", fewer)
+    if younger is not None:
+        yield Remedy(" and ".join(younger[1]), younger[0])
+    smaller = changed_problems.smaller_cells(problem)
+    lines = " ".join(
+        "grid "
+        + ", ".join(
+            f"{a.name} in [{a.edges[0]:.6g}, {a.edges[-1]:.6g}] / {len(a.edges) - 1}"
+            for a in g.axes
+        )
+        + ";"
+        for g in smaller.groups
+        if g.representation == "grid"
+    )
+    if lines:
+        yield Remedy(f"more cells: `{lines}`", smaller)
+
+
+def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
+    """Enter what was tried at the first claim that is undecided; its `help` says no more than that.
+
+    AC in the place of SC is tried where SC keeps nothing, also where a run refutes that. `cpu_s`:
+    what the proof took, in CPU seconds.
+    """
+    failing = [c for c in ORDER if not result.findings[c].holds]
+    if not failing:
+        return
+    trials = Trials(result.problem, cpu_s, attempt)
+    first = result.findings[failing[0]]
+    if failing[0] == "P2a" and _exchanged(trials, first):
+        return
+    if any(result.findings[c].verdict == UNDECIDED for c in failing):
+        _try_all(trials, result, failing)
+
+
+def _exchanged(trials: Trials, finding: Finding) -> bool:
+    """Whether AC keeps a set, where SC keeps none."""
+    problem = changed_problems.exchanged(trials.problem)
+    done = None if problem is None else trials.coarsely(problem)
+    if done is None or any(case.failed("P2a") for case in done):
+        return False
+    symbol = trials.problem.module.symbol
+    share = min(
+        (p.core_share for case in done for p in case.proofs if p.core_share is not None),
+        default=1.0,
+    )
+    text = f"`{symbol.ac.name}`, which is AC, keeps C from {share:.1%} of it, and "
+    text += f"`{symbol.sc.name}`, which is SC, from nowhere: they may stand in each other's place"
+    hint = EXCHANGED.format(symbol.sc.name, symbol.ac.name)
+    finding.causes.insert(0, Cause("exchanged", text, hint, (("share_of_C", share),)))
+    finding.hint = hint
+    return True
+
+
+def _try_all(trials: Trials, result: ModuleResult, failing: Sequence[str]) -> None:
+    """Changes one on top of the other, each kept where it helps, until all is proved."""
+    problem, left = trials.problem, tuple(failing)
+    helped: list[str] = []
+    in_vain: list[str] = []
+    untried: list[str] = []
+    while left and len(helped) < CHAIN_MAX:
+        for remedy in remedies(problem, left):
+            now = None if remedy.problem is None else trials.failing(remedy.problem)
+            if now is None:
+                untried.append(remedy.said)
+            elif remedy.problem is not None and _better(now, left):
+                helped.append(remedy.said)
+                problem, left = remedy.problem, now
+                break
+            else:
+                in_vain.append(remedy.said)
+        else:
+            break
+    _enter(result, failing, left, (helped, in_vain, untried))
+
+
+def _better(now: Sequence[str], before: Sequence[str]) -> bool:
+    """Whether fewer claims fail, or K is there where it was not."""
+    return set(now) < set(before) or (before[0] == "P2a" and "P2a" not in now)
+
+
+def _enter(
+    result: ModuleResult,
+    failing: Sequence[str],
+    left: Sequence[str],
+    tried: tuple[list[str], list[str], list[str]],
+) -> None:
+    helped, in_vain, untried = tried
+    finding = result.findings[failing[0]]
+    if helped:
+        what = "; and ".join(helped)
+        then = f"{', '.join(left)} still not" if left else "every claim is proved"
+        finding.causes.append(Cause("tried", f"tried: with {what}: {then}", what))
+        finding.hint = f"{what} (tried: {then})"
+        for claim in failing[1:] if not left else ():
+            result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
+    elif finding.hint:
+        finding.hint += " (not tried)"
+    if in_vain:
+        finding.causes.append(Cause("in_vain", f"tried in vain: {'; '.join(in_vain)}"))
+    if untried and not (helped and not left):
+        what = "; ".join(dict.fromkeys(untried))
+        finding.causes.append(Cause("untried", f"not tried, for want of time: {what}"))
