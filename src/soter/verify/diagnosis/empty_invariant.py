@@ -64,6 +64,8 @@ NAMES = {
     "weak": "with nothing against SC, too",
 }
 """Causes, the first of which that was found is named in the table."""
+ENDS = ("one_sided", "drift")
+"""Causes beside which SC keeps nothing whatever stands against it: runs leave by that end."""
 HOPELESS = ("wrap_around", "drift_of_all")
 """Causes beside which cells and strength are not looked at."""
 EMPTY = "K is empty"
@@ -143,7 +145,8 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget
         finding.text = f"{EMPTY}: {NAMES[main.kind]}"
         finding.causes.remove(main)
         finding.causes.insert(0, main)
-        hints = [c.hint for c in finding.causes if c.hint and c.kind in NAMES]
+        told = [c for c in finding.causes if c is main or c.kind != "weak" or main.kind not in ENDS]
+        hints = [c.hint for c in told if c.hint and c.kind in NAMES]
         finding.hint = "; ".join(dict.fromkeys(hints[:HELPS])) or finding.hint
         if finding.counts.get("runs") and finding.verdict == UNDECIDED:
             finding.hint += f" ({finding.counts['runs']:,} runs under attack found nothing)"

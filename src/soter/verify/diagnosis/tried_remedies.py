@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import Finding, ModuleResult
-    from soter.verify.problem.problem import Problem
+    from soter.verify.problem.problem import Axis, Problem
 
     Tell = Callable[[str, float], None]
     Attempt = Callable[[Problem, Tell], list[Case]]
@@ -34,6 +34,11 @@ LEAST_S, OF_PROOF = 10.0, 2.0
 """CPU seconds that all trials of a module get: so many, or so often what the proof has taken."""
 CHAIN_MAX = 3
 """So many changes are made together at most."""
+MEASURED = (
+    *("cells", "border", "sooner", "grid_end", "start_late", "start_not_in_core", "computed"),
+    *("no_target", "scaled", "outside_core"),
+)
+"""Causes whose remedy comes from a measurement of what it changes."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
 EXCHANGED = "`ac {}; sc {};`, if that is what was meant"
 LEFT_OUT = "neither `ttf` nor `safer`: left out, both are computed"
@@ -99,12 +104,19 @@ class Trials:
         return time.process_time() < self._until
 
 
-def remedies(problem: Problem, failing: Sequence[str]) -> Iterator[Remedy]:
-    """What may help where these claims fail, the cheapest first."""
+def remedies(problem: Problem, failing: Sequence[str], leaves: int | None) -> Iterator[Remedy]:
+    """What may help where these claims fail, the cheapest first.
+
+    `leaves`: the state by whose end of the grid a run leaves under SC where `safe` holds.
+    """
     younger = changed_problems.younger_reads(problem)
     if failing[0] == "P2a":
+        opened = None if leaves is None else changed_problems.without_ends(problem, leaves)
+        if opened is not None:
+            yield Remedy(f"no ends where runs leave: `{_lines(problem, leaves)}`", opened)
         if younger is not None:
             yield Remedy(" and ".join(younger[1]), younger[0])
+        yield from _more_cells(problem)
         return
     if not problem.computed:
         yield Remedy(LEFT_OUT, changed_problems.predicates_left_out(problem))
@@ -114,19 +126,31 @@ def remedies(problem: Problem, failing: Sequence[str]) -> Iterator[Remedy]:
             yield Remedy("`levels 2;`", fewer)
     if younger is not None:
         yield Remedy(" and ".join(younger[1]), younger[0])
+    yield from _more_cells(problem)
+
+
+def _more_cells(problem: Problem) -> Iterator[Remedy]:
     smaller = changed_problems.smaller_cells(problem)
-    lines = " ".join(
-        "grid "
-        + ", ".join(
-            f"{a.name} in [{a.edges[0]:.6g}, {a.edges[-1]:.6g}] / {len(a.edges) - 1}"
-            for a in g.axes
-        )
-        + ";"
-        for g in smaller.groups
+    if changed_problems.cells_of(problem):
+        yield Remedy(f"more cells: `{_lines(smaller)}`", smaller)
+
+
+def _lines(problem: Problem, opened: int | None = None) -> str:
+    """The `grid` lines of a problem, the axis of one state `open`."""
+    return " ".join(
+        f"grid {', '.join(_written(a, opened) for a in g.axes)};"
+        for g in problem.groups
         if g.representation == "grid"
     )
-    if lines:
-        yield Remedy(f"more cells: `{lines}`", smaller)
+
+
+def _written(axis: Axis, opened: int | None) -> str:
+    edges = axis.edges[1:-1] if axis.unbounded else axis.edges
+    edges = edges[:-1] if axis.open else edges
+    said = f"{axis.name} in [{edges[0]:.6g}, {edges[-1]:.6g}] / {len(edges) - 1}"
+    if axis.open:
+        return f"{said} open to {axis.edges[-1]:.6g}"
+    return f"{said} open" if axis.unbounded or axis.state == opened else said
 
 
 def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
@@ -168,14 +192,15 @@ def _exchanged(trials: Trials, finding: Finding) -> bool:
 def _try_all(trials: Trials, result: ModuleResult, failing: Sequence[str]) -> None:
     """Changes one on top of the other, each kept where it helps, until all is proved."""
     problem, left = trials.problem, tuple(failing)
+    leaves = _left_by(result.findings["P2a"])
     helped: list[str] = []
     in_vain: list[str] = []
     untried: list[str] = []
     while left and len(helped) < CHAIN_MAX:
-        for remedy in remedies(problem, left):
+        for remedy in remedies(problem, left, leaves):
             now = None if remedy.problem is None else trials.failing(remedy.problem)
             if now is None:
-                untried.append(remedy.said)
+                untried += [] if trials.goes_on() else [remedy.said]  # else it is no problem
             elif remedy.problem is not None and _better(now, left):
                 helped.append(remedy.said)
                 problem, left = remedy.problem, now
@@ -185,6 +210,12 @@ def _try_all(trials: Trials, result: ModuleResult, failing: Sequence[str]) -> No
         else:
             break
     _enter(result, failing, left, (helped, in_vain, untried))
+
+
+def _left_by(finding: Finding) -> int | None:
+    """The state by whose end of the grid a run leaves where `safe` holds."""
+    run = finding.leaving
+    return None if run is None or run.safe else run.names.index(run.axis)
 
 
 def _better(now: Sequence[str], before: Sequence[str]) -> bool:
@@ -207,7 +238,7 @@ def _enter(
         finding.hint = f"{what} (tried: {then})"
         for claim in failing[1:] if not left else ():
             result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
-    elif finding.hint:
+    elif finding.hint and not any(c.kind in MEASURED for c in finding.causes if c.hint):
         finding.hint += " (not tried)"
     if in_vain:
         finding.causes.append(Cause("in_vain", f"tried in vain: {'; '.join(in_vain)}"))
