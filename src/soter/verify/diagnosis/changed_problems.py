@@ -1,8 +1,9 @@
 """A problem as it would be had something else been written.
 
 Purpose: one `Problem` from another: fewer levels, smaller cells, `ttf` and `safer` left out, a
-smaller `max_age`, an axis without ends, AC and SC exchanged. None where that is no problem, or where
-the module cannot be read again from its verification system alone (views, `abstracts`, modes).
+smaller `max_age`, an axis without ends, AC and SC exchanged. None where that is no problem, or
+where the module cannot be read again from its verification system alone (views, `abstracts`,
+modes, a fail-safe law).
 Non-goals: which of them helps (`tried_remedies.py`); changing the program's text.
 """
 
@@ -82,7 +83,7 @@ def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
 
 
 def without_ends(problem: Problem, state: int) -> Problem | None:
-    """The axis of a state `open`: `SoterError`s of what reads the state are met when it is tried."""
+    """The axis of a state `open`; that nothing reads the state is seen when it is tried."""
     if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
         return None
     group = problem.groups[0]

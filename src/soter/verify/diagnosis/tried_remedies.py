@@ -1,8 +1,8 @@
 """What to write, tried before it is said.
 
-Purpose: for a module that is not proved: changes that a person could make, one after the other, each
-verified with a bound on its CPU time, on merged cells first; those that helped, those that did not,
-and those that were not tried are told apart. Where SC keeps nothing: whether AC would.
+Purpose: for a module that is not proved: changes that a person could make, one after the other,
+each verified with a bound on its CPU time, on merged cells first; those that helped, those that did
+not, and those that were not tried are told apart. Where SC keeps nothing: whether AC would.
 Non-goals: verdicts: nothing of it is claimed of the program as it is; other laws, other plants.
 """
 
@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.verify.claims.results import UNDECIDED, Cause
 from soter.verify.diagnosis import changed_problems
@@ -39,6 +40,8 @@ MEASURED = (
     *("no_target", "scaled", "outside_core"),
 )
 """Causes whose remedy comes from a measurement of what it changes."""
+HOPELESS = ("wrap_around", "drift_of_all")
+"""Causes that no other grid, age or predicate mends."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
 EXCHANGED = "`ac {}; sc {};`, if that is what was meant"
 LEFT_OUT = "neither `ttf` nor `safer`: left out, both are computed"
@@ -191,6 +194,8 @@ def _exchanged(trials: Trials, finding: Finding) -> bool:
 
 def _try_all(trials: Trials, result: ModuleResult, failing: Sequence[str]) -> None:
     """Changes one on top of the other, each kept where it helps, until all is proved."""
+    if any(c.kind in HOPELESS for c in result.findings["P2a"].causes):
+        return  # nothing of this kind helps there
     problem, left = trials.problem, tuple(failing)
     leaves = _left_by(result.findings["P2a"])
     helped: list[str] = []
@@ -198,6 +203,7 @@ def _try_all(trials: Trials, result: ModuleResult, failing: Sequence[str]) -> No
     untried: list[str] = []
     while left and len(helped) < CHAIN_MAX:
         for remedy in remedies(problem, left, leaves):
+            phase(f"{trials.problem.name}: trying {remedy.said}")
             now = None if remedy.problem is None else trials.failing(remedy.problem)
             if now is None:
                 untried += [] if trials.goes_on() else [remedy.said]  # else it is no problem
@@ -234,14 +240,16 @@ def _enter(
     if helped:
         what = "; and ".join(helped)
         then = f"{', '.join(left)} still not" if left else "every claim is proved"
-        finding.causes.append(Cause("tried", f"tried: with {what}: {then}", what))
-        finding.hint = f"{what} (tried: {then})"
+        finding.tried.append(f"with {what}: {then}")
+        otherwise = f"; or {finding.hint}" if finding.hint else ""
+        finding.hint = f"{what} (tried: {then}){otherwise}"
         for claim in failing[1:] if not left else ():
-            result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
+            other = result.findings[claim]
+            otherwise = f"; or {other.hint}" if other.hint else ""
+            other.hint = f"as for `{failing[0]}`: with that it is proved, too{otherwise}"
     elif finding.hint and not any(c.kind in MEASURED for c in finding.causes if c.hint):
         finding.hint += " (not tried)"
     if in_vain:
-        finding.causes.append(Cause("in_vain", f"tried in vain: {'; '.join(in_vain)}"))
+        finding.tried.append(f"in vain: {'; '.join(in_vain)}")
     if untried and not (helped and not left):
-        what = "; ".join(dict.fromkeys(untried))
-        finding.causes.append(Cause("untried", f"not tried, for want of time: {what}"))
+        finding.tried.append(f"not, for want of time: {'; '.join(dict.fromkeys(untried))}")
