@@ -400,7 +400,8 @@ RESULTS = "soter.verify.claims.results"
 VERDICT = one_of(*EXITS)
 FINDING = JsonObject(
     f"{RESULTS}.Finding",
-    "verdict seconds method text hint counts where=regions counterexample=saved run causes tried leaving",
+    "verdict seconds method text hint counts where=regions counterexample=saved run causes tried "
+    "leaving",
     {"run": _run},
     verdict=VERDICT,
     where=JsonObject(f"{RESULTS}.Region", "states=ranges parameters*"),
