@@ -43,6 +43,7 @@ from soter.verify.problem.extract import cases
 from soter.verify.problem.other_modes import said
 from soter.verify.proof_methods import in_order, method_of
 from soter.verify.time.problem_times import DELAYS, in_words
+from soter.verify.work_estimate import announce_work
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -96,6 +97,7 @@ def verify_module(
     del search
     began = time.perf_counter()
     library, prelude = library_of(problem)
+    announce_work(problem, lambda small, at: _unrefined(small, library, at))
     cpu = time.process_time()
     done = _all_cases(problem, library, _upto(progress, CASES))
     cpu = time.process_time() - cpu
@@ -203,6 +205,11 @@ def _settled(
         case = _case(problem, library, finer, parameter, tell, case)
         case.first = first
     return case
+
+
+def _unrefined(problem: Problem, library: ReachLibrary, parameter: tuple[int, ...]) -> Case:
+    """One case on the grid as it is, for whoever measures the time."""
+    return _case(problem, library, problem.groups, parameter, lambda *_: None, None)
 
 
 def _case(
