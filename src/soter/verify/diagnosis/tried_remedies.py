@@ -171,6 +171,10 @@ def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
         return
     if any(result.findings[c].verdict == UNDECIDED for c in failing):
         _try_all(trials, result, failing)
+    p3 = result.findings["P3"]
+    p3.hint = next(
+        (f.hint for f in map(result.findings.get, failing) if f and f.text == p3.text), p3.hint
+    )
 
 
 def _exchanged(trials: Trials, finding: Finding) -> bool:
@@ -237,6 +241,10 @@ def _enter(
 ) -> None:
     helped, in_vain, untried = tried
     finding = result.findings[failing[0]]
+    if LEFT_OUT in (*helped, *in_vain):
+        for claim in failing:
+            other = result.findings[claim]
+            other.hint = other.hint.replace(f"; or {LEFT_OUT}", "").removeprefix(f"or {LEFT_OUT}")
     if helped:
         what = "; and ".join(helped)
         then = f"{', '.join(left)} still not" if left else "every claim is proved"
