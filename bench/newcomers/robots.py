@@ -86,7 +86,9 @@ def replaced(text: str, old: str, new: str) -> str:
 
 def looked_at(program: Path, folder: Path) -> str:
     """One line of the table."""
-    first = asked(program)
+    copy = folder / program.name
+    copy.write_bytes(program.read_bytes())
+    first = asked(copy)
     line = f"{program.stem:<14} {first.cpu_s:6.1f} s  "
     if first.proved:
         return line + "proved at once"
@@ -94,7 +96,6 @@ def looked_at(program: Path, folder: Path) -> str:
     text, follows = edited(program.read_text("utf-8"), advice.read_text("utf-8"))
     if not follows or follows not in first.advice:
         return f"{line}NOT: it does not say {follows!r} but {first.advice!r}"
-    copy = folder / program.name
     copy.write_text(text, "utf-8")
     second = asked(copy)
     so = "proved after the first advice" if second.proved else "NOT after the first advice"

@@ -70,4 +70,5 @@ def _said(problem: Problem, seconds: float) -> str:
     axes = sum(len(g.axes) for g in problem.groups)
     minutes = round(seconds / 60)
     about = f"{minutes} min" if seconds >= WHOLE_S else f"{10 * round(seconds / 10)} s"
-    return f"{problem.name}: {axes} axes of {' and '.join(shapes)} cells: about {about}"
+    many = "1 axis" if axes == 1 else f"{axes} axes"
+    return f"{problem.name}: {many} of {' and '.join(shapes)} cells: about {about}"
