@@ -2,9 +2,9 @@
 
     .venv/bin/python bench/newcomers/robots.py [NAME ...]
 
-Purpose: the programs of robots/, each written once before it was verified. Where one is not proved,
-what `verify` says first under `help` is done to it, as a person would: NAME.advice has the line that
-it follows, which must be said, and the edits. Then it is verified again.
+Purpose: the programs of robots/, each written once, before it was verified. Where one is not
+proved, what `verify` says first under `help` is done to it, as a person would: NAME.advice has the
+line that it follows, which must be said, and the edits. Then it is verified again.
 Non-goals: second advice; mistakes in a program (`slips.py`).
 """
 

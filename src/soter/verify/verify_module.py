@@ -97,7 +97,7 @@ def verify_module(
     del search
     began = time.perf_counter()
     library, prelude = library_of(problem)
-    announce_work(problem, lambda small, at: _unrefined(small, library, at))
+    announce_work(problem, lambda p, at: _case(p, library, p.groups, at, lambda *_: None, None))
     cpu = time.process_time()
     done = _all_cases(problem, library, _upto(progress, CASES))
     cpu = time.process_time() - cpu
@@ -205,11 +205,6 @@ def _settled(
         case = _case(problem, library, finer, parameter, tell, case)
         case.first = first
     return case
-
-
-def _unrefined(problem: Problem, library: ReachLibrary, parameter: tuple[int, ...]) -> Case:
-    """One case on the grid as it is, for whoever measures the time."""
-    return _case(problem, library, problem.groups, parameter, lambda *_: None, None)
 
 
 def _case(

@@ -1,8 +1,9 @@
-"""One view of a module: the parts of its predicates that its plants show.
+"""One view of a module: the parts of its predicates that its plants show, and that states decide.
 
 Purpose: `seen` (the module with those parts), `entered` (those of `enters`), `left_out` (what no
-view of a certificate shows).
-Non-goals: sharing code with `language/elaborate/views.py`, which the prover goes by.
+view of a certificate shows), `ttf_of_states` (`ttf` without the parts that ask for an age).
+Non-goals: sharing code with `language/elaborate/views.py` and `verify/problem/age_disjuncts.py`,
+which the prover goes by.
 
 A part is what must hold beside the others: of `safe` and `safer` as they are, of "not `ttf`". A
 view shows a part if its plants drive every topic in it. Dropping a part of what the DM finds makes
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model import typed
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def seen(module: Module, name: str) -> Module:
         "verify": block,
         "safe": _of(symbol.safe, shown, wanted=True),
         "safer": _of(symbol.safer, shown, wanted=True),
-        "ttf": negated(_of(symbol.ttf, shown, wanted=False)),
+        "ttf": _not(_of(symbol.ttf, shown, wanted=False)),
     }
     return dataclasses.replace(module, symbol=typed.ModuleSymbol(**values))
 
@@ -68,10 +69,31 @@ def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
     for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
         if predicate is None:
             return f"module `{symbol.name}` has views and no `{name}`"
-        for part in must_hold(predicate, wanted=True):
+        for part in _parts(predicate, wanted=True):
             if not any(_in(part, shown) for shown in every):
                 return f"no view of module `{symbol.name}` shows a part of `{name}`"
     return ""
+
+
+def ttf_of_states(ttf: typed.TypedExpr | None) -> typed.TypedExpr | None:
+    """`ttf` without what reads an age; as it is where that is nothing, or all.
+
+    "Not ttf" asks that every part be false: without some it is weaker, and more is shown.
+    """
+    if ttf is None or not _aged(ttf):
+        return ttf
+    rest = [part for part in _parts(ttf, wanted=False) if not _aged(part[0])]
+    if not rest:
+        return ttf
+    weaker: typed.TypedExpr = typed.Literal(BOOL, ttf.span, value=False)
+    for expr, truth in rest:
+        part = _not(expr) if truth else expr
+        weaker = typed.TypedBinary(BOOL, ttf.span, "||", weaker, part)
+    return weaker
+
+
+def _aged(e: typed.TypedExpr) -> bool:
+    return any(type(node) is typed.AgeRead for node in nodes([e]))
 
 
 def _shown(block: typed.TypedVerifyBlock) -> set[typed.TopicSymbol]:
@@ -82,15 +104,15 @@ def _in(part: Part, shown: set[typed.TopicSymbol]) -> bool:
     return all(topic in shown for topic in topic_reads(part[0]))
 
 
-def must_hold(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
+def _parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
     """What must hold for `e` to be `wanted`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
-        yield from must_hold(e.operand, wanted=not wanted)
+        yield from _parts(e.operand, wanted=not wanted)
     elif isinstance(e, typed.TypedBinary) and e.op == ("&&" if wanted else "||"):
-        yield from must_hold(e.left, wanted=wanted)
-        yield from must_hold(e.right, wanted=wanted)
+        yield from _parts(e.left, wanted=wanted)
+        yield from _parts(e.right, wanted=wanted)
     elif isinstance(e, typed.TypedCall) and (body := _body(e)) is not None:
-        parts = list(must_hold(body, wanted=wanted))
+        parts = list(_parts(body, wanted=wanted))
         yield from parts if len(parts) > 1 else [(e, wanted)]
     else:
         yield e, wanted
@@ -126,13 +148,12 @@ def _filled(e: Any, arguments: dict[int, typed.TypedExpr]) -> Any:  # noqa: ANN4
 def _of(e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool) -> typed.TypedExpr:
     """That all parts hold which are shown; true where there are none."""
     conjunction: typed.TypedExpr = typed.Literal(BOOL, e.span, value=True)
-    for part in must_hold(e, wanted=wanted):
+    for part in _parts(e, wanted=wanted):
         if _in(part, shown):
-            own = part[0] if part[1] else negated(part[0])
+            own = part[0] if part[1] else _not(part[0])
             conjunction = typed.TypedBinary(BOOL, e.span, "&&", conjunction, own)
     return conjunction
 
 
-def negated(e: typed.TypedExpr) -> typed.TypedExpr:
-    """`!e`."""
+def _not(e: typed.TypedExpr) -> typed.TypedExpr:
     return typed.TypedUnary(BOOL, e.span, "!", e)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from soter.certificate.reading.age_parts import ttf_of_states
 from soter.certificate.reading.facts import (
     DiffersError,
     Facts,
@@ -22,7 +21,7 @@ from soter.certificate.reading.facts import (
     read_by_sc,
     topics_of_others,
 )
-from soter.certificate.reading.module_views import seen
+from soter.certificate.reading.module_views import seen, ttf_of_states
 from soter.certificate.reading.symbolic_values import flat
 from soter.certificate.reading.verification_system import as_it_runs, verification_system_of
 from soter.certificate.terms.terms import NotRecheckedError

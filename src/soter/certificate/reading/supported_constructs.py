@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.age_parts import ttf_of_states
+from soter.certificate.reading.module_views import ttf_of_states
 from soter.certificate.reading.other_modes import only_modes_of_others
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model import typed as t
