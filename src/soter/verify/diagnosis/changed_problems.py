@@ -10,6 +10,7 @@ Non-goals: which of them helps (`tried_remedies.py`); changing the program's tex
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -113,15 +114,21 @@ def _as(c: Component, role: str) -> Component:
 
 
 def _read_again(problem: Problem, system: System, module: Module) -> Problem | None:
-    """The problem of a module that was changed in its own verification system."""
+    """The problem of a module that was changed in its own verification system.
+
+    Grids and levels that were changed before stay so.
+    """
     whole = problem.view or problem.modes or problem.influences or problem.law
     if whole or problem.module.symbol.verify.abstracts:
         return None
     modules = tuple(module if m.index == module.index else m for m in system.modules)
     try:
-        return extract(replace(system, modules=modules), module)
+        again = extract(replace(system, modules=modules), module)
     except SoterError:
         return None
+    if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):
+        return None  # R007
+    return replace(again, groups=problem.groups, states=problem.states, levels=problem.levels)
 
 
 # ---------------------------------------------------------------- grids
@@ -134,15 +141,18 @@ def _size(group: Group) -> int:
 def _halved(group: Group) -> Group:
     if group.representation != "grid":
         return group
-    axes = []
-    for axis in group.axes:
-        edges = [
-            x
-            for a, b in zip(axis.edges, axis.edges[1:], strict=False)
-            for x in (a, *([a / 2 + b / 2] if a < a / 2 + b / 2 < b else []))
-        ]
-        axes.append(replace(axis, edges=(*edges, axis.edges[-1])))
-    return replace(group, axes=tuple(axes))
+    return replace(group, axes=tuple(_split(a) for a in group.axes))
+
+
+def _split(axis: Axis) -> Axis:
+    """Every cell in two but those that an open end makes."""
+    edges: list[float] = []
+    last = len(axis.edges) - 2
+    outer = (0, last) if axis.unbounded else (last,) if axis.open else ()
+    for k, (low, high) in enumerate(pairwise(axis.edges)):
+        middle = low / 2 + high / 2
+        edges += [low, middle] if k not in outer and low < middle < high else [low]
+    return replace(axis, edges=(*edges, axis.edges[-1]))
 
 
 def _merged(group: Group, most: int) -> Group:

@@ -10,7 +10,7 @@ import pytest
 
 import soter
 from soter.cli.main import main
-from soter.verify.diagnosis import tried_remedies
+from soter.verify.diagnosis import changed_problems, tried_remedies
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
 
 if TYPE_CHECKING:
@@ -53,6 +53,33 @@ rta SafeCart {
   verify { grid m.x in [-10.0, 10.0] / 400, m.v in [-6.0, 6.0] / 240; }
 }
 system Track { c: Cart; module SafeCart; }
+"""
+
+CLIMB = """soter 1;
+topic flight: { h: float, climb: float } max_age 40ms;
+topic pull: float in [-2.0, 2.0] = 0.0;
+plant Aircraft period 20ms {
+  reads pull;
+  drives flight = { h: h, climb: climb };
+  state h: float = 100.0;
+  state climb: float;
+  der h = climb;
+  der climb = pull - 0.5 * climb;
+}
+node Dive period 40ms { subscribes flight; publishes pull; step { publish pull = -flight.h; } }
+node PullUp period 40ms {
+  subscribes flight;
+  publishes pull;
+  step { publish pull = clamp(4.0 * (1.0 - flight.climb), -2.0, 2.0); }
+}
+rta SafeHeight {
+  ac Dive; sc PullUp; period 80ms;
+  safe flight.h > 0.0;
+  ttf flight.h < 20.0;
+  safer flight.h > 30.0;
+  verify { grid flight.h in [0.0, 200.0] / 100, flight.climb in [-4.5, 4.5] / 90; }
+}
+system Range { a: Aircraft; module SafeHeight; until 10s; }
 """
 
 
@@ -144,3 +171,25 @@ def test_what_is_proved_is_not_tried() -> None:
     result = explained(TANK)
     assert result.verdict == "proved"
     assert not any(f.tried for f in result.findings.values())
+
+
+def test_an_axis_that_nothing_reads_is_opened_where_runs_leave() -> None:
+    """SC climbs for ever, at any height: K is empty on a grid that ends, and nowhere else."""
+    result = explained(CLIMB)
+    assert kinds(result, "P2a")[0] == "one_sided"
+    said = re.match(r"no ends where runs leave: `(grid [^`]*;)` \(tried: every", first_help(result))
+    assert said is not None
+    grid = re.search(r"grid [^;]*;", CLIMB)
+    assert grid is not None
+    assert explained(changed((grid[0], said[1]), text=CLIMB)).verdict == "proved"
+
+
+def test_changes_that_were_made_before_stay_in_a_problem_that_is_read_again() -> None:
+    result = explained(CART)
+    finer = changed_problems.smaller_cells(result.problem)
+    younger = changed_problems.younger_reads(changed_problems.fewer_levels(finer) or finer)
+    assert younger is None  # 20 ms are two periods of the plant
+    again = changed_problems.exchanged(changed_problems.fewer_levels(finer) or finer)
+    assert again is not None
+    assert (again.groups, again.levels) == (finer.groups, 2)
+    assert changed_problems.cells_of(again) == 4 * 400 * 240
