@@ -11,7 +11,6 @@ from soter.cli.terminal.console import Console
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
-from soter.verify import work_estimate
 from soter.verify.command import modules_of, problems_of
 from soter.verify.diagnosis.changed_problems import cells_of
 from soter.verify.work_estimate import announce_work
@@ -34,7 +33,7 @@ def problem() -> Problem:
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A clock that only `settle` moves: so much a cell."""
     now = [0.0]
-    monkeypatch.setattr(work_estimate.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr("soter.verify.work_estimate.time.perf_counter", lambda: now[0])
     return now
 
 

@@ -18,7 +18,7 @@ from soter.verify.claims.results import UNDECIDED, Cause
 from soter.verify.diagnosis import changed_problems
 from soter.verify.diagnosis.experiments import COARSE
 from soter.verify.diagnosis.vacuity import vacuity
-from soter.verify.enclose.compiled_enclosures import EnclosureError
+from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.grid.sets import CancelledError, UnboundedError
 
 if TYPE_CHECKING:
