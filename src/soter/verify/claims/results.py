@@ -142,6 +142,8 @@ class Finding:
     counterexample: object | None = None
     causes: list[Cause] = field(default_factory=list)
     leaving: LeavingRun | None = None
+    tried: list[str] = field(default_factory=list)
+    """What of the remedies was verified, and what came of it (`tried_remedies.py`)."""
     saved: Path | None = None
     """The file of the counterexample."""
 

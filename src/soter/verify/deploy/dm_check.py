@@ -28,7 +28,8 @@ from soter.language.elaborate.shield_topics import NEVER_HELD
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.typed import AgeRead
 from soter.language.model.types import ArrayType, RecordType, leaves
 from soter.native.build import library
 from soter.native.cffi_interface import interface, opened
@@ -62,6 +63,8 @@ NOW_NS = 10**15
 WHOLE = 24
 """For so many values every age is tried with every state of the gate; for the others some."""
 SOME = 5
+ASKED_NS = tuple(10**k for k in range(6, 11))
+"""Ages of topics whose age a predicate asks for: 1 ms to 10 s."""
 FAILURES_MAX = 10
 WRAPPER = """
 #include <string.h>
@@ -284,6 +287,9 @@ class _Inputs:
         self.limits = [
             (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
         ]
+        symbol, scope = module.symbol, module.scope.topics
+        asked = [n.topic for n in nodes([symbol.ttf, symbol.safer]) if isinstance(n, AgeRead)]
+        self.asked = sorted({scope[topic] for topic in asked})
 
     def run(self, points: Points) -> None:
         """Try them all."""
@@ -297,11 +303,13 @@ class _Inputs:
             topics = [t.default for t in system.topics]
             for index, value in zip(read, chosen_values, strict=True):
                 topics[index] = value
-            ttf, safer = expected.truths(tuple(topics))
             state = expected.state(self.c.unit, tuple(topics))
             chosen = every if k < WHOLE else self.chance.sample(every, min(SOME, len(every)))
-            for stamps, gate in chosen:
-                self._one(state, stamps, gate, ttf=ttf, safer=safer)
+            truths = expected.truths(tuple(topics), {})
+            for ages, gate in chosen:
+                if expected.reads_ages:
+                    truths = expected.truths(tuple(topics), ages)
+                self._one(state, ages, gate, ttf=truths[0], safer=truths[1])
 
     def _fresh(
         self,
@@ -395,13 +403,19 @@ class _Inputs:
                 yield (place, value), when, tops[:, low] > high
 
     def _ages(self) -> Iterator[dict[int, int]]:
-        """Ages: all fresh; then each input at its limit, beyond it, never published."""
+        """Ages: all fresh; then each input at its limit, beyond it, never published.
+
+        Of topics whose age a predicate asks for some more.
+        """
         yield {}
         for index, limit in self.limits:
             for age in (limit, limit + 1, NOW_NS - NEVER):
                 yield {index: age}
         if self.limits:
             yield {i: self.chance.randrange(2 * a + 2) for i, a in self.limits}
+        for index in self.asked:
+            for age in ASKED_NS:
+                yield {index: age}
 
     def _one(
         self,
@@ -445,12 +459,13 @@ class _Expected:
         self._ttf = None if symbol.ttf is None else evaluator.expression(symbol.ttf)
         self._safer = None if symbol.safer is None else evaluator.expression(symbol.safer)
         self.period_ns = module.period_ns
+        self.reads_ages = any(isinstance(n, AgeRead) for n in nodes([symbol.ttf, symbol.safer]))
 
-    def truths(self, topics: tuple[Value, ...]) -> tuple[bool, bool]:
-        """(ttf, safer); unknown is unsafe."""
+    def truths(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> tuple[bool, bool]:
+        """(ttf, safer); unknown is unsafe. `ages`: of topics that are not of now, in ns."""
         env = Environment(
             topics=topics,
-            stamps=tuple(NOW_NS for _ in topics),
+            stamps=tuple(NOW_NS - ages.get(i, 0) for i in range(len(topics))),
             time_ns=NOW_NS,
             period_ns=self.period_ns,
             in_control=True,

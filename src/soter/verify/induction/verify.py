@@ -63,13 +63,16 @@ def verify_by_induction(
     problem: InductionProblem,
     *,
     refute: bool = True,
+    explain: bool | None = None,
     progress: Callable[[float], None] | None = None,
     search: Search | None = None,
 ) -> InductionResult:
     """Everything about one module. `SoterError` D007 where the solver is not installed.
 
+    `explain`: as every method takes it; an induction says what it knows without it.
     `search`: finds runs that refute, where `refute`; None: nobody looks for one.
     """
+    del explain
     began = time.perf_counter()
     induction = induct(problem, progress)
     result = InductionResult(problem, {}, [])
