@@ -18,7 +18,7 @@ from soter.diagnostics.span import Span
 from soter.language.syntax.foreign_phrases import FUNCTION, IDIOMS, MODULE, NODE, PLANT, TOP
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection
 
     from soter.diagnostics.fix import Help
     from soter.diagnostics.source import Source
@@ -41,10 +41,17 @@ class Phrase:
 _DIVISION = re.compile(r"[ \t]*(//)[ \t]*[\w.(-][\w.()+* -]*[])};][^\n]*")
 
 
-def find(source: Source, at: int, place: str, before: int) -> Phrase | None:
+def find(
+    source: Source,
+    at: int,
+    place: str,
+    before: int,
+    leads_on: Callable[[Fix], bool] = lambda _: True,
+) -> Phrase | None:
     """The phrase over the character offset `at`, None where no phrase is known.
 
     `place` is the kind of body that the offset stands in, `before` where the token before it ends.
+    A phrase counts only where its edit, if it has one, `leads_on`.
     """
     text = source.text
     division = _DIVISION.match(text, before)
@@ -63,8 +70,9 @@ def find(source: Source, at: int, place: str, before: int) -> Phrase | None:
             if not match.start() <= at <= match.end():
                 continue
             phrase = _phrase(source, idiom, match, place)
-            if phrase is not None:
-                return phrase
+            if phrase is None or (isinstance(phrase.help, Fix) and not leads_on(phrase.help)):
+                continue
+            return phrase
     return None
 
 

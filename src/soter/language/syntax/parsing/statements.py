@@ -12,6 +12,7 @@ from __future__ import annotations
 from soter.diagnostics.fix import replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.expressions import ExpressionParser
+from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
 from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.operators import c_style_loop
 from soter.language.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
@@ -268,6 +269,8 @@ class StatementParser(ExpressionParser):
         word, following = self.texts[i], self.kinds[i + 1]
         if following in PLACE_FOLLOWS:
             return None
+        if at_word_of_elsewhere(self):
+            raise self.failure("S011", f"expected a statement, found `{visible(word)}`")
         if word in _NO_STATEMENT:
             message = f"`{word}` is no statement of Soter"
             raise self.failure("S011", message, helps=(_NO_STATEMENT[word],))

@@ -15,6 +15,7 @@ from soter.diagnostics.fix import append, replace
 from soter.diagnostics.near import closest
 from soter.diagnostics.span import Span
 from soter.language.syntax.foreign_idioms import find, place_of
+from soter.language.syntax.parsing.misplaced import leads_on, out_of_place
 from soter.language.syntax.tokens import (
     DURATION,
     EOF,
@@ -33,8 +34,9 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.fix import Fix, Help
     from soter.language.syntax.tokens import Tokens
+    from soter.language.syntax.tree import File
 
 #: So many errors of one file are shown.
 ERRORS_MAX = 100
@@ -87,6 +89,7 @@ class Cursor:
         "texts",
         "tight",
         "tokens",
+        "trials",
         "without_period",
     )
 
@@ -109,6 +112,7 @@ class Cursor:
         self.damaged = False  # the declaration at hand lost something
         self.without_period = ""  # "node `A`", whose head has no period: that was told
         self.misused: set[str] = set()  # reserved words the user takes for names
+        self.trials = 0  # edits of this file that were tried
         # For the printer: braces that open a block, brackets and signs that cling, and the
         # colons of `? :`, which do not.
         self.opened: list[int] = []
@@ -174,13 +178,16 @@ class Cursor:
         if span is None:
             span = self.token_span(i)
         self._another_language(span)
+        if self._out_of_place(code, notes, helps):
+            return
         labels = tuple(Label(s, t) for s, t in also)
         self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
 
     def _another_language(self, span: Span) -> None:
         """Panic behind a phrase of another language, if one covers `span`, once it is told."""
         before = self.ends[self.i - 1] if self.i else 0
-        phrase = find(self.source, span.start, place_of(self.items, self.blocks), before)
+        place = place_of(self.items, self.blocks)
+        phrase = find(self.source, span.start, place, before, self._leads_on)
         if phrase is None:
             return
         label = Label(phrase.span)
@@ -191,6 +198,28 @@ class Cursor:
         self.damaged = True
         self.quiet = self.i
         raise Panic
+
+    def _leads_on(self, fix: Fix) -> bool:
+        """Whether an edit leaves no syntax error in what it writes."""
+        (edit,) = fix.edits
+        return leads_on(self, fix, edit.span.start, edit.span.end)
+
+    def _out_of_place(self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]) -> bool:
+        """Tell a word of Soter that does not belong here; Panic behind clauses in a wrong order."""
+        said = out_of_place(self, code, notes, helps)
+        if said is None:
+            return False
+        problem, after = said
+        self.problems.append(problem)
+        if after > self.i:
+            self.i = self.quiet = after
+            self.damaged = True
+            raise Panic
+        return True
+
+    def file(self) -> File:
+        """The whole file, read from its beginning."""
+        raise NotImplementedError
 
     def failure(
         self,
