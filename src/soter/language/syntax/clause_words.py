@@ -274,6 +274,8 @@ _BODY_BY_ITEM = (
 _CLAUSE = re.compile(r"\s*[\w\"{(!\[-]")
 """What follows a word of an item or clause; `=`, `.` or `;` follow a name."""
 _RANGE = re.compile(r"\s*[\[{]")
+_SHOWN_MAX = 80
+"""So many characters of an item are shown."""
 
 
 @dataclass(frozen=True)
@@ -304,8 +306,11 @@ def is_clause(word: str, rest: str) -> bool:
     return word in PLACES and _CLAUSE.match(rest) is not None
 
 
-def misplaced(word: str, body: str, item: str) -> Misplaced | None:
-    """What is said of a word in this body, behind the item that `item` leads; None if unknown."""
+def misplaced(word: str, body: str, item: str, written: str) -> Misplaced | None:
+    """What is said of a word in this body, behind the item that `item` leads; None if unknown.
+
+    `written` is the item that the word begins, as far as its `;` or a brace.
+    """
     shown = "on takeover" if word == "on" else word
     where = f"behind `{item}`" if item else _HERE[body]
     message = f"`{shown}` does not belong {where}"
@@ -320,5 +325,10 @@ def misplaced(word: str, body: str, item: str) -> Misplaced | None:
     advice = ADVICE.get((body, word))
     if advice is not None:
         return Misplaced(message, note, advice)
-    forms = " or ".join(f"`{home.form}`" for home in homes)
+    line = " ".join(written.split())
+    own = not item and line.endswith(";") and len(line) < _SHOWN_MAX
+    shown_forms = [
+        line if own and home.form.startswith(f"{word} ") else home.form for home in homes
+    ]
+    forms = " or ".join(f"`{form}`" for form in dict.fromkeys(shown_forms))
     return Misplaced(message, note, f"move it there: {forms}")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import Edit, Fix
 from soter.diagnostics.span import Span
+from soter.language.syntax.foreign_expressions import EXPRESSIONS
 from soter.language.syntax.foreign_phrases import FUNCTION, IDIOMS, MODULE, NODE, PLANT, TOP
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.fix import Help
     from soter.diagnostics.source import Source
-    from soter.language.syntax.foreign_phrases import Idiom
+from soter.language.syntax.foreign_phrases import Idiom
 
 _FAR = 400
 """So many characters of a phrase that runs over several lines are looked at."""
@@ -62,7 +63,7 @@ def find(
     line = text.rfind("\n", 0, at) + 1
     end = text.find("\n", at)
     end = len(text) if end < 0 else end
-    for idiom in IDIOMS:
+    for idiom in (*EXPRESSIONS, *IDIOMS):
         if idiom.places and place not in idiom.places:
             continue
         far = len(text) if idiom.pattern.flags & re.DOTALL else end
@@ -88,7 +89,9 @@ def _phrase(source: Source, idiom: Idiom, match: re.Match[str], place: str) -> P
             return None
         new = new.lstrip()
         shown = " ".join(new.split())
-        title = idiom.say or (f"write `{shown}`" if shown else f"leave `{match['at'].strip()}` out")
+        quoted = "`" in shown
+        written = shown if quoted else f"write `{shown}`"
+        title = idiom.say or (written if shown else f"leave `{match['at'].strip()}` out")
         help_ = Fix(title, (Edit(whole, new),)) if idiom.sure else title
     return Phrase(Span(source, start, end), message, help_, match.end())
 

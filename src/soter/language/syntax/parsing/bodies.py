@@ -16,7 +16,12 @@ from soter.diagnostics.span import Span
 from soter.language.syntax import tree
 from soter.language.syntax.clause_words import INSTEAD, STATEMENTS, body_of
 from soter.language.syntax.foreign_items import item_advice, item_meant
-from soter.language.syntax.parsing.misplaced import assigned, at_word_of_elsewhere, leads_on
+from soter.language.syntax.parsing.misplaced import (
+    assigned,
+    at_word_of_elsewhere,
+    item_end,
+    leads_on,
+)
 from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
 from soter.language.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
@@ -164,10 +169,9 @@ class BodyParser(StatementParser):
             raise Panic  # that it stands before the body was told
         message = f"expected an item of {what}, found {self.found()}"
         body = body_of(items, 0)
-        meant = INSTEAD.get((body, word)) or self._item_meant(body, word)
+        meant = INSTEAD.get((body, word))
         if meant is not None and self._reads_as(meant):
-            helps = (replace(self.token_span(self.i), meant, f"write `{meant}`"),)
-            self._taken_for(meant, message, helps, parts, items)
+            self._taken_for(meant, message, parts, items)
             return
         if kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names()):
             self._loose_statements(message, items)
@@ -175,8 +179,11 @@ class BodyParser(StatementParser):
         elsewhere = at_word_of_elsewhere(self)
         near = self.close_word(word, items) if word.isidentifier() and not elsewhere else None
         if near is not None:
-            helps = (replace(self.token_span(self.i), near, f"did you mean `{near}`?"),)
-            self._taken_for(near, message, helps, parts, items)
+            self._taken_for(near, message, parts, items, f"did you mean `{near}`?")
+            return
+        meant = self._item_meant(body, word)
+        if meant is not None and self._reads_as(meant):
+            self._taken_for(meant, message, parts, items)
             return
         if word in ("invariant", "invariants") and "always" in items:
             raise self.failure("S010", message, helps=(self._asked_with_always(items),))
@@ -200,22 +207,22 @@ class BodyParser(StatementParser):
 
     def _reads_as(self, word: str) -> bool:
         """Whether the item at the cursor is one without a syntax error once `word` leads it."""
-        end = self.i
-        while self.kinds[end] not in (";", "{", "}", EOF):
-            end += 1
         fix = replace(self.token_span(self.i), word)
-        return leads_on(self, fix, self.starts[self.i], self.ends[end])
+        return leads_on(self, fix, self.starts[self.i], self.ends[item_end(self)])
 
     def _taken_for(
         self,
         word: str,
         message: str,
-        helps: tuple[Fix, ...],
         parts: _Parts,
         items: Mapping[str, Callable[[Any, _Parts], None]],
+        title: str | None = None,
     ) -> None:
         """Report the word at the cursor, and read the item as if `word` led it."""
-        self.report("S010", message, helps=helps)
+        token = self.token_span(self.i)
+        rest = " ".join(self.source.text[token.end : self.ends[item_end(self)]].split())
+        title = title or f"write `{word} {rest}`".replace("{`", "{ ... }`")
+        self.report("S010", message, helps=(replace(token, word, title),))
         self.quiet = -1
         self.texts[self.i] = word
         items[word](self, parts)

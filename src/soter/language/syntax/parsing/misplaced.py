@@ -179,6 +179,14 @@ def _clauses(
 # ---------------------------------------------------------------- words of elsewhere
 
 
+def item_end(cursor: Cursor) -> int:
+    """The token that ends the item at the cursor, or the brace that opens its block."""
+    i = cursor.i
+    while cursor.kinds[i] not in (";", "{", "}", EOF):
+        i += 1
+    return i
+
+
 def at_word_of_elsewhere(cursor: Cursor) -> bool:
     """Whether a word that leads an item of another body stands here, and not a name."""
     word = cursor.texts[cursor.i]
@@ -194,7 +202,8 @@ def _elsewhere(cursor: Cursor, code: Code, notes: tuple[str, ...]) -> tuple[Diag
         return None
     leader = _leader(cursor) if code in _SAME_LINE else None
     item = "" if leader is None else cursor.texts[leader]
-    said = misplaced(word, body_of(cursor.items, cursor.blocks), item)
+    written = cursor.source.text[cursor.starts[i] : cursor.ends[item_end(cursor)]]
+    said = misplaced(word, body_of(cursor.items, cursor.blocks), item, written)
     if said is None:
         return None
     help_: Help = _to_the_topic(cursor) or said.help
