@@ -30,7 +30,7 @@ class Home:
 def _homes(where: str, forms: str) -> dict[str, tuple[Home, ...]]:
     """The items of a body, one a line, each led by its word."""
     lines = [line.strip() for line in forms.strip().split("\n")]
-    return {line.split()[0].rstrip(":"): (Home(where, line),) for line in lines}
+    return {line.split()[0].rstrip(";"): (Home(where, line),) for line in lines}
 
 
 _IN_A_NODE = _homes(
@@ -273,6 +273,7 @@ _BODY_BY_ITEM = (
 
 _CLAUSE = re.compile(r"\s*[\w\"{(!\[-]")
 """What follows a word of an item or clause; `=`, `.` or `;` follow a name."""
+_TIMES = re.compile(r"\s*\[[^\];]*,[^\];]*\]\s*;")
 _RANGE = re.compile(r"\s*[\[{]")
 _SHOWN_MAX = 80
 """So many characters of an item are shown."""
@@ -299,6 +300,8 @@ def is_clause(word: str, rest: str) -> bool:
     """Whether `word` is one of an item or clause, by the text behind it."""
     if word == "in":
         return _RANGE.match(rest) is not None
+    if word == "takes":
+        return _TIMES.match(rest) is not None
     if word == "induction":
         return rest.lstrip()[:1] == ";"
     if word == "on":

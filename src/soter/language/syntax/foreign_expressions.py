@@ -80,7 +80,7 @@ EXPRESSIONS = (
     ),
     # loops
     idiom(
-        r"(?P<fun>\b[A-Za-z_]\w*)?\s*(?P<at>[\[(][^;\n]*?\bfor\s+(?P<x>\w+)\s+in\s+"
+        r"(?P<fun>\b[A-Za-z_]\w*)?\s*(?P<at>[\[(][^;=\n]*?\bfor\s+(?P<x>\w+)\s+in\s+"
         r"(?P<xs>[\w.]+)[^;\n]*?[\])])",
         "there are no comprehensions: a loop computes it",
         together,

@@ -25,7 +25,7 @@ _WORDS: dict[str, dict[str, str]] = {
         "state": "variable states float int",
         "der": "dot deriv derivative ddt flow diff",
         "next": "update then jump reset",
-        "let": "const def auto val define",
+        "let": "def auto val define",
         "measured": "error accuracy",
         "integrate": "solver integrator method",
     },
@@ -41,8 +41,8 @@ _WORDS: dict[str, dict[str, str]] = {
         "never": "forbid avoid",
         "until": "duration timeout stop stoptime runtime simulate end length",
         "node": "use uses include run start launch component spawn add",
-        "module": "rta monitor",
-        "set": "param parameter configure let",
+        "module": "monitor",
+        "set": "parameter configure let",
     },
     TEST: {
         "always": "assert check require ensure expect globally property G invariant",
@@ -50,7 +50,7 @@ _WORDS: dict[str, dict[str, str]] = {
         "eventually": "finally F reach",
         "horizon": "duration timeout steps depth bound length time limit",
         "replace": "mock stub substitute",
-        "set": "param parameter configure let",
+        "set": "parameter configure let",
     },
 }
 _MEANT = {
@@ -83,7 +83,7 @@ _ADVICE: dict[tuple[str, str], str] = {
         "a state has its first value where it is declared: `state x: float = 0.0;`",
     ),
     **dict.fromkeys(
-        [(SYSTEM, w) for w in ("step", "dt", "rate", "period", "clock")],
+        [(SYSTEM, w) for w in ("dt", "rate", "clock")],
         "nodes and plants have periods of their own: `node Fast period 10ms { ... }`",
     ),
 }

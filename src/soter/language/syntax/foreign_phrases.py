@@ -434,7 +434,7 @@ IDIOMS: tuple[Idiom, ...] = (
         r"\g<before>",
     ),
     idiom(
-        r"(?P<at>\b(?P<set>in\s*\[[^\]\n]*\])\s*(?P<unit>unit\s*\"[^\"\n]*\"))",
+        r"(?P<at>\b(?P<set>in\s*\[[^\]\n]*\])\s*(?P<unit>unit\s*\"[^\"\n]*\"))(?=\s*;)",
         "the unit is part of the type, and stands before the set",
         r"\g<unit> \g<set>",
     ),

@@ -203,6 +203,8 @@ def designated(match: re.Match[str]) -> str | None:
 def together(match: re.Match[str]) -> str | None:
     """The loop that a comprehension or a generator stands for."""
     x, xs = match["x"], match["xs"]
+    if re.match(r"\[\s*-?[\d.]+\s+for\b", match["at"]):
+        return None  # `comprehension` writes the elements
     if xs == "range":
         return f"write `for {x} in 0..4 {{ ... }}` before it"
     if match["at"][0] == "[":

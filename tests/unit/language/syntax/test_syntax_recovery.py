@@ -104,7 +104,7 @@ SLIPS = [
     ("    publish accel =", "    let a = choose; publish accel =", "S007"),
     ("    publish accel =", "    let a = choose int; publish accel =", "S007"),
     ("    publish accel =", "    let a = choose { 1 2 }; publish accel =", "S005"),
-    ("    publish accel =", "    let a = choose (1, 2); publish accel =", "S007"),
+    ("    publish accel =", "    let a = choose (1, 2); publish accel =", "S015"),
     ("    publish accel =", "    let a = choose [1; publish accel =", "S005"),
     ("    publish accel =", "    let choose = 1.0; publish accel =", "S006"),
     # tests

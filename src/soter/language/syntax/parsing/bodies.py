@@ -24,7 +24,7 @@ from soter.language.syntax.parsing.misplaced import (
 )
 from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
-from soter.language.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
+from soter.language.syntax.parsing.token_cursor import BODY_WORDS, STATEMENT_WORDS, Panic
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visible
 
@@ -38,9 +38,6 @@ _Parts = TypeVar("_Parts")
 
 #: Items of a kind of body that no word leads, as lists of items name them.
 LEADERLESS: dict[str, tuple[str, ...]] = {}
-
-#: Words that only make sense inside a body.
-BODY_WORDS = ITEM_WORDS | {"period", "phase"}
 
 
 @dataclass(slots=True)
@@ -169,7 +166,7 @@ class BodyParser(StatementParser):
             raise Panic  # that it stands before the body was told
         message = f"expected an item of {what}, found {self.found()}"
         body = body_of(items, 0)
-        meant = INSTEAD.get((body, word))
+        meant = INSTEAD.get((body, word)) or self._item_meant(body, word)
         if meant is not None and self._reads_as(meant):
             self._taken_for(meant, message, parts, items)
             return
@@ -180,10 +177,6 @@ class BodyParser(StatementParser):
         near = self.close_word(word, items) if word.isidentifier() and not elsewhere else None
         if near is not None:
             self._taken_for(near, message, parts, items, f"did you mean `{near}`?")
-            return
-        meant = self._item_meant(body, word)
-        if meant is not None and self._reads_as(meant):
-            self._taken_for(meant, message, parts, items)
             return
         if word in ("invariant", "invariants") and "always" in items:
             raise self.failure("S010", message, helps=(self._asked_with_always(items),))
@@ -248,7 +241,11 @@ class BodyParser(StatementParser):
             self.quiet = -1
             self._recovering([], self.kinds[self.i])
         after = self.i + 1
-        if self.kinds[self.i] == "}" and (self.kinds[after] == "}" or self.texts[after] in items):
+        if (
+            body == "node"
+            and self.kinds[self.i] == "}"
+            and (self.kinds[after] == "}" or self.texts[after] in items)
+        ):
             self.i += 1  # only the opening of the block was missing
 
     def _only_names(self) -> bool:

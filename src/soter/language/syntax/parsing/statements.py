@@ -15,7 +15,12 @@ from soter.language.syntax.parsing.expressions import ExpressionParser
 from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
 from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.operators import c_style_loop
-from soter.language.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
+from soter.language.syntax.parsing.token_cursor import (
+    BODY_WORDS,
+    ITEM_WORDS,
+    STATEMENT_WORDS,
+    Panic,
+)
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.tokens import (
     DURATION,
@@ -95,7 +100,8 @@ class StatementParser(ExpressionParser):
                     continue
                 unclosed(self, opener, "this block")
                 break
-            if kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{"):
+            item = kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{")
+            if item and not self.closed_below(self.blocks + 1):
                 unclosed(self, opener, "this block")  # the body around goes on here
                 break
             self._recovering(statements, kind)
@@ -267,10 +273,12 @@ class StatementParser(ExpressionParser):
         """A word that is nearly a statement word, or is one in other languages."""
         i = self.i
         word, following = self.texts[i], self.kinds[i + 1]
-        if following in PLACE_FOLLOWS:
+        if following in PLACE_FOLLOWS and word != "takes":
             return None
         if at_word_of_elsewhere(self):
             raise self.failure("S011", f"expected a statement, found `{visible(word)}`")
+        if following in PLACE_FOLLOWS:
+            return None
         if word in _NO_STATEMENT:
             message = f"`{word}` is no statement of Soter"
             raise self.failure("S011", message, helps=(_NO_STATEMENT[word],))
@@ -467,7 +475,7 @@ class StatementParser(ExpressionParser):
             return
         message = f"expected a statement, found {self.found()}"
         notes: tuple[str, ...] = ()
-        if kind in ("subscribes", "publishes", "step", "state", "der", "next", "period"):
+        if kind in BODY_WORDS and not self.closed_below(self.blocks + 1):
             notes = (f"`{kind}` belongs in the body around: is a `}}` missing before it?",)
         raise self.failure("S011", message, notes=notes)
 

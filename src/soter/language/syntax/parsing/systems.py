@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
+from soter.language.syntax.foreign_items import item_meant
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS, OnceParts
 from soter.language.syntax.parsing.faults import FAULT_ITEMS, FaultParts
@@ -113,7 +114,7 @@ def _instance_without_colon(parser: BodyParser, i: int) -> bool:
     if parser.kinds[i + 2] not in (";", "{", "."):
         return False
     word = parser.texts[i]
-    if at_word_of_elsewhere(parser):
+    if at_word_of_elsewhere(parser) or item_meant("system", word):
         return False
     return word not in _SYSTEM_ITEMS and parser.close_word(word, _SYSTEM_ITEMS) is None
 

@@ -49,6 +49,9 @@ STATEMENT_WORDS = frozenset(
 #: Reserved words that begin an item of a node or a plant.
 ITEM_WORDS = frozenset(["subscribes", "publishes", "step", "state", "der", "next"])
 
+#: Words that only make sense inside a body.
+BODY_WORDS = ITEM_WORDS | {"period", "phase"}
+
 _DECLARATION_WORDS = frozenset(
     ["type", "const", "param", "fun", "extern", "topic", "node", "rta", "plant", "system", "test",
      "import"]
@@ -526,6 +529,17 @@ class Cursor:
     def nested_declaration(self) -> bool:
         """Whether the declaration at the cursor is indented as if it belonged to this one."""
         return not self.inner and self.line_indent(self.i) > self.indent
+
+    def closed_below(self, levels: int) -> bool:
+        """Whether so many braces around the cursor are closed before the next declaration."""
+        for i in range(self.i, len(self.kinds)):
+            kind = self.kinds[i]
+            levels += (kind == "{") - (kind == "}")
+            if levels <= 0:
+                return True
+            if kind == EOF or (kind in _DECLARATION_WORDS and self.line_indent(i) <= self.indent):
+                break
+        return False
 
     def line_indent(self, index: int) -> int:
         """Characters before the first word of the line on which the token stands."""
