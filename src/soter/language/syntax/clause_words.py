@@ -174,6 +174,10 @@ PLACES: dict[str, tuple[Home, ...]] = {
     "leadsto": (Home("in a test", "motion.x > 1.0 leadsto motion.x < 1.0 within 1s;"),),
     "wcet": (Home("in a node or an `rta`", "wcet 200us;"),),
     "jitter": (Home("in a node or an `rta`", "jitter 50us;"),),
+    "horizon": (
+        Home("in a test", "horizon 1s;"),
+        Home("in the `verify` block of an `rta`", "horizon 5s;"),
+    ),
     "late": (
         Home("in a test or a `faults` block", "late Lamp by 5ms;"),
         Home("in a `verify` block", "late dm 1ms;"),
@@ -232,6 +236,8 @@ ADVICE: dict[tuple[str, str], str] = {
     "`topic accel: float = 0.0;`",
     (SYSTEM, "eventually"): "ask in a test: `eventually motion.x > 1.0 within 1s;`; a system knows "
     "`always` and `never`",
+    (RTA, "within"): "leave the time out: a predicate is about one moment; the period and the "
+    "`verify` block say how fast a module acts",
     (RTA, "horizon"): "write it into the `verify` block: `verify { horizon 5s; }`",
 }
 

@@ -11,16 +11,20 @@ import re
 
 from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT, TOP, idiom
 from soter.language.syntax.foreign_rewrites import (
+    cases,
     function_of,
     loop_over,
     loop_to,
     matrix,
     member,
     one_by_one,
+    one_of,
     part_of_a_list,
     positional,
     record_value,
+    slope_of_a_state,
     together,
+    typed_value,
     unpacked,
 )
 
@@ -130,6 +134,13 @@ EXPRESSIONS = (
         places=_BODIES,
     ),
     idiom(
+        _STATEMENT + r"(?P<at>[A-Za-z_]\w*(?:\s*,\s*[A-Za-z_]\w*)+)\s*=(?!=)",
+        "there are no tuples: each name is assigned on its own",
+        None,
+        "keep one value first: `let old = a;`",
+        places=_BODIES,
+    ),
+    idiom(
         r"\b(?P<word>var|state|topic|let)\s+(?P<at>(?P<names>\w+(?:\s*,\s*\w+)+))\s*"
         r"(?P<rest>:[^;\n]*)(?=;)",
         "each name is declared on its own",
@@ -172,7 +183,7 @@ EXPRESSIONS = (
         positional,
     ),
     idiom(
-        r"(?P<at>\[\s*(?P<rows>-?[\w.]+(?:[ \t]+-?[\w.]+|\s*;\s*-?[\w.]+)+)\s*\])",
+        r"(?P<at>\[\s*(?P<rows>-?[\w.]+(?:[ \t]+-?[\w.]+|\s*[;,]\s*-?[\w.]+)+)\s*\])",
         "the elements of an array stand between commas",
         matrix,
     ),
@@ -248,6 +259,286 @@ EXPRESSIONS = (
         "`{1}` is not a statement of Soter",
         lambda m: f"{m['place']} = {m['place']} {m['sign'][0]} 1",
         places=_BODIES,
+    ),
+    # conditions
+    idiom(
+        r"(?P<x>\b[A-Za-z_][\w.]*)\s+(?P<at>(?:not\s+)?in)\s*[({\[]\s*(?P<values>[^(){}\[\];\n]+)\s*"
+        r"[)}\]](?=\s*(?:[;){?]|&&|\|\||$))",
+        "whether a value is one of several is asked one by one",
+        one_of,
+    ),
+    idiom(
+        r"(?P<x>\b[A-Za-z_][\w.]*)\s+(?P<at>(?:is\s+)?between)\s+(?P<low>[^\s;{}]+)\s+and\s+"
+        r"(?P<high>[^\s;{}]+)",
+        "whether a value is in a range is asked by two comparisons",
+        r"\g<low> <= \g<x> && \g<x> <= \g<high>",
+    ),
+    idiom(r"(?P<at>=<)(?!=)", "`{0}` is not an operator of Soter", "<="),
+    idiom(
+        r"(?P<at>(?P<n>\d[\d.]*)\s*%)(?=\s*[;,)])",
+        "there is no sign for `percent`",
+        lambda m: f"{float(m['n']) / 100:.12g}",
+    ),
+    idiom(
+        r"(?<![\w.])(?P<n>\d[\d.]*)(?P<at>\s+)(?P<x>(?!(?:ns|us|ms|s|min|h|Hz|in|as|to|unit|max_age"
+        r"|every|at|per|for|by|within|and|or|hold|queue|drop_\w+|delayed|if|else)\b)[A-Za-z_]\w*)",
+        "a product is written with `*`",
+        r"\g<n> * \g<x>",
+    ),
+    idiom(
+        r"(?P<at>\.(?:\*|/|\^)|<<|>>|\?\?|\?\.|<=>)",
+        "`{0}` is not an operator of Soter",
+        None,
+        "the operators are `+ - * / %`, comparisons, `&& || !` and `condition ? a : b`",
+    ),
+    idiom(
+        r"\b(?P<at>pre|prev|last|old)\s+(?P<x>[A-Za-z_]\w*)(?=\s*[-+*/;),<>])",
+        "there is no operator for the value before",
+        None,
+        "keep it in a variable of the node, `var last: float = 0.0;`, that the end of the step "
+        "assigns",
+    ),
+    idiom(
+        r"\bassert\s*\(\s*(?P<c>[^;\n]+?)\s*(?P<at>[,:])\s*(?P<m>\"[^\"\n]*\")\s*\)(?=\s*;)",
+        "`assert` is a statement: it has no brackets",
+        r"assert \g<c>, \g<m>",
+    ),
+    idiom(
+        r"\bassert\s+(?P<c>[^;\n]+?)\s*(?P<at>:|else|or)\s*(?P<m>\"[^\"\n]*\")(?=\s*;)",
+        "the text of an `assert` stands behind `,`",
+        r"assert \g<c>, \g<m>",
+    ),
+    idiom(
+        r"(?P<at>\bnew\s+)?\b(?P<name>[A-Z]\w*)\s*(?P<fields>\{\s*\w+\s*:[^{};\n]*\})",
+        "a record is written without its type",
+        r"\g<fields>",
+        places=_BODIES,
+    ),
+    idiom(
+        rf"(?P<at>\b(?:new\s+)?[A-Z]\w*\s*\{{[^{{}}:;\n]*\}}|\bnew\s+\w+\s*\({_ARGUMENTS}\))",
+        "a record is written with the names of its fields, without its type",
+        None,
+        "write `{ x: 1.0, y: 2.0 }`",
+        places=_BODIES,
+    ),
+    idiom(
+        r"(?P<what>\b[A-Za-z_][\w.]*)\s+(?P<at>as)\s+(?P<type>float|int)\b",
+        "a conversion is a call",
+        r"\g<type>(\g<what>)",
+        places=_BODIES,
+    ),
+    idiom(
+        r"(?<=[-=+*/(,] )(?P<at>(?P<type>float|int)\s+)(?P<what>[A-Za-z_][\w.]*)(?=\s*[-;+*/),])",
+        "a conversion is a call",
+        r"\g<type>(\g<what>)",
+        places=_BODIES,
+    ),
+    idiom(
+        r"(?P<at>\b[fFrRbu]\"[^\"\n]*\")",
+        "there are no texts at run time",
+        None,
+        "name the cases, `type Name = enum { A, B };`, and write one of them: `Name.A`",
+    ),
+    # values of declarations
+    idiom(
+        r"(?P<before>\b(?:topic|state|var|param|const)\s+\w+\s*:[^;\n]*?)\s+"
+        r"(?P<at>default|init|initial|initially|start|value)\s*(?::|==?)?\s*(?P<v>-?[\w.\[{][^;\n]*)"
+        r"(?=;)",
+        "the first value stands behind `=`",
+        r"\g<before> = \g<v>",
+    ),
+    idiom(
+        r"(?P<before>\b(?:topic|state|disturbance|param)\b[^;\n]*?)(?:\bin\b\s*)?"
+        r"(?P<at>(?:range|limits|bounds|within|between|from)?\s*[\[(]?\s*(?P<low>-?[\w.]+)\s*"
+        r"(?:,|\.\.=?|;|\bto\b|\band\b)\s*(?P<high>-?[\w.]+)\s*[\])]?)",
+        "a range is written `in [low, high]`",
+        r"\g<before>in [\g<low>, \g<high>]",
+    ),
+    idiom(
+        r"(?P<before>\bdisturbance\s+\w+)\s*(?::\s*float)?\s*(?P<at>(?:\+-|\+/-|=|\u00b1)\s*"
+        r"(?P<v>\d[\w.]*))(?=\s*;)",
+        "a disturbance has a range: the worst that it can be",
+        r"\g<before>: float in [-\g<v>, \g<v>]",
+    ),
+    idiom(
+        r"(?P<before>\bmeasured\s+[\w.]+)\s*(?P<at>\+-|\+/-|by|error|bias|noise)\s*(?=[\d.])",
+        "the bound of an error stands behind `within`",
+        r"\g<before> within ",
+    ),
+    idiom(
+        r"(?P<before>\b(?:const|param|state|topic|var)\s+\w+)(?P<at>)\s*=\s*(?P<v>-?\d[\d.]*|true|"
+        r"false)(?P<after>[^;\n]*)(?=;)",
+        "the type stands behind the name and `:`",
+        typed_value,
+    ),
+    idiom(
+        r"(?P<before>\b(?:topic|var|state|param))\s+(?P<at>(?P<type>float|int|bool|duration)\s+"
+        r"(?P<name>\w+))",
+        "the type stands behind the name and `:`",
+        r"\g<before> \g<name>: \g<type>",
+    ),
+    idiom(
+        r"^type\s+(?P<name>\w+)\s*(?P<at>=\s*(?:enum\b\s*)?[{(\[]?\s*(?P<cases>\w+(?:\s*[,|]\s*\w+)+)\s*"
+        r"[})\]]?)\s*(?=;)",
+        "the cases of a type stand in `enum { ... }`",
+        cases,
+        places=(TOP,),
+    ),
+    idiom(
+        r"^type\s+\w+\s*=\s*enum\s*\{(?P<at>[^{}\n]*=[^{}\n]*)\}",
+        "the cases of an `enum` have no numbers",
+        lambda m: re.sub(r"\s*=\s*\w+", "", m[0]),
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?P<head>fun\s+\w+\s*\([^()\n]*\)\s*:\s*[\w.]+)\s*(?P<at>=>?|->)\s*(?P<what>[^;{}\n]+);?",
+        "a function has a body in braces, and says `return`",
+        r"\g<head> { return \g<what>; }",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?P<at>(?:fun|def|function)?\s*(?P<name>[a-z]\w*)\s*\((?P<ps>[\w, ]*)\)\s*(?:=|=>|->)\s*"
+        r"(?P<what>[^;{}\n]+);?)",
+        "a function is declared by `fun`, with its types",
+        function_of,
+        sure=False,
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?P<kind>node|plant)\s+(?P<name>\w+)\s*(?P<at>[(:@]?\s*(?:period|every|at|rate|freq\w*|with)?"
+        r"\s*[=:(]?\s*(?P<t>\d+(?:ns|us|ms|s))\s*\)?)(?=\s*\{)",
+        "the period stands behind the name",
+        r"\g<kind> \g<name> period \g<t>",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?:(?P<at>default|main)\s+system\s+(?P<a>\w+)|system\s+default\s+(?P<b>\w+))(?=\s*\{)",
+        "`default` stands behind the name of the system",
+        lambda m: f"system {m['a'] or m['b']} default",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^test\s+(?P<name>\w+)\s*(?P<at>(?:of|for|system|on|:|\()\s*(?P<system>\w+)\s*\)?)\s*\{",
+        "the system of a test is an item of it",
+        r"test \g<name> { system \g<system>;",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^rta\s+(?P<name>\w+)\s*(?P<at>[(:]\s*(?P<ac>\w+)\s*,\s*(?P<sc>\w+)\s*\)?)\s*\{",
+        "the controllers of a module are items of it",
+        r"rta \g<name> { ac \g<ac>; sc \g<sc>;",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^rta\s+(?P<name>\w+)\s*(?P<at>period\s+(?P<t>\w+))\s*\{",
+        "the period of a module is an item of it",
+        r"rta \g<name> { period \g<t>;",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?P<at>output|internal|local|global)\s+(?=topic\b)",
+        "`{0}` is no word of Soter: only what the environment sets is marked, as `input`",
+        "",
+        places=(TOP,),
+    ),
+    # items
+    idiom(
+        r"\b(?P<kind>node|module)\s+(?P<at>(?P<names>\w+(?:\s*,\s*\w+)+))(?=\s*;)",
+        "each part of a system is an item of its own",
+        lambda m: "; ".join(f"{m['kind']} {n.strip()}" for n in m["names"].split(",")),
+    ),
+    idiom(
+        r"(?P<at>\bnode\s+(?P<name>\w+)\s*:\s*(?P<what>\w+))(?=\s*;)",
+        "a node of a system goes by the name that it is declared with",
+        r"node \g<what>",
+    ),
+    idiom(
+        r"\b(?P<word>subscribes|publishes|reads)\s*(?P<at>[\[({]\s*(?P<names>[\w.]+(?:\s*,\s*[\w.]+)*)\s*"
+        r"[\])}])(?=\s*;)",
+        "the names of topics stand between commas, without brackets",
+        r"\g<word> \g<names>",
+    ),
+    idiom(
+        r"\b(?P<word>subscribes|publishes|reads)\s+(?P<names>[\w.]+)(?P<at>\s*(?::|as|->)\s*[\w.]+)(?=\s*;)",
+        "a topic goes by its name, and has the type that it is declared with",
+        r"\g<word> \g<names>",
+    ),
+    idiom(
+        r"\bpublishes\s+(?P<name>\w+)(?P<at>\s*=\s*[^;\n]+)(?=;)",
+        "`publishes` says which topics; a step gives the values",
+        r"publishes \g<name>",
+        places=(NODE,),
+    ),
+    idiom(
+        r"\bstep\s*(?P<at>\([^()\n]*\)\s*(?::|->\s*\w+)?|->|:)\s*(?=\{)",
+        "a step has no arguments and no result",
+        "step ",
+        places=(NODE,),
+    ),
+    idiom(
+        r"(?P<at>\b(?:def|void|function|fun|fn)\s+)step\s*(?:\([^()\n]*\))?\s*:?",
+        "a step begins with its own word",
+        "step",
+        places=(NODE,),
+    ),
+    idiom(
+        r"(?P<at>\b(?P<name>[a-zA-Z]\w*?)(?:_dot|dot|')|\bd(?P<other>\w+)|d/dt\s*(?P<third>\w+))\s*=(?!=)\s*"
+        r"(?P<what>[^;\n]+)(?=;)",
+        "a derivative is declared with `der`",
+        slope_of_a_state,
+        places=(PLANT,),
+    ),
+    idiom(
+        r"\b(?P<name>[A-Za-z]\w*)\s*(?P<at>[\[(]\s*\w+\s*\+\s*1\s*[\])])\s*=\s*(?P<what>[^;\n]+)(?=;)",
+        "the state after a period is declared with `next`",
+        lambda m: (
+            f"next {m['name']} = "
+            + re.sub(rf"\b({m['name']})\s*[\[(]\s*\w+\s*[\])]", r"\1", m["what"])
+        ),
+        places=(PLANT,),
+    ),
+    idiom(
+        r"\b(?P<name>[A-Za-z]\w*)\s*(?P<at>\+=)\s*(?P<what>[^;\n]+)(?=;)",
+        "a plant has equations: `der` for a derivative, `next` for the state after a period",
+        r"next \g<name> = \g<name> + \g<what>",
+        places=(PLANT,),
+    ),
+    idiom(
+        r"\b(?:always|never|safe|ttf|safer)\s+(?P<at>(?:forall|exists|all|any)\s+\w+\b[^;\n]*)(?=;)",
+        "there are no quantifiers",
+        None,
+        "ask for each element: `for i in 0..4 { always x[i] < 1.0; }` in a system",
+    ),
+    idiom(
+        _STATEMENT + r"(?P<at>\[\]|G|AG)\s*(?P<what>\([^;\n]+\))(?=;)",
+        "what holds all the time is asked with `always`",
+        r"always \g<what>",
+    ),
+    idiom(
+        _STATEMENT + r"(?P<at><>|F|AF|EF)\s*(?P<what>[^;\n]+)(?=;)",
+        "what holds at some time is asked in a test",
+        None,
+        "write `eventually x > 1.0 within 1s;` in a `test` block",
+    ),
+    idiom(
+        r"\binput\s+(?P<name>[\w.]+)\s+in\s*(?P<at>\[(?P<values>[^\[\]\n]+)\])",
+        "an input is given single values, in braces; all of its set without `in`",
+        r"input \g<name> in { \g<values> }",
+    ),
+    idiom(
+        r"\binput\s+(?P<name>\w+)\s*(?P<at>(?:at|@|rate|period)\s+)(?=\d)",
+        "how often an input changes stands behind `every`",
+        r"input \g<name> every ",
+    ),
+    idiom(
+        r"\breplace\s+(?P<a>[\w.]+)\s*(?P<at>with|=|->|to|for)\s*(?P<b>[\w.]+)(?=\s*;)",
+        "what takes the place stands behind `by`",
+        r"replace \g<a> by \g<b>",
+    ),
+    idiom(
+        _STATEMENT + r"(?P<at>--|%|;;|\(\*)\s*(?P<what>[^\n]*)$",
+        "a comment begins with `//`",
+        lambda m: f"// {m['what'].removesuffix('*)').strip()}",
     ),
     # declarations that only look like statements
     *(

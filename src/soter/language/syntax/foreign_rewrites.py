@@ -280,7 +280,7 @@ def matrix(match: re.Match[str]) -> str | None:
     """
     line = match.string[match.string.rfind("\n", 0, match.start()) + 1 : match.start()]
     around = line.rstrip()[-1:] + match.string[match.end() :].lstrip()[:1]
-    rows = [re.split(r"[ \t]+", row.strip()) for row in match["rows"].split(";")]
+    rows = [re.split(r"\s*,\s*|[ \t]+", row.strip()) for row in match["rows"].split(";")]
     ragged = len({len(row) for row in rows}) > 1
     if ragged or "*" in around or not re.match(r"-?[\d.]", rows[0][0]):
         return None
@@ -312,10 +312,38 @@ def member(match: re.Match[str]) -> str | None:
 
 def function_of(match: re.Match[str]) -> str | None:
     """`inside = lambda p: e` as the head of `fun inside(p: ...): bool { ... }`."""
-    names = next((match[g] for g in "abcde" if match[g] is not None), "")
+    groups = [g for g in ("a", "b", "c", "d", "e", "ps") if g in match.re.groupindex]
+    names = next((match[g] for g in groups if match[g] is not None), "")
     params = [n.split()[-1] for n in names.split(",") if n.strip()]
     result = "bool" if re.search(r"[<>!=]=?|&&|\|\||\band\b|\bor\b", match["what"]) else "float"
     listed = ", ".join(f"{n}: ..." for n in params)
     what = match["what"].strip("; }")
     shown = what if what and len(what) < _SHOWN_MAX else "..."
     return f"fun {match['name']}({listed}): {result} {{ return {shown}; }}"
+
+
+def one_of(match: re.Match[str]) -> str | None:
+    """`x in (A, B)` as `x == A || x == B`."""
+    values = [v.strip() for v in match["values"].split(",")]
+    sign, joint = ("!=", " && ") if match["at"].startswith("not") else ("==", " || ")
+    return f"({joint.join(' '.join((match['x'], sign, v)) for v in values)})"
+
+
+def typed_value(match: re.Match[str]) -> str | None:
+    """`state x = 0.0` as `state x: float = 0.0`."""
+    value = match["v"]
+    of = "bool" if value in ("true", "false") else "int" if value.lstrip("-").isdigit() else "float"
+    return f"{match['before']}: {of} = {value}{match['after']}"
+
+
+def cases(match: re.Match[str]) -> str | None:
+    """`type E = { A, B }` and `type E = A | B` as `type E = enum { A, B }`."""
+    names = ", ".join(re.findall(r"[A-Za-z_]\w*", match["cases"]))
+    return f"type {match['name']} = enum {{ {names} }}"
+
+
+def slope_of_a_state(match: re.Match[str]) -> str | None:
+    """`x_dot = e` and `dx = e` as `der x = e`, where the file has that state."""
+    name = match["name"] or match["other"] or match["third"]
+    declared = re.search(rf"\bstate\s+{name}\b", match.string)
+    return f"der {name} = {match['what']}" if declared else None

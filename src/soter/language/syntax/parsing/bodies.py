@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
-from soter.language.syntax.clause_words import INSTEAD, STATEMENTS, body_of
+from soter.language.syntax.clause_words import INSTEAD, NODE, STATEMENTS, body_of
 from soter.language.syntax.foreign_items import item_advice, item_meant
 from soter.language.syntax.parsing.misplaced import (
     assigned,
@@ -72,7 +72,8 @@ class BodyParser(StatementParser):
             self.i += 1
             return self.i - 1
         self.report("S005", f"expected `{{` to begin the body of {what}, found {self.found()}")
-        if self.texts[self.i] not in items:
+        stop = item_end(self)
+        if self.texts[self.i] not in items or self.kinds[stop] == "{":
             self.damaged = True
             self.skip_expression(self.i, stop_at_brace=True)
             if self.kinds[self.i] == "{":
@@ -237,6 +238,9 @@ class BodyParser(StatementParser):
             helps = assigned(self, body)
         self.report("S010", message, notes=(STATEMENTS[body],), helps=helps)
         self.damaged = True
+        while body != NODE and self._at_statement() and self.texts[self.i] not in items:
+            self.advance()
+            self.skip_statement()
         while self._at_statement() and self.texts[self.i] not in items:
             self.quiet = -1
             self._recovering([], self.kinds[self.i])

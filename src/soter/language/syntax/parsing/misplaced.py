@@ -24,7 +24,7 @@ from soter.language.syntax.clause_words import (
     is_clause,
     misplaced,
 )
-from soter.language.syntax.tokens import EOF, NAME, lex
+from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, STRING, lex
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
@@ -32,10 +32,8 @@ if TYPE_CHECKING:
     from soter.diagnostics.fix import Help
     from soter.language.syntax.parsing.token_cursor import Cursor
 
-TRIALS_MAX = 8
-"""So many edits of one file are tried; each reads the file once more."""
-_TRIED_MAX = 100_000
-"""Longer files are not read again, in characters."""
+TRIED_MAX = 400_000
+"""So many characters are read again for the edits of one file that are tried."""
 
 _RATES = ("by", "at", "per", "for")
 #: The clauses of an item, in their order.
@@ -54,11 +52,29 @@ _ORDERS: dict[str, tuple[str, ...]] = {
     "grid": ("in", "/", "open"),
 }
 _LEADERS = frozenset(
-    [*_ORDERS, "subscribes", "publishes", "reads", "drives", "publish", "type", "fun", "measured"]
+    [
+        *_ORDERS,
+        "subscribes",
+        "publishes",
+        "reads",
+        "drives",
+        "publish",
+        "type",
+        "fun",
+        "measured",
+        "rta",
+        "system",
+        "test",
+    ]
 )
 _CLOSERS = {"}": "{", "]": "[", ")": "("}
 _SAME_LINE = frozenset(["S004", "S005", "S007", "S016"])
 _ITEMS = frozenset(["S009", "S010", "S011"])
+
+
+def may_try(cursor: Cursor) -> bool:
+    """Whether the file may be read once more."""
+    return cursor.tried + len(cursor.source.text) <= TRIED_MAX
 
 
 def leads_on(cursor: Cursor, fix: Fix, start: int, end: int) -> bool:
@@ -67,12 +83,12 @@ def leads_on(cursor: Cursor, fix: Fix, start: int, end: int) -> bool:
     True where so many edits were tried before that this one is not.
     """
     text = cursor.source.text
-    if cursor.trials >= TRIALS_MAX or len(text) > _TRIED_MAX:
+    if not may_try(cursor):
         return True
-    cursor.trials += 1
+    cursor.tried += len(text)
     (written,) = applied(fix).values()
     trial = type(cursor)(lex(Source(cursor.source.name, written)))
-    trial.trials = TRIALS_MAX
+    trial.tried = TRIED_MAX
     trial.file()
     end += len(written) - len(text)
     problems = trial.tokens.problems + trial.problems
@@ -90,6 +106,8 @@ def out_of_place(
     """
     if code in _SAME_LINE:
         leader = _leader(cursor)
+        if helps and leader is not None and cursor.texts[leader] in ("node", "plant"):
+            return _reordered(cursor, leader)
         said = None if leader is None else _reordered(cursor, leader)
         if said is not None or cursor.new_line():
             return said
@@ -148,7 +166,7 @@ def _reordered(cursor: Cursor, leader: int) -> tuple[Diagnostic, int] | None:
     joined = head + "".join(p if p[0] == ":" else f" {p}" for p in parts)
     stop = ";" if cursor.kinds[end] == ";" else " { ... }"
     fix = Fix(f"write `{' '.join(joined.split())}{stop}`", (Edit(whole, joined),))
-    if cursor.trials >= TRIALS_MAX or not leads_on(cursor, fix, whole.start, whole.end):
+    if not may_try(cursor) or not leads_on(cursor, fix, whole.start, cursor.ends[end]):
         return None
     message = f"`{words[starts.index(late)]}` stands too early in this `{cursor.texts[leader]}`"
     shown = ", ".join(f"`{w}`" for w in order if w in words)
@@ -174,6 +192,61 @@ def _clauses(
             starts.append(i)
         i += 1
     return starts, i
+
+
+# ---------------------------------------------------------------- one token
+
+
+_EXPECTED = re.compile(r"expected (?:`([^`]+)`|:)(?: or `([^`]+)`)?")
+_INSERTED = frozenset(["=", ":", ",", ")", "]", "by", "in", "within", "every", "as", "takeover"])
+#: What people put between words, and no value: it may be left out, or stand for what is expected.
+_FILLERS = frozenset(
+    ["=", ":", ",", "->", "=>", "/", "with", "to", "of", "is", "be", "then", "do", "at", "struct",
+     "record", "the", "from", "using", "by", "as", "==", ":=", "class"]
+)  # fmt: skip
+
+
+_VALUES = frozenset([NAME, INT, FLOAT, DURATION, STRING, "(", "[", "{", "true", "false", "float",
+                     "int", "bool", "duration", "-"])  # fmt: skip
+_ASSIGNMENT = re.compile(r"expected `=` after `\w+`")
+
+
+def repaired(cursor: Cursor, code: Code, message: str) -> Fix | None:
+    """The item at the cursor with one token more, less or other, where that makes it right."""
+    i = cursor.i
+    text = cursor.source.text
+    kind, word = cursor.kinds[i], cursor.texts[i]
+    token = cursor.token_span(i)
+    found = _EXPECTED.match(message)
+    expected = [e for e in (found.groups() if found else ()) if e in _INSERTED]
+    edits: list[Edit] = []
+    if word in _FILLERS and not (code == "S007" and word != ":"):
+        edits += [Edit(token, e) for e in expected if e != word and (e, word) != (":", ",")]
+        edits.append(Edit(token, ""))
+    elif kind == STRING:
+        edits.append(Edit(token, word.strip('"')))
+    if kind in _VALUES and not _ASSIGNMENT.match(message):
+        before = Span(cursor.source, token.start, token.start)
+        edits += [Edit(before, f"{e} ") for e in expected]
+    line = text.rfind("\n", 0, token.start) + 1
+    stop = text.find("\n", token.end)
+    stop = len(text) if stop < 0 else stop
+    for edit in edits:
+        if not may_try(cursor):
+            return None
+        fix = Fix("", (edit,))
+        if leads_on(cursor, fix, line, stop):
+            (written,) = applied(fix).values()
+            shown = " ".join(written[line : stop + len(written) - len(text)].split())
+            return Fix(f"write `{_tidy(shown)}`", (edit,))
+    return None
+
+
+def _tidy(line: str) -> str:
+    """A line without blanks before signs, its body left out, as far as its item goes."""
+    line = re.sub(r" +([:;,)\]])", r"\1", re.sub(r"\( +", "(", line))
+    line = re.sub(r"(?<=[\w)\]])=(?= )", " =", line)
+    return re.sub(r"\{[^{}=:]*$", "{ ... }", line)
 
 
 # ---------------------------------------------------------------- words of elsewhere

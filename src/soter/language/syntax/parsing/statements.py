@@ -54,6 +54,33 @@ _NO_STATEMENT = {
     "repeat": "every loop has a constant bound: `for i in 0..10 { ... }`",
     "try": "a failing step publishes nothing and keeps its locals: no handlers are needed",
     "pass": "an empty block is `{ }`",
+    **dict.fromkeys(
+        ["raise", "throw", "abort", "exit", "panic"],
+        "say what must hold, `assert x < 1.0;`: a failing step publishes nothing",
+    ),
+    **dict.fromkeys(
+        ["catch", "except", "finally", "with", "async", "await", "yield", "defer"],
+        "leave it out: a step runs to its end, and a failing one publishes nothing",
+    ),
+    **dict.fromkeys(["global", "nonlocal"], "leave it out: variables of the node are seen in it"),
+    **dict.fromkeys(["del", "delete", "free"], "leave it out: nothing is allocated at run time"),
+    **dict.fromkeys(["case", "default", "when"], "write `if ... elseif ... else`"),
+    "unless": "write `if !(condition) { ... }`",
+    **dict.fromkeys(
+        ["def", "function", "func", "fn", "class", "struct", "enum", "import"],
+        "declare it beside the nodes, at the top level of the file",
+    ),
+    **dict.fromkeys(
+        ["emit", "send", "output", "write", "emits", "signal"], "write `publish speed = 1.0;`"
+    ),
+    **dict.fromkeys(
+        ["wait", "sleep", "delay"],
+        "leave it out: the period of the node says when the next step begins",
+    ),
+    **dict.fromkeys(
+        ["end", "endif", "endfor", "fi", "done", "begin", "endwhile"],
+        "a block begins with `{` and ends with `}`",
+    ),
 }
 
 

@@ -15,7 +15,7 @@ from soter.diagnostics.fix import append, replace
 from soter.diagnostics.near import closest
 from soter.diagnostics.span import Span
 from soter.language.syntax.foreign_idioms import find, place_of
-from soter.language.syntax.parsing.misplaced import leads_on, out_of_place
+from soter.language.syntax.parsing.misplaced import leads_on, out_of_place, repaired
 from soter.language.syntax.tokens import (
     DURATION,
     EOF,
@@ -57,7 +57,14 @@ _DECLARATION_WORDS = frozenset(
      "import"]
 )  # fmt: skip
 
+#: Errors of one token, which may be one too many, or lack one before it.
+_REPAIRED = frozenset(["S004", "S005", "S006", "S007", "S008"])
+
 _LITERALS = frozenset([NAME, INT, FLOAT, DURATION, ERROR])
+
+
+_BETWEEN = "two values on a line have an operator between them, two items a `;`"
+_SECOND = "what follows the `,` is an item or a statement of its own, with a word of its own"
 
 
 class Panic(Exception):  # noqa: N818 - control flow inside the parser, never seen outside
@@ -92,7 +99,7 @@ class Cursor:
         "texts",
         "tight",
         "tokens",
-        "trials",
+        "tried",
         "without_period",
     )
 
@@ -115,7 +122,7 @@ class Cursor:
         self.damaged = False  # the declaration at hand lost something
         self.without_period = ""  # "node `A`", whose head has no period: that was told
         self.misused: set[str] = set()  # reserved words the user takes for names
-        self.trials = 0  # edits of this file that were tried
+        self.tried = 0  # characters that were read again to try edits
         # For the printer: braces that open a block, brackets and signs that cling, and the
         # colons of `? :`, which do not.
         self.opened: list[int] = []
@@ -183,6 +190,9 @@ class Cursor:
         self._another_language(span)
         if self._out_of_place(code, notes, helps):
             return
+        if code in _REPAIRED and not helps:
+            fix = repaired(self, code, message)
+            helps = () if fix is None else (fix,)
         labels = tuple(Label(s, t) for s, t in also)
         self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
 
@@ -358,7 +368,12 @@ class Cursor:
         message = f"expected `;` after {after}, found {self.found()}"
         if not helps and self.new_line() and self.fresh_start():
             helps = (append(self.after_previous(), ";", "put `;` here"),)
-        self.report("S004", message, self.after_previous(), "`;` is missing here", helps=helps)
+        if self.new_line() or self.kinds[self.i] in ("}", EOF) or self.fresh_start():
+            label, notes = "`;` is missing here", ()
+        else:
+            label = f"{after} ends here"
+            notes = (_SECOND if self.kinds[self.i] == "," else _BETWEEN,)
+        self.report("S004", message, self.after_previous(), label, notes=notes, helps=helps)
 
     def fresh_start(self) -> bool:
         """Whether what follows looks like the next statement, item or end: nothing to skip."""
