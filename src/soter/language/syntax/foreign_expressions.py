@@ -21,6 +21,7 @@ from soter.language.syntax.foreign_rewrites import (
     one_of,
     part_of_a_list,
     positional,
+    product,
     record_value,
     slope_of_a_state,
     together,
@@ -280,10 +281,10 @@ EXPRESSIONS = (
         lambda m: f"{float(m['n']) / 100:.12g}",
     ),
     idiom(
-        r"(?<![\w.])(?P<n>\d[\d.]*)(?P<at>\s+)(?P<x>(?!(?:ns|us|ms|s|min|h|Hz|in|as|to|unit|max_age"
-        r"|every|at|per|for|by|within|and|or|hold|queue|drop_\w+|delayed|if|else)\b)[A-Za-z_]\w*)",
+        r"(?<![\w.])(?P<n>\d[\d.]*)(?P<at>[ \t]+)(?P<x>[A-Za-z_]\w*)",
         "a product is written with `*`",
-        r"\g<n> * \g<x>",
+        product,
+        places=(*_BODIES, PLANT, TOP),
     ),
     idiom(
         r"(?P<at>\.(?:\*|/|\^)|<<|>>|\?\?|\?\.|<=>)",
@@ -348,11 +349,17 @@ EXPRESSIONS = (
         r"\g<before> = \g<v>",
     ),
     idiom(
-        r"(?P<before>\b(?:topic|state|disturbance|param)\b[^;\n]*?)(?:\bin\b\s*)?"
-        r"(?P<at>(?:range|limits|bounds|within|between|from)?\s*[\[(]?\s*(?P<low>-?[\w.]+)\s*"
-        r"(?:,|\.\.=?|;|\bto\b|\band\b)\s*(?P<high>-?[\w.]+)\s*[\])]?)",
+        r"(?P<before>\b(?:topic|state|disturbance|param)\b[^;\n]*?)"
+        r"(?P<at>\b(?:in\s+(?![\[({])|(?:range|limits|bounds|between|from)\s*[\[(]?\s*)"
+        r"(?P<low>-?[\dA-Z][\w.]*?)\s*(?:,|\.\.=?|\bto\b|\band\b)\s*(?P<high>-?[\dA-Z][\w.]*)"
+        r"\s*[\])]?)",
         "a range is written `in [low, high]`",
         r"\g<before>in [\g<low>, \g<high>]",
+    ),
+    idiom(
+        r"\b(?P<before>(?:var|let)\s+\w+)(?P<at>\s+)(?P<type>float|int|bool|duration)\b",
+        "the type stands behind the name and `:`",
+        r"\g<before>: \g<type>",
     ),
     idiom(
         r"(?P<before>\bdisturbance\s+\w+)\s*(?::\s*float)?\s*(?P<at>(?:\+-|\+/-|=|\u00b1)\s*"

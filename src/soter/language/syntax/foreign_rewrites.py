@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from soter.language.syntax.clause_words import PLACES
 from soter.language.syntax.foreign_words import LIBRARIES, function_meant, type_meant
 
 if TYPE_CHECKING:
@@ -347,3 +348,16 @@ def slope_of_a_state(match: re.Match[str]) -> str | None:
     name = match["name"] or match["other"] or match["third"]
     declared = re.search(rf"\bstate\s+{name}\b", match.string)
     return f"der {name} = {match['what']}" if declared else None
+
+
+_BETWEEN = frozenset(
+    ["in", "as", "to", "and", "or", "if", "else", "at", "by", "for", "per", "mod", "is", "not",
+     "open", "init", "with", "implies", "between", *PLACES]
+)  # fmt: skip
+
+
+def product(match: re.Match[str]) -> str | None:
+    """`2 x` as `2 * x`, unless the word is one of the language or a unit of time."""
+    word = match["x"]
+    unit = re.fullmatch(r"(?:[num]?s|min|h|hz|Hz|sec\w*|m|deg|rad)", word)
+    return None if unit or word in _BETWEEN else f"{match['n']} * {word}"

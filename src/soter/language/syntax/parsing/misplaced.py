@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 TRIED_MAX = 400_000
 """So many characters are read again for the edits of one file that are tried."""
 
+_SHOWN_MAX = 90
+"""So many characters of a line are shown."""
+
 _RATES = ("by", "at", "per", "for")
 #: The clauses of an item, in their order.
 _ORDERS: dict[str, tuple[str, ...]] = {
@@ -238,7 +241,10 @@ def repaired(cursor: Cursor, code: Code, message: str) -> Fix | None:
         if leads_on(cursor, fix, line, stop):
             (written,) = applied(fix).values()
             shown = " ".join(written[line : stop + len(written) - len(text)].split())
-            return Fix(f"write `{_tidy(shown)}`", (edit,))
+            if len(shown) < _SHOWN_MAX:
+                return Fix(f"write `{_tidy(shown)}`", (edit,))
+            put = f"write `{edit.text}`" if edit.span.text else f"put `{edit.text.strip()}` here"
+            return Fix(put if edit.text else "leave it out", (edit,))
     return None
 
 

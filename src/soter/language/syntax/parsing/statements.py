@@ -65,6 +65,10 @@ _NO_STATEMENT = {
     **dict.fromkeys(["global", "nonlocal"], "leave it out: variables of the node are seen in it"),
     **dict.fromkeys(["del", "delete", "free"], "leave it out: nothing is allocated at run time"),
     **dict.fromkeys(["case", "default", "when"], "write `if ... elseif ... else`"),
+    **dict.fromkeys(
+        ["static", "volatile", "persistent", "mutable", "private", "public"],
+        "a variable that lasts is declared in the node, beside its step: `var n: int = 0;`",
+    ),
     "unless": "write `if !(condition) { ... }`",
     **dict.fromkeys(
         ["def", "function", "func", "fn", "class", "struct", "enum", "import"],
