@@ -109,7 +109,7 @@ EXPRESSIONS = (
     ),
     idiom(
         r"\bfor\s*\(?\s*(?P<x>\w+)\s*(?P<at>(?:=|from|in)\s*(?P<low>\w+)\s*(?:to|through|:)\s*"
-        r"(?P<high>\w+))\s*\)?(?:\s*(?:do|loop|then)\b)?",
+        r"(?P<high>\w+))(?:\s*\))?(?:\s*(?:do|loop|then)\b)?",
         "a loop counts over a range, whose end is left out",
         loop_to,
     ),
@@ -387,14 +387,14 @@ EXPRESSIONS = (
     idiom(
         r"^type\s+(?P<name>\w+)\s*(?P<at>=\s*(?:enum\b\s*)?[{(\[]?\s*(?P<cases>\w+(?:\s*[,|]\s*\w+)+)\s*"
         r"[})\]]?)\s*(?=;)",
-        "the cases of a type stand in `enum { ... }`",
+        "the cases of a type stand behind `enum`, in braces",
         cases,
         places=(TOP,),
     ),
     idiom(
         r"^type\s+\w+\s*=\s*enum\s*\{(?P<at>[^{}\n]*=[^{}\n]*)\}",
         "the cases of an `enum` have no numbers",
-        lambda m: re.sub(r"\s*=\s*\w+", "", m[0]),
+        lambda m: m[0].replace(m["at"], re.sub(r"\s*=\s*\w+", "", m["at"])),
         places=(TOP,),
     ),
     idiom(
@@ -413,7 +413,7 @@ EXPRESSIONS = (
     ),
     idiom(
         r"^(?P<kind>node|plant)\s+(?P<name>\w+)\s*(?P<at>[(:@]?\s*(?:period|every|at|rate|freq\w*|with)?"
-        r"\s*[=:(]?\s*(?P<t>\d+(?:ns|us|ms|s))\s*\)?)(?=\s*\{)",
+        r"\s*[=:(]?\s*(?P<t>\d+(?:ns|us|ms|s))(?:\s*\))?)(?=\s*\{)",
         "the period stands behind the name",
         r"\g<kind> \g<name> period \g<t>",
         places=(TOP,),

@@ -127,7 +127,7 @@ def test_a_clause_of_another_item_is_never_a_missing_semicolon(
     body: str, item: str, clause: str
 ) -> None:
     first, *_ = errors(BODIES[body].format(f"{item} {clause};"))
-    word = clause.split()[0]
+    word = clause.split(maxsplit=1)[0]
     if clause in ("default", "drop_oldest"):  # one word, which may be a name
         return
     assert first.primary is not None
@@ -157,7 +157,9 @@ def test_a_range_where_none_stands_is_told_what_to_do(body: str, item: str) -> N
 
 
 def test_a_clause_of_a_topic_behind_its_name_moves_to_its_declaration() -> None:
-    text = "topic speed: float = 0.0;\nnode N period 10ms { subscribes speed max_age 30ms; step { } }"
+    text = (
+        "topic speed: float = 0.0;\nnode N period 10ms { subscribes speed max_age 30ms; step { } }"
+    )
     (first,) = errors(text)
     (fix,) = first.fixes
     (mended,) = applied(fix).values()
@@ -327,7 +329,7 @@ def test_what_soter_has_no_item_for_is_told_what_to_do(body: str, item: str) -> 
     first, *_ = errors(BODIES[body].format(item))
     assert first.helps
     assert first.primary is not None
-    assert first.primary.span.text == item.split()[0]
+    assert first.primary.span.text == item.split(maxsplit=1)[0]
 
 
 def test_the_bodies_are_told_apart_by_their_items() -> None:

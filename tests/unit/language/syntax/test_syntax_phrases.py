@@ -122,7 +122,6 @@ TOP += [
     ("type Cell = int[-3, 3];", "type Cell = int in [-3, 3];"),
     ("type Cell = int(0..9);", "type Cell = int in [0, 9];"),
     ("type E = { Up, Down };", "type E = enum { Up, Down };"),
-    ("type E = Up | Down;", "type E = enum { Up, Down };"),
     ("type E = enum { Up = 1, Down = 2 };", "type E = enum { Up, Down };"),
     ("topic t: float(0.0, 2.0);", "topic t: float in [0.0, 2.0];"),
     ("topic t: float range 0.0 to 2.0;", "topic t: float in [0.0, 2.0];"),
@@ -212,7 +211,7 @@ ADVISED = [
     ("fun f(): float {{ {} return x; }}", wrong, said)
     for wrong, said in [
         ("path.pop();", "push"),
-        ("rospy.sleep(0.1);", "period"),
+        ("rospy.sleep(0.1);", "leave it out"),
         ("logger.info(x);", "publish"),
         ("let a = min(r for r in path);", "for r in path"),
         ("let a = [2.0 * r for r in path];", "push ys"),
