@@ -85,7 +85,7 @@ EXPRESSIONS = (
     ),
     # loops
     idiom(
-        r"(?P<fun>\b[A-Za-z_]\w*)?\s*(?P<at>[\[(][^;=\n]*?\bfor\s+(?P<x>\w+)\s+in\s+"
+        r"(?P<fun>\b[A-Za-z_]\w*)?\s*(?P<at>[\[(][^;={}:\n]*?\bfor\s+(?P<x>\w+)\s+in\s+"
         r"(?P<xs>[\w.]+)[^;\n]*?[\])])",
         "there are no comprehensions: a loop computes it",
         together,
@@ -281,7 +281,7 @@ EXPRESSIONS = (
         lambda m: f"{float(m['n']) / 100:.12g}",
     ),
     idiom(
-        r"(?<![\w.])(?P<n>\d[\d.]*)(?P<at>[ \t]+)(?P<x>[A-Za-z_]\w*)",
+        r"(?<![\w.])(?P<n>\d[\d.]*)(?P<at>[ \t]+)(?P<x>[A-Za-z_]\w*)(?=\s*[-+*/;),])",
         "a product is written with `*`",
         product,
         places=(*_BODIES, PLANT, TOP),
@@ -480,6 +480,7 @@ EXPRESSIONS = (
         r"\bstep\s*(?P<at>\([^()\n]*\)\s*(?::|->\s*\w+)?|->|:)\s*(?=\{)",
         "a step has no arguments and no result",
         "step ",
+        "leave them out: `step { ... }`",
         places=(NODE,),
     ),
     idiom(

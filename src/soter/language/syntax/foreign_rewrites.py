@@ -207,13 +207,13 @@ def together(match: re.Match[str]) -> str | None:
     if re.match(r"\[\s*-?[\d.]+\s+for\b", match["at"]):
         return None  # `comprehension` writes the elements
     if xs == "range":
-        return f"write `for {x} in 0..4 {{ ... }}` before it"
+        return f"a loop stands before it: `for {x} in 0..4 {{ ... }}`"
     if match["at"][0] == "[":
-        return f"write `var ys: float[<=8];` and `for {x} in {xs} {{ push ys, ...; }}` before it"
+        return f"before it stand `var ys: float[<=8];` and `for {x} in {xs} {{ push ys, ...; }}`"
     name, start = {
         "sum": ("sum", "0.0"), "any": ("found", "false"), "all": ("all", "true")
     }.get(match["fun"] or "", ("best", f"{xs}[0]"))  # fmt: skip
-    return f"write `var {name} = {start};` and `for {x} in {xs} {{ {name} = ...; }}` before it"
+    return f"before it stand `var {name} = {start};` and `for {x} in {xs} {{ {name} = ...; }}`"
 
 
 def loop_over(match: re.Match[str]) -> str | None:
