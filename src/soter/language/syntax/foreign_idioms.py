@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import Edit, Fix
 from soter.diagnostics.span import Span
+from soter.language.syntax.foreign_declarations import DECLARATIONS
 from soter.language.syntax.foreign_expressions import EXPRESSIONS
 from soter.language.syntax.foreign_phrases import FUNCTION, IDIOMS, MODULE, NODE, PLANT, TOP
 
@@ -63,7 +64,7 @@ def find(
     line = text.rfind("\n", 0, at) + 1
     end = text.find("\n", at)
     end = len(text) if end < 0 else end
-    for idiom in (*EXPRESSIONS, *IDIOMS):
+    for idiom in (*DECLARATIONS, *EXPRESSIONS, *IDIOMS):
         if idiom.places and place not in idiom.places:
             continue
         far = len(text) if idiom.pattern.flags & re.DOTALL else end

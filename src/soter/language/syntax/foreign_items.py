@@ -1,7 +1,7 @@
 """Items that other languages and tools have where Soter has another one, body by body.
 
 Purpose: which item a word stands for that leads one in ROS, Simulink, Gym or a textbook, and what
-is said where there is none.
+is said where there is none, or no such statement.
 Non-goals: words of Soter in a wrong place (`clause_words.py`).
 """
 
@@ -85,6 +85,53 @@ _ADVICE: dict[tuple[str, str], str] = {
     **dict.fromkeys(
         [(SYSTEM, w) for w in ("dt", "rate", "clock")],
         "nodes and plants have periods of their own: `node Fast period 10ms { ... }`",
+    ),
+}
+
+#: What is said of words that begin a statement in other languages.
+NO_STATEMENT = {
+    "break": "loops always run to their end: guard the body with `if`",
+    "continue": "loops always run to their end: guard the body with `if`",
+    "switch": "write `if ... elseif ... else`",
+    "match": "write `if ... elseif ... else`",
+    "print": "publish the value, or read it in the log: every topic is logged",
+    "printf": "publish the value, or read it in the log: every topic is logged",
+    "goto": "there are only `if` and `for`",
+    "do": "every loop has a constant bound: `for i in 0..10 { ... }`",
+    "loop": "every loop has a constant bound: `for i in 0..10 { ... }`",
+    "repeat": "every loop has a constant bound: `for i in 0..10 { ... }`",
+    "try": "a failing step publishes nothing and keeps its locals: no handlers are needed",
+    "pass": "an empty block is `{ }`",
+    **dict.fromkeys(
+        ["raise", "throw", "abort", "exit", "panic"],
+        "say what must hold, `assert x < 1.0;`: a failing step publishes nothing",
+    ),
+    **dict.fromkeys(
+        ["catch", "except", "finally", "with", "async", "await", "yield", "defer"],
+        "leave it out: a step runs to its end, and a failing one publishes nothing",
+    ),
+    **dict.fromkeys(["global", "nonlocal"], "leave it out: variables of the node are seen in it"),
+    **dict.fromkeys(["del", "delete", "free"], "leave it out: nothing is allocated at run time"),
+    **dict.fromkeys(["case", "default", "when"], "write `if ... elseif ... else`"),
+    **dict.fromkeys(
+        ["static", "volatile", "persistent", "mutable", "private", "public"],
+        "a variable that lasts is declared in the node, beside its step: `var n: int = 0;`",
+    ),
+    "unless": "write `if !(condition) { ... }`",
+    **dict.fromkeys(
+        ["def", "function", "func", "fn", "class", "struct", "enum", "import"],
+        "declare it beside the nodes, at the top level of the file",
+    ),
+    **dict.fromkeys(
+        ["emit", "send", "output", "write", "emits", "signal"], "write `publish speed = 1.0;`"
+    ),
+    **dict.fromkeys(
+        ["wait", "sleep", "delay"],
+        "leave it out: the period of the node says when the next step begins",
+    ),
+    **dict.fromkeys(
+        ["end", "endif", "endfor", "fi", "done", "begin", "endwhile"],
+        "a block begins with `{` and ends with `}`",
     ),
 }
 

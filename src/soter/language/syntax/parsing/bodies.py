@@ -21,6 +21,8 @@ from soter.language.syntax.parsing.misplaced import (
     at_word_of_elsewhere,
     item_end,
     leads_on,
+    out_of_place,
+    repaired,
 )
 from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
@@ -31,6 +33,8 @@ from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visibl
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from soter.diagnostics.codes import Code
+    from soter.diagnostics.diagnostic import Diagnostic
     from soter.diagnostics.fix import Fix, Help
     from soter.language.syntax.tokens import Tokens
 
@@ -62,6 +66,20 @@ class BodyParser(StatementParser):
         """The name of the declaration at hand."""
         self.declared = self.name(what)
         return self.declared
+
+    # ------------------------------------------------------------ what is tried
+
+    def _leads_on(self, fix: Fix) -> bool:
+        (edit,) = fix.edits
+        return leads_on(self, fix, edit.span.start, edit.span.end)
+
+    def _elsewhere(
+        self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
+    ) -> tuple[Diagnostic, int] | None:
+        return out_of_place(self, code, notes, helps)
+
+    def _repaired(self, code: Code, message: str) -> Fix | None:
+        return repaired(self, code, message)
 
     # ------------------------------------------------------------ items
 

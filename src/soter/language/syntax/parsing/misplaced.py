@@ -234,11 +234,12 @@ def repaired(cursor: Cursor, code: Code, message: str) -> Fix | None:
     line = text.rfind("\n", 0, token.start) + 1
     stop = text.find("\n", token.end)
     stop = len(text) if stop < 0 else stop
+    following = max(text.find("\n", stop + 1), stop)
     for edit in edits:
         if not may_try(cursor):
             return None
         fix = Fix("", (edit,))
-        if leads_on(cursor, fix, line, stop):
+        if leads_on(cursor, fix, line, following):
             (written,) = applied(fix).values()
             shown = " ".join(written[line : stop + len(written) - len(text)].split())
             if len(shown) < _SHOWN_MAX:

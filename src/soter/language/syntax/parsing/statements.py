@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from soter.diagnostics.fix import replace
 from soter.language.syntax import tree
+from soter.language.syntax.foreign_items import NO_STATEMENT
 from soter.language.syntax.parsing.expressions import ExpressionParser
 from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
 from soter.language.syntax.parsing.nesting import unclosed
@@ -41,51 +42,6 @@ _ELSEIF = frozenset(["elif", "elsif", "else_if"])
 _VALUES = frozenset([INT, FLOAT, DURATION, "true", "false", "(", "-"])
 #: What may follow the name of a variable that is assigned.
 PLACE_FOLLOWS = frozenset(["=", ".", "[", ":="])
-_NO_STATEMENT = {
-    "break": "loops always run to their end: guard the body with `if`",
-    "continue": "loops always run to their end: guard the body with `if`",
-    "switch": "write `if ... elseif ... else`",
-    "match": "write `if ... elseif ... else`",
-    "print": "publish the value, or read it in the log: every topic is logged",
-    "printf": "publish the value, or read it in the log: every topic is logged",
-    "goto": "there are only `if` and `for`",
-    "do": "every loop has a constant bound: `for i in 0..10 { ... }`",
-    "loop": "every loop has a constant bound: `for i in 0..10 { ... }`",
-    "repeat": "every loop has a constant bound: `for i in 0..10 { ... }`",
-    "try": "a failing step publishes nothing and keeps its locals: no handlers are needed",
-    "pass": "an empty block is `{ }`",
-    **dict.fromkeys(
-        ["raise", "throw", "abort", "exit", "panic"],
-        "say what must hold, `assert x < 1.0;`: a failing step publishes nothing",
-    ),
-    **dict.fromkeys(
-        ["catch", "except", "finally", "with", "async", "await", "yield", "defer"],
-        "leave it out: a step runs to its end, and a failing one publishes nothing",
-    ),
-    **dict.fromkeys(["global", "nonlocal"], "leave it out: variables of the node are seen in it"),
-    **dict.fromkeys(["del", "delete", "free"], "leave it out: nothing is allocated at run time"),
-    **dict.fromkeys(["case", "default", "when"], "write `if ... elseif ... else`"),
-    **dict.fromkeys(
-        ["static", "volatile", "persistent", "mutable", "private", "public"],
-        "a variable that lasts is declared in the node, beside its step: `var n: int = 0;`",
-    ),
-    "unless": "write `if !(condition) { ... }`",
-    **dict.fromkeys(
-        ["def", "function", "func", "fn", "class", "struct", "enum", "import"],
-        "declare it beside the nodes, at the top level of the file",
-    ),
-    **dict.fromkeys(
-        ["emit", "send", "output", "write", "emits", "signal"], "write `publish speed = 1.0;`"
-    ),
-    **dict.fromkeys(
-        ["wait", "sleep", "delay"],
-        "leave it out: the period of the node says when the next step begins",
-    ),
-    **dict.fromkeys(
-        ["end", "endif", "endfor", "fi", "done", "begin", "endwhile"],
-        "a block begins with `{` and ends with `}`",
-    ),
-}
 
 
 class StatementParser(ExpressionParser):
@@ -198,7 +154,9 @@ class StatementParser(ExpressionParser):
         if self.kinds[self.i] in ("{", "..") or self._at_statement():
             return result
         message = f"expected `{{` after {what}, found {self.found()}"
-        self.report("S005", message)
+        indented = self.kinds[self.i] == ":" and self.kinds[self.i + 1] != "{"
+        braces = ("a block stands in braces: `if x > 0.0 { ... }`",)
+        self.report("S005", message, helps=braces if indented else ())
         self.skip_expression(start, stop_at_brace=True)
         if self.kinds[self.i] != "{":
             raise Panic
@@ -310,9 +268,9 @@ class StatementParser(ExpressionParser):
             raise self.failure("S011", f"expected a statement, found `{visible(word)}`")
         if following in PLACE_FOLLOWS:
             return None
-        if word in _NO_STATEMENT:
+        if word in NO_STATEMENT:
             message = f"`{word}` is no statement of Soter"
-            raise self.failure("S011", message, helps=(_NO_STATEMENT[word],))
+            raise self.failure("S011", message, helps=(NO_STATEMENT[word],))
         if word in _ELSEIF:
             raise self.failure("S015", f"`{word}` is no word of Soter", helps=("write `elseif`",))
         if following in (NAME, INT) or following in RESERVED:

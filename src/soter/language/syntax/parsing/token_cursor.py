@@ -15,7 +15,6 @@ from soter.diagnostics.fix import append, replace
 from soter.diagnostics.near import closest
 from soter.diagnostics.span import Span
 from soter.language.syntax.foreign_idioms import find, place_of
-from soter.language.syntax.parsing.misplaced import leads_on, out_of_place, repaired
 from soter.language.syntax.tokens import (
     DURATION,
     EOF,
@@ -191,7 +190,7 @@ class Cursor:
         if self._out_of_place(code, notes, helps):
             return
         if code in _REPAIRED and not helps:
-            fix = repaired(self, code, message)
+            fix = self._repaired(code, message)
             helps = () if fix is None else (fix,)
         labels = tuple(Label(s, t) for s, t in also)
         self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
@@ -214,12 +213,21 @@ class Cursor:
 
     def _leads_on(self, fix: Fix) -> bool:
         """Whether an edit leaves no syntax error in what it writes."""
-        (edit,) = fix.edits
-        return leads_on(self, fix, edit.span.start, edit.span.end)
+        raise NotImplementedError
+
+    def _elsewhere(
+        self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
+    ) -> tuple[Diagnostic, int] | None:
+        """What is said of a word of Soter in a wrong place, and the token behind it."""
+        raise NotImplementedError
+
+    def _repaired(self, code: Code, message: str) -> Fix | None:
+        """The edit of one token that mends the item at the cursor."""
+        raise NotImplementedError
 
     def _out_of_place(self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]) -> bool:
         """Tell a word of Soter that does not belong here; Panic behind clauses in a wrong order."""
-        said = out_of_place(self, code, notes, helps)
+        said = self._elsewhere(code, notes, helps)
         if said is None:
             return False
         problem, after = said
