@@ -271,6 +271,7 @@ EXPRESSIONS = (
         "whether a value is in a range is asked by two comparisons",
         r"\g<low> <= \g<x> && \g<x> <= \g<high>",
     ),
+    idiom(r"(?P<at>~=|=/=)", "`{0}` is not an operator of Soter", "!="),
     idiom(r"(?P<at>=<)(?!=)", "`{0}` is not an operator of Soter", "<="),
     idiom(
         r"(?P<at>(?P<n>\d[\d.]*)\s*%)(?=\s*[;,)])",

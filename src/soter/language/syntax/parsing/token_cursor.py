@@ -376,8 +376,9 @@ class Cursor:
         message = f"expected `;` after {after}, found {self.found()}"
         if not helps and self.new_line() and self.fresh_start():
             helps = (append(self.after_previous(), ";", "put `;` here"),)
+        notes: tuple[str, ...] = ()
         if self.new_line() or self.kinds[self.i] in ("}", EOF) or self.fresh_start():
-            label, notes = "`;` is missing here", ()
+            label = "`;` is missing here"
         else:
             label = f"{after} ends here"
             notes = (_SECOND if self.kinds[self.i] == "," else _BETWEEN,)
