@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).parent
 FILES = ("newcomer_cart.soter", "newcomer_lib.soter", "newcomer_tests.soter")
+STRANGERS = "THIRD SET, PEOPLE WHO HAD READ ONLY THE README"
 LEAST = 104
-LATER = ("NOT SEEN BEFORE", "SECOND LOOK")
+LATER = ("NOT SEEN BEFORE", "SECOND LOOK", STRANGERS)
 """Slips that were written when the messages were done, once and once more."""
 
 
@@ -45,6 +46,8 @@ class Slip:
     file: str = FILES[0]
     edits: list[tuple[str, str]] = field(default_factory=list)
     remedy: str = ""
+    first: str = ""
+    """What the people said of the first answer: right, place_only, misleading or vague."""
 
     def program(self) -> tuple[str, int, int]:
         """The text, and the offsets between which the message must point."""
@@ -95,6 +98,8 @@ def slips() -> list[Slip]:
             entries.append(Slip(line[2:], habit))
         elif line.startswith("file: "):
             entries[-1].file = line[6:]
+        elif line.startswith("first: "):
+            entries[-1].first = line[7:]
         elif line.startswith("- "):
             old.append(line[2:])
         elif line.startswith("+ "):
@@ -148,8 +153,8 @@ def main() -> int:
     asked: list[tuple[Slip, Answer]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for file in FILES:
-            (folder / file).write_text((HERE / file).read_text(encoding="utf-8"), encoding="utf-8")
+        for file in HERE.glob("*.soter"):
+            (folder / file.name).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
         for slip in slips():
             answer = ask(slip, folder)
             asked.append((slip, answer))
@@ -179,6 +184,12 @@ def told(asked: list[tuple[Slip, Answer]]) -> bool:
         ("wrong or silent", [s.name for s, a in asked if not (a.place and a.remedy)]),
     ):
         print(f"{title}: {', '.join(names) or 'none'}")
+    people = [(s, a) for s, a in asked if s.habit == STRANGERS]
+    print(
+        f"of {len(people)} of the strangers, right at first: "
+        f"{sum(s.first == 'right' for s, _ in people)}, "
+        f"now: {sum(a.place and a.remedy and not a.misleading for _, a in people)}"
+    )
     before = [a for s, a in asked if s.habit not in LATER]
     right = sum(a.place and a.remedy for a in before)
     misleading = sum(a.misleading for a in before)

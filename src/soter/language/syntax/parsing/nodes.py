@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.bodies import HOMES, OnceParts, predicate
+from soter.language.syntax.parsing.bodies import OnceParts, predicate
 from soter.language.syntax.parsing.verification import VerifyParser
 from soter.language.syntax.tokens import ERROR, INT, NAME, visible
 
@@ -331,5 +331,3 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, _RtaParts], None]] = {
     "guarantees": NodeParser._clause,
     "verify": NodeParser._verify,
 }
-HOMES["a node"] = frozenset(_NODE_ITEMS)
-HOMES["an `rta`"] = frozenset(_RTA_ITEMS)
