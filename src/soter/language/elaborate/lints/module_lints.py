@@ -19,6 +19,7 @@ from soter.language.elaborate.lints.refuted_at_once import (
     doubt_trials,
 )
 from soter.language.elaborate.lints.silent_sc import doubt_publications
+from soter.language.elaborate.lints.step_ranges import doubt_steps
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
 
@@ -40,6 +41,7 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
         if component.plant is not None:
             _unmoved(component.plant, diagnostics)
             doubt_scheme(system, component, diagnostics)
+    doubt_steps(system, diagnostics)
     for number, module in enumerate(system.modules):
         symbol = module.symbol
         sc, ac = system.components[module.sc], system.components[module.ac]
