@@ -1,6 +1,7 @@
 """What a scalar of a topic may be, by what the program declares of it.
 
-Purpose: the set and the type of a topic as a `Range`, for a place that an expression reads.
+Purpose: the set and the type of a topic as a `Range`, for a place that an expression reads;
+`always`: whether that decides a condition.
 Non-goals: what steps compute, queues and times (`explore/vacuity/domains.py`).
 """
 
@@ -10,7 +11,7 @@ import math
 import sys
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.range_evaluation import anything
+from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything
 from soter.language.evaluate.ranges import Range
 from soter.language.model.types import (
     ArrayType,
@@ -18,17 +19,43 @@ from soter.language.model.types import (
     FloatType,
     IntType,
     RecordType,
+    has_list,
     leaves,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from soter.language.evaluate.range_evaluation import ReadPlace
-    from soter.language.model.system import Bound, Topic
+    from soter.language.model.system import Bound, Scope, System, Topic
+    from soter.language.model.typed import TypedExpr
     from soter.language.model.types import Type
 
 MOST = sys.float_info.max
+
+
+def declared(system: System) -> Callable[[ReadPlace], Range]:
+    """What a `RangeEvaluator` asks for the ranges of all that is read: `TooHardError` of lists."""
+
+    def read(place: ReadPlace) -> Range:
+        if place.kind == "topic" and not has_list(system.topics[place.index].type):
+            return published(system.topics[place.index], place)
+        known = anything(place.type)
+        if not isinstance(known, Range):
+            raise TooHardError
+        return known
+
+    return read
+
+
+def always(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
+    """What a condition is wherever it is judged, as the declared sets say; None if they do not."""
+    evaluator = RangeEvaluator(scope, 0, declared(system))
+    try:
+        truth = evaluator.number(condition)
+    except TooHardError:
+        return None
+    return bool(truth.low) if truth.single and not evaluator.faults.possible else None
 
 
 def published(topic: Topic, place: ReadPlace) -> Range:

@@ -21,7 +21,7 @@ from soter.language.evaluate.range_evaluation import (
     anything,
 )
 from soter.language.evaluate.ranges import ANY_FLOAT, FALSE, TRUE, Range
-from soter.language.evaluate.topic_ranges import published
+from soter.language.evaluate.topic_ranges import declared
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import (
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
-    from soter.language.evaluate.range_evaluation import Known, ReadPlace
+    from soter.language.evaluate.range_evaluation import Known
     from soter.language.model.system import Bound, Component, System, Topic
     from soter.language.model.types import Type
 
@@ -68,7 +68,7 @@ class _StepRanges(RangeEvaluator):
     """Evaluates a step over the declared ranges, and reports what is certain as it goes."""
 
     def __init__(self, system: System, component: Component, diagnostics: Diagnostics) -> None:
-        super().__init__(component.scope, component.period_ns, self._declared)
+        super().__init__(component.scope, component.period_ns, declared(system))
         self.system = system
         self.component = component
         self.diagnostics = diagnostics
@@ -79,14 +79,6 @@ class _StepRanges(RangeEvaluator):
         self.decided: dict[t.TypedExpr, Range | None] = {}
         """Conditions of the step itself, and what they were in all rounds together."""
         self.loops: dict[t.Variable, t.ForRange] = {}
-
-    def _declared(self, place: ReadPlace) -> Range:
-        if place.kind == "topic" and not has_list(self.system.topics[place.index].type):
-            return published(self.system.topics[place.index], place)
-        known = anything(place.type)
-        if not isinstance(known, Range):
-            raise TooHardError
-        return known
 
     def look(self) -> None:
         """Through the whole step, or what a plant says of its states."""
