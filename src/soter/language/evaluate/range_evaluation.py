@@ -100,6 +100,7 @@ class RangeEvaluator:
         self.left = BUDGET
         self.variables: dict[t.Variable, Known] = {}
         self.faults = Faults()
+        self._literals: dict[t.Literal, Known] = {}
 
     def evaluate(self, e: t.TypedExpr) -> Known:
         """What it may be; `faults` says whether it may fault. `TooHardError`."""
@@ -132,7 +133,10 @@ class RangeEvaluator:
     # ------------------------------------------------------------ reads
 
     def _literal(self, e: t.Literal) -> Known:
-        return constant(e.type, e.value)
+        known = self._literals.get(e)
+        if known is None:
+            known = self._literals[e] = constant(e.type, e.value)
+        return known
 
     def _param_read(self, e: t.ParamRead) -> Known:
         return constant(e.type, self.scope.params[e.param])

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TypedExpr
     from soter.language.model.types import Type
 
+BUDGET = 600
+"""Expressions of a condition and of what it calls: a millisecond or two."""
 MOST = sys.float_info.max
 
 
@@ -51,6 +53,7 @@ def declared(system: System) -> Callable[[ReadPlace], Range]:
 def always(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
     """What a condition is wherever it is judged, as the declared sets say; None if they do not."""
     evaluator = RangeEvaluator(scope, 0, declared(system))
+    evaluator.left = BUDGET
     try:
         truth = evaluator.number(condition)
     except TooHardError:

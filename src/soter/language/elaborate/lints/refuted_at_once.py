@@ -90,27 +90,29 @@ def _doubt_property(system: System, p: Property, diagnostics: Diagnostics) -> No
     indices = [p.scope.topics.get(t, -1) for t in topic_reads(p.condition)]
     scope = p.scope
     evaluator = Evaluator(scope.params, budget=BUDGET, topics=scope.topics, plants=scope.plants)
+    topics: list[Value] = []
     for end, topics in enumerate(_starts(system, indices)):
         states = [_first_state(c, end) for c in system.components]
         env = Environment(topics=topics, stamps=[0] * len(topics), truth=states.__getitem__)
         try:
-            holds = evaluator.value(p.condition, env)
+            holds = bool(evaluator.value(p.condition, env))
         except (StepFault, BudgetExceeded, TypeError):
+            return  # an extern plant has no state that is known
+        if holds == (p.kind == "always"):
             return
-        if bool(holds) == (p.kind == "always"):
-            continue
-        where = shown(system, indices, [topics[i] for i in indices])
-        other = "never" if p.kind == "always" else "always"
-        begins = "false" if p.kind == "always" else "true"
-        diagnostics.warning(
-            "W027",
-            f"`{p.kind} {p.text}` is violated at the start",
-            p.condition.span,
-            f"{begins} where {where}" if where else f"{begins} in the first state",
-            notes=("a property is judged from the first instant on",),
-            helps=(f"`{other}` says the opposite; or begin elsewhere: `state x: float = ...;`",),
-        )
+    if not topics:
         return
+    where = shown(system, indices, [topics[i] for i in indices])
+    other = "never" if p.kind == "always" else "always"
+    begins = "false" if p.kind == "always" else "true"
+    diagnostics.warning(
+        "W027",
+        f"`{p.kind} {p.text}` is violated at the start",
+        p.condition.span,
+        f"{begins} where {where}" if where else f"{begins} in the first state",
+        notes=("a property is judged from the first instant on",),
+        helps=(f"`{other}` says the opposite; or begin elsewhere: `state x: float = ...;`",),
+    )
 
 
 def _first_state(component: Component, end: int) -> Value | None:
@@ -233,8 +235,10 @@ def doubt_constants(
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None or not trials or not topic_reads(symbol.safe):
         return False  # nothing is to be kept, or W021 says so
-    ttf_always = always(ttf, system, module.scope)
-    safer_always = always(safer, system, module.scope)
+    ttf_always, safer_always = (
+        always(e, system, module.scope) if len({t[i] for t in trials}) == 1 else None
+        for i, e in enumerate((ttf, safer))
+    )
     name = f"of module `{symbol.name}`"
     if ttf_always is False:
         message, at, label = f"`ttf` {name} never holds", ttf, "AC is never taken off"

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from soter.diagnostics.fix import exchange, replace
 from soter.diagnostics.span import Span
 from soter.language.evaluate.range_evaluation import (
-    ROUNDS,
     RangeEvaluator,
     TooHardError,
     anything,
@@ -47,6 +46,10 @@ if TYPE_CHECKING:
 _COUNTED = re.compile(r"for\s+\w+\s+in\s+")
 SHOWN = 40
 """Longer expressions are cut."""
+ROUNDS = 16
+"""Of longer loops not every round is looked at."""
+BUDGET = 2_000
+"""Expressions of one step: some milliseconds."""
 LEAVES_MAX = 64
 """Larger publications are not compared leaf by leaf."""
 
@@ -69,13 +72,14 @@ class _StepRanges(RangeEvaluator):
 
     def __init__(self, system: System, component: Component, diagnostics: Diagnostics) -> None:
         super().__init__(component.scope, component.period_ns, declared(system))
+        self.left = BUDGET
         self.system = system
         self.component = component
         self.diagnostics = diagnostics
         self.calls = 0
         """How many functions deep the evaluation is."""
         self.silent = 0
-        """In how many functions of the prelude it is: what faults in them, the caller gave them."""
+        """In how many functions of the prelude it is: nothing is said of those."""
         self.decided: dict[t.TypedExpr, Range | None] = {}
         """Conditions of the step itself, and what they were in all rounds together."""
         self.loops: dict[t.Variable, t.ForRange] = {}
@@ -127,16 +131,22 @@ class _StepRanges(RangeEvaluator):
         return super()._plain(s)
 
     def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
+        """Round by round where they are few; else the first, the last, and one for all others."""
         if isinstance(s, t.ForRange):
             self.loops[s.variable] = s
-            if s.high - s.low <= ROUNDS:
-                return super()._loop(s, returned, of)
-        elif isinstance(s.sequence.type, ArrayType) and s.sequence.type.size <= ROUNDS:
+            few = s.high - s.low <= ROUNDS
+            rounds = [Range(s.low, s.low), Range(s.low, s.high - 1), Range(s.high - 1, s.high - 1)]
+        else:
+            of_all = s.sequence.type
+            few = isinstance(of_all, ArrayType) and of_all.size <= ROUNDS
+            rounds = [anything(s.variable.type)]
+        if few:
             return super()._loop(s, returned, of)
         self._forget(s.body)
-        self.variables[s.variable] = anything(s.variable.type)
-        returned, _ = self._run(s.body, returned, of)
-        self._forget(s.body)
+        for value in rounds:
+            self.variables[s.variable] = value
+            returned, _ = self._run(s.body, returned, of)
+            self._forget(s.body)
         return returned, True
 
     def _forget(self, body: tuple[t.TypedStmt, ...]) -> None:
@@ -214,17 +224,20 @@ class _StepRanges(RangeEvaluator):
         return known
 
     def _call(self, e: t.TypedCall) -> Known:
-        prelude = e.fun.prelude
-        if prelude and e.fun.name.rpartition(".")[2] == "clamp" and not self.silent:
+        if e.fun.prelude and e.fun.name.rpartition(".")[2] != "clamp":
+            for a in e.arguments:
+                self.evaluate(a)
+            return anything(e.type)
+        if e.fun.prelude and not self.silent:
             _, low, high = e.arguments
             self._reversed(low, high, "the bounds of `clamp` are the wrong way round")
         self.calls += 1
-        self.silent += prelude
+        self.silent += e.fun.prelude
         try:
             return super()._call(e)
         finally:
             self.calls -= 1
-            self.silent -= prelude
+            self.silent -= e.fun.prelude
 
     def _reversed(self, low: t.TypedExpr, high: t.TypedExpr, message: str) -> None:
         a, b = self.number(low), self.number(high)
