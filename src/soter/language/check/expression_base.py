@@ -123,10 +123,11 @@ class ExprBase(ABC):
         dotted: bool = False,
         helps: tuple[Help, ...] = (),
         otherwise: tuple[Help, ...] = (),
+        among: Iterable[str] | None = None,
     ) -> None:
         """N001, unless what the name stands for may have been lost.
 
-        `helps` and `otherwise` as `Names.unknown` has them.
+        `helps`, `otherwise` and `among` as `Names.unknown` has them.
         """
         if context.broken:
             self.names.losses += 1
@@ -162,6 +163,7 @@ class ExprBase(ABC):
             dotted=dotted,
             helps=helps,
             otherwise=otherwise,
+            among=among,
         )
 
     def value_of_type(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
