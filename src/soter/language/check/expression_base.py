@@ -220,7 +220,7 @@ class ExprBase(ABC):
             f"this is `{expr.type}`",
             also=(because,) if because else (),
             notes=(why,) if why else (),
-            helps=_conversion(expected, expr),
+            helps=of_a_list(expr, expected) or _conversion(expected, expr),
         )
         return error_expr(expr.span)
 
@@ -239,6 +239,21 @@ class ExprBase(ABC):
             also=(because,) if because else (),
         )
         return error_expr(expr.span)
+
+
+def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
+    """Where a list or an array stands for one of its elements: of a queue, say."""
+    of = expr.type
+    if not isinstance(of, (ListType, ArrayType)) or type(of.element) is not type(wanted):
+        return ()
+    text = expr.span.text
+    each = f"look at each of its elements: `for x in {text} {{ ... }}`"
+    if isinstance(expr, typed.TopicRead) and isinstance(of, ListType) and expr.topic.type != of:
+        return (
+            f"`queue {of.capacity}` makes `{text}` a list: `for x in {text} {{ ... }}`",
+            f"or subscribe without `queue {of.capacity}`: then it is the last value",
+        )
+    return (each,)
 
 
 def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
@@ -262,6 +277,22 @@ def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
         return ("write a time with its unit, such as `10ms`",)
     if isinstance(expected, FloatType) and isinstance(actual, DurationType):
         return (replace(span, f"seconds({text})", "convert it: `seconds(...)`"),)
+    if isinstance(expr, typed.Aggregate) and isinstance(expected, RecordType):
+        return _as_record(expected, expr)
     if isinstance(expected, (ArrayType, ListType)) and expected.element == actual:
         return (replace(span, f"[{text}]", "put it into brackets: `[...]`"),)
     return ()
+
+
+def _as_record(expected: RecordType, expr: typed.Aggregate) -> tuple[Help, ...]:
+    """`{ x: 0.0, y: 1.0 }` for `[0.0, 1.0]`."""
+    fields, elements = expected.fields, expr.elements
+    pairs = list(zip(fields, elements, strict=False))
+    fits = all(
+        e.type == t or (isinstance(t, FloatType) and float_literal(e)) for (_, t), e in pairs
+    )
+    if len(elements) != len(fields) or not fits or isinstance(expr.type, RecordType):
+        shown = ", ".join(f"{name}: ..." for name, _ in fields)
+        return (f"write its fields: `{{ {shown} }}`",)
+    shown = ", ".join(f"{name}: {e.span.text}" for (name, _), e in pairs)
+    return (replace(expr.span, f"{{ {shown} }}"),)

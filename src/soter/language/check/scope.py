@@ -324,7 +324,8 @@ class Names:
     ) -> None:
         """N001 for a name that means nothing here; `more` are local names that would.
 
-        `among`: the only names that would do. `helps` come before all guesses, `otherwise` where nothing is close.
+        `among`: the only names that would do. `helps` come before all guesses, `otherwise` where
+        nothing is close.
 
         A declaration that is missing is missed once, and so is what stands before a dot: it may
         be an import.

@@ -123,7 +123,7 @@ def of_a_literal(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple
 
 
 def filled(of: Type, value: str) -> str:
-    """A literal of a type whose numbers are floats, each of them `value`; "" where there is none."""
+    """A literal of a type of floats, each of them `value`; "" where there is none."""
     if isinstance(of, FloatType):
         return value
     if isinstance(of, ArrayType) and of.size <= ELEMENTS_MAX:

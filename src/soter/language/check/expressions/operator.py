@@ -15,6 +15,7 @@ from soter.language.check.expression_base import (
     error_expr,
     float_literal,
     is_error,
+    of_a_list,
     unify_literals,
 )
 from soter.language.model import typed
@@ -113,7 +114,7 @@ class OperatorChecker(ExprBase):
         if op not in COMPARISONS:
             result = _arithmetic(expr, left, right)
         if result is None:
-            self._does_not_apply(expr, left.type, right.type)
+            self._does_not_apply(expr, left, right, expected)
             return error_expr(expr.span)
         return result
 
@@ -128,13 +129,22 @@ class OperatorChecker(ExprBase):
             return typed.TypedBinary(BOOL, expr.span, expr.op, left, right)
         return None
 
-    def _does_not_apply(self, expr: tree.BinaryExpr, lt: Type, rt: Type) -> None:
+    def _does_not_apply(
+        self,
+        expr: tree.BinaryExpr,
+        left: typed.TypedExpr,
+        right: typed.TypedExpr,
+        expected: Type | None,
+    ) -> None:
+        lt, rt = left.type, right.type
         self.diagnostics.error(
             "T002",
             f"`{expr.op}` does not apply to `{lt}` and `{rt}`",
             expr.span,
             also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
-            helps=_operator_help(expr, lt, rt),
+            helps=of_a_list(left, rt)
+            or of_a_list(right, lt)
+            or _operator_help(expr, lt, rt, expected),
         )
 
     def conditional(
@@ -195,16 +205,35 @@ def _arithmetic(
     return None
 
 
-def _operator_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
+def _by_components(expr: tree.BinaryExpr, of: Type) -> Help:
+    """`{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
+    names = [name for name, _ in of.fields] if isinstance(of, RecordType) else []
+    a, b = expr.left, expr.right
+    plain = isinstance(a, (tree.NameExpr, tree.FieldExpr)) and isinstance(
+        b, (tree.NameExpr, tree.FieldExpr)
+    )
+    left, right = (a.span.text, b.span.text) if plain else ("a", "b")
+    fields = ", ".join(f"{n}: {left}.{n} {expr.op} {right}.{n}" for n in names)
+    whole = f"{{ {fields} }}" if names else f"[{left}[0] {expr.op} {right}[0], ...]"
+    title = f"by components: `{whole}`"
+    return replace(expr.span, whole, title) if plain and names else title
+
+
+def _operator_help(
+    expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
+) -> tuple[Help, ...]:
     op, left, right = expr.op, expr.left.span, expr.right.span
     kinds = {type(lt), type(rt)}
     if kinds == {IntType, FloatType}:
         of = left if isinstance(lt, IntType) else right
         return (replace(of, f"float({of.text})", "convert the int: `float(...)`"),)
     if is_vector(lt) and is_vector(rt):
-        if op == "*" and lt == rt:
+        if op in "*/" and expected is not None and lt == rt == expected:
+            return (_by_components(expr, lt),)
+        if op == "*" and lt == rt and (expected is None or isinstance(expected, FloatType)):
             dot = f"dot({left.text}, {right.text})"
-            return (replace(expr.span, dot, "for the scalar product write `dot(a, b)`"),)
+            scalar = replace(expr.span, dot, "for the scalar product write `dot(a, b)`")
+            return (scalar,) if expected is not None else (scalar, _by_components(expr, lt))
         if op in {"+", "-"}:
             return ("both sides must be vectors of one type",)
     if op == "%" and kinds == {FloatType}:

@@ -49,6 +49,26 @@ class Wires:
         self._no_topic(path, what, depth)
         return None
 
+    def is_reversed(self, what: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol) -> bool:
+        """Whether an instance of `what` would drive, through its topic `inner`, an input topic."""
+        return outer.input and not inner.input and self._drives(what, inner)
+
+    def _drives(self, what: object, topic: typed.TopicSymbol) -> bool:
+        if isinstance(what, typed.NodeSymbol):
+            return topic in what.publishes
+        if isinstance(what, typed.PlantSymbol):
+            return any(t is topic for t, _ in what.drives)
+        if isinstance(what, typed.ModuleSymbol):
+            return topic in what.sc.publishes
+        if not isinstance(what, typed.SystemSymbol):
+            return False
+        return any(
+            self._drives(i.what, inner)
+            for i in what.instances
+            for inner in (topic, *(k for k, outer in i.renames.items() if outer is topic))
+            if inner is not topic or topic not in i.renames
+        )
+
     def _beside(self, path: tree.DottedPath, scope: FileScope) -> typed.TopicSymbol | None:
         names = path.parts
         if len(names) <= 2:

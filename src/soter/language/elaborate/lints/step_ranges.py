@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.fix import exchange, replace
 from soter.diagnostics.span import Span
+from soter.language.elaborate.lints.lost_values import doubt_writes
 from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
     TooHardError,
@@ -64,6 +65,8 @@ def doubt_steps(system: System, diagnostics: Diagnostics) -> None:
         if key in system.program.doubted:
             continue
         system.program.doubted.add(key)
+        if c.node is not None:
+            doubt_writes(c.node, diagnostics)
         _StepRanges(system, c, diagnostics).look()
 
 

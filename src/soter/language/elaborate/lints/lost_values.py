@@ -1,0 +1,88 @@
+"""What a step writes, and nobody ever sees.
+
+Purpose: W029, a variable of the step that counts or collects, and begins anew with every step; W030,
+a publication that another one of the same step always replaces.
+Non-goals: variables that are never read (`check/unused.py`); functions, whose variables end with them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+
+_LOOPS = (typed.ForRange, typed.ForEach)
+
+
+def doubt_writes(node: typed.NodeSymbol, diagnostics: Diagnostics) -> None:
+    """W029 and W030 for the step of a node."""
+    for block in _blocks(node.step):
+        _replaced(block, diagnostics)
+        for s in block:
+            if isinstance(s, typed.TypedDeclare) and s.variable.kind == "var":
+                _begins_anew(s, block, diagnostics)
+
+
+def _blocks(block: tuple[typed.TypedStmt, ...]) -> Iterator[tuple[typed.TypedStmt, ...]]:
+    """A block, and those of its conditions: what stands in a loop lasts from round to round."""
+    yield block
+    for s in block:
+        if isinstance(s, typed.TypedIf):
+            for inner in (*(body for _, body in s.arms), s.otherwise):
+                yield from _blocks(inner)
+
+
+def _replaced(block: tuple[typed.TypedStmt, ...], diagnostics: Diagnostics) -> None:
+    first: dict[typed.TopicSymbol, Span] = {}
+    for s in block:
+        if not isinstance(s, typed.TypedPublish) or s.limit is not None:
+            continue
+        before = first.setdefault(s.topic, s.span)
+        if before is not s.span:
+            diagnostics.warning(
+                "W030",
+                f"this publication of `{s.topic.name}` is never seen",
+                before,
+                "replaced below",
+                also=((s.span, "the last one of a step counts"),),
+                notes=("a step publishes when it ends, one value for each topic",),
+                helps=("leave one of them out",),
+            )
+
+
+def _begins_anew(
+    declared: typed.TypedDeclare, block: tuple[typed.TypedStmt, ...], diagnostics: Diagnostics
+) -> None:
+    variable = declared.variable
+    reads = (typed.VarRead, typed.TopicRead, typed.TypedCall)
+    if any(isinstance(n, reads) for n in nodes([declared.value])):
+        return
+    in_loops = [n for s in nodes(block) if isinstance(s, _LOOPS) for n in nodes(s.body)]
+    written = [
+        n
+        for n in nodes(block)
+        if isinstance(n, (typed.TypedAssign, typed.TypedPush)) and n.place.variable is variable
+    ]
+    if len(written) != 1 or written[0] in in_loops or written[0].place.path:
+        return
+    (only,) = written
+    if isinstance(only, typed.TypedAssign) and not any(
+        isinstance(n, typed.VarRead) and n.variable is variable for n in nodes([only.value])
+    ):
+        return
+    diagnostics.warning(
+        "W029",
+        f"`{variable.name}` begins anew with every step",
+        variable.span,
+        "declared inside of the step",
+        also=((only.span, "changed once in a step"),),
+        notes=("what a node keeps from step to step is declared before `step`",),
+        helps=(f"move `var {variable.name}` out of the step, in front of it",),
+    )
