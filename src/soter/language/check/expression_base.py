@@ -247,13 +247,13 @@ def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
     if not isinstance(of, (ListType, ArrayType)) or type(of.element) is not type(wanted):
         return ()
     text = expr.span.text
-    each = f"look at each of its elements: `for x in {text} {{ ... }}`"
+    loop = f"for {'x' if text != 'x' else 'each'} in {text} {{ ... }}"
     if isinstance(expr, typed.TopicRead) and isinstance(of, ListType) and expr.topic.type != of:
         return (
-            f"`queue {of.capacity}` makes `{text}` a list: `for x in {text} {{ ... }}`",
+            f"`queue {of.capacity}` makes `{text}` a list: `{loop}`",
             f"or subscribe without `queue {of.capacity}`: then it is the last value",
         )
-    return (each,)
+    return (f"look at each of its elements: `{loop}`",)
 
 
 def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:

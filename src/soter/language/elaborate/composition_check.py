@@ -96,7 +96,7 @@ class Composition:
     # ------------------------------------------------------------ drivers
 
     def _beside_their_modules(self) -> set[Component]:
-        """M003 for nodes that a system names although a module of it brings them along."""
+        """M004 for nodes that a system names although a module of it brings them along."""
         beside: set[Component] = set()
         for c in self.system.components:
             if c.role != "node" or c.node is None or c.stands_for is not None or self.draft:
@@ -110,7 +110,7 @@ class Composition:
                 beside.add(c)
                 module = self.system.components[m.dm].span
                 self._report(
-                    "M003",
+                    "M004",
                     f"node `{c.name}` is the {role} of module `{m.name}` already",
                     c.span,
                     "named once more",

@@ -207,7 +207,7 @@ class SystemChecker:
             if inner is None or outer is None:
                 continue
             if self.wires.is_reversed(symbol.what, inner, outer):
-                self._wired_backwards(symbol, inner_ref, outer_ref, outer)
+                self._wired_backwards(inner_ref, outer_ref, outer)
                 continue
             if inner.type != outer.type:
                 self.diagnostics.error(
@@ -240,7 +240,6 @@ class SystemChecker:
 
     def _wired_backwards(
         self,
-        symbol: typed.InstanceSymbol,
         inner: tree.Ref,
         outer: tree.DottedPath,
         topic: typed.TopicSymbol,
@@ -253,7 +252,7 @@ class SystemChecker:
             helps = (f"a wire stands with the instance whose input it feeds: `{turned}`",)
         self.diagnostics.error(
             "M011",
-            f"`{symbol.name.partition('[')[0]}` drives `{inner.text}`, and `{outer.text}` is an input topic",
+            f"`{inner.text}` is driven by this instance, `{outer.span.text}` is an input topic",
             inner.span.to(outer.span),
             "an input topic is not driven through a wire of another instance",
             also=((topic.span, "declared `input` here"),) if not names[0] else (),

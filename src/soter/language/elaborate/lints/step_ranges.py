@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.fix import exchange, replace
 from soter.diagnostics.span import Span
-from soter.language.elaborate.lints.lost_values import doubt_writes
+from soter.language.elaborate.lints.forgotten_variables import doubt_variables
 from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
     TooHardError,
@@ -66,7 +66,7 @@ def doubt_steps(system: System, diagnostics: Diagnostics) -> None:
             continue
         system.program.doubted.add(key)
         if c.node is not None:
-            doubt_writes(c.node, diagnostics)
+            doubt_variables(c.node, diagnostics)
         _StepRanges(system, c, diagnostics).look()
 
 
@@ -203,9 +203,10 @@ class _StepRanges(RangeEvaluator):
         helps: tuple[Help, ...] = (f"or let the set of `{topic.name}` hold it",)
         if isinstance(value.type, (FloatType, IntType)):
             helps = (replace(value.span, nearest, f"the nearest value is `{nearest}`"), *helps)
-        why = "publishing it is a step fault"
-        if self.component.role == "sc":
-            why = "publishing it is a step fault, which a safe controller must never have"
+        why = {
+            "sc": "publishing it is a step fault, which a safe controller must never have",
+            "ac": "the gate stops it, and AC loses control",
+        }.get(self.component.role, "publishing it is a step fault")
         self.diagnostics.warning(
             "W015",
             f"{what} is outside of the set of `{topic.name}`",

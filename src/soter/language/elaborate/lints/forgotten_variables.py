@@ -1,8 +1,8 @@
-"""What a step writes, and nobody ever sees.
+"""Variables of a step that were meant to last longer than it.
 
-Purpose: W029, a variable of the step that counts or collects, and begins anew with every step; W030,
-a publication that another one of the same step always replaces.
-Non-goals: variables that are never read (`check/unused.py`); functions, whose variables end with them.
+Purpose: W029, a variable that counts or collects, and begins anew with every step.
+Non-goals: variables that are never read (`check/unused.py`); functions, whose variables end with
+them.
 """
 
 from __future__ import annotations
@@ -16,15 +16,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
 
 _LOOPS = (typed.ForRange, typed.ForEach)
 
 
-def doubt_writes(node: typed.NodeSymbol, diagnostics: Diagnostics) -> None:
-    """W029 and W030 for the step of a node."""
+def doubt_variables(node: typed.NodeSymbol, diagnostics: Diagnostics) -> None:
+    """W029 for the step of a node."""
     for block in _blocks(node.step):
-        _replaced(block, diagnostics)
         for s in block:
             if isinstance(s, typed.TypedDeclare) and s.variable.kind == "var":
                 _begins_anew(s, block, diagnostics)
@@ -39,29 +37,11 @@ def _blocks(block: tuple[typed.TypedStmt, ...]) -> Iterator[tuple[typed.TypedStm
                 yield from _blocks(inner)
 
 
-def _replaced(block: tuple[typed.TypedStmt, ...], diagnostics: Diagnostics) -> None:
-    first: dict[typed.TopicSymbol, Span] = {}
-    for s in block:
-        if not isinstance(s, typed.TypedPublish) or s.limit is not None:
-            continue
-        before = first.setdefault(s.topic, s.span)
-        if before is not s.span:
-            diagnostics.warning(
-                "W030",
-                f"this publication of `{s.topic.name}` is never seen",
-                before,
-                "replaced below",
-                also=((s.span, "the last one of a step counts"),),
-                notes=("a step publishes when it ends, one value for each topic",),
-                helps=("leave one of them out",),
-            )
-
-
 def _begins_anew(
     declared: typed.TypedDeclare, block: tuple[typed.TypedStmt, ...], diagnostics: Diagnostics
 ) -> None:
     variable = declared.variable
-    reads = (typed.VarRead, typed.TopicRead, typed.TypedCall)
+    reads = (typed.VarRead, typed.TopicRead, typed.TypedCall, typed.TypedChoose)
     if any(isinstance(n, reads) for n in nodes([declared.value])):
         return
     in_loops = [n for s in nodes(block) if isinstance(s, _LOOPS) for n in nodes(s.body)]
