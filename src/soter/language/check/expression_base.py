@@ -250,8 +250,8 @@ def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
     loop = f"for {'x' if text != 'x' else 'each'} in {text} {{ ... }}"
     if isinstance(expr, typed.TopicRead) and isinstance(of, ListType) and expr.topic.type != of:
         return (
-            f"`queue {of.capacity}` makes `{text}` a list: `{loop}`",
-            f"or subscribe without `queue {of.capacity}`: then it is the last value",
+            f"its queue makes `{text}` a list: `{loop}`",
+            "or subscribe to it without a queue: then it is the last value",
         )
     return (f"look at each of its elements: `{loop}`",)
 

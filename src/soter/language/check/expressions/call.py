@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
+from soter.diagnostics.near import likely
 from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import (
     a_type,
@@ -144,6 +145,16 @@ class CallChecker(FieldChecker):
             helps = (replace(span, name),)
         return helps
 
+    def _near(self, name: str, context: Context) -> tuple[Help, ...]:
+        """The function of a similar name that takes another number of arguments."""
+        public = (n for n in (*context.scope.entries, *self.names.prelude) if n[0] != "_")
+        near = likely(name, [n for n in public if self._takes(n, context) is not None])
+        entry = context.scope.entries.get(near or "") or self.names.prelude.get(near or "")
+        if entry is None or not isinstance(entry.decl, tree.FunDecl):
+            return ()
+        parameters = ", ".join(p.text for p, _ in entry.decl.parameters)
+        return (f"there is `{near}({parameters})`",)
+
     def _takes(self, name: str, context: Context) -> int | None:
         """How many arguments the function of a name takes; None where there is none."""
         if name in TAKES:
@@ -234,7 +245,13 @@ class CallChecker(FieldChecker):
                 for n in (*TAKES, *context.scope.entries, *self.names.prelude)
                 if self._takes(n, context) == len(expr.arguments)
             ]
-            self.unknown(expr.callee.name, context, helps=helps, among=fits)
+            self.unknown(
+                expr.callee.name,
+                context,
+                helps=helps,
+                among=fits,
+                otherwise=self._near(name, context),
+            )
             return self._failed(expr, context)
         arity = ARITY.get(name, 1)
         if not self._counted(name, expr, arity):

@@ -64,5 +64,5 @@ def _begins_anew(
         "declared inside of the step",
         also=((only.span, "changed once in a step"),),
         notes=("what a node keeps from step to step is declared before `step`",),
-        helps=(f"move `var {variable.name}` out of the step, in front of it",),
+        helps=(f"declare it before the step: `{' '.join(declared.span.text.split())}`",),
     )

@@ -228,9 +228,10 @@ class _StepRanges(RangeEvaluator):
         return known
 
     def _call(self, e: t.TypedCall) -> Known:
-        if e.fun.prelude and e.fun.name.rpartition(".")[2] != "clamp":
+        if e.fun.prelude:
             for a in e.arguments:
                 self.evaluate(a)
+        if e.fun.prelude and e.fun.name.rpartition(".")[2] != "clamp":
             return anything(e.type)
         if e.fun.prelude and not self.silent:
             _, low, high = e.arguments
@@ -334,8 +335,9 @@ class _StepRanges(RangeEvaluator):
             )
         elif e.name == "saturate" and self.number(e.arguments[1]).high < 0:
             of = e.arguments[1].span
-            title = "the limit of `saturate` is an amount, above 0"
-            self._say(f"`{_short(of)}` is below 0", of, "", title, ("write `saturate(v, 1.0)`",))
+            note = "the limit of `saturate` is an amount, for both directions"
+            helps = ("an amount above 0, as in `saturate(v, 1.0)`",)
+            self._say(f"`{_short(of)}` is below 0", of, "", note, helps)
         elif e.name in {"min", "max"}:
             self._always_the_bound(e)
         return known
