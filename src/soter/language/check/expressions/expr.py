@@ -239,7 +239,10 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         name = entry.decl.name.text
         helps: tuple[Help, ...] = ()
         if isinstance(symbol, typed.FunSymbol):
-            helps = (f"call it: `{name}(...)`",)
+            given = ", ".join(p.name for p in symbol.parameters)
+            helps = (f"call it: `{name}({given})`",)
+            if not given:
+                helps = (replace(span, f"{name}()", f"call it: `{name}()`"),)
         elif isinstance(symbol, typed.ModuleSymbol):
             helps = (f"its mode is `mode({name})`",)
         elif isinstance(symbol, typed.PlantSymbol) and context.instances is not None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
 from soter.language.elaborate.lints.contradictory_predicates import (
     Trial,
     flat_values,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.language.model.system import Component, Module, Property, System
     from soter.language.model.types import Value
 
@@ -138,6 +140,10 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
             continue
         own = driver.plant or driver.node
         assert own is not None
+        age = write_ns(driver.period_ns)
+        helps: tuple[Help, ...] = (f"let it be as old as that: `max_age {age}`",)
+        if topic.symbol.max_age is not None:
+            helps = (replace(topic.symbol.max_age.span, age, f"let it be {age} old"),)
         diagnostics.warning(
             "W028",
             f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",
@@ -145,7 +151,7 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
             f"no older than {show_ns(topic.max_age_ns)}",
             also=((own.period.span, f"published every {show_ns(driver.period_ns)}"),),
             notes=("a module that reads what is too old takes AC off",),
-            helps=(f"let it be as old as that: `max_age {write_ns(driver.period_ns)}`",),
+            helps=helps,
         )
 
 

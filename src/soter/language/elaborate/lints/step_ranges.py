@@ -266,7 +266,7 @@ class _StepRanges(RangeEvaluator):
                     e.right.span,
                     "the divisor",
                     "dividing by zero is a step fault",
-                    ("ask before: `d != 0.0 ? n / d : 0.0`",),
+                    ("divide by what can be something else than 0",),
                 )
         return known
 
@@ -310,12 +310,13 @@ class _StepRanges(RangeEvaluator):
             a = self.number(e.operand)
             if a.high < e.type.low or a.low > e.type.high:
                 value = f"{a.low}" if a.single else f"from {a.low} to {a.high}"
+                inside = f"min(max({e.span.text}, {e.type.low}), {e.type.high})"
                 self._say(
                     f"`{_short(e.span)}` does not fit into `{e.type}`",
                     e.span,
                     f"it is {value}",
                     "putting it there is a step fault",
-                    (f"keep it inside: `min(max(n, {e.type.low}), {e.type.high})`",),
+                    (replace(e.span, inside, f"keep it inside: `{inside}`"),),
                 )
         return super()._narrow(e)
 
