@@ -11,7 +11,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import remove
+from soter.diagnostics.fix import Edit, Fix, whole_lines
 from soter.diagnostics.span import Span
 from soter.language.elaborate.deployment.deployed_systems import check_external
 from soter.language.elaborate.undriven_topics import as_input, would_drive
@@ -20,6 +20,8 @@ from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
@@ -97,7 +99,7 @@ class Composition:
 
     def _beside_their_modules(self) -> set[Component]:
         """M004 for nodes that a system names although a module of it brings them along."""
-        beside: set[Component] = set()
+        beside: dict[Component, tuple[str, Module]] = {}
         for c in self.system.components:
             if c.role != "node" or c.node is None or c.stands_for is not None or self.draft:
                 continue
@@ -105,21 +107,20 @@ class Composition:
             for m in self.system.modules:
                 roles = {"AC": self.system.components[m.ac], "SC": self.system.components[m.sc]}
                 role = next((r for r, x in roles.items() if x.node is c.node), None)
-                if role is None or not own & set(m.outputs):
-                    continue
-                beside.add(c)
-                module = self.system.components[m.dm].span
-                self._report(
-                    "M004",
-                    f"node `{c.name}` is the {role} of module `{m.name}` already",
-                    c.span,
-                    "named once more",
-                    also=((module, "brings it along"),),
-                    note="a module has its nodes in it: they are not named in the system",
-                    helps=(_left_out(c.span),),
-                )
-                break
-        return beside
+                if role is not None and own & set(m.outputs):
+                    beside[c] = role, m
+        for c, (role, m) in beside.items():
+            module = self.system.components[m.dm].span
+            self._report(
+                "M004",
+                f"node `{c.name}` is the {role} of module `{m.name}` already",
+                c.span,
+                "named once more",
+                also=((module, "brings it along"),),
+                note="a module has its nodes in it: they are not named in the system",
+                helps=(_left_out([x.span for x in beside]),),
+            )
+        return set(beside)
 
     def _takeovers(self, without: set[Component]) -> None:
         """M015 for `on takeover` of nodes that no module takes control of."""
@@ -165,6 +166,8 @@ class Composition:
         if self.draft and self.partial:
             return  # a module that could not be read may own one of them
         second, first = drivers[1], drivers[0]
+        if second[0].startswith("module") and not first[0].startswith("module"):
+            second, first = first, second  # the module is meant: what stands beside it is not
         inner = topic.symbol.name.rpartition(".")[2]
         both_modules = first != second and all(who.startswith("module") for who, _ in drivers)
         by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
@@ -352,13 +355,17 @@ class Composition:
                 )
 
 
-def _left_out(name: Span) -> Help:
-    """Its line without it, where it is `node Name;` or `name: Name;` alone."""
-    text = name.source.text
-    start, end = text.rfind("\n", 0, name.start) + 1, text.find(";", name.end) + 1
-    alone = re.fullmatch(r"\s*(node\s+)?[\w.]+(\s*:\s*[\w.]+)?\s*;", text[start:end])
-    title = f"leave `{name.text}` out"
-    return remove(Span(name.source, start, end), title) if alone else title
+def _left_out(names: Sequence[Span]) -> Help:
+    """Their lines without them, where each is `node Name;` or `name: Name;` alone."""
+    title = f"leave {' and '.join(f'`{n.text}`' for n in names)} out"
+    edits = []
+    for n in names:
+        text = n.source.text
+        start, end = text.rfind("\n", 0, n.start) + 1, text.find(";", n.end) + 1
+        if not re.fullmatch(r"\s*(node\s+)?[\w.]+(\s*:\s*[\w.]+)?\s*;", text[start:end]):
+            return title
+        edits.append(Edit(whole_lines(Span(n.source, start, end)), ""))
+    return Fix(title, tuple(edits))
 
 
 def hyperperiod(system: System, symbol: SystemSymbol, diagnostics: Diagnostics) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
+from soter.diagnostics.fix import replace, texts
 from soter.diagnostics.span import Span
 from soter.language.check.expression_base import (
     ExprBase,
@@ -231,9 +231,10 @@ def _operator_help(
         if op in "*/" and expected is not None and lt == rt == expected:
             return (_by_components(expr, lt),)
         if op == "*" and lt == rt and (expected is None or isinstance(expected, FloatType)):
-            dot = f"dot({left.text}, {right.text})"
-            scalar = replace(expr.span, dot, "for the scalar product write `dot(a, b)`")
-            return (scalar,) if expected is not None else (scalar, _by_components(expr, lt))
+            title = "for the scalar product write `dot(a, b)`"
+            if expected is None:
+                return (title, texts([_by_components(expr, lt)])[0])
+            return (replace(expr.span, f"dot({left.text}, {right.text})", title),)
         if op in {"+", "-"}:
             return ("both sides must be vectors of one type",)
     if op == "%" and kinds == {FloatType}:

@@ -147,9 +147,9 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
         diagnostics.warning(
             "W028",
             f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",
-            topic.symbol.max_age.span if topic.symbol.max_age else topic.symbol.span,
-            f"no older than {show_ns(topic.max_age_ns)}",
-            also=((own.period.span, f"published every {show_ns(driver.period_ns)}"),),
+            own.period.span,
+            f"published every {show_ns(driver.period_ns)}",
+            also=((topic.symbol.span, f"no older than {show_ns(topic.max_age_ns)}"),),
             notes=("a module that reads what is too old takes AC off",),
             helps=helps,
         )
