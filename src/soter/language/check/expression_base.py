@@ -19,6 +19,7 @@ from soter.language.model.types import (
     ArrayType,
     BoolType,
     DurationType,
+    EnumType,
     ErrorType,
     FloatType,
     IntType,
@@ -256,6 +257,15 @@ def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
     return (f"look at each of its elements: `{loop}`",)
 
 
+def of_a_case(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
+    """`Gear.Drive` for its number 1; the first of them for what is no constant."""
+    name = of.name.rpartition(".")[2]
+    whole = isinstance(expr, typed.Literal) and isinstance(expr.type, IntType)
+    if isinstance(expr, typed.Literal) and whole and 0 <= expr.value < len(of.members):
+        return (replace(expr.span, f"{name}.{of.members[expr.value]}"),)
+    return (f"a case of it is named: `{name}.{of.members[0]}`",)
+
+
 def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
     """What makes a value of one type one of another, most of it as an edit."""
     actual, span = expr.type, expr.span
@@ -265,6 +275,14 @@ def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
     if isinstance(expected, IntType) and isinstance(actual, FloatType):
         title = "convert it: `int(...)` cuts off what is behind the point"
         return (replace(span, f"int({text})", title),)
+    if isinstance(expected, EnumType) and not isinstance(actual, EnumType):
+        return of_a_case(expected, expr)
+    if isinstance(expected, BoolType) and isinstance(actual, EnumType):
+        case = actual.members[-1]
+        name = f"{actual.name.rpartition('.')[2]}.{case}"
+        return (append(span, f" == {name}", f"compare it: `{text} == {name}`"),)
+    if isinstance(expected, FloatType) and isinstance(actual, BoolType):
+        return (replace(span, f"({text} ? 1.0 : 0.0)", "convert it: `b ? 1.0 : 0.0`"),)
     if isinstance(expected, BoolType) and isinstance(actual, IntType):
         if isinstance(expr, typed.Literal) and expr.value in (0, 1):
             return (replace(span, "true" if expr.value else "false"),)

@@ -266,6 +266,8 @@ class StmtChecker:
             helps = ("an input topic is set by the environment alone: keep the value in a `var`",)
         elif entry.kind == "topic":
             helps = (insert(base.span, "publish ", f"write `publish {name} = ...;`"),)
+        elif entry.kind == "constant":
+            helps = ("what changes is a `var`: declare one, with this for its first value",)
         self.diagnostics.error(
             "T009",
             f"`{name}` is a {entry.kind}: it cannot be assigned",

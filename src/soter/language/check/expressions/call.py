@@ -138,6 +138,7 @@ class CallChecker(FieldChecker):
         """What an unknown function was meant to be; `span` is what would be replaced."""
         helps = (
             call_hints.of_chance(name, expr, context)
+            or call_hints.of_another_language(name, expr)
             or call_hints.of_a_literal(name, expr, expected)
             or foreign_name_hints.a_function(expr, name, span)
         )
@@ -243,7 +244,7 @@ class CallChecker(FieldChecker):
             fits = [
                 n
                 for n in (*TAKES, *context.scope.entries, *self.names.prelude)
-                if self._takes(n, context) == len(expr.arguments)
+                if n[0] != "_" and self._takes(n, context) == len(expr.arguments)
             ]
             self.unknown(
                 expr.callee.name,
@@ -282,12 +283,15 @@ class CallChecker(FieldChecker):
             return True
         takes = TAKES.get(name, "a topic" if name == "age" else "a module")
         a_range = name == "saturate" and len(expr.arguments) == 3
+        helps: tuple[Help, ...] = (replace(expr.callee.span, "clamp"),) if a_range else ()
+        if name in {"min", "max"} and len(expr.arguments) > wanted:
+            helps = (call_hints.nested(name, expr),)
         self.diagnostics.error(
             "T003",
             _count(name, wanted, len(expr.arguments)),
             expr.span,
             notes=(f"`{name}` takes {takes}",),
-            helps=(replace(expr.callee.span, "clamp"),) if a_range else (),
+            helps=helps,
         )
         return False
 
@@ -296,8 +300,10 @@ class CallChecker(FieldChecker):
     ) -> None:
         shown = " and ".join(f"`{a.type}`" for a in arguments)
         kinds = {type(a.type) for a in arguments}
-        helps: tuple[str, ...] = ()
-        if name in {"min", "max"} and kinds == {IntType, FloatType}:
+        helps: tuple[Help, ...] = ()
+        if name == "abs" and is_vector(arguments[0].type):
+            helps = (replace(expr.callee.span, "norm"),)
+        elif name in {"min", "max"} and kinds == {IntType, FloatType}:
             helps = ("convert the int: `float(...)`",)
         elif name in {"sqrt", "floor"} and kinds == {IntType}:
             helps = (f"convert the int: `{name}(float(...))`",)

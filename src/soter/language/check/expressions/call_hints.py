@@ -140,3 +140,25 @@ def as_function(name: str, expr: tree.CallExpr, target: Span) -> tuple[Help, ...
     """`norm(v)` for `v.norm()`."""
     arguments = [target.text, *(a.span.text for a in expr.arguments)]
     return (replace(expr.span, f"{name}({', '.join(arguments)})"),)
+
+
+def of_another_language(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
+    """For `round(x)`, `ceil(x)`, `sum(xs)`."""
+    if len(expr.arguments) != 1:
+        return ()
+    text = expr.arguments[0].span.text
+    if name in ("round", "rint", "nearbyint"):
+        return (replace(expr.span, f"floor({text} + 0.5)"),)
+    if name in ("ceil", "ceiling"):
+        return (replace(expr.span, f"-floor(-({text}))"),)
+    if name in ("sum", "mean", "average", "avg", "any", "all"):
+        return (f"a loop looks at each of them: `for x in {text} {{ ... }}`",)
+    return ()
+
+
+def nested(name: str, expr: tree.CallExpr) -> Help:
+    """`max(a, max(b, c))` for `max(a, b, c)`."""
+    *rest, whole = [a.span.text for a in expr.arguments]
+    for text in reversed(rest):
+        whole = f"{name}({text}, {whole})"
+    return replace(expr.span, whole)

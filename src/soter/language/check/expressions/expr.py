@@ -248,6 +248,8 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         elif isinstance(symbol, typed.PlantSymbol) and context.instances is not None:
             mine = [i for i, s in context.instances.items() if s.what is symbol]
             helps = (f"its state is `{mine[0]}.truth`",) if mine else ()
+            if mine and span.source.text[span.end :].startswith(".truth"):
+                helps = (replace(span, mine[0]),)
         elif entry.kind in ("node", "plant") and not context.constant:
             helps = entry.instead("value", span)
         elif entry.kind == "type":

@@ -15,6 +15,7 @@ from soter.language.check.expression_base import (
     error_expr,
     float_literal,
     is_error,
+    of_a_case,
     of_a_list,
     unify_literals,
 )
@@ -144,6 +145,7 @@ class OperatorChecker(ExprBase):
             also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
             helps=of_a_list(left, rt)
             or of_a_list(right, lt)
+            or _of_a_case(left, right)
             or _operator_help(expr, lt, rt, expected),
         )
 
@@ -203,6 +205,23 @@ def _arithmetic(
         if scalar is not None:
             return typed.Vector(lt, span, op, left, scalar)
     return None
+
+
+def _of_a_case(left: typed.TypedExpr, right: typed.TypedExpr) -> tuple[Help, ...]:
+    """`Gear.Drive` where an enum is compared with 1; `b ? 1.0 : 0.0` where a bool is a number."""
+    for one, other in ((left, right), (right, left)):
+        if isinstance(one.type, EnumType) and isinstance(other.type, (IntType, FloatType)):
+            return of_a_case(one.type, other)
+        if isinstance(one.type, BoolType) and isinstance(other.type, (IntType, FloatType)):
+            values = "1.0 : 0.0" if isinstance(other.type, FloatType) else "1 : 0"
+            text = one.span.text
+            text = text if text.startswith("(") else f"({text})"
+            return (replace(one.span, f"({text} ? {values})", f"as a number: `b ? {values}`"),)
+        if isinstance(one.type, RecordType) and isinstance(other.type, (IntType, FloatType)):
+            names = [n for n, t in one.type.fields if type(t) is type(other.type)]
+            if names and isinstance(one, (typed.TopicRead, typed.VarRead, typed.TypedField)):
+                return (f"name one of its fields: `{one.span.text}.{names[0]}`",)
+    return ()
 
 
 def _by_components(expr: tree.BinaryExpr, of: Type) -> Help:

@@ -13,6 +13,7 @@ from soter.language.check.expression_base import a_type, is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.expressions.choose import MAX_CHOICES
 from soter.language.check.expressions.field import find_instance
+from soter.language.check.other_scopes import is_driven
 from soter.language.check.parts.campaign_items import campaigned, mentioned
 from soter.language.check.parts.external_topics import deployed_system, externals
 from soter.language.check.parts.instance_arrays import Unroller
@@ -428,7 +429,7 @@ class SystemChecker:
                 continue
             values = self._values(item, read, context)
             if not isinstance(read, typed.TopicRead) or not read.topic.input:
-                self._no_input(item, read)
+                self._no_input(item, read, context.scope)
             elif read.topic in input_by_topic:
                 first = input_by_topic[read.topic].span
                 self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
@@ -476,15 +477,19 @@ class SystemChecker:
             helps=("list its values, or leave `in { }` out: then they are those of the topic",),
         )
 
-    def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr) -> None:
+    def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr, scope: FileScope) -> None:
         topic = read.topic if isinstance(read, typed.TopicRead) else None
+        name = item.topic.parts[-1].text
+        helps: tuple[Help, ...] = (f"declare it `input topic {name}`",) if topic else ()
+        if topic and is_driven([e.decl for e in scope.entries.values()], name):
+            helps = ("leave this line out: a plant or a node of the program publishes it",)
         self.diagnostics.error(
             "M011",
             f"`{item.topic.text}` is not an input topic",
             item.topic.span,
             also=((topic.span, "declared here"),) if topic else (),
             notes=("only topics of the environment are drawn",),
-            helps=(f"declare it `input topic {item.topic.parts[-1].text}`",) if topic else (),
+            helps=helps,
         )
 
 

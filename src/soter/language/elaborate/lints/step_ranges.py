@@ -95,7 +95,8 @@ class _StepRanges(RangeEvaluator):
                 self._look_at_plant(plant)
             elif node is not None:
                 arms = [n.arms for n in nodes(node.step) if isinstance(n, t.TypedIf)]
-                self.decided = dict.fromkeys(condition for a in arms for condition, _ in a)
+                choices = [n.condition for n in nodes(node.step) if isinstance(n, t.Conditional)]
+                self.decided = dict.fromkeys([*(c for a in arms for c, _ in a), *choices])
                 self._run(node.takeover or (), None, BOOL)
                 self.variables = {}
                 self._run(node.step, None, BOOL)
