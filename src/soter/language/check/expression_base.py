@@ -282,6 +282,8 @@ def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
         name = f"{actual.name.rpartition('.')[2]}.{case}"
         return (append(span, f" == {name}", f"compare it: `{text} == {name}`"),)
     if isinstance(expected, FloatType) and isinstance(actual, BoolType):
+        if isinstance(expr, typed.Literal):
+            return (replace(span, "1.0" if expr.value else "0.0"),)
         return (replace(span, f"({text} ? 1.0 : 0.0)", "convert it: `b ? 1.0 : 0.0`"),)
     if isinstance(expected, BoolType) and isinstance(actual, IntType):
         if isinstance(expr, typed.Literal) and expr.value in (0, 1):

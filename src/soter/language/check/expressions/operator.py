@@ -145,7 +145,7 @@ class OperatorChecker(ExprBase):
             also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
             helps=of_a_list(left, rt)
             or of_a_list(right, lt)
-            or _of_a_case(left, right)
+            or _of_a_case(left, right, expected)
             or _operator_help(expr, lt, rt, expected),
         )
 
@@ -207,7 +207,9 @@ def _arithmetic(
     return None
 
 
-def _of_a_case(left: typed.TypedExpr, right: typed.TypedExpr) -> tuple[Help, ...]:
+def _of_a_case(
+    left: typed.TypedExpr, right: typed.TypedExpr, expected: Type | None
+) -> tuple[Help, ...]:
     """`Gear.Drive` where an enum is compared with 1; `b ? 1.0 : 0.0` where a bool is a number."""
     for one, other in ((left, right), (right, left)):
         if isinstance(one.type, EnumType) and isinstance(other.type, (IntType, FloatType)):
@@ -216,6 +218,8 @@ def _of_a_case(left: typed.TypedExpr, right: typed.TypedExpr) -> tuple[Help, ...
             values = "1.0 : 0.0" if isinstance(other.type, FloatType) else "1 : 0"
             text = one.span.text
             text = text if text.startswith("(") else f"({text})"
+            if isinstance(expected, BoolType):
+                return ()
             return (replace(one.span, f"({text} ? {values})", f"as a number: `b ? {values}`"),)
         if isinstance(one.type, RecordType) and isinstance(other.type, (IntType, FloatType)):
             names = [n for n, t in one.type.fields if type(t) is type(other.type)]
