@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import insert
 from soter.language.check.expression_base import a_type, is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.expressions.choose import MAX_CHOICES
@@ -201,14 +200,14 @@ class SystemChecker:
         """The wires of an instance, and where each inner topic is written."""
         renames, spans = symbol.renames, symbol.rename_spans
         for inner_ref, outer_ref in item.renames:
-            if self._is_parameter(inner_ref, outer_ref, scope):
+            if self.wires.is_parameter(inner_ref, outer_ref, scope):
                 continue
             inner = self.shared.topic_ref(inner_ref, scope)
             outer = self.wires.end(outer_ref, instances, scope)
             if inner is None or outer is None:
                 continue
             if self.wires.is_reversed(symbol.what, inner, outer):
-                self._wired_backwards(inner_ref, outer_ref, outer)
+                self.wires.backwards(inner_ref, outer_ref, outer)
                 continue
             if inner.type != outer.type:
                 self.diagnostics.error(
@@ -224,41 +223,6 @@ class SystemChecker:
             else:
                 renames[inner] = outer
             spans.setdefault(inner, inner_ref.span)
-
-    def _is_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
-        """Whether a parameter stands where a topic is wired: N003, as it is set."""
-        entry = scope.entries.get(inner.name.text) if inner.qualifier is None else None
-        if entry is None or entry.kind != "parameter":
-            return False
-        self.diagnostics.error(
-            "N003",
-            f"`{inner.text}` is a parameter, not a topic",
-            inner.span,
-            also=((entry.decl.name.span, "declared here"),),
-            helps=(insert(inner.span, "set ", f"write `set {inner.text} = {outer.text}`"),),
-        )
-        return True
-
-    def _wired_backwards(
-        self,
-        inner: tree.Ref,
-        outer: tree.DottedPath,
-        topic: typed.TopicSymbol,
-    ) -> None:
-        """M011 for a wire from the publisher to the input of another instance."""
-        helps: tuple[Help, ...] = ("wire it to a topic that is declared without `input`",)
-        names = outer.span.text.rpartition(".")
-        if names[0]:
-            turned = f"{names[2]} = {names[0]}.{inner.text}"
-            helps = (f"a wire stands with the instance whose input it feeds: `{turned}`",)
-        self.diagnostics.error(
-            "M011",
-            f"`{inner.text}` is driven by this instance, `{outer.span.text}` is an input topic",
-            inner.span.to(outer.span),
-            "an input topic is not driven through a wire of another instance",
-            also=((topic.span, "declared `input` here"),) if not names[0] else (),
-            helps=helps,
-        )
 
     def _twice(self, message: str, again: Span, first: Span) -> None:
         self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
