@@ -25,7 +25,6 @@ from soter.language.syntax.printer import print_expr
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
@@ -253,9 +252,7 @@ class SystemChecker:
         self, expr: tree.SyntaxExpr | None, context: Context, what: str
     ) -> typed.TypedExpr | None:
         """A time, to be computed for each system."""
-        if expr is None:
-            return None
-        return sound(self.shared.number(expr, context, DURATION, what))
+        return sound(self.shared.number(expr, context, DURATION, what)) if expr else None
 
     def _forces(
         self,
@@ -444,16 +441,16 @@ class SystemChecker:
     def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr, scope: FileScope) -> None:
         topic = read.topic if isinstance(read, typed.TopicRead) else None
         name = item.topic.parts[-1].text
-        helps: tuple[Help, ...] = (f"declare it `input topic {name}`",) if topic else ()
+        help_ = f"declare it `input topic {name}`"
         if topic and is_driven([e.decl for e in scope.entries.values()], name):
-            helps = ("leave this line out: a plant or a node of the program publishes it",)
+            help_ = "leave this line out: a plant or a node of the program publishes it"
         self.diagnostics.error(
             "M011",
             f"`{item.topic.text}` is not an input topic",
             item.topic.span,
             also=((topic.span, "declared here"),) if topic else (),
             notes=("only topics of the environment are drawn",),
-            helps=helps,
+            helps=(help_,) if topic else (),
         )
 
 
