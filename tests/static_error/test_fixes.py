@@ -139,7 +139,10 @@ def test_code_in_a_help_is_soter() -> None:
 
 # ---------------------------------------------------------------- the other helps, carried out
 
-PROPOSAL = re.compile(r"(?:^|[,:;] )(write|did you mean|declare it:) `([^`]+)`")
+PROPOSAL = re.compile(
+    r"(?:^|[,:;] )(write|did you mean|(?:declare|call|convert|compare|name) it:|by components:|"
+    r"indices begin at 0:) `([^`]+)`"
+)
 #: Proposals for another place than that of the error, and a file whose name is near: what it holds
 #: is seen when it is read.
 FOR_ANOTHER_PLACE = {

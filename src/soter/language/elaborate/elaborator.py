@@ -347,7 +347,6 @@ class Elaborator(Topics):
                 source = self.topics[scope.topics[subscribed.topic]]
                 scope.topics[subscribed.topic] = self.queue(source, subscribed, name)
         period = self._period(node.period, f"the period of node `{node.name}`", name)
-        self._takeover_in_module(node, role)
         locals_ = [v for v in node.locals if not isinstance(v.type, ErrorType)]
         initial = dict(zip(node.locals, node.initial, strict=True))
         wcet, jitter = budget(self, node)
@@ -397,17 +396,6 @@ class Elaborator(Topics):
             also=((node.period.span, f"steps every {show_ns(period)}"),),
         )
         return 0
-
-    def _takeover_in_module(self, node: typed.NodeSymbol, role: str) -> None:
-        if node.takeover is not None and role == "node" and not self.draft:
-            self.diagnostics.error(
-                "M015",
-                f"`{node.name}` has `on takeover`, but is in control all the time",
-                node.span,
-                also=((self.symbol.span, "in this system it belongs to no module"),),
-                notes=("control is taken and given back inside an `rta` module only",),
-                helps=("leave the block out, or make the node the AC or SC of a module",),
-            )
 
     def _failsafe(
         self, node: typed.NodeSymbol | typed.ModuleSymbol, scope: Scope

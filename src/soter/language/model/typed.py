@@ -884,6 +884,8 @@ class TypedProgram:
     """Symbols whose declarations have errors: what they lack is no error of others."""
     system_sizes: dict[SystemSymbol, tuple[int, int]] = field(default_factory=dict)
     """Components and levels of a system, once counted (`measure.py`)."""
+    doubted: set[object] = field(default_factory=set)
+    """Nodes and plants whose steps were looked at for warnings, with the parameters they had."""
     costs: dict[NodeSymbol | ModuleSymbol, Cost] = field(default_factory=dict)
     """Of the step of every node that is not extern, and of every decision module whose predicates
     are known."""

@@ -98,18 +98,12 @@ class ModuleChecker:
         parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
         missing = [word for word, part in parts.items() if part is None]
         if missing and decl.name.text not in scope.broken:
-            examples = {
-                "ac": "ac Fast;",
-                "sc": "sc Careful;",
-                "period": "period 50ms;",
-                "safe": "safe motion.x < 10.0;",
-            }
             self.diagnostics.error(
                 "M006",
                 f"module `{decl.name.text}` has no " + " and no ".join(f"`{m}`" for m in missing),
                 decl.name.span,
                 notes=("a module is an advanced and a safe controller, a period and a property",),
-                helps=("add " + ", ".join(f"`{examples[m]}`" for m in missing),),
+                helps=(_parts(decl, scope, missing),),
             )
         number = self.shared.number
         ac, over = self._advanced(decl, scope)
@@ -289,3 +283,22 @@ class ModuleChecker:
                 notes=("a module relies on others, and answers for its own outputs",),
                 helps=("write `guarantees`, or leave its outputs out",),
             )
+
+
+def _parts(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
+    """What to add: nodes that this file has, where they would do."""
+    known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
+    other = next((p.text for p in (decl.ac, decl.sc) if isinstance(p, tree.Ref)), "")
+    outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
+    alike = [
+        n
+        for n, topics in outputs.items()
+        if n != other and topics and topics == outputs.get(other, topics)
+    ]
+    examples = {"ac": "ac ...;", "sc": "sc ...;", "period": "period 50ms;", "safe": "safe ...;"}
+    if other and alike:
+        examples |= {"ac": f"ac {alike[0]};", "sc": f"sc {alike[0]};"}
+    added = "add " + ", ".join(f"`{examples[m]}`" for m in missing)
+    if other and not alike and {"ac", "sc"} & set(missing):
+        added += f": a node that publishes what `{other}` does"
+    return added
