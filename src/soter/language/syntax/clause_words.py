@@ -68,6 +68,7 @@ _IN_A_MODULE = _homes(
     ttf motion.x > 0.5;
     safer motion.x < 0.2;
     clean true;
+    shield 8;
     verify { ... }
     """,
 )

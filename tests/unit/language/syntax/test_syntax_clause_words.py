@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import permutations
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,6 +14,9 @@ from soter.language.syntax import clause_words, foreign_items
 from soter.language.syntax.clause_words import PLACES
 from soter.language.syntax.parser import parse
 from soter.language.syntax.parsing import faults, nodes, plants, systems, verification
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
 
 #: Programs that lack one item, or one declaration.
 BODIES = {
@@ -31,7 +35,7 @@ BODIES = {
 FORMS = sorted({(word, home.form) for word, homes in PLACES.items() for home in homes})
 
 
-def errors(text: str) -> list[Diagnostic]:
+def errors(text: str) -> tuple[Diagnostic, ...]:
     diagnostics = Diagnostics()
     parse(Source("t.soter", f"soter 1;\n{text}\n"), diagnostics)
     return diagnostics.items
@@ -58,7 +62,7 @@ def test_every_word_of_an_item_has_a_place() -> None:
     assert words - set(PLACES) == {"var", "let", "for", "node", "system"}
 
 
-ITEMS_OF = {
+ITEMS_OF: dict[str, Collection[str]] = {
     "node": nodes._NODE_ITEMS,
     "node without a step": nodes._NODE_ITEMS,
     "rta": nodes._RTA_ITEMS,
