@@ -63,6 +63,13 @@ def test_both_engines_judge_alike_and_nothing_is_hit(step: str, tmp_path: Path) 
         assert np.abs(runs[1].truth("c")["x"]).max() < 10.0
 
 
+def test_a_command_that_is_refused_is_a_gate_fault_of_its_own_kind(tmp_path: Path) -> None:
+    program = soter.load(written(tmp_path, COMMANDS["pushes at the wall"]))
+    run = program.simulate(system="Track", seed=1, until="12s")
+    assert run.modules["Shielded"].gate_faults > 0
+    assert {f.kind for f in run.first_faults.values()} == {"shield"}
+
+
 def test_a_driver_that_brakes_late_keeps_control() -> None:
     program = soter.load(EXAMPLE)
     shares = {
