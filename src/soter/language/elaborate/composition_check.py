@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.deployment.deployed_systems import check_external
+from soter.language.elaborate.latch_topics import check_acknowledgements
 from soter.language.elaborate.undriven_topics import as_input, would_drive
 from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
@@ -66,6 +67,8 @@ class Composition:
             if driven_topic.symbol.input and self._is_wired(driven_topic, topic_drivers[0][1]):
                 self._drives_an_input(driven_topic, *topic_drivers[0])
         self._disjoint_topics()
+        if not (self.draft and self.had_errors):
+            check_acknowledgements(self.system, drivers, self.diagnostics)
         driven = set(drivers)
         for component in self.system.components:
             for topic, span in self._reads(component):
@@ -231,7 +234,10 @@ class Composition:
             return list(zip(c.plant.reads, c.plant.read_spans, strict=True))
         assert c.module is not None
         m = self.system.modules[c.module].symbol
-        return [(t, read.span) for t, read in topic_reads(*m.expressions).items()]
+        reads = [(t, read.span) for t, read in topic_reads(*m.expressions).items()]
+        if m.latch is not None:
+            reads += [(t, m.latch.span) for t in m.acknowledgements]
+        return reads
 
     def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
         index = self._source(index)

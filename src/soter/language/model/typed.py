@@ -582,6 +582,14 @@ class ClauseSymbol(Symbol):
     text: str
 
 
+@dataclass(eq=False)
+class Latch:
+    """`returns after topic;` (the operator's acknowledgement), or `returns never;`: no topic."""
+
+    topic: TopicSymbol | None
+    span: Span
+
+
 @dataclass(eq=False, kw_only=True)
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
@@ -614,11 +622,19 @@ class ModuleSymbol(Symbol):
     wcet: TypedExpr | None = None
     jitter: TypedExpr | None = None
     """Of its decision module, as of a node."""
+    latch: Latch | None = None
+    """Where its decision module does not give control back by itself."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:
         """The controllers that belong to itself: not those of a module below it."""
         return (self.ac, self.sc) if self.over is None else (self.sc,)
+
+    @property
+    def acknowledgements(self) -> tuple[TopicSymbol, ...]:
+        """The topic that releases its latch, where there is one."""
+        topic = None if self.latch is None else self.latch.topic
+        return () if topic is None else (topic,)
 
     @property
     def below(self) -> tuple[ModuleSymbol, ...]:

@@ -197,8 +197,35 @@ class ModuleChecker:
             )
         module.contract = tuple(self._contract(module, decl, scope))
         module.failsafe = self._law(module, decl, scope)
+        if decl.returns is not None:
+            module.latch = self._latch(module, decl.returns, scope)
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
+
+    def _latch(
+        self, module: typed.ModuleSymbol, returns: tree.Returns, scope: FileScope
+    ) -> typed.Latch | None:
+        """M027 where the topic is no button: a `bool` that may only be so old."""
+        if returns.topic is None:
+            return typed.Latch(None, returns.span)
+        topic = self.shared.topic_ref(returns.topic, scope)
+        if topic is None:
+            return None
+        lacks: list[tuple[str, str]] = []
+        if topic.type != BOOL and not is_error(topic.type):
+            lacks.append(("is no `bool`", "declare it a `bool`: true while the button is pressed"))
+        if topic.max_age is None:
+            lacks.append(("has no `max_age`", "say how old a press may be: `max_age 2s`"))
+        for what, help_ in lacks[:1]:
+            self.diagnostics.error(
+                "M027",
+                f"`{topic.name}` acknowledges for module `{module.name}`, but {what}",
+                returns.topic.span,
+                also=((topic.span, "declared here"),),
+                notes=("control comes back after a press that is new, and not older than said",),
+                helps=(help_,),
+            )
+        return None if lacks else typed.Latch(topic, returns.span)
 
     def _law(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
