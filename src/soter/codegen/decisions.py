@@ -91,11 +91,11 @@ def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c
     latch = frame.topic(module.latch)
     stamps = c.Arrow(S, "stamps")
     since = c.IndexExpr(stamps, c.Number(str(module.latch)))
-    before, after, zero = facts[0], c.Name("after"), c.Number("0U")
+    before, after, zero = facts[0], c.Name("after"), c.Number("0")
     in_ac = c.Binary("==", before, c.Name("SOTER_AC"))
     if module.acknowledgement is None:
         lets: c.CExpr = c.Binary("==", latch, zero)
-        remembered = [c.Assign(latch, c.Number("1U"))]
+        remembered = [c.Assign(latch, c.Number("1"))]
     else:
         max_age = frame.system.topics[module.acknowledgement].max_age_ns
         assert max_age is not None, "M027"

@@ -152,7 +152,7 @@ typedef enum {
 } soter_latch;
 
 /* A look at the button in SC, at `ct`: whether AC may have control again. For generated DMs. */
-bool soter_acknowledged(uint8_t* latch, int64_t* since, bool pressed, int64_t stamp, int64_t ct,
+bool soter_acknowledged(int8_t* latch, int64_t* since, bool pressed, int64_t stamp, int64_t ct,
                         int64_t max_age);
 
 /* ------------------------------------------------------------------ the program's tables */

@@ -180,24 +180,24 @@ soter_fault soter_publish(const soter_program* p, void* state, uint32_t topic, c
 
 /* ------------------------------------------------------------------ DM-Step */
 
-bool soter_acknowledged(uint8_t* latch, int64_t* since, bool pressed, int64_t stamp, int64_t ct,
+bool soter_acknowledged(int8_t* latch, int64_t* since, bool pressed, int64_t stamp, int64_t ct,
                         int64_t max_age) {
   SOTER_CHECK(latch != NULL);
   SOTER_CHECK(since != NULL);
   if (*since == SOTER_NEVER) { /* the first look of this start: only what comes after it counts */
     *since = ct;
   }
-  if (*latch == (uint8_t)SOTER_LATCH_ACKNOWLEDGED && ct - *since > max_age) {
-    *latch = (uint8_t)SOTER_LATCH_WAITS;
+  if (*latch == (int8_t)SOTER_LATCH_ACKNOWLEDGED && ct - *since > max_age) {
+    *latch = (int8_t)SOTER_LATCH_WAITS;
   }
-  if (stamp > *since && *latch == (uint8_t)SOTER_LATCH_WAITS && !pressed) {
-    *latch = (uint8_t)SOTER_LATCH_READY;
+  if (stamp > *since && *latch == (int8_t)SOTER_LATCH_WAITS && !pressed) {
+    *latch = (int8_t)SOTER_LATCH_READY;
     *since = stamp;
-  } else if (stamp > *since && *latch == (uint8_t)SOTER_LATCH_READY && pressed) {
-    *latch = (uint8_t)(ct - stamp <= max_age ? SOTER_LATCH_ACKNOWLEDGED : SOTER_LATCH_WAITS);
+  } else if (stamp > *since && *latch == (int8_t)SOTER_LATCH_READY && pressed) {
+    *latch = (int8_t)(ct - stamp <= max_age ? SOTER_LATCH_ACKNOWLEDGED : SOTER_LATCH_WAITS);
     *since = stamp;
   }
-  return *latch == (uint8_t)SOTER_LATCH_ACKNOWLEDGED;
+  return *latch == (int8_t)SOTER_LATCH_ACKNOWLEDGED;
 }
 
 static void dm_step(const soter_program* p, void* state, uint32_t module) {
