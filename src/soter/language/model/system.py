@@ -216,6 +216,13 @@ class Module:
     """With a `latch`: the topic after a press on which it gives control back; None: it never does,
     once AC has had it."""
 
+    @property
+    def reads(self) -> tuple[int, ...]:
+        """All topics that its DM reads: `inputs`, and the acknowledgement."""
+        if self.acknowledgement is None or self.acknowledgement in self.inputs:
+            return self.inputs
+        return (*self.inputs, self.acknowledgement)
+
     def looks_left(self, *, unsafe: bool, safer: bool) -> int:
         """How many periods from a look on AC surely keeps control; `unsafe`: not even this one."""
         return 0 if unsafe else self.looks if safer else 1
