@@ -275,6 +275,12 @@ def at_once(system: System) -> System:
     )
 
 
+def unlatched(system: System) -> System:
+    """With DMs that give control back without being acknowledged: what P2b is about."""
+    modules = tuple(replace(m, latch=None, acknowledgement=None) for m in system.modules)
+    return replace(system, modules=modules)
+
+
 # ---------------------------------------------------------------- what goes wrong
 
 

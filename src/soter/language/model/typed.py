@@ -637,6 +637,13 @@ class ModuleSymbol(Symbol):
         return () if topic is None else (topic,)
 
     @property
+    def stays(self) -> str:
+        """The clause by which SC may keep control for ever; "" where there is none."""
+        if self.latch is not None and self.latch.topic is None:
+            return "returns never"
+        return "recover never" if self.verify.stays is not None else ""
+
+    @property
     def below(self) -> tuple[ModuleSymbol, ...]:
         """The module below it, the one below that, and so on."""
         return () if self.over is None else (self.over, *self.over.below)

@@ -2,6 +2,7 @@
 
 Purpose: the emitted C of every DM against the switching logic of the paper's Figure:
 - its switch, on every mode and every truth value of the facts: exhaustively;
+- its latch, where it has one, in all that it may remember, with every age of a press (`dm_latch.py`);
 - its facts and its answer, on states of every class of input: NaN, infinities, the ends of the
   range and just beyond, breakpoints of a table, in between; fresh, at `max_age`, stale, never
   published; with and without a gate fault and clean outputs owed; in both modes.
@@ -33,6 +34,7 @@ from soter.native.build import library
 from soter.native.cffi_interface import interface, opened
 from soter.verify.deploy.computed_predicates import put
 from soter.verify.deploy.dm_inputs import AC, SC, gates, values
+from soter.verify.deploy.dm_latch import LatchBytes
 from soter.verify.proof_methods import pairs_of, tables
 
 if TYPE_CHECKING:
@@ -56,6 +58,8 @@ NOW_NS = 10**15
 WHOLE = 24
 """For so many values every age is tried with every state of the gate; for the others some."""
 SOME = 5
+LATCHES = 2
+"""For so many values every state of the latch is tried, by `ttf` and `safer`."""
 FAILURES_MAX = 10
 WRAPPER = """
 #include <string.h>
@@ -278,6 +282,9 @@ class _Inputs:
         self.limits = [
             (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
         ]
+        self.latch = LatchBytes.of(system, layout, module)
+        self.tried: dict[tuple[bool, bool], int] = {}
+        """By ttf and safer: with how many values of the topics every latch was tried."""
 
     def run(self, points: Points) -> None:
         """Try them all."""
@@ -296,6 +303,8 @@ class _Inputs:
             chosen = every if k < WHOLE else self.chance.sample(every, min(SOME, len(every)))
             for stamps, gate in chosen:
                 self._one(state, stamps, gate, ttf=ttf, safer=safer)
+            if k < WHOLE or safer:
+                self._latched(state, ttf=ttf, safer=safer)
 
     def _fresh(
         self,
@@ -371,6 +380,8 @@ class _Inputs:
         struct.pack_into("<I", state, self.at["clean_needed"], clean)
         state[self.at["mode"]], state[self.at["gate_fault"]] = mode, gate_fault
         stale = any(ages.get(i, 0) > limit for i, limit in self.limits)
+        if self.latch is not None:
+            self.latch.release(state)
         got = self.c.decide(self.module.index, state)
         facts = {"stale": stale, "ttf": ttf, "safer": safer}
         wanted = decided(mode, **facts, gate_fault=gate_fault != 0, clean=clean == 0)
@@ -380,6 +391,32 @@ class _Inputs:
             self.check.differs(f"in {_name(mode)} it finds `{name}` {not facts[name]}")
         if got != wanted:
             self.check.differs(f"in {_name(mode)} on {facts}: {_name(got)}, not {_name(wanted)}")
+
+
+    def _latched(self, state: bytearray, *, ttf: bool, safer: bool) -> None:
+        """Fresh, clean, and with the latch in every state."""
+        if self.latch is None or self.tried.get((ttf, safer), 0) >= LATCHES:
+            return
+        self.tried[ttf, safer] = self.tried.get((ttf, safer), 0) + 1
+        struct.pack_into("<q", state, 0, NOW_NS)
+        for i in range(len(self.system.topics)):
+            struct.pack_into("<q", state, self.stamps + 8 * i, NOW_NS)
+        struct.pack_into("<I", state, self.at["clean_needed"], 0)
+        state[self.at["gate_fault"]] = 0
+        for mode, seen in itertools.product((SC, AC), self.latch.every(NOW_NS)):
+            state[self.at["mode"]] = mode
+            self.latch.put(state, seen)
+            held, lets = self.latch.looked(seen, NOW_NS) if mode == SC else (seen.held, True)
+            facts = {"stale": False, "ttf": ttf, "safer": safer, "gate_fault": False}
+            wanted = decided(mode, **facts, clean=lets)
+            after = self.latch.switched(wanted, NOW_NS) if wanted != mode else held
+            got = self.c.decide(self.module.index, state)
+            self.check.states += 1
+            if got != wanted:
+                self.check.differs(f"in {_name(mode)} on {seen}: {_name(got)}, not {_name(wanted)}")
+            elif self.latch.remembered(state) != after:
+                told = self.latch.remembered(state)
+                self.check.differs(f"in {_name(mode)} on {seen}: it keeps {told}, not {after}")
 
 
 def fields_size(system: System, layout: StateLayout) -> int:

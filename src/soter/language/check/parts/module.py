@@ -198,15 +198,28 @@ class ModuleChecker:
         module.contract = tuple(self._contract(module, decl, scope))
         module.failsafe = self._law(module, decl, scope)
         if decl.returns is not None:
-            module.latch = self._latch(module, decl.returns, scope)
+            module.latch = self._latch(module, decl, decl.returns, scope)
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
 
     def _latch(
-        self, module: typed.ModuleSymbol, returns: tree.Returns, scope: FileScope
+        self,
+        module: typed.ModuleSymbol,
+        decl: tree.RtaDecl,
+        returns: tree.Returns,
+        scope: FileScope,
     ) -> typed.Latch | None:
         """M027 where the topic is no button: a `bool` that may only be so old."""
         if returns.topic is None:
+            if decl.verify is not None and decl.verify.recover is not None:
+                self.diagnostics.error(
+                    "M027",
+                    f"module `{module.name}` never gives control back, nor `within` a time",
+                    decl.verify.recover.span,
+                    also=((returns.span, "never"),),
+                    notes=("with `returns never` nothing is asked of the way back (P2b)",),
+                    helps=("leave `recover within` out",),
+                )
             return typed.Latch(None, returns.span)
         topic = self.shared.topic_ref(returns.topic, scope)
         if topic is None:
