@@ -15,7 +15,7 @@ from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import BOOL, DURATION, INT
+from soter.language.model.types import BOOL, DURATION, INT, ErrorType
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ class ModuleChecker:
         if topic is None:
             return None
         lacks: list[tuple[str, str]] = []
-        if topic.type != BOOL and not is_error(topic.type):
+        if topic.type != BOOL and not isinstance(topic.type, ErrorType):
             lacks.append(("is no `bool`", "declare it a `bool`: true while the button is pressed"))
         if topic.max_age is None:
             lacks.append(("has no `max_age`", "say how old a press may be: `max_age 2s`"))
