@@ -117,12 +117,16 @@ class Robot:
         found = next(m for m in self.subject.system.modules if m.name == module)
         return ("SC", "AC")[self.c.L[found.dm]]
 
-    def stays_in_sc(self, ms: float) -> None:
-        """Up to this time SC has control after every look."""
-        looks = int(self.native.record["modules"]["to_ac"][0])
+    @property
+    def times_given_back(self) -> int:
+        """How often AC of M got control so far."""
+        return int(self.native.record["modules"]["to_ac"][0])
+
+    def stays_in_sc(self, ms: float, given_back: int) -> None:
+        """AC got control so often before, and not once more up to this time."""
         self.until(ms)
         assert self.mode() == "SC"
-        assert int(self.native.record["modules"]["to_ac"][0]) == looks
+        assert self.times_given_back == given_back
 
 
 @pytest.fixture(scope="module")
@@ -299,7 +303,7 @@ def test_misuse_gives_no_control_back(
     r = taken_over(robots("two"))
     misuse(r)
     ms = max(END, r.c.ct / MS + AGE + 20)
-    r.stays_in_sc(ms)
+    r.stays_in_sc(ms, 1)
     acknowledged(r, ms + 5)
 
 
@@ -339,7 +343,7 @@ def test_an_early_press_gives_no_control_back(
     r.until(TAKEOVER)
     assert r.mode() == "SC"
     r.tell(TAKEOVER + 1, "danger", 0)
-    r.stays_in_sc(END)
+    r.stays_in_sc(END, 1)
     acknowledged(r, END + 5)
 
 
@@ -360,14 +364,35 @@ def held_at_the_start(r: Robot) -> None:
     r.button(0, "#" * 20)
 
 
-@pytest.mark.parametrize("early", [before_the_start, at_the_start, held_at_the_start])
+def released_before_the_start(r: Robot) -> None:
+    """Only the press comes after the start."""
+    assert r.tell(0, "button", False, measured=-1)
+    r.button(5, "####")
+
+
+def released_at_the_start(r: Robot) -> None:
+    """The release has the time of the first look."""
+    assert r.tell(0, "button", False, measured=0)
+    r.button(5, "####")
+
+
+@pytest.mark.parametrize(
+    "early",
+    [
+        before_the_start,
+        at_the_start,
+        held_at_the_start,
+        released_before_the_start,
+        released_at_the_start,
+    ],
+)
 def test_a_robot_that_starts_again_is_latched(
     early: Callable[[Robot], None], robots: Callable[[str], Robot]
 ) -> None:
     r = robots("two")
     early(r)
     r.tell(max(r.c.ct / MS, 1), "danger", 0)
-    r.stays_in_sc(END)
+    r.stays_in_sc(END, 0)
     acknowledged(r, END + 5)
 
 
@@ -379,7 +404,7 @@ def test_one_press_gives_control_back_once(robots: Callable[[str], Robot]) -> No
     r.until(150)
     assert r.mode() == "SC"
     r.tell(151, "danger", 0)
-    r.stays_in_sc(END)
+    r.stays_in_sc(END, 2)
     acknowledged(r, END + 5)
 
 
@@ -431,7 +456,7 @@ def test_a_dm_that_returns_never_gives_control_once(robots: Callable[[str], Robo
     assert r.mode() == "SC"
     r.tell(TAKEOVER + 1, "danger", 0)
     r.button(115, "-#", topic="other")
-    r.stays_in_sc(END)
+    r.stays_in_sc(END, 1)
 
 
 # ---------------------------------------------------------------- what the compiler refuses
