@@ -214,7 +214,7 @@ class ModuleChecker:
             if decl.verify is not None and decl.verify.recover is not None:
                 self.diagnostics.error(
                     "M027",
-                    f"module `{module.name}` never gives control back, nor `within` a time",
+                    f"module `{module.name}` says `returns never`, and `recover within` a time",
                     decl.verify.recover.span,
                     also=((returns.span, "never"),),
                     notes=("with `returns never` nothing is asked of the way back (P2b)",),
