@@ -92,7 +92,7 @@ def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c
     stamps = c.Arrow(S, "stamps")
     since = c.IndexExpr(stamps, c.Number(str(module.latch)))
     before, after, zero = facts[0], c.Name("after"), c.Number("0")
-    in_ac = c.Binary("==", before, c.Name("SOTER_AC"))
+    in_sc = c.Binary("==", before, c.Name("SOTER_SC"))
     if module.acknowledgement is None:
         lets: c.CExpr = c.Binary("==", latch, zero)
         remembered = [c.Assign(latch, c.Number("1"))]
@@ -110,7 +110,8 @@ def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c
         ]
     facts = (*facts[:-1], c.Binary("&&", facts[-1], c.Name("returns")))
     return [
-        c.Declare("bool", "returns", c.Binary("||", in_ac, lets), const=True),
+        c.Declare("bool", "returns", c.Name("true")),
+        c.IfStmt(in_sc, (c.Assign(c.Name("returns"), lets),)),
         c.Declare("soter_mode", "after", c.CallExpr(switch, facts), const=True),
         c.IfStmt(c.Binary("!=", after, before), tuple(remembered)),
         c.Return(after),
