@@ -14,7 +14,6 @@ import pytest
 
 from generators.engine_comparison import compile_library, first_difference, subject
 from generators.outside_input_driver import Outside
-from soter.language.front_end import check_file, system_of
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.state_bytes import state_bytes
@@ -87,9 +86,7 @@ class Robot:
         """Run every instant up to this time; the engines stay alike after each."""
         while next_instant(self.interpreter.machine, self.c) <= ms * MS:
             assert self.native.instant() is None
-            self.c = self.interpreter.instant(
-                self.c, choose_input=lambda _: (), record=self.record
-            )
+            self.c = self.interpreter.instant(self.c, choose_input=lambda _: (), record=self.record)
             s = self.subject
             other = state_bytes(s.system, s.layout, self.c, self.record, s.seed)
             states = (self.native.state.reshape(1, -1), np.frombuffer(other, dtype=np.uint8))
@@ -457,70 +454,3 @@ def test_a_dm_that_returns_never_gives_control_once(robots: Callable[[str], Robo
     r.tell(TAKEOVER + 1, "danger", 0)
     r.button(115, "-#", topic="other")
     r.stays_in_sc(END, 1)
-
-
-# ---------------------------------------------------------------- what the compiler refuses
-
-
-def refused(text: str) -> list[str]:
-    """The messages of M027."""
-    checked = check_file("p.soter", text)
-    return [d.message for d in checked.diagnostics.items if d.code == "M027"]
-
-
-SOURCES = {
-    "an AC of its own module": (
-        TWO.replace("returns after button", "returns after press")
-        .replace("  publishes u;\n", "  publishes u, press;\n")
-        .replace("publish u = wrong", "publish press = true; publish u = wrong")
-        .replace("node Scu period 10ms { publishes u; step {", "node Scu period 10ms {"
-                 " publishes u, press; step { publish press = false;")
-        + "topic press : bool max_age 50ms;\n",
-        "module `M` publishes `press`, the acknowledgement of `M`",
-    ),
-    "a node": (
-        TWO.replace("input topic button", "topic button").replace(
-            "system S {", "node N period 10ms { publishes button; step { publish button = true; } }"
-            "\nsystem S { node N;"
-        ),
-        "node `N` publishes `button`, the acknowledgement of `M`",
-    ),
-    "a node, by a wire": (
-        TWO.replace(
-            "system S {", "topic made : bool max_age 50ms;\n"
-            "node N period 10ms { publishes made; step { publish made = true; } }\n"
-            "system S {"
-        ).replace("module M;", "node N; m: Inner { button = made };")
-        .replace("system S", "system Inner { module M; }\nsystem S"),
-        "node `N` publishes `made`, the acknowledgement of `m.M`",
-    ),
-    "two modules": (
-        TWO.replace("returns after other", "returns after button"),
-        "`button` acknowledges for `M` and for `Other`",
-    ),
-    "no `bool`": (
-        TWO.replace("input topic button : bool", "input topic button : int in [0, 1]"),
-        "`button` acknowledges for module `M`, but is no `bool`",
-    ),
-    "no age": (
-        TWO.replace("button : bool max_age 50ms", "button : bool"),
-        "`button` acknowledges for module `M`, but has no `max_age`",
-    ),
-}
-
-
-@pytest.mark.parametrize("what", SOURCES)
-def test_what_cannot_acknowledge_is_refused(what: str) -> None:
-    text, message = SOURCES[what]
-    assert refused(TWO) == []
-    assert refused(text) == [message]
-
-
-def test_a_plant_may_stand_for_the_operator_in_a_run() -> None:
-    text = TWO.replace("input topic button", "topic button").replace(
-        "system S {", "plant Operator period 20ms { drives button = b; state b: bool;"
-        " next b = choose bool; }\nsystem S { o: Operator;"
-    )
-    checked = check_file("p.soter", text)
-    assert checked.ok
-    assert system_of(checked, None).modules[0].acknowledgement is not None

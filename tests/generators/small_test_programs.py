@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any
 
+from generators.latched_programs import with_latches
+
 TICK = 10
 """Milliseconds; every period and phase is a multiple, half of it is the finest time."""
 
@@ -96,7 +98,9 @@ class Maker:
             self._node(self._topic())
         if self.p.actors < 5 and self.chance(0.2):
             self._clock_apart()
-        self._latches()
+        made, items = with_latches(self.p.text, self.latch, TICK)
+        self.p.text, self.p.items = made, [*self.p.items, *items]
+        self.p.actors += len(items)
         return self._assembled()
 
     # ------------------------------------------------------------ topics and who drives them
@@ -337,30 +341,6 @@ class Maker:
         self.p.nodes[f"{full}.dm"] = []
         self.p.modules.append(name)
         self.p.tops.append(top)
-
-    def _latches(self) -> None:
-        """Of some modules; the button is drawn, or chosen by a plant."""
-        for i, text in enumerate(self.p.text):
-            if not text.startswith("rta ") or self.latch.random() > 0.35:
-                continue
-            if self.latch.random() < 0.25:
-                self.p.text[i] = f"{text[:-1]}  returns never;\n}}"
-                continue
-            button, age = f"b{i}", self.latch.choice((1, 1, 2, 4)) * TICK
-            self.p.text[i] = f"{text[:-1]}  returns after {button};\n}}"
-            every = self.latch.choice((1, 1, 2)) * TICK
-            if self.latch.random() < 0.5:
-                word = "input "
-                self.p.items.append(f"input {button} every {every}ms;")
-            else:
-                word = ""
-                self.p.text.append(
-                    f"plant Panel{i} period {every}ms {{\n  drives {button} = s;\n"
-                    "  state s: bool;\n  next s = choose bool;\n}"
-                )
-                self.p.items.append(f"panel{i}: Panel{i};")
-            self.p.text.append(f"{word}topic {button} : bool max_age {age}ms;")
-            self.p.actors += 1
 
     def _above(self, name: str, period: int, outputs: list[Topic]) -> str:
         """A module above this one, whose AC it is; gives its name."""

@@ -150,7 +150,9 @@ def latched(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     if module.latch is None:
         return np.zeros_like(in_sc)
     held = states["topics"][f"{module.name}.latch"]
-    waits: npt.NDArray[np.bool_] = held != (OPEN if module.acknowledgement is None else ACKNOWLEDGED)
+    waits: npt.NDArray[np.bool_] = held != (
+        OPEN if module.acknowledgement is None else ACKNOWLEDGED
+    )
     return in_sc & waits
 
 

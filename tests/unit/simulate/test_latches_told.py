@@ -15,7 +15,11 @@ topic vel: float in [-1.0, 1.0] = 0.0;
 input topic button: bool max_age 400ms;
 plant Cart period 10ms { reads vel; drives pos = x; state x: float; der x = vel; }
 node Fast period 10ms { publishes vel; step { publish vel = 1.0; } }
-node Back period 10ms { subscribes pos; publishes vel; step { publish vel = clamp(-pos, -1.0, 1.0); } }
+node Back period 10ms {
+  subscribes pos;
+  publishes vel;
+  step { publish vel = clamp(-pos, -1.0, 1.0); }
+}
 rta Guard {
   ac Fast;
   sc Back;

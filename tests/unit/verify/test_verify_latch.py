@@ -27,7 +27,11 @@ topic speed: float in [-1.0, 1.0] = 0.0;
 input topic button: bool max_age 2s;
 plant Cart period 10ms { reads speed; drives pos = x; state x: float; der x = speed; }
 node Fast period 10ms { publishes speed; step { publish speed = 1.0; } }
-node Back period 10ms { subscribes pos; publishes speed; step { publish speed = clamp(-pos, -1.0, 1.0); } }
+node Back period 10ms {
+  subscribes pos;
+  publishes speed;
+  step { publish speed = clamp(-pos, -1.0, 1.0); }
+}
 rta Guard {
   ac Fast;
   sc Back;
@@ -160,9 +164,7 @@ WRONG = {
 
 @pytest.mark.parametrize("returns", [AFTER, NEVER])
 @pytest.mark.parametrize("what", some(sorted(WRONG), 4))
-def test_what_is_wrong_is_not_proved_with_a_latch(
-    tmp_path: Path, what: str, returns: str
-) -> None:
+def test_what_is_wrong_is_not_proved_with_a_latch(tmp_path: Path, what: str, returns: str) -> None:
     old, new, claim = WRONG[what]
     assert old in CART
     module = proved(tmp_path, CART.replace(old, new), returns)

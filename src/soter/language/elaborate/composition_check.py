@@ -11,7 +11,6 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.deployment.deployed_systems import check_external
-from soter.language.elaborate.latch_topics import check_acknowledgements
 from soter.language.elaborate.undriven_topics import as_input, would_drive
 from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
@@ -67,8 +66,7 @@ class Composition:
             if driven_topic.symbol.input and self._is_wired(driven_topic, topic_drivers[0][1]):
                 self._drives_an_input(driven_topic, *topic_drivers[0])
         self._disjoint_topics()
-        if not (self.draft and self.had_errors):
-            check_acknowledgements(self.system, drivers, self.diagnostics)
+        self._acknowledgements(drivers)
         driven = set(drivers)
         for component in self.system.components:
             for topic, span in self._reads(component):
@@ -223,6 +221,41 @@ class Composition:
                     also=((inner.span, "subscribed to"), (symbol.span, "published")),
                     notes=("the inputs and the outputs of a node are disjoint",),
                     helps=("wire them to two topics",),
+                )
+
+    # ------------------------------------------------------------ acknowledgements
+
+    def _acknowledgements(self, drivers: dict[int, list[tuple[str, Span]]]) -> None:
+        """M027 where a node or a module would acknowledge, or one press would count twice."""
+        first_by_topic: dict[int, Module] = {}
+        for module in self.system.modules:
+            latch = module.symbol.latch
+            if latch is None or latch.topic is None:
+                continue
+            topic = self.system.topics[module.scope.topics[latch.topic]]
+            others = [
+                (w, at) for w, at in drivers.get(topic.index, []) if not w.startswith("plant")
+            ]
+            for who, span in others[:1]:
+                self._report(
+                    "M027",
+                    f"{who} publishes `{topic.name}`, the acknowledgement of `{module.name}`",
+                    latch.span,
+                    "",
+                    also=((span, "it would give control back"),),
+                    note="an acknowledgement is the operator's: it comes from outside",
+                    helps=(f"declare `input topic {topic.symbol.name}`",),
+                )
+            other = first_by_topic.setdefault(topic.index, module)
+            if other is not module:
+                self._report(
+                    "M027",
+                    f"`{topic.name}` acknowledges for `{other.name}` and for `{module.name}`",
+                    latch.span,
+                    "",
+                    also=((self.system.components[other.dm].span, "the other module"),),
+                    note="one acknowledgement gives control back once",
+                    helps=("give each module a topic of its own",),
                 )
 
     # ------------------------------------------------------------ readers

@@ -11,11 +11,10 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.composition_check import Composition, hyperperiod
+from soter.language.elaborate.decision_topics import make_latch_topics, make_margin_topics
 from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
-from soter.language.elaborate.latch_topics import make_latch_topics
-from soter.language.elaborate.margin_topics import make_margin_topics
 from soter.language.elaborate.size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
 from soter.language.elaborate.tests_and_faults.faults import place_faults

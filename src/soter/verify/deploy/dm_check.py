@@ -2,7 +2,7 @@
 
 Purpose: the emitted C of every DM against the switching logic of the paper's Figure:
 - its switch, on every mode and every truth value of the facts: exhaustively;
-- its latch, where it has one, in all that it may remember, with every age of a press (`dm_latch.py`);
+- its latch, where it has one, in all that it may remember, with presses of every age;
 - its facts and its answer, on states of every class of input: NaN, infinities, the ends of the
   range and just beyond, breakpoints of a table, in between; fresh, at `max_age`, stale, never
   published; with and without a gate fault and clean outputs owed; in both modes.
@@ -391,7 +391,6 @@ class _Inputs:
             self.check.differs(f"in {_name(mode)} it finds `{name}` {not facts[name]}")
         if got != wanted:
             self.check.differs(f"in {_name(mode)} on {facts}: {_name(got)}, not {_name(wanted)}")
-
 
     def _latched(self, state: bytearray, *, ttf: bool, safer: bool) -> None:
         """Fresh, clean, and with the latch in every state."""
