@@ -9,32 +9,30 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from random import Random
 
+    from generators.small_test_programs import Program
 
-def with_latches(
-    declarations: Sequence[str], chance: Random, tick_ms: int
-) -> tuple[list[str], list[str]]:
-    """Declarations, some modules of which have a latch now, and what a system needs for it."""
-    made, items = list(declarations), []
-    for i, text in enumerate(declarations):
+
+def add_latches(p: Program, chance: Random, tick_ms: int) -> None:
+    """Some modules get a latch, and the system what releases it."""
+    for i, text in enumerate(list(p.text)):
         if not text.startswith("rta ") or chance.random() > 0.35:
             continue
         if chance.random() < 0.25:
-            made[i] = f"{text[:-1]}  returns never;\n}}"
+            p.text[i] = f"{text[:-1]}  returns never;\n}}"
             continue
         button, age = f"b{i}", chance.choice((1, 1, 2, 4)) * tick_ms
-        made[i] = f"{text[:-1]}  returns after {button};\n}}"
+        p.text[i] = f"{text[:-1]}  returns after {button};\n}}"
         every = chance.choice((1, 1, 2)) * tick_ms
         drawn = chance.random() < 0.5
         if drawn:
-            items.append(f"input {button} every {every}ms;")
+            p.items.append(f"input {button} every {every}ms;")
         else:
-            made.append(
+            p.text.append(
                 f"plant Panel{i} period {every}ms {{\n  drives {button} = s;\n"
                 "  state s: bool;\n  next s = choose bool;\n}"
             )
-            items.append(f"panel{i}: Panel{i};")
-        made.append(f"{'input ' if drawn else ''}topic {button} : bool max_age {age}ms;")
-    return made, items
+            p.items.append(f"panel{i}: Panel{i};")
+        p.text.append(f"{'input ' if drawn else ''}topic {button} : bool max_age {age}ms;")
+        p.actors += 1

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any
 
-from generators.latched_programs import with_latches
+from generators.latched_programs import add_latches
 
 TICK = 10
 """Milliseconds; every period and phase is a multiple, half of it is the finest time."""
@@ -77,8 +77,6 @@ class Maker:
         self.random = random
         self.more = Random(random.getstate()[1][7])  # noqa: S311
         """For what was added later, so that programs keep their numbers."""
-        self.latch = Random(random.getstate()[1][8])  # noqa: S311
-        """For latches."""
         self.p = Program()
         self.timed = random.random() < 0.35
         self.risky = random.random() < 0.4
@@ -98,9 +96,7 @@ class Maker:
             self._node(self._topic())
         if self.p.actors < 5 and self.chance(0.2):
             self._clock_apart()
-        made, items = with_latches(self.p.text, self.latch, TICK)
-        self.p.text, self.p.items = made, [*self.p.items, *items]
-        self.p.actors += len(items)
+        add_latches(self.p, Random(self.random.getstate()[1][8]), TICK)  # noqa: S311
         return self._assembled()
 
     # ------------------------------------------------------------ topics and who drives them
@@ -147,9 +143,8 @@ class Maker:
             return self._color(sees, depth)
         low, high = RANGES[t]
         e = self._int(sees, depth)
-        if self.risky and self.chance(0.08) and any(s.text in e for s in sees):
-            return e
-        return f"max({low}, min({high}, {e}))"
+        loose = self.risky and self.chance(0.08) and any(s.text in e for s in sees)
+        return e if loose else f"max({low}, min({high}, {e}))"
 
     def _int(self, sees: list[Seen], depth: int) -> str:
         ints = [s.text for s in sees if s.type in RANGES]
@@ -229,8 +224,7 @@ class Maker:
         if not self.timed:
             return []
         seen = [Seen(f"(time > {self.pick((1, 2, 3)) * TICK / 1000})", "bool")]
-        seen += [Seen(f"(age({t.name}) > {TICK * 1.5 / 1000})", "bool") for t in reads]
-        return seen
+        return seen + [Seen(f"(age({t.name}) > {TICK * 1.5 / 1000})", "bool") for t in reads]
 
     def _body(self, name: str, period: int, phase: int, outputs: list[Topic], role: str) -> None:
         reads = self._reads(outputs)

@@ -1,7 +1,7 @@
 """The latch of a decision module: `returns after topic;` and `returns never;`.
 
 Purpose: what a DM step finds of the operator's acknowledgement, and what a switch makes of it.
-Non-goals: who asks (`rules.py`); where it lies (`language/elaborate/latch_topics.py`).
+Non-goals: who asks (`rules.py`); where it lies (`language/elaborate/decision_topics.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """What a proof takes for granted, as values.
 
-Purpose: `Assumption`, and those that are the same in every proof; `remaining`: what is left of a problem's assumptions once a proof has shown
-some of them and added others. Nothing is ever taken out of a list, and nothing by its wording.
+Purpose: `Assumption`, and those that every proof says alike; `remaining`: what is left of a
+problem's assumptions once a proof has shown some of them and added others. Nothing is ever taken
+out of a list, and nothing by its wording.
 Non-goals: which assumptions there are (`assumptions.py`, `induction/problem.py`).
 """
 
