@@ -143,8 +143,9 @@ typedef struct {
 
 /* ------------------------------------------------------------------ the latch of a module */
 
-/* What a DM remembers that gives control back only after an acknowledgement: `since` is when SC took
- * over (WAITS), or the stamp of the release (READY) or of the press (ACKNOWLEDGED) that came after. */
+/* What a DM remembers that gives control back only after an acknowledgement: `since` is when SC
+ * took over (WAITS), or the stamp of the release (READY) or of the press (ACKNOWLEDGED) that came
+ * after. */
 typedef enum {
   SOTER_LATCH_WAITS = 0,
   SOTER_LATCH_READY = 1,

@@ -153,7 +153,8 @@ def latched(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     waits: npt.NDArray[np.bool_] = held != (
         OPEN if module.acknowledgement is None else ACKNOWLEDGED
     )
-    return in_sc & waits
+    both: npt.NDArray[np.bool_] = in_sc & waits
+    return both
 
 
 def _waits_for(module: Module, state: Any) -> str:  # noqa: ANN401 - a state

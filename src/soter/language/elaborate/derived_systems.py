@@ -292,7 +292,8 @@ def faultless(system: System) -> System:
     kept = {c.held for c in components}
     kept |= {i for m in system.modules for i in (m.looked, m.latch)}
     left = [t for t in system.topics if not t.held or t.index in kept]
-    place = {t.index: k for k, t in enumerate(left)}  # what is held comes last: only it moves
+    place: dict[int | None, int] = {t.index: k for k, t in enumerate(left)}
+    # what is held comes last: only it moves
     return replace(
         system,
         topics=tuple(replace(t, index=k) if t.index != k else t for k, t in enumerate(left)),
