@@ -190,11 +190,10 @@ bool soter_acknowledged(int8_t* latch, int64_t* since, bool pressed, int64_t sta
   if (*latch == (int8_t)SOTER_LATCH_ACKNOWLEDGED && ct - *since > max_age) {
     *latch = (int8_t)SOTER_LATCH_WAITS;
   }
-  if (stamp > *since && *latch == (int8_t)SOTER_LATCH_WAITS && !pressed) {
-    *latch = (int8_t)SOTER_LATCH_READY;
-    *since = stamp;
-  } else if (stamp > *since && *latch == (int8_t)SOTER_LATCH_READY && pressed) {
-    *latch = (int8_t)(ct - stamp <= max_age ? SOTER_LATCH_ACKNOWLEDGED : SOTER_LATCH_WAITS);
+  const soter_latch before = pressed ? SOTER_LATCH_READY : SOTER_LATCH_WAITS;
+  if (stamp > *since && *latch == (int8_t)before) { /* what it waits for */
+    const soter_latch press = ct - stamp <= max_age ? SOTER_LATCH_ACKNOWLEDGED : SOTER_LATCH_WAITS;
+    *latch = (int8_t)(pressed ? press : SOTER_LATCH_READY);
     *since = stamp;
   }
   return *latch == (int8_t)SOTER_LATCH_ACKNOWLEDGED;
