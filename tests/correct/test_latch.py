@@ -7,6 +7,8 @@ decision module looks every 10 ms, takes over at 100 ms, and a press counts for 
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,13 +16,15 @@ import pytest
 
 from generators.engine_comparison import compile_library, first_difference, subject
 from generators.outside_input_driver import Outside
+from soter.api.program import load
+from soter.api.rechecking import recheck
+from soter.cli.main import main
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.state_bytes import state_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from generators.engine_comparison import Subject
 
@@ -454,3 +458,26 @@ def test_a_dm_that_returns_never_gives_control_once(robots: Callable[[str], Robo
     r.tell(TAKEOVER + 1, "danger", 0)
     r.button(115, "-#", topic="other")
     r.stays_in_sc(END, 1)
+
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "wall" / "acknowledge.soter"
+
+
+def test_the_example_is_proved_and_deployed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (module,) = load(EXAMPLE).verify(cert=tmp_path / "cert", refute=False).modules
+    said = {name: f.verdict for name, f in module.findings.items()}
+    assert said.pop("failsafe") == "assumed"
+    assert set(said.values()) == {"proved"}
+    report = recheck(tmp_path / "cert")
+    assert report.accepted
+    assert report.returns
+    told = ["--system", "Vehicle", "--cert", str(tmp_path / "cert"), "--target", "posix"]
+    assert main(["build", str(EXAMPLE), *told, "-o", str(tmp_path / "package")]) == 0
+    assert "inherits  Guard" in capsys.readouterr().out
+    app = (tmp_path / "package" / "soter_posix_app.c").read_text(encoding="utf-8")
+    waits = dict(re.findall(r'\.name = "(\w+)",.*?\.awaited = (\w+)', app, re.DOTALL))
+    assert waits == {"position": "true", "speed": "false", "reset": "false"}, "none is needed"
+    inherited = (tmp_path / "package" / "inherited.json").read_text(encoding="utf-8")
+    assert "a press of reset is in force" in inherited
