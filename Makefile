@@ -13,7 +13,7 @@ PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 CONSTRAINTS ?=
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
 
-.PHONY: help setup demo test test-pages test-real-time test-long durations lint format fuzz playground docs bench vscode clean
+.PHONY: help setup demo test test-pages test-real-time test-long durations lint format fuzz playground docs proofs bench vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -74,6 +74,10 @@ playground: $(VENV)/.run  ## build/playground/index.html: Soter in a browser, of
 
 docs: $(VENV)/.dev  ## build/site: the docs, strictly, with the playground in front where npm is there
 	$(PY) docs/site/build_site.py -o build/site $(if $(shell command -v npm),,--no-playground)
+
+proofs:  ## the theorem of docs/proof.md, checked by Coq (needs coqc), in build/proofs
+	@mkdir -p build/proofs && cp proofs/*.v build/proofs
+	cd build/proofs && for f in $$(grep '\.v$$' ../../proofs/_CoqProject); do coqc -q -Q . Soter $$f || exit 1; done
 
 bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
 	$(PY) bench/run_all.py

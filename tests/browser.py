@@ -72,6 +72,11 @@ class Page:
         """As on a "screen" or in "print"."""
         self._ask("Emulation.setEmulatedMedia", media=name)
 
+    def scheme(self, name: str) -> None:
+        """Colours as somebody prefers them: "light" or "dark"."""
+        features = [{"name": "prefers-color-scheme", "value": name}]
+        self._ask("Emulation.setEmulatedMedia", features=features)
+
     def value(self, expression: str) -> Any:
         """What an expression of JavaScript gives, waiting for a promise."""
         done = self._ask(

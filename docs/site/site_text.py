@@ -36,6 +36,8 @@ SAID = (
     "safe", "safer", "ttf", "verify", "module", "until", "always", "never", "reads", "drives",
     "disturbance", "measured", "within", "max_age", "unit", "default", "deploys", "grid", "late",
 )  # fmt: skip
+LONG = 24
+"""Cells of more letters keep a width that is read well, where the window is narrow."""
 
 
 class SoterLexer(RegexLexer):  # type: ignore[misc]
@@ -101,6 +103,8 @@ def render(text: str, resolve: Resolve) -> Rendered:
             token.attrSet("id", anchor)
             done.headings.append((int(token.tag[1]), anchor, plain))
             done.title = done.title or plain
+        if token.type == "td_open" and len(tokens[i + 1].content) > LONG:
+            token.attrSet("class", "long")
         _links(token.children or (), resolve)
     done.html = parser.renderer.render(tokens, parser.options, {})
     return done

@@ -42,7 +42,7 @@ def flight_thumbnail(scene: Scene, flight: Flight, flights: Sequence[Flight]) ->
     parts += _events(shown, flight)
     for name, (x, y, _) in scene.goals:
         px, py = _pixel(shown, x, y)
-        size = shown.width * 0.038
+        size = shown.width * 0.043
         parts.append(
             f'<text x="{px:.2f}" y="{py - 0.35 * size:.2f}" font-size="{size:.2f}">'
             f"{escape(name)}</text>"

@@ -171,7 +171,8 @@ def main() -> None:
     )
     page = ReportPage(
         "An RTA-protected drone in the authors' city",
-        f"{PROGRAM.name}: systems {', '.join(ARMS)}",
+        f"{PROGRAM.name}: systems {', '.join(ARMS)}. Cards, maps and charts show one lap of each, "
+        f"of seed {seed}; the table beside the paper is about all laps",
         headline,
         comparison,
         CityView(scene(program)),

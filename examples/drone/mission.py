@@ -214,8 +214,8 @@ class Mission:
         summary: dict[str, float | int | str] = {
             "violations": self.run.violations,
             "landings": int(book["number"]),
-            "of_them_by_the_DM": int(book["forced"]),
-            "late": int(book["late"]),
+            "landings_by_the_DM": int(book["forced"]),
+            "landings_too_late": int(book["late"]),
             "plans_refused_on_board": self.refused(),
         }
         if book["number"]:
@@ -265,7 +265,7 @@ class Mission:
     def refused(self) -> str:
         """How many plans the follower refused, and why."""
         counts = self.last["landings"]["reasons"]
-        why = [f"{int(n)} {r}" for r, n in zip(REASONS, counts, strict=True) if n]
+        why = [f"{int(n)} ({r})" for r, n in zip(REASONS, counts, strict=True) if n]
         return ", ".join(why) or "none"
 
     def _ways(self) -> list[Way]:
@@ -306,8 +306,8 @@ class Mission:
             ),
             Series("height", "m", w.column("p")[:, 2], "height"),
             Series("in force", "", w.column("adopted").astype(float), "plans in force"),
-            Series("turned down by the DM", "", down.astype(float), "plans in force"),
-            Series("refused on board", "", w.column("refused").astype(float), "plans in force"),
+            Series("turned down", "", down.astype(float), "plans in force"),
+            Series("refused", "", w.column("refused").astype(float), "plans in force"),
         ]
 
 

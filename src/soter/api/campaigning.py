@@ -96,6 +96,8 @@ class Campaign:
     """How often each of them was there in all flights; None: always."""
     diagnostics: tuple[Diagnostic, ...] = ()
     """Warnings: what these flights are no evidence of."""
+    properties: tuple[str, ...] = ()
+    """What each flight was judged by, as the program writes it."""
 
 
 def campaign(
@@ -165,6 +167,7 @@ def campaign(
         faults=_faults(flat),
         occurred=occurred(flat, [f.seed for f in ours.flights], until_ns),
         diagnostics=tuple(_warnings(flat, ours.result)),
+        properties=tuple(f"{p.kind} {p.text}" for p in flat.properties),
     )
 
 

@@ -73,6 +73,7 @@ def run_log(log: str | Path | RunLog | None) -> RunLog | None:
 
 def require_writable(path: Path) -> None:
     """D006 where a log or a report cannot be written there, or something else would be lost."""
+    require_no_certificate(path)
     reason = ""
     if path.is_dir():
         reason = "it is a folder"
@@ -88,6 +89,15 @@ def require_writable(path: Path) -> None:
             reason = "it holds something else, which would be lost"
     if reason:
         raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {reason}"),))
+
+
+def require_no_certificate(path: Path, cert: Path | None = None) -> None:
+    """D006 where a file would lie in a certificate, or in what is to be `cert`: it breaks it."""
+    for folder in path.resolve().parents:
+        sealed = (folder / "SEAL").is_file() and (folder / "manifest.json").is_file()
+        if sealed or (cert is not None and folder == cert.resolve()):
+            problem = f"cannot write `{path}`: a certificate with a file more is rejected"
+            raise SoterError((Diagnostic("D006", problem),))
 
 
 def _made_by_a_run(path: Path) -> bool:

@@ -21,7 +21,15 @@ from soter.api.arguments import (
 )
 from soter.api.check_report import CheckReport, check_report
 from soter.api.compiled_systems import PreparedSystems
-from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
+from soter.api.files import (
+    format_text,
+    read_text,
+    require_no_certificate,
+    require_writable,
+    require_writers,
+    run_log,
+    write_advice,
+)
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.option import made, takes
 from soter.language.front_end import CheckResult, check_file, system_of
@@ -301,6 +309,7 @@ class Program:
         params: Mapping[str, object] | None = None,
         synthesize: bool = False,
         refute: bool = True,
+        explain: bool | None = None,
         report: str | Path | None = None,
         progress: Progress | None = None,
     ) -> VerifyReport:
@@ -309,7 +318,8 @@ class Program:
         `module`: full or declared name. `system`: where its plants stand; by default wherever a
         module is, the default system first. `cert`: a folder for a certificate; `report`: an HTML
         page. `synthesize`: find the controllers that are `sc synthesized` first, and verify the
-        program that was written. `refute`: look for a counterexample to what is not proved.
+        program that was written. `refute`: look for a counterexample to what is not proved;
+        `explain`: measure why it is not, and try what may help (None: where `refute` is).
         `SoterError` with R... where the program does not determine a problem.
         """
         from soter.explore.violation import violation_of  # noqa: PLC0415 - needs a compiler
@@ -319,9 +329,12 @@ class Program:
         if synthesize:
             written = self.synthesize(module=module, system=system, params=params)
             if written:
-                how: dict[str, Any] = {"refute": refute, "report": report, "progress": progress}
+                how: dict[str, Any] = {"refute": refute, "explain": explain, "report": report}
+                how["progress"] = progress
                 return load(written[0]).verify(module, cert, system=system, params=params, **how)
         require_writers(None, report)
+        if report is not None and cert is not None:
+            require_no_certificate(Path(report), Path(cert))
         return verify(
             self._checked,
             module=module,
@@ -330,6 +343,7 @@ class Program:
             given=params,
             cert=None if cert is None else Path(cert),
             refute=refute,
+            explain=explain,
             report=None if report is None else Path(report),
             progress=progress,
             search=violation_of,
@@ -376,6 +390,8 @@ class Program:
         from soter.verify.command import modules_of, problems_of  # noqa: PLC0415 - the same
         from soter.verify.period_sweep import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
 
+        if report is not None:
+            require_writable(Path(report))
         chosen = modules_of(self._checked, module, system, self._values(params))
         advice = advise_all(problems_of(chosen), factors, levels, progress)
         if report is not None and advice:

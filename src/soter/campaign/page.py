@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
-from soter.campaign.wording import an_hour, guilt, interval, verdict
+from soter.campaign.wording import an_hour, guilt, interval, listed, verdict
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.campaign import Bars, CampaignPage, Histogram, campaign_main
 from soter.report.errors import ReportError
@@ -84,6 +84,8 @@ def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
         says.append(f"Forced, so that nothing protects them: {', '.join(campaign.forced)}.")
     if r.violations and campaign.faults:
         says.append(f"{guilt(r)}.")
+    if campaign.properties:
+        says.insert(1, f"A violation is one of {listed(campaign.properties)}.")
     says.append(f"Program {campaign.program_sha256}; digest of all flights {r.digest}.")
     yield PageSection("What was flown", tuple(says), *tables.broken(campaign))
     control = []
@@ -126,7 +128,7 @@ def _charts(campaign: CampaignLike) -> Iterator[Bars | Histogram]:
     rows = [(m.name, m.ac_share, f"{m.ac_share:.2%}") for m in r.modules]
     rows += [("all at once", r.ac_share, f"{r.ac_share:.2%}")] if several else []
     if rows:
-        yield Bars("AC in control", "share of the time of all flights", tuple(rows))
+        yield Bars("AC in control", "share of the time of all flights", tuple(rows), "ac")
     for k, m in enumerate(r.modules):
         counts = [f.disengagements[k] for f in flights]
         if m.disengagements:
@@ -143,6 +145,7 @@ def _charts(campaign: CampaignLike) -> Iterator[Bars | Histogram]:
                 )
                 for a in campaign.arms
             ),
+            "bad",
         )
 
 
@@ -153,16 +156,18 @@ def _counted(name: str, counts: Sequence[int]) -> Histogram:
     for count in counts:
         bins[count // wide] += 1
     caption = f"mean {sum(counts) / len(counts):.4g}, least {min(counts)}, most {max(counts)}"
+    caption += f"; share of the {len(counts):,} flights"
     edges = tuple(float(k * wide) for k in range(len(bins) + 1))
     return Histogram(name, caption, edges, (0, *bins, 0), "takeovers", "flights", whole=True)
 
 
 def _bounds(r: Result) -> Iterator[str]:
     if r.properties:
-        by = " by flight" if r.per_hour_basis == FLIGHTS else ""
+        by = " (by flight)" if r.per_hour_basis == FLIGHTS else ""
+        low, high = r.per_flight
         yield (
-            f"Violations {an_hour(r)}, 95 %: {interval(*r.per_hour)}{by}; violated flights, "
-            f"95 %: {interval(*r.per_flight)}."
+            f"With 95 % confidence {interval(*r.per_hour)} violations {an_hour(r)}{by}, and "
+            f"{interval(100.0 * low, 100.0 * high)} % of flights violated."
         )
     if r.distinct < r.flights:
         yield f"{r.flights - r.distinct:,} of the flights are copies of others."
@@ -171,6 +176,7 @@ def _bounds(r: Result) -> Iterator[str]:
 def _histogram(m: MetricResult) -> Histogram:
     unit = f" {m.unit}" if m.unit else ""
     caption = f"mean {m.mean:.4g}{unit}, least {m.least:.4g}{unit}, most {m.most:.4g}{unit}"
+    caption += f"; share of {sum(m.bins):,} looks"
     outside = m.bins[0] + m.bins[-1]
     if outside:
         caption += f"; {outside:,} looks beyond the range (faint)"

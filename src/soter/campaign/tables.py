@@ -94,6 +94,10 @@ class CampaignLike(Protocol):
         """As `Campaign.forced`."""
 
     @property
+    def properties(self) -> Sequence[str]:
+        """As `Campaign.properties`."""
+
+    @property
     def faults(self) -> Sequence[tuple[str, str]]:
         """As `Campaign.faults`."""
 

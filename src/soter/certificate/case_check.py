@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions import shield
 from soter.certificate.inclusions.cell_sets import Cells, Grid, parts
 from soter.certificate.inclusions.group_claims import (
     FREE_PIECES,
@@ -46,6 +47,7 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
 from soter.certificate.reading.facts import bounded_topics
 from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.reading.module_views import ttf_of_states
 from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
 from soter.certificate.terms.terms import NotRecheckedError
@@ -224,7 +226,7 @@ class CaseCheck:
         symbol = self.model.facts.symbol
         wanted: list[tuple[str, Any, bool]] = []
         if self.claims & {"P3", "ttf"}:
-            wanted.append(("ttf", symbol.ttf, False))
+            wanted.append(("ttf", ttf_of_states(symbol.ttf), False))
         if self.claims & {"P3", "safer"}:
             wanted.append(("safer", symbol.safer, True))
         for name, expr, admits in wanted:
@@ -298,6 +300,9 @@ class CaseCheck:
             free = Cells(group.grid, group.free)
             show: Any = partial(levels_hold, self.model, group, levels[0], free)
             self._add("an estimate in S_0 may be of a state outside R(H), in", group.grid, show)
+            if self.model.facts.symbol.shield is not None:
+                for what, of_commands in shield.to_show(self.model, group, self.cores[i]):
+                    self._add(what, group.grid, of_commands)
             check = FreeCheck(self.model, group, between)
             for k in range(1, len(levels)):
                 if (levels[k].members & ~levels[k - 1].members).any():

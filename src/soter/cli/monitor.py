@@ -33,6 +33,7 @@ from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.json_object import JsonObject, one_of
 from soter.report.sections import PageSection
+from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,6 +66,16 @@ ALARM = (
     "an alarm: no disturbance within its declared bounds explains the step. The model is false, "
     "and what was proved with it says nothing about this run."
 )
+MEANING = (
+    "The model explains a step where disturbances within the ranges that the program declares lead "
+    "from one recorded state to the next. An alarm is a step that none explains. Judged on truth: "
+    "on the states of the plants; on estimates: on what the DM read, with the measurement errors "
+    "that the program declares. Most of the disturbance used: of all steps the largest part of a "
+    "declared range that one needed, and the state (column `by`) that needed it; at most 100% is "
+    "as declared. That every step is explained does not say that the run was safe: `soter run` "
+    "judges that."
+)
+"""What the words of the table mean, for a page that is read without the program beside it."""
 ENDING = "-monitor.html"
 
 
@@ -158,8 +169,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         items = (*warnings, *error.diagnostics)
         return CommandOutcome(exit_of(items), items, {"file": args.file})
     if len(seeds) > 1:
-        return _of_several(seeds, by_seed, args, console, warnings)
-    return _judged(by_seed[0], args, console, warnings)
+        return _of_several(seeds, by_seed, args, console, program)
+    return _judged(by_seed[0], args, console, program)
 
 
 def _of_several(
@@ -167,13 +178,13 @@ def _of_several(
     by_seed: Sequence[list[Judgement]],
     args: argparse.Namespace,
     console: Console,
-    warnings: Sequence[Diagnostic],
+    program: Program,
 ) -> CommandOutcome:
     """Tell a line for each run, and of each module what all of them came to."""
     rows = [(str(s), *_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged]
     together = [_together(of) for of in zip(*by_seed, strict=True)]
     rows += [("all", *_row(j)) for j in together]
-    return _outcome(together, (("seed", *HEAD), rows), args, console, warnings)
+    return _outcome(together, (("seed", *HEAD), rows), args, console, program)
 
 
 def _together(of: Sequence[Judgement]) -> Judgement:
@@ -196,10 +207,10 @@ def _judged(
     judged: list[Judgement],
     args: argparse.Namespace,
     console: Console,
-    warnings: Sequence[Diagnostic] = (),
+    program: Program,
 ) -> CommandOutcome:
     """Tell the judgement of the model."""
-    return _outcome(judged, (HEAD, [_row(j) for j in judged]), args, console, warnings)
+    return _outcome(judged, (HEAD, [_row(j) for j in judged]), args, console, program)
 
 
 def _outcome(
@@ -207,8 +218,9 @@ def _outcome(
     table: tuple[tuple[str, ...], list[tuple[str, ...]]],
     args: argparse.Namespace,
     console: Console,
-    warnings: Sequence[Diagnostic],
+    program: Program,
 ) -> CommandOutcome:
+    warnings = program.diagnostics if program.ok else ()
     says = f"{args.log or args.file}  judged on {judged[0].source if judged else 'nothing'}"
     head, rows = table
     console.say(f"{says}\n")
@@ -218,10 +230,12 @@ def _outcome(
         console.say(f"\n{ALARM}")
     fields = _fields(args, Monitored(judged=tuple(judged)))
     headline = "the model is false" if alarms else "the model explains every step"
-    section = PageSection(
-        "What was judged", (says, ALARM) if alarms else (says,), head, tuple(rows)
-    )
-    fields |= _report(args, headline, bool(alarms), [section], console)
+    told = [
+        PageSection("What was judged", (says, ALARM) if alarms else (says,), head, tuple(rows)),
+        PageSection("How to read it", (MEANING,)),
+        PageSection("Provenance", _provenance(program)),
+    ]
+    fields |= _report(args, headline, bool(alarms), told, console)
     code = VIOLATED if alarms else FINE
     return CommandOutcome(code, tuple(warnings), fields, of_judgements(judged))
 
@@ -236,7 +250,7 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     where = dict(pair.split("=", 1) for pair in args.where)
     try:
         if args.estimates:
-            return _judged(_explained(program, args, where), args, console, warnings)
+            return _judged(_explained(program, args, where), args, console, program)
         with ProgressBar(console) as progress:
             judged = program.judge_log(
                 args.log,
@@ -255,8 +269,13 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
         console.say(text)
     outside = any(m.outside for m in judged.modules)
     fields = _fields(args, Monitored(log=judged))
-    headline = f"{'a' if outside else 'no'} read lay outside `safe`"
-    fields |= _report(args, headline, outside, list(sections(judged)), console)
+    headline = "; ".join(
+        f"{m.module}: {m.outside:,} of {m.fresh:,} reads lay outside `safe`"
+        for m in judged.modules
+        if m.outside
+    )
+    told = [*sections(judged), PageSection("Provenance", _provenance(program))]
+    fields |= _report(args, headline or "no read lay outside `safe`", outside, told, console)
     return CommandOutcome(VIOLATED if outside else FINE, items, fields, of_log(judged))
 
 
@@ -307,6 +326,11 @@ def _report(
     write_sections(path, title, headline, "bad" if bad else "good", of)
     console.say(f"\nreport  {path}")
     return {"report": str(path)}
+
+
+def _provenance(program: Program) -> tuple[str, ...]:
+    """What judged, and by which program."""
+    return (f"Program {program.path}, SHA-256 {program.sha256}.", f"Judged by soter {VERSION}.")
 
 
 def _seeds_of(args: argparse.Namespace) -> str:

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT, int_number
-from soter.codegen.storage.storage_plan import RESULT, has_address, is_still_here, output_name
+from soter.codegen.storage.storage_plan import RESULT, has_address, is_still_here
 from soter.codegen.storage.trivial_comparisons import LOGICAL, compared_twice, is_foregone
 from soter.codegen.storage.value_locations import MADE, Places
 from soter.core import core
+from soter.core.core import output_name
 from soter.core.layout import scalar
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import (
@@ -46,6 +47,7 @@ FAULT_NAMES = {
     FaultKind.NONFINITE: "SOTER_NONFINITE",
     FaultKind.RANGE: "SOTER_RANGE",
     FaultKind.EXTERN: "SOTER_EXTERN_FAULT",
+    FaultKind.SHIELD: "SOTER_SHIELD",
 }
 COMPARISONS = frozenset(("<", "<=", ">", ">=", "==", "!="))
 UNARY_CALLS = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
@@ -204,6 +206,8 @@ class Body(Places):
         if e.fact == "age":
             stamp = c.IndexExpr(c.Arrow(s, "stamps"), c.Number(str(e.index)))
             return c.CallExpr("soter_seconds", (c.Binary("-", ct, stamp),))
+        if e.fact == "published":
+            return c.Name("true") if e.index in self.certain else self.has(e.index)
         if e.fact == "mode":
             return c.Member(c.IndexExpr(c.Arrow(s, "modules"), c.Number(str(e.index))), "mode")
         enabled = c.Binary("&", c.Name("flags"), c.Name("SOTER_ENABLED"))

@@ -98,7 +98,7 @@ def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c
         remembered = [c.Assign(latch, c.Number("1"))]
     else:
         max_age = frame.system.topics[module.acknowledgement].max_age_ns
-        assert max_age is not None, "M027"
+        assert max_age is not None, "M028"
         stamp = c.IndexExpr(stamps, c.Number(str(module.acknowledgement)))
         pressed = frame.topic(module.acknowledgement)
         arguments = (c.Unary("&", latch), c.Unary("&", since), pressed, stamp, CT)

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
-from soter.codegen.storage.storage_plan import PlannedBody, output_name
+from soter.codegen.storage.storage_plan import PlannedBody
 from soter.core import core
+from soter.core.core import output_name
 from soter.core.read_write_footprint import always_published
 
 if TYPE_CHECKING:

@@ -50,7 +50,7 @@ def _task(frame: Frame, component: Component, step: core.NodeStep) -> PlannedBod
     disturbed = any(f.component == component.index for f in frame.system.faults)
     bursts = any(o.burst for o in step.outputs)
     first = core.If(step.span, core.Const(BOOL, True), step.takeover, ())
-    code = (first, *step.body)
+    code = (first, *step.body, *(step.shield.body if step.shield is not None else ()))
     return frame.task(code, step.locals, () if disturbed or bursts else step.outputs)
 
 
@@ -77,6 +77,8 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
         body += [*choosing(component, step.body), *takeover, *frame.body.block(step.body)]
     body += disturb(frame, component, step.outputs)
     body += frame.check_outputs(step.outputs)
+    if step.shield is not None:
+        body += frame.body.block(step.shield.body)
     unused = [c.Unused(n) for n in ("s", "flags", "answer", "published")]
     body = [frame.state_pointer(), *unused, *frame.sticky(body, tuple(forgive(frame, component)))]
     if foreign and c_source:
@@ -86,11 +88,27 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
     body += [empty(frame, q) for q in queues_of(frame.system, component)]
     if component.held is None:
         body += frame.publish(step.outputs, gated=component.role != "node")
+        body += _held(frame, step)
     else:
         body += hold(frame, component, step.outputs)
     body.append(c.Return(OK))
     frame.body.choices = None
     return body
+
+
+def _held(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
+    """What the shield remembers of the commands that were published (n1: only if OE)."""
+    shield = step.shield
+    if shield is None:
+        return []
+    stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(shield.cell.owner)))
+    kept = frame.types.commit(frame.cell(shield.cell), shield.type, frame.body.place(shield.name))
+    some: c.CExpr = c.Name("false")
+    for k in range(len(step.outputs)):
+        has = c.Name("true") if k in frame.body.certain else frame.body.has(k)
+        some = has if k == 0 else c.Binary("||", some, has)
+    stores = (*kept, c.Assign(stamp, CT))
+    return [c.IfStmt(c.Binary("&&", enabled("SOTER_ENABLED"), some), stores)]
 
 
 def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:

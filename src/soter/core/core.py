@@ -75,7 +75,10 @@ class Get(Expr):
 
 @dataclass(frozen=True)
 class Fact(Expr):
-    """A fact of the run: "time" (s), "in_control", "mode" (module `index`), "age" (s, topic)."""
+    """A fact of the run: "time" (s), "in_control", "mode" (module `index`), "age" (s, topic).
+
+    And of a step "published": whether it published output number `index`.
+    """
 
     fact: str
     index: int = 0
@@ -327,6 +330,24 @@ class Footprint:
     stamps: set[int] = field(default_factory=set)
 
 
+def output_name(output: int) -> str:
+    """What a step publishes as output number `output`, as a temporary."""
+    return f"$out {output}"
+
+
+@dataclass(eq=False)
+class ShieldStep:
+    """After the body: the temporary `name` is what becomes of the shield's topic `cell`.
+
+    The statements that compute it guard what AC publishes.
+    """
+
+    body: tuple[Stmt, ...]
+    cell: Cell
+    name: str
+    type: Type
+
+
 @dataclass(eq=False)
 class NodeStep:
     """The step of a node: takeover block, body, publications."""
@@ -338,6 +359,7 @@ class NodeStep:
     outputs: tuple[Output, ...]
     footprint: Footprint
     span: Span
+    shield: ShieldStep | None = None
 
 
 @dataclass(eq=False)

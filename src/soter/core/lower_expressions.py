@@ -66,6 +66,9 @@ class ExpressionBuilder:
         self._blocks: list[list[core.Stmt]] = [[]]
         self.period_ns = 0
         self.can_fault = False
+        self.published: dict[typed.TopicSymbol, tuple[int | None, str]] = {}
+        """Topics that read as what the step publishes: the output's number (None: surely
+        published), and the temporary that has it."""
 
     # ------------------------------------------------------------ names and blocks
 
@@ -146,7 +149,13 @@ class ExpressionBuilder:
         return core.Cell("topic", index, self.system.topics[index].name)
 
     def _topicread(self, e: typed.TopicRead) -> core.Expr:
-        return core.Get(e.type, self.topic_cell(e.topic))
+        """Its value; behind a step what that publishes, where it does."""
+        old = core.Get(e.type, self.topic_cell(e.topic))
+        new = self.published.get(e.topic)
+        if new is None or new[0] is None:
+            return old if new is None else core.Var(e.type, new[1])
+        value = core.Var(e.type, new[1])
+        return core.Select(e.type, core.Fact(BOOL, "published", new[0]), value, old)
 
     def _truthread(self, e: typed.TruthRead) -> core.Expr:
         assert self.scope is not None

@@ -12,6 +12,7 @@ from soter.core import core
 from soter.core.lower_statements import Builder, FunctionTable
 from soter.core.plants import lower_plant
 from soter.core.read_write_footprint import footprint_of, written_names, written_topics
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.evaluate.conjuncts import premise_of
 from soter.language.model import typed
 from soter.language.model.system import queues_of
@@ -70,7 +71,59 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
     for o in outputs:
         footprint.writes.update(written_topics(system, o.topic))
         footprint.stamps.add(o.topic)
-    return core.NodeStep(component.index, copies, takeover, body, outputs, footprint, node.span)
+    step = core.NodeStep(component.index, copies, takeover, body, outputs, footprint, node.span)
+    step.shield = _shield(builder, component, outputs)
+    if step.shield is not None:
+        seen = footprint_of(step.shield.body)
+        footprint.reads |= seen.reads
+        footprint.stamps |= {*seen.stamps, step.shield.cell.owner}
+        footprint.writes.add(step.shield.cell)
+    return step
+
+
+def _shield(
+    builder: Builder, component: Component, outputs: tuple[core.Output, ...]
+) -> core.ShieldStep | None:
+    """What the shield of its module makes of what a controller publishes."""
+    system = builder.system
+    module = None if component.module is None else system.modules[component.module]
+    shield = None if module is None else module.shield
+    if module is None or shield is None or shield.held is None or shield.permits is None:
+        return None
+    topic, span = system.topics[shield.topic], component.span
+    cell = core.Cell("topic", topic.index, topic.name)
+    builder.scope = module.scope
+    builder.params = module.scope.params
+    name = builder.fresh("shield")
+    builder.emit(core.Let(span, name, core.Get(topic.type, cell), mutable=True))
+    held = builder.expr(shield.held)
+    judged, _ = builder.capture(lambda: _permitted(builder, component, name, outputs))
+    some: core.Expr = core.Fact(BOOL, "published", 0)
+    for k in range(1, len(outputs)):
+        some = core.Binary(BOOL, "||", some, core.Fact(BOOL, "published", k))
+    then = (core.Set(span, name, topic.type, (), held), *judged)
+    builder.emit(core.If(span, some, then, ()))
+    return core.ShieldStep(builder.finish(), cell, name, topic.type)
+
+
+def _permitted(
+    builder: Builder, component: Component, name: str, outputs: tuple[core.Output, ...]
+) -> None:
+    """AC's step faults unless the commands that may act behind it are permitted."""
+    assert component.module is not None
+    module = builder.system.modules[component.module]
+    assert module.shield is not None
+    if component.role != "ac" or module.shield.permits is None:
+        return
+    number = {o.topic: k for k, o in enumerate(outputs)}
+    for symbol, index in module.scope.topics.items():
+        if index == module.shield.topic:
+            builder.published[symbol] = (None, name)
+        elif index in number:
+            k = number[index]
+            builder.published[symbol] = (None if len(outputs) == 1 else k, core.output_name(k))
+    permits = builder.expr(module.shield.permits)
+    builder.emit(core.Guard(component.span, permits, FaultKind.SHIELD))
 
 
 def lower_predicate(

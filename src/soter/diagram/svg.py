@@ -44,7 +44,7 @@ UPWARDS = ("up", "leads upwards")
 STYLE = """
 .sd { --ink: #1a1f24; --muted: #5b646d; --paper: #fcfcfa; --panel: #ffffff;
   --rule: #9aa3ab; --line: #6d767e;
-  --ac: #b85c00; --sc: #0a6ebd; --plant: #e6e2d6; --topic: #eceff1;
+  --ac: #ad5500; --sc: #0a6ebd; --plant: #e6e2d6; --topic: #eceff1;
   --frame: #f3f6f8; --back: #8a5a9e; --flash: #ffe08a;
   font-family: system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", Arial, sans-serif; }
 @media (prefers-color-scheme: dark) {
@@ -70,6 +70,7 @@ STYLE = """
 .sd .head.up { fill: var(--back); }
 .sd .step > rect, .sd .step > path { stroke: var(--ink); stroke-width: 4; stroke-dasharray: none; }
 .sd .step:not(.on) > rect, .sd .step > path { fill: var(--flash); }
+.sd .step:not(.on) > .caption { fill: var(--ink); }
 .sd .on > rect { fill: var(--ac); } .sd .sc.on > rect { fill: var(--sc); }
 .sd .on > text { fill: var(--paper); }
 .sd text.value { font-size: 11px; font-family: ui-monospace, "DejaVu Sans Mono", monospace; }

@@ -33,7 +33,7 @@ PLACES: dict[str, tuple[str, ...]] = {
     "node": NODE,
     "rta": (
         "ac", "sc", "period", "safe", "safer", "ttf", "clean", "returns after", "returns never",
-        "failsafe", "wcet", "jitter", "assumes", "guarantees", "verify",
+        "shield", "failsafe", "wcet", "jitter", "assumes", "guarantees", "verify",
     ),
     "verify": VERIFY,
     "view": ("grid", "polytope", "abstracts"),
@@ -141,6 +141,7 @@ WORDS: dict[str, str] = {
     "clean": "How many clean outputs AC needs after a fault before it may have control.",
     "returns": "When the DM gives control back: `after` an operator's press, or `never`.",
     "after": "`returns after button;`: the DM waits for a press of it, new and not too old.",
+    "shield": "Each command of AC is judged before it acts: into how many cells it is cut.",
     "verify": "What `soter verify` is to know: over which states, how late things are.",
     "grid": "States that are analysed together, in cells: `grid p.x in [0, 1] / 200;`.",
     "polytope": "States with linear dynamics, analysed together by half-spaces.",

@@ -111,16 +111,22 @@ def _of_other_systems(checked: CheckResult, file: LoadedFile) -> list[Diagnostic
         modules = [
             m for m in flat.modules if m.name.split(".")[-1] == made["module"].split(".")[-1]
         ]
-        if any(fingerprint(extract_sets(flat, m)) != made["model"] for m in modules):
-            others.append(_of_another_system(symbol, str(made["system"])))
+        try:
+            other = any(fingerprint(extract_sets(flat, m)) != made["model"] for m in modules)
+        except SoterError as error:  # no monitor can be made of it, and this one was
+            others.append(_of_another_system(symbol, error.diagnostics[0].message))
+            continue
+        if other:
+            why = f"by its `set`; the monitor is of `{made['system']}`"
+            others.append(_of_another_system(symbol, why))
     return others
 
 
-def _of_another_system(symbol: SystemSymbol, made_of: str) -> Diagnostic:
+def _of_another_system(symbol: SystemSymbol, why: str) -> Diagnostic:
     return Diagnostic(
         "D022",
         f"the model monitor of system `{symbol.name}` is not of the model that this system has",
-        Label(symbol.span, f"by its `set`; the monitor is of `{made_of}`"),
+        Label(symbol.span, why),
         notes=(
             "right where the vehicle is to be another one than was proved, else silent or false",
         ),

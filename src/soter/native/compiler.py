@@ -55,6 +55,8 @@ class Compiler:
 
     command: tuple[str, ...]
     identity: str
+    flags: tuple[str, ...] = ()
+    """Of the command: what $SOTER_CC says behind its first word."""
 
 
 def _identity(command: tuple[str, ...]) -> str | None:
@@ -65,9 +67,8 @@ def _identity(command: tuple[str, ...]) -> str | None:
         stat = os.stat(os.path.realpath(path))  # noqa: PTH116 - follows links on purpose
     except OSError:
         return None
-    return hashlib.sha256(
-        f"{os.path.realpath(path)} {stat.st_size} {stat.st_mtime_ns}".encode()
-    ).hexdigest()
+    said = (os.path.realpath(path), stat.st_size, stat.st_mtime_ns, *command[1:])
+    return hashlib.sha256(" ".join(map(str, said)).encode()).hexdigest()
 
 
 def _zig() -> Compiler | None:
@@ -91,7 +92,7 @@ def find() -> Compiler:
     for command in (tuple(chosen),) if chosen else tuple((x,) for x in CANDIDATES):
         identity = _identity(command)
         if identity is not None:
-            return Compiler(command, identity)
+            return Compiler(command, identity, command[1:])
     zig = None if chosen else _zig()
     if zig is not None:
         return zig

@@ -38,11 +38,15 @@ class Histogram:
 
 @dataclass(frozen=True)
 class Bars:
-    """Shares side by side: each of `rows` has a name, a share (0..1) and that as a text."""
+    """Shares side by side: each of `rows` has a name, a share (0..1) and that as a text.
+
+    `kind`: "ac" for time in which AC has control, "bad" for what is to be none.
+    """
 
     name: str
     caption: str
     rows: tuple[tuple[str, float, str], ...]
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ def _bars(chart: Bars) -> Iterator[str]:
     """A bar a row, its name above it: names are as long as they are."""
     height = ROW * len(chart.rows) + BOTTOM
     depth = WIDTH - 2 * SIDE
-    yield f'<svg class="chart" viewBox="0 0 {WIDTH} {height}" role="img">'
+    yield f'<svg class="chart {chart.kind}" viewBox="0 0 {WIDTH} {height}" role="img">'
     yield f"<title>{escape(chart.name)}: {escape(chart.caption)}</title>"
     for k in range(5):
         x = SIDE + depth * k / 4

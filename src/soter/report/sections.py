@@ -34,7 +34,7 @@ def sections_main(
 ) -> Iterator[str]:
     """The body of the page; `verdict`: "good", "bad" or "", how the headline is coloured."""
     yield f'<h1>{escape(title)}</h1>\n<p class="verdict {verdict}">'
-    yield f"<strong>{escape(headline)}</strong></p>"
+    yield f"<strong>{prose(headline)}</strong></p>"
     yield from sections_told(sections)
 
 
@@ -45,19 +45,32 @@ def sections_told(sections: Sequence[PageSection]) -> Iterator[str]:
 
 
 def _section(section: PageSection) -> Iterator[str]:
-    yield f'<section class="told"><h2>{escape(section.title)}</h2>'
+    yield f'<section class="told"><h2>{prose(section.title)}</h2>'
     for text in section.says:
         yield f"<p>{prose(text)}</p>"
     if section.rows:
-        head = "".join(f"<th>{escape(h)}</th>" for h in section.head)
-        rows = "".join(f"<tr>{_cells(row)}</tr>" for row in section.rows)
-        yield f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
-        yield f"<tbody>{rows}</tbody></table></div>"
+        yield table_of(section.head, section.rows)
     yield "</section>"
 
 
-def _cells(row: Sequence[str]) -> str:
-    return "".join(
-        f'<td class="long">{escape(cell)}</td>' if len(cell) > LONG else f"<td>{escape(cell)}</td>"
-        for cell in row
+def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of text; one with long cells becomes a list of its rows on a phone."""
+    long = any(len(cell) > LONG for row in rows for cell in row)
+    heads = "".join(f'<th scope="col">{prose(h)}</th>' for h in head)
+    lines = "".join(f"<tr>{_cells(head, row)}</tr>" for row in rows)
+    return (
+        f'<div class="wide"><table{" class=stacked" if long else ""}><thead><tr>{heads}</tr>'
+        f"</thead><tbody>{lines}</tbody></table></div>"
     )
+
+
+def _cells(head: Sequence[str], row: Sequence[str]) -> str:
+    return "".join(
+        f"<td{' class=long' if len(cell) > LONG else ''}{data_head(h)}>{prose(cell)}</td>"
+        for h, cell in zip(head, row, strict=True)
+    )
+
+
+def data_head(head: str) -> str:
+    """The attribute by which a cell of a stacked table says its head."""
+    return f' data-head="{escape(head.replace("`", ""), quote=True)}"'

@@ -59,7 +59,8 @@ typedef enum {
   SOTER_CAPACITY = 6,
   SOTER_NONFINITE = 7,
   SOTER_RANGE = 8,
-  SOTER_EXTERN_FAULT = 9
+  SOTER_EXTERN_FAULT = 9,
+  SOTER_SHIELD = 10
 } soter_fault;
 
 typedef enum { SOTER_SC = 0, SOTER_AC = 1 } soter_mode;

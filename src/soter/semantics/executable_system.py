@@ -69,6 +69,15 @@ class DmCode:
     safer: Compiled | None
 
 
+@dataclass(frozen=True, slots=True)
+class ShieldCode:
+    """The code of a module's shield: its topic, that topic's next value, what is permitted."""
+
+    topic: int
+    held: Compiled
+    permits: Compiled
+
+
 class ExecutableSystem:
     """The compiled system. `externs` maps component names and extern functions to callables.
 
@@ -92,6 +101,8 @@ class ExecutableSystem:
         self.nodes: dict[int, NodeCode] = {}
         self.dms: dict[int, DmCode] = {}
         self.plants: dict[int, PlantCode] = {}
+        self.shields: dict[int, ShieldCode] = {}
+        """Component -> the shield of its module."""
         self._externs = externs
         self._functions = self._extern_functions()
         self._evaluators: list[Evaluator] = []
@@ -161,6 +172,19 @@ class ExecutableSystem:
             self.plants[component.index] = self._plant(component)
         else:
             self.nodes[component.index] = self._node(component)
+            self._shield(component)
+
+    def _shield(self, component: Component) -> None:
+        """The shield of the module whose AC or SC it is; none where it could not be computed."""
+        if component.module is None:
+            return
+        module = self.system.modules[component.module]
+        shield = module.shield
+        if shield is None or shield.held is None or shield.permits is None:
+            return
+        evaluator = self._evaluator(module.scope)
+        held, permits = evaluator.expression(shield.held), evaluator.expression(shield.permits)
+        self.shields[component.index] = ShieldCode(shield.topic, held, permits)
 
     def _dm(self, module: Module) -> DmCode:
         evaluator = self._evaluator(module.scope)

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.semantics.configuration import NEVER, put
-from soter.semantics.control import enabled
-from soter.semantics.latch import latch_seen, latch_switched
+from soter.semantics.control import enabled, latch_seen, latch_switched
 from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
 from soter.semantics.properties import judged
 from soter.semantics.publication_gate import (
@@ -31,6 +30,7 @@ from soter.semantics.publication_gate import (
 )
 from soter.semantics.random.faults import disturbed, is_released, next_release, overrun_ns
 from soter.semantics.random.random_draws import chooser, draw_bits
+from soter.semantics.shield import shielded
 
 if TYPE_CHECKING:
     from soter.language.evaluate.environment import Environment
@@ -145,6 +145,7 @@ def _node_step(
         if n in machine.faults:
             out = disturbed(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, code.outputs, out, component.span, code.bursts)
+        commands = shielded(machine, c, component, out)
     except StepFault as fault:
         c, outcome = _faulted(machine, c, component, fault)
         return c, replace(outcome, judged=assumed)
@@ -156,7 +157,7 @@ def _node_step(
     if not oe:
         return before, StepOutcome(n, {}, judged=assumed)
     # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
-    c = publish(machine.system.topics, c, out, bursts=code.bursts)
+    c = publish(machine.system.topics, c, {**out, **commands}, bursts=code.bursts)
     guaranteed = {} if any(assumed.values()) else judged(machine, c, component, "guarantees")
     if component.held is not None:
         return before, StepOutcome(n, {}, judged={**assumed, **guaranteed})

@@ -24,7 +24,15 @@ from soter.language.evaluate.conjuncts import conjuncts, disjuncts
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
-from soter.language.model.types import BoolType, EnumType, FloatType, IntType
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaves,
+)
 from soter.semantics.configuration import NEVER
 from soter.semantics.observer_records import AC
 
@@ -33,7 +41,7 @@ if TYPE_CHECKING:
 
     from soter.core.layout import StateLayout
     from soter.language.model.system import Component, Module, System
-    from soter.language.model.types import Value
+    from soter.language.model.types import Type, Value
 
 T = TypeVar("T")
 Number = float | int | bool | str
@@ -261,7 +269,31 @@ class _PredicateReader:
     # ------------------------------------------------------------ parts of predicates
 
     def _parts(self, parts: list[typed.TypedExpr]) -> list[Callable[[Environment], PredicatePart]]:
-        return [self._level(e) if self.module.computed else self._part(e) for e in parts]
+        return [self._computed(e) if self.module.computed else self._part(e) for e in parts]
+
+    def _computed(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
+        """A level of the estimate is compared, or commands are judged."""
+        return self._level(e) if isinstance(e, typed.TypedBinary) else self._shield(e)
+
+    def _shield(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
+        """`!permits` of a shield, with what the DM read and the command that is held."""
+        refused = self._evaluator.expression(e)
+        module, topics = self.module, self.system.topics
+        named = [
+            (".".join((topics[i].name, *path)), i, path)
+            for i in (*module.inputs, *module.outputs)
+            for path, _ in leaves(topics[i].type)
+        ]
+
+        def part(env: Environment) -> PredicatePart:
+            operands = tuple(
+                Operand(name, _leaf(topics[i].type, env.topics[i], path)) for name, i, path in named
+            )
+            said = ", ".join(f"{o.text} = {_short(o.value)}" for o in operands)
+            text = f"{said}: a command that may still act is not permitted"
+            return PredicatePart(text, bool(refused(env)), operands)
+
+        return part
 
     def _part(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
         whole = self._evaluator.expression(e)
@@ -325,11 +357,25 @@ class _Lazy(Sequence[T]):
         return self._of(i)
 
 
+def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 - of a topic
+    """The number below a path of `leaves`."""
+    for part in path:
+        if isinstance(t, RecordType):
+            k = [name for name, _ in t.fields].index(part)
+            t, value = t.fields[k][1], value[k]
+        else:
+            assert isinstance(t, ArrayType)
+            t, value = t.element, value[int(part[1:-1])]
+    number: Number = value
+    return number
+
+
 def _published_before(system: System, dm: int) -> frozenset[int]:
     """Topics whose publishers all step before a DM in the deployed order; inputs among them."""
     late = {i for c in system.components if c.index >= dm for i in _publishes(c)}
     looks = {m.looked for m in system.modules if m.dm >= dm and m.looked is not None}
-    return frozenset({t.index for t in system.topics} - late - looks)
+    shields = {m.shield.topic for m in system.modules if m.shield is not None}
+    return frozenset({t.index for t in system.topics} - late - looks - shields)
 
 
 def _publishes(c: Component) -> Iterator[int]:

@@ -147,8 +147,15 @@ class Advice:
             points = self._points(lambda r, m=m: r.levels.get(m, 0.0))  # type: ignore[misc]
             curves.append(Line(name, points, sure))
         head, rows = self.table()
+        best = self.best_ns
         return AdvicePage(
-            self.module, self.summary, tuple(curves), tuple(head), tuple(tuple(r) for r in rows)
+            self.module,
+            self.summary,
+            tuple(curves),
+            tuple(head),
+            tuple(tuple(r) for r in rows),
+            says=(f"{self.legend}.", "*: the period that the program says."),
+            best_ms=None if best is None else best / 1e6,
         )
 
     def _points(self, share_of: Callable[[AdviceRow], float]) -> tuple[tuple[float, float], ...]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.durations import show_ns
-from soter.native.compiler import find
+from soter.native.compiler import find, told_version
 from soter.report.errors import ReportError
 from soter.report.proof.page import proof_document, write_proof
 from soter.report.proof.record import (
@@ -98,7 +98,7 @@ def page(report: VerifyReport) -> ProofPage:
     return ProofPage(
         f"Verification of {report.path}",
         f"{names}: {report.verdict}{_but(report)}{under}",
-        f"system {report.system}, {report.seconds:.1f} s",
+        f"system {report.system}, verified in {report.seconds:.1f} s",
         tuple(_module(m) for m in report.modules),
         (*assumptions, *(f"not covered: {text}" for text in report.coverage.rest)),
         _trusted(report),
@@ -107,7 +107,7 @@ def page(report: VerifyReport) -> ProofPage:
             "program": report.path,
             "program sha256": report.program_sha256,
             "soter": version("soter"),
-            "C compiler": find().identity,
+            "C compiler": told_version(find()),
             "python": platform.python_version(),
             "numpy": np.__version__,
         },

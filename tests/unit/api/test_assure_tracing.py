@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from soter.api import load
 from soter.api.assurance.tracing import Tracing
 from soter.diagnostics.diagnostic import SoterError
+from soter.report.assurance.page import body
 from soter.report.assurance.safety_case import CaseNode, SafetyCase
 
 if TYPE_CHECKING:
@@ -225,7 +227,7 @@ def test_supported_is_what_leads_to_supported_properties_only(
     safe: bool,
     returns: bool,
 ) -> None:
-    """Against the definition: a walk from each row, to properties that are all supported."""
+    """Against the definition: every way from a row ends in a property that is supported."""
     rows = "".join(f"requirement,{i},x,{';'.join(t)},,,\n" for i, t in targets.items())
     folder = tmp_path_factory.mktemp("traced")
     case = case_of(safe=safe, P2b=returns)
@@ -245,9 +247,45 @@ def test_supported_is_what_leads_to_supported_properties_only(
         with pytest.raises(SoterError):
             traced(folder, flat, rows, case)
         return
+
+    def supported(id_: str) -> bool:
+        return (
+            good[id_] if id_ in good else bool(targets[id_]) and all(map(supported, targets[id_]))
+        )
+
     for item in traced(folder, flat, rows, case).items:
         properties = reached[item.id]
         assert properties is not None
         assert set(item.properties) == properties
-        supported = bool(properties) and all(good[name] for name in properties)
-        assert (item.status == "supported") == supported
+        assert (item.status == "supported") == supported(item.id)
+
+
+def test_a_hazard_is_open_where_one_of_its_requirements_is(tmp_path: Path, flat: System) -> None:
+    rows = (
+        "hazard,H1,strikes,R1; R2,,,\nrequirement,R1,stays,SafeCart.safe,,,\n"
+        "requirement,R2,the brake's lamp is lit,,,,\n"
+        f"hazard,H2,strikes,R1; R3,,,\nrequirement,R3,stays,{CLEAR},,,\n"
+    )
+    trace = traced(tmp_path, flat, rows, case_of(flights=True))
+    status = {i.id: i.status for i in trace.items}
+    assert status == {"H1": "open", "R1": "supported", "R2": "open", "H2": "open", "R3": "open"}
+    why = {o.id: o.why for o in trace.open}
+    assert (why["H1"], why["H2"]) == ("open: `R2`", "open: `R3`")
+
+
+def test_ids_that_only_look_like_others_are_refused(tmp_path: Path, flat: System) -> None:
+    rows = "hazard,H1,x,SafeCart.safe,,,\nhazard,H\N{ZERO WIDTH SPACE}1,x,,,,\n"
+    assert refused(tmp_path, flat, HEAD + rows) == [
+        "3: the id of this hazard has letters that nobody sees"
+    ]
+
+
+def test_a_hazard_with_the_id_of_a_goal_has_an_anchor_of_its_own(
+    tmp_path: Path, flat: System
+) -> None:
+    case = case_of()
+    traced(tmp_path, flat, "hazard,G1.1,strikes,SafeCart.safe,,,\n", case)
+    page = body(case)
+    anchors = re.findall(r'id="([^"]*)"', page)
+    assert len(anchors) == len(set(anchors))
+    assert '<a href="#row-G1.1">' in page

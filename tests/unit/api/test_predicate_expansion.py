@@ -224,3 +224,56 @@ def test_a_parameter_has_the_value_of_its_system(corners: Path) -> None:
     system = load(corners).declared("S", {"GAIN": 1.5})
     safe, *_ = expanded(system, system.modules[0])
     assert {d.name: d.text for d in safe.constants}["GAIN"] == "1.5"
+
+
+PART = """soter 1;
+const LIMIT: float = 3.0;
+param GAIN: float = 2.0;
+fun Scaled(x: float): float {
+  var s: float = 0.0; for i in [0, 1] { s = s + GAIN * x; } return s;
+}
+fun Sum(x: float): float {
+  /* } */ var s: float = 0.0; // {
+  for i in [0, 2] { s = s + LIMIT * Scaled(x); assert s < 9.0, "}"; }
+  return s; /* the end */
+}
+"""
+BOTH = """soter 1;
+import "left.soter" as left;
+import "right.soter" as right;
+const LIMIT: float = 10.0;
+topic x: float;
+topic u: float in [0.0, 1.0];
+plant P period 10ms { reads u; drives x = s; state s: float; der s = u; }
+node N period 10ms { publishes u; step { publish u = 0.0; } }
+node N2 period 10ms { publishes u; step { publish u = 1.0; } }
+rta M {
+  ac N2; sc N; period 50ms; safe left.Sum(x) < LIMIT && right.Sum(x) < LIMIT;
+  ttf x > 1.0; safer x < 0.0;
+}
+system S { p: P; module M; until 1s; }
+"""
+
+
+def test_functions_of_two_imports_are_told_apart_with_the_values_that_each_reads(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "left.soter").write_text(PART)
+    right = PART.replace("= 3.0", "= 7.0").replace("= 2.0", "= 5.0")
+    (tmp_path / "right.soter").write_text(right)
+    (tmp_path / "both.soter").write_text(BOTH)
+    system = load(tmp_path / "both.soter").declared("S")
+    safe, *_ = expanded(system, system.modules[0])
+    assert safe.expanded == "Sum(x) < LIMIT_2 && Sum_2(x) < LIMIT_2"
+    assert {d.name: d.text for d in safe.constants} == {
+        "LIMIT": "3.0",
+        "GAIN": "2.0",
+        "LIMIT_2": "10.0",
+        "LIMIT_3": "7.0",
+        "GAIN_2": "5.0",
+    }
+    texts = {d.name: d.text for d in safe.functions}
+    assert list(texts) == ["Sum", "Scaled", "Sum_2", "Scaled_2"]
+    assert texts["Sum"].endswith("/* the end */\n}")
+    assert texts["Sum_2"].endswith("}  // LIMIT is LIMIT_3, Scaled is Scaled_2")
+    assert texts["Scaled_2"].endswith("return s;\n}  // GAIN is GAIN_2")

@@ -89,6 +89,22 @@ def test_the_charts_are_the_figures_of_the_flights(cart: Campaign) -> None:
     assert 'width="476.00"' in drawn  # the arm whose every flight is violated
 
 
+def test_the_page_names_what_flights_were_judged_by_and_bounds_in_their_units(
+    walk: tuple[Campaign, Path],
+) -> None:
+    campaign, path = walk
+    drawn = campaign_main(page_of(campaign, str(path)))
+    assert "<code>always abs(car.truth.x) &lt; 0.4</code>" in drawn
+    low, high = campaign.result.per_flight
+    assert 0.0 < low < high < 1.0
+    assert f"{100 * low:.3g} to {100 * high:.3g} % of flights violated" in drawn
+
+
+def test_ac_has_its_own_colour_in_the_chart_of_control_alone(cart: Campaign) -> None:
+    charts = [c for c in page_of(cart, str(CART)).charts if isinstance(c, Bars)]
+    assert [c.kind for c in charts] == ["ac", "bad"]
+
+
 def test_a_measure_has_the_unit_of_what_it_measures(walk: tuple[Campaign, Path]) -> None:
     page = page_of(walk[0], str(walk[1]))
     (away,) = page.histograms

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from soter.api import load
 from soter.cli.main import command_of
 
 if TYPE_CHECKING:
@@ -68,6 +69,10 @@ def test_a_page_of_the_monitor_says_what_the_terminal_says(
     assert "cart.soter: flight.mcap" in words
     assert ("The model is false" in words) is (code == 3)
     assert ("the model explains every step" in words) is (code == 0)
+    sha256 = load(here / "cart.soter").sha256
+    assert sha256 is not None
+    assert sha256 in words
+    assert "An alarm is a step that none explains" in words
     row = next(line for line in done.out.splitlines() if line.startswith("SafeCart"))
     assert row.split() == words[words.index("SafeCart") :].split()[: len(row.split())]
     again = soter("monitor", "cart.soter", "flight.mcap", "--report", "m.html", "--json")
@@ -87,7 +92,15 @@ def test_a_page_of_a_log_of_somebody_else_has_its_assumptions(soter: Soter, here
     words = text_of(here / done.document["report"])
     for text in done.document["log"]["assumptions"]:
         assert text in words
-    assert f"{done.document['log']['modules']['SafeCart']['steps']:,} steps of the DM" in words
+    judged = done.document["log"]["modules"]["SafeCart"]
+    assert f"{judged['steps']:,} steps of the DM" in words
+    assert judged["changes"]
+    for change in judged["changes"]:  # a row of a table each
+        assert f"{change['time_s']:.3f} s {change['to']} {change['reason']}" in " ".join(
+            re.sub(r"φ safe", "φ_safe", " ".join(words.split())).split()
+        )
+    if judged["outside"]:
+        assert f"SafeCart: {judged['outside']:,} of" in words
 
 
 def test_a_page_that_cannot_be_written_is_d006_and_one_of_no_judgement_u001(

@@ -43,3 +43,35 @@ def test_what_cannot_be_written_is_named(soter: Soter, here: Path, what: str, ta
     assert target in told["message"]
     assert "Errno" not in told["message"]
     assert not list(here.glob(".soter/crash-*"))
+
+
+def test_a_figure_does_not_take_the_place_of_a_program(soter: Soter, here: Path) -> None:
+    before = (here / "cart.soter").read_bytes()
+    assert soter("advise", "cart.soter", "--report", "cart.soter").exit == 1
+    assert (here / "cart.soter").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("verify", "cart.soter", "--cert", "fresh", "--report", "fresh/page.html"),
+        ("verify", "cart.soter", "--cert", "fresh", "--report", "fresh/figures/page.html"),
+        ("verify", "cart.soter", "--report", "proof/page.html"),
+        ("run", "cart.soter", "--until", "1s", "--log", "proof/run.mcap"),
+        ("advise", "cart.soter", "--report", "proof/sets/figure.html"),
+        ("assure", "cart.soter", "--cert", "proof", "-o", "proof"),
+        ("assure", "cart.soter", "-o", "proof/case"),
+    ],
+    ids=" ".join,
+)
+def test_nothing_is_written_into_a_certificate(
+    soter: Soter, here: Path, words: tuple[str, ...]
+) -> None:
+    """Every byte of one counts: with a file more it is rejected."""
+    (here / "proof" / "sets").mkdir(parents=True)
+    for name in ("SEAL", "manifest.json"):
+        (here / "proof" / name).write_text("{}")
+    done = soter(*words)
+    assert (done.exit, "a certificate with a file more is rejected" in done.err) == (1, True)
+    assert not (here / "fresh").exists()
+    assert {p.name for p in (here / "proof").rglob("*")} == {"sets", "SEAL", "manifest.json"}

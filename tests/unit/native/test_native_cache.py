@@ -12,7 +12,7 @@ from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.native.build import KERNEL, RUNTIME, library
-from soter.native.compiler import compile_with
+from soter.native.compiler import compile_with, find
 from soter.native.includes import included
 
 if TYPE_CHECKING:
@@ -107,3 +107,16 @@ def test_the_kernel_is_compiled_once_for_programs_compiled_alike(
     assert of_soter("1.0", "-O1") == list(KERNEL)
     assert of_soter("2.0", "-O1") == []
     assert of_soter("2.0", "-O0") == list(KERNEL)
+
+
+def test_what_was_compiled_with_other_flags_of_the_compiler_is_not_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    command = find().command[0]
+    identities = []
+    for flags in ("", " -O0", " -DNAMED"):
+        monkeypatch.setenv("SOTER_CC", command + flags)
+        find.cache_clear()
+        identities.append(find().identity)
+    find.cache_clear()
+    assert len(set(identities)) == 3

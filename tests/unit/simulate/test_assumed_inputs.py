@@ -27,3 +27,38 @@ def test_an_input_is_drawn_from_its_declared_values_or_its_whole_set() -> None:
 
 def test_queues_of_inputs_are_no_inputs() -> None:
     assert told("") == ["a, b keep the default value"]
+
+
+PLANT = """soter 1;
+topic seen: { x: float unit "m", y: float unit "m", z: float unit "m", v: float unit "m/s" };
+plant P period 10ms {
+  drives seen = { x: x, y: x, z: x, v: x };
+  state x: float = 0.0;
+  disturbance wind: float unit "N" in [-1.0, 1.0];
+  der x = wind;
+  MEASURED
+}
+system S { p: P; until 1s; }
+"""
+
+
+def measured(clauses: str) -> str:
+    text = PLANT.replace("MEASURED", f"measured {clauses};")
+    _, errors = of_environment(system_of(check_file("plant.soter", text), None))
+    return errors
+
+
+def test_a_bound_of_errors_says_its_unit_and_several_say_what_each_is_of() -> None:
+    assert measured("seen.x within 0.02") == "p: measurement errors within 0.02 m, drawn evenly"
+    assert measured("seen.x within 0.02, seen.y within 0.02, seen.v within 0.02") == (
+        "p: measurement errors within 0.02 m of seen.x and seen.y, 0.02 m/s of seen.v, drawn evenly"
+    )
+    assert measured("seen.x within 0.1, seen.y within 0.1, seen.z within 0.1, seen.v within 2") == (
+        "p: measurement errors within 0.1 m of 3 signals, 2 m/s of seen.v, drawn evenly"
+    )
+
+
+def test_a_disturbance_has_its_unit() -> None:
+    text = PLANT.replace("MEASURED", "")
+    (wind,) = of_environment(system_of(check_file("plant.soter", text), None))
+    assert wind == "p: wind in [-1, 1] N, drawn evenly"

@@ -179,6 +179,8 @@ def _is_sound(row: HazardRow, diagnostics: Diagnostics) -> bool:
         return False
     if not row.id:
         diagnostics.error(CODE, f"this {row.kind} has no id", row.span)
+    if not row.id.isprintable():  # two ids that look alike would be two rows
+        diagnostics.error(CODE, f"the id of this {row.kind} has letters that nobody sees", row.span)
     for name in NEEDED[row.kind]:
         if not getattr(row, name):
             diagnostics.error(CODE, f"{row.kind} `{row.id}` has no `{name}`", row.span)

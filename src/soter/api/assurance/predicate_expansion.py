@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
 from soter.language.model.python_values import to_json
-from soter.language.model.tree_walk import calls_in, nodes
+from soter.language.model.tree_walk import nodes
 from soter.language.model.types import DurationType, EnumType, FloatType, IntType, RecordType
 from soter.language.syntax.parsing.operators import PRECEDENCE
 from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
@@ -238,8 +238,7 @@ class _Expansion:
         given = [self.expr(x, env) for x in e.arguments]
         short = fun.name.rpartition(".")[2]
         if fun.prelude or fun.body is None or not _is_expression(fun.body):
-            self.keep(fun)
-            return _Text(f"{short}({', '.join(x.text for x in given)})")
+            return _Text(f"{self.keep(fun)}({', '.join(x.text for x in given)})")
         inner = {}
         for variable, value in zip(fun.parameters, given, strict=True):
             reads = [n for n in nodes(fun.body) if isinstance(n, typed.VarRead)]
@@ -250,13 +249,28 @@ class _Expansion:
             return self.define(short, result)
         return result
 
-    def keep(self, fun: typed.FunSymbol) -> None:
-        """The text of a function that stays a call, and of those that it calls."""
-        if fun.prelude or fun.name in self.functions:
-            return
-        self.functions[fun.name] = Definition(fun.name.rpartition(".")[2], _source(fun))
-        for called in calls_in(*(fun.body or ())):
-            self.keep(called.fun)
+    def keep(self, fun: typed.FunSymbol) -> str:
+        """What a function that stays a call is called; its text is kept, and of those it calls.
+
+        What another name of this expansion is called in that text stands behind it.
+        """
+        short = fun.name.rpartition(".")[2]
+        if fun.prelude:
+            return short
+        if fun.name in self.functions:
+            return self.functions[fun.name].name
+        name = self.free(short)
+        self.functions[fun.name] = Definition(name, "")
+        called = {}
+        for n in nodes(fun.body or ()):
+            if isinstance(n, typed.TypedCall):
+                called[n.span.text.partition("(")[0].strip()] = self.keep(n.fun)
+            elif isinstance(n, typed.ParamRead) or (isinstance(n, typed.Literal) and n.name):
+                called[" ".join(n.span.text.split())] = self.expr(n, {}).text
+        told = [f"{said} is {what}" for said, what in called.items() if said != what]
+        text = name + _source(fun)[len(short) :] + f"  // {', '.join(told)}" * bool(told)
+        self.functions[fun.name] = Definition(name, text)
+        return name
 
     def body(self, body: Sequence[typed.TypedStmt], env: dict[typed.Variable, _Text]) -> _Text:
         """What a body that is an expression returns."""
@@ -338,10 +352,10 @@ def _source(fun: typed.FunSymbol) -> str:
 
 
 def _closing(text: str) -> int:
-    """Where the first bracket `{` of a body is closed; comments have no say."""
+    """Where the first bracket `{` of a body is closed; comments and texts have no say."""
     depth = 0
-    for found in re.finditer(r"//[^\n]*|[{}]", text):
-        depth += {"{": 1, "}": -1}.get(found[0], 0)
-        if depth == 0 and found[0] == "}":
-            return found.start()
+    for token in re.finditer(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\])*"|[{}]', text, re.DOTALL):
+        depth += {"{": 1, "}": -1}.get(token[0], 0)
+        if depth == 0 and token[0] == "}":
+            return token.start()
     return len(text) - 1

@@ -125,7 +125,7 @@ def _module(
 
 def _leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: CertifiedProof) -> None:
     """What the certificate supports; `why`: it does not."""
-    leaf = CaseNode(id_, "solution", "no leaf" if why else RECHECKED, checked=not why, why=why)
+    leaf = CaseNode(id_, "solution", "no evidence" if why else RECHECKED, checked=not why, why=why)
     if not why:
         leaf.path, leaf.sha256 = proof.path, proof.sha256
     case.add(leaf, under=goal)
@@ -201,7 +201,7 @@ def _compiled(
                 refuted.append(f"{name}: {why}")
         text = f"the generated C of the decision module of {name} switches as proved"
         child = case.add(CaseNode(f"{COMPILED}.{each.number}", "goal", text), under=goal)
-        text = "no leaf" if why else f"{said}: tried just now"
+        text = "no evidence" if why else f"{said}: tried just now"
         leaf = CaseNode(f"Sn.6.{each.number}", "solution", text, checked=not why, why=why)
         case.add(leaf, under=child)
     return case.status(goal) == "supported"

@@ -45,7 +45,8 @@ def rechecker_sha256() -> str:
 
 def compiler_used() -> str:
     """The compiler that compiles decision modules here, and its flags; SoterError X005."""
-    return f"{told_version(find())}; {' '.join(library_flags())}"
+    compiler = find()
+    return f"{told_version(compiler)}; {' '.join((*compiler.flags, *library_flags()))}"
 
 
 def provenance_of(proof: CertifiedProof, command: str) -> dict[str, str]:

@@ -18,6 +18,7 @@ from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.predicate_expansion import expanded
 from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
 from soter.api.assurance.tracing import Tracing
+from soter.api.files import require_no_certificate
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase
 from soter.report.errors import ReportError
@@ -78,6 +79,8 @@ def assure(
     from soter.api.assurance.provenance import command_line, provenance_of  # noqa: PLC0415 - NumPy
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
 
+    for name in FILES:
+        require_no_certificate(Path(output) / name, None if cert is None else Path(cert))
     flat = program.declared(system, params)
     case = SafetyCase(
         f"Safety case of {flat.name} in {Path(program.path).name}",

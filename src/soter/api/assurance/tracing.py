@@ -61,7 +61,7 @@ class Tracing:
         status = {p.name: p.status for p in properties}
         traced = [r for r in rows if r.kind != "assumption"]
         reached = _reached(traced)
-        items = tuple(_item(r, reached[r.id], status) for r in traced)
+        items = tuple(_items(traced, reached, status))
         for k, p in enumerate(properties):
             hazards = (i.id for i in items if i.kind == "hazard" and p.name in i.properties)
             properties[k] = replace(p, hazards=tuple(hazards))
@@ -101,7 +101,7 @@ def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
     """SoterError D021 where a row leads to nothing, to a hazard, or round in a circle."""
     diagnostics = Diagnostics()
     by_id = {r.id: r for r in rows if r.kind != "assumption"}
-    requirements = [r.id for r in by_id.values() if r.kind == "requirement"]
+    requirements = {r.id: r for r in by_id.values() if r.kind == "requirement"}
     for r in by_id.values():
         if r.id in how:
             diagnostics.error(CODE, f"`{r.id}` is a property of the program", r.span)
@@ -128,7 +128,7 @@ def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
 
 
 def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
-    """Of each row the properties that it leads to, each once."""
+    """Of each row the properties that it leads to, each once, after what it traces to."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}
     graph = {r.id: [t for t in r.traces_to if t in by_id] for r in rows}
@@ -138,22 +138,34 @@ def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
     return reached
 
 
-def _item(row: HazardRow, reached: list[str], status: dict[str, str]) -> TracedItem:
-    shown = {status[name] for name in reached} - {"sampled", "not flown"}
-    word = SUPPORTED if shown == {SUPPORTED} else "open"
-    return TracedItem(row.kind, row.id, row.text, row.traces_to, tuple(reached), word)
+def _items(
+    rows: Sequence[HazardRow], reached: dict[str, list[str]], status: dict[str, str]
+) -> Iterator[TracedItem]:
+    """Each row, supported where all its properties and all its requirements are."""
+    by_id = {r.id: r for r in rows}
+    words: dict[str, str] = {}
+    for id_, names in reached.items():
+        shown = {status[name] for name in names} - {"sampled", "not flown"}
+        shown |= {words[t] for t in by_id[id_].traces_to if t in by_id}
+        words[id_] = SUPPORTED if shown == {SUPPORTED} else "open"
+    for r in rows:
+        of, word = tuple(reached[r.id]), words[r.id]
+        yield TracedItem(r.kind, r.id, r.text, r.traces_to, of, word)
 
 
 # ---------------------------------------------------------------- what is open
 
 
 def _open_items(items: Sequence[TracedItem], status: dict[str, str]) -> Iterator[OpenItem]:
+    open_ = {i.id for i in items if i.status != SUPPORTED}
     for i in items:
         lacking = [name for name in i.properties if status[name] == UNDEVELOPED]
         if not i.properties:
             yield OpenItem(i.kind, i.id, "it leads to no property")
         elif lacking:
             yield OpenItem(i.kind, i.id, f"undeveloped: {', '.join(f'`{n}`' for n in lacking)}")
+        elif below := [t for t in i.traces_to if t in open_]:
+            yield OpenItem(i.kind, i.id, f"open: {', '.join(f'`{t}`' for t in below)}")
         elif i.status != SUPPORTED:
             yield OpenItem(i.kind, i.id, "only flights are behind it, which are a sample")
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.shield import cells_of, tops_of
 from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
@@ -40,7 +41,8 @@ def compare_tables(
     if len(entries) != len(first):
         raise RejectedError("the tables of the DM are not one for each group")
     for k, (group, entry) in enumerate(zip(first, entries, strict=True)):
-        if entry.keys() != {"axes", "levels"}:
+        shield = {"command", "commands"} if facts.symbol.shield is not None else set()
+        if entry.keys() != {"axes", "levels", *shield}:
             raise RejectedError("a table of the DM is not as it should be")
         same = [case[k] for case in cases]
         if any(g.states != group.states or g.grid.edges != group.grid.edges for g in same):
@@ -58,6 +60,19 @@ def compare_tables(
             raise RejectedError(f"the table of the DM over {', '.join(names)} is not that of S")
         for g in same:
             g.given_back = total == FULL
+            if shield:
+                _shield(certificate, facts, g, entry)
+
+
+def _shield(
+    certificate: Certificate, facts: Facts, group: GroupTables, entry: dict[str, Any]
+) -> None:
+    """What the DM holds of commands."""
+    names = [c.name for c in facts.controls]
+    if entry["command"] is not None and entry["command"] not in names:
+        raise RejectedError("a table of the DM is about a command that there is not")
+    group.command = None if entry["command"] is None else names.index(entry["command"])
+    group.tops = tops_of(certificate.plain(entry["commands"]), group, cells_of(facts))
 
 
 def _looked_at(facts: Facts, group: GroupTables) -> list[int]:

@@ -71,6 +71,11 @@ class GroupTables:
     levels: list[NDArray[np.bool_]] = field(default_factory=list)
     given_back: NDArray[np.bool_] | None = None
     """Estimates on which the table of the DM gives control back to AC: S_(m-2) of all cases."""
+    tops: NDArray[np.uint8] | None = None
+    """Of a shield: for every cell of estimates and least command cell the number of cells up to the
+    greatest that is permitted with it, 0 where none is; the grid's shape and the command cells."""
+    command: int | None = None
+    """The control that it is about; None: none moves the group."""
 
 
 # ---------------------------------------------------------------- chains

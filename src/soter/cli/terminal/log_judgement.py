@@ -25,6 +25,21 @@ WIDTH = 100
 CHANGES_SHOWN = 12
 BOUNDS_SHOWN = 12
 HEAD = ("module", "AC", "first switch", "switches", "least to ttf", "least to bounds of safe")
+PAGE_HEAD = (
+    "module",
+    "time in AC",
+    "first takeover by SC",
+    "takeovers by SC",
+    "least distance to `ttf`",
+    "least distance to bounds of `safe`",
+)
+DISTANCES = (
+    "Distances are those of comparisons in the predicates, each in its own unit; below 0 the "
+    "comparison is on the other side."
+)
+ERRORS = "Errors of values that the log does not have, each in the unit of its value."
+ERRORS_HEAD = ("value", "half of errors below", "95 % below", "all below", "how")
+BOUNDS_HEAD = ("least distance", "at", "comparison")
 
 
 def undecided(m: ModuleOfLog) -> Diagnostic:
@@ -52,13 +67,30 @@ def lines(j: LogJudgement, console: Console) -> Iterator[str]:
 
 def sections(j: LogJudgement) -> Iterator[PageSection]:
     """The same for a page."""
-    yield PageSection("What was judged", (_judged_on(j),), HEAD, tuple(_rows(j)))
+    yield PageSection("What was judged", (_judged_on(j), DISTANCES), PAGE_HEAD, tuple(_rows(j)))
     for m in j.modules:
-        yield PageSection(m.module, tuple(text.strip() for text in _of_module(m)))
-    of_log = tuple(text.strip() for text in _of_log(j))
-    if of_log:
-        yield PageSection("The log", of_log)
+        yield from _module_sections(m)
+    lost = tuple(text.strip() for text in _lost_of(j))
+    if lost:
+        yield PageSection("The log", lost)
+    if j.derived:
+        rows = tuple((d.name, *(f"{e:.2g}" for e in d.error), d.how) for d in j.derived)
+        yield PageSection("What was derived", (ERRORS,), ERRORS_HEAD, rows)
     yield PageSection("What this rests on", tuple(j.assumptions))
+
+
+def _module_sections(m: ModuleOfLog) -> Iterator[PageSection]:
+    """One module: what came of it, when control changed, how near each comparison came."""
+    yield PageSection(m.module, tuple(text.strip() for text in _outcome(m)))
+    if not m.decided:
+        return
+    if m.changes:
+        rows = tuple((f"{c.time_s:.3f} s", c.to, c.reason) for c in m.changes)
+        yield PageSection(f"{m.module}: changes of control", (), ("time", "control", "why"), rows)
+    near = sorted(m.bounds.values(), key=lambda n: n.distance)
+    if near:
+        rows = tuple((f"{n.distance:.3f}", f"{n.time_s:.3f} s", f"`{n.bound}`") for n in near)
+        yield PageSection(f"{m.module}: comparisons of `ttf`", (), BOUNDS_HEAD, rows)
 
 
 def _judged_on(j: LogJudgement) -> str:
@@ -81,7 +113,8 @@ def _rows(j: LogJudgement) -> list[tuple[str, ...]]:
     ]
 
 
-def _of_module(m: ModuleOfLog) -> Iterator[str]:
+def _outcome(m: ModuleOfLog) -> Iterator[str]:
+    """What came of all steps of a DM, or why nobody knows."""
     if not m.decided:
         yield "  undecided; the log does not give"
         for name in m.missing:
@@ -96,6 +129,12 @@ def _of_module(m: ModuleOfLog) -> Iterator[str]:
         yield f"  a predicate faulted {m.faults:,} times; that counts as unsafe"
     if m.blind:
         yield f"  `safe` is not judged; it reads {', '.join(m.blind)}"
+
+
+def _of_module(m: ModuleOfLog) -> Iterator[str]:
+    yield from _outcome(m)
+    if not m.decided:
+        return
     for change in m.changes[:CHANGES_SHOWN]:
         yield f"  {change.time_s:9.3f} s  {change.to}  {change.reason}"
     if len(m.changes) > CHANGES_SHOWN:
@@ -109,12 +148,17 @@ def _of_module(m: ModuleOfLog) -> Iterator[str]:
         yield f"  ... and {len(near) - BOUNDS_SHOWN:,} further away"
 
 
-def _of_log(j: LogJudgement) -> Iterator[str]:
+def _lost_of(j: LogJudgement) -> Iterator[str]:
+    """Samples that were not used, and what faulted."""
     for title, counts in (("left out", j.left_out), ("refused by the gate", j.refused)):
         for name, (count, first) in counts.items():
             yield f"\n{title}: {count:,} samples of {name}; the first: {first}"
     for name, told in j.faulted.items():
         yield f"\n{name} faulted and latched: {told}"
+
+
+def _of_log(j: LogJudgement) -> Iterator[str]:
+    yield from _lost_of(j)
     if j.derived:
         yield "\nderived (error: half, 95 %, all of it below)"
     for how in dict.fromkeys(d.how for d in j.derived):

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.core import core
+from soter.core.core import output_name
 from soter.core.read_write_footprint import walk, written_names
 from soter.language.model.types import RecordType
 
@@ -27,11 +28,6 @@ if TYPE_CHECKING:
 
 RESULT = "$result"
 """The place that the caller of a function gives for what it returns."""
-
-
-def output_name(output: int) -> str:
-    """The place of what a step publishes, by the output's number."""
-    return f"$out {output}"
 
 
 Path = tuple[str, ...]

@@ -18,10 +18,10 @@ from soter.codegen.storage.storage_plan import (
     PlannedBody,
     StoragePlan,
     has_address,
-    output_name,
     plan_of,
 )
 from soter.core import core
+from soter.core.core import output_name
 from soter.core.layout import struct_of
 from soter.core.read_write_footprint import walk
 from soter.language.model.types import ArrayType, ListType, RecordType

@@ -5,7 +5,7 @@ from that look on AC surely keeps control (`Module.looks_left`), its stamp when 
 the topic of a module with `returns after`: what its latch waits for, and since when; or with
 `returns never`: whether AC has had control (docs/semantics.md, The latch).
 Non-goals: how many periods these are (`verify/deploy/computed_predicates.py`), what is made of them
-(`Module.margin_ns`); how a latch moves (`semantics/latch.py`, `runtime/soter_kernel.c`).
+(`Module.margin_ns`); how a latch moves (`semantics/control.py`, `runtime/soter_kernel.c`).
 """
 
 from __future__ import annotations

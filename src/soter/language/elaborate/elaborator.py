@@ -15,6 +15,7 @@ from soter.language.elaborate.decision_topics import make_latch_topics, make_mar
 from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
+from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics
 from soter.language.elaborate.size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
 from soter.language.elaborate.tests_and_faults.faults import place_faults
@@ -79,6 +80,8 @@ class Elaborator(Topics):
         self._modules_by_name: dict[str, Module] = {}
         self._margins: list[int] = []
         """Modules whose margin somebody reads."""
+        self._shields: dict[int, int] = {}
+        """Into how many cells the commands of modules are cut."""
 
     # ------------------------------------------------------------ the result
 
@@ -103,6 +106,9 @@ class Elaborator(Topics):
         for c in components:
             if c.takes_ns is not None:
                 self._hold(c)
+        self.topics += make_shield_topics(
+            modules, self._shields, self.topics, components, self.diagnostics
+        )
         system = System(
             name=self.symbol.name,
             program=self.program,
@@ -342,7 +348,6 @@ class Elaborator(Topics):
                 source = self.topics[scope.topics[subscribed.topic]]
                 scope.topics[subscribed.topic] = self.queue(source, subscribed, name)
         period = self._period(node.period, f"the period of node `{node.name}`", name)
-        self._takeover_in_module(node, role)
         locals_ = [v for v in node.locals if not isinstance(v.type, ErrorType)]
         initial = dict(zip(node.locals, node.initial, strict=True))
         wcet, jitter = budget(self, node)
@@ -392,17 +397,6 @@ class Elaborator(Topics):
             also=((node.period.span, f"steps every {show_ns(period)}"),),
         )
         return 0
-
-    def _takeover_in_module(self, node: typed.NodeSymbol, role: str) -> None:
-        if node.takeover is not None and role == "node" and not self.draft:
-            self.diagnostics.error(
-                "M015",
-                f"`{node.name}` has `on takeover`, but is in control all the time",
-                node.span,
-                also=((self.symbol.span, "in this system it belongs to no module"),),
-                notes=("control is taken and given back inside an `rta` module only",),
-                helps=("leave the block out, or make the node the AC or SC of a module",),
-            )
 
     def _failsafe(
         self, node: typed.NodeSymbol | typed.ModuleSymbol, scope: Scope
@@ -511,6 +505,9 @@ class Elaborator(Topics):
         for output in outputs:
             self._has_set(self.topics[output], module)
         late_ns, levels = self._verify_block(module)
+        shield = self.count(module.shield, "`shield`", 1, CELLS_MAX)
+        if shield is not None:
+            self._shields[index] = shield
         return Module(
             index=index,
             name=placed.name,

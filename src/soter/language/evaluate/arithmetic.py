@@ -44,6 +44,7 @@ class FaultKind(IntEnum):
     NONFINITE = 7
     RANGE = 8
     EXTERN = 9
+    SHIELD = 10
 
 
 class StepFault(Exception):  # noqa: N818  the paper's steps fault; "error" would suggest a bug

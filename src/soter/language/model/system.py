@@ -166,6 +166,22 @@ class Component:
 
 
 @dataclass(eq=False)
+class Shield:
+    """How a module judges the commands of its AC (docs/semantics.md, Shields).
+
+    `cells`: into how many each number of a command is cut; `topic`: the hidden topic that holds
+    of each cell until when (s) a command of it was held. `held` is its next value where a command
+    is published, `permits` whether all commands that may act then may do so until SC's first
+    output acts; both None until they are computed.
+    """
+
+    cells: int
+    topic: int
+    held: TypedExpr | None = None
+    permits: TypedExpr | None = None
+
+
+@dataclass(eq=False)
 class Module:
     """An RTA module instance; `dm`, `ac`, `sc` are component indices.
 
@@ -215,6 +231,7 @@ class Module:
     acknowledgement: int | None = None
     """With a `latch`: the topic after a press on which it gives control back; None: it never does,
     once AC has had it."""
+    shield: Shield | None = None
 
     @property
     def reads(self) -> tuple[int, ...]:

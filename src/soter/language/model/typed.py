@@ -624,6 +624,8 @@ class ModuleSymbol(Symbol):
     """Of its decision module, as of a node."""
     latch: Latch | None = None
     """Where its decision module does not give control back by itself."""
+    shield: TypedExpr | None = None
+    """Into how many cells each number that it publishes is cut, where commands are judged, too."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:
@@ -905,6 +907,8 @@ class TypedProgram:
     """Symbols whose declarations have errors: what they lack is no error of others."""
     system_sizes: dict[SystemSymbol, tuple[int, int]] = field(default_factory=dict)
     """Components and levels of a system, once counted (`measure.py`)."""
+    doubted: set[object] = field(default_factory=set)
+    """Nodes and plants whose steps were looked at for warnings, with the parameters they had."""
     costs: dict[NodeSymbol | ModuleSymbol, Cost] = field(default_factory=dict)
     """Of the step of every node that is not extern, and of every decision module whose predicates
     are known."""

@@ -637,6 +637,8 @@ class RtaDecl(Decl):
     wcet: SyntaxExpr | None = None
     jitter: SyntaxExpr | None = None
     returns: Returns | None = None
+    shield: SyntaxExpr | None = None
+    """`shield 8;`: into how many cells each number that it publishes is cut."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -102,4 +102,13 @@
     go(Math.max(...steps.map((s) => before(s, now)), 0) / 1e9);
   });
   go(0);
+
+  // A diagram wider than the window begins at its topmost box.
+  const drawing = document.querySelector(".program .scroll");
+  const placed = (e) => e.getBoundingClientRect();
+  const [top] = [...drawing.querySelectorAll("[data-component]")].sort((a, b) => placed(a).top - placed(b).top);
+  if (top && placed(top).right > placed(drawing).right) {
+    const box = placed(top);
+    drawing.scrollLeft = box.left + box.width / 2 - placed(drawing).left - drawing.clientWidth / 2;
+  }
 })();

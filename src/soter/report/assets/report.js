@@ -5,6 +5,7 @@
 
 (() => {
   const figures = soterFigures();
+  const LETTER_PX_MIN = 9;
   const buttons = [...document.querySelectorAll("button[data-group]")];
   const narrow = window.matchMedia("(max-width: 640px)");
   const coarse = window.matchMedia("(pointer: coarse)");
@@ -59,6 +60,18 @@
     };
   }
 
+  // The name of a panel is written smaller where the window is narrower than it.
+  const pen = document.createElement("canvas").getContext("2d");
+  function fitted(note, width) {
+    if (note.xref !== "paper" || note.x !== 0) {
+      return note;
+    }
+    pen.font = `${note.font.size}px Verdana, DejaVu Sans, sans-serif`;
+    const needs = pen.measureText(note.text).width;
+    const size = Math.max(LETTER_PX_MIN, note.font.size * Math.min(1, width / needs));
+    return { ...note, font: { ...note.font, size } };
+  }
+
   function draw(figure) {
     const place = document.getElementById("figure-" + figure.key);
     const style = window.getComputedStyle(document.documentElement);
@@ -69,6 +82,8 @@
     const layout = themed(figure.layout, style);
     if (narrow.matches) {
       layout.margin = { ...layout.margin, r: 6 };
+      const width = place.clientWidth - layout.margin.l - 10;
+      layout.annotations = (layout.annotations ?? []).map((note) => fitted(note, width));
     }
     if (layout.yaxis && layout.yaxis.scaleanchor) {
       place.style.height = mapHeight(place.clientWidth, layout) + "px";

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.report.assurance.expanded_predicate import MEANINGS
 from soter.report.run.result_wording import prose
+from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -34,12 +35,6 @@ STYLE = """<style>
 .formula .whole { white-space: nowrap; }
 .formula b { font-weight: 600; color: var(--sc); }
 .foot { display: none; }
-@media (max-width: 640px) {
-  .board thead { display: none; }
-  .board tr, .board td { display: block; border: 0; padding: 1px 0; }
-  .board tr { padding: 9px 0; border-bottom: 1px solid var(--grid); }
-  .board td[data-head]:not(:empty)::before { content: attr(data-head) ": "; color: var(--muted); }
-}
 @media print {
   main { display: table; table-layout: fixed; width: 100%; }
   .foot { display: table-footer-group; break-inside: avoid; }
@@ -48,9 +43,15 @@ STYLE = """<style>
   .formula, .board tr { break-inside: avoid; }
 }
 </style>"""
+ROW = "row-"
+"""Before the anchors of hazards and requirements."""
 ON_EVERY_PAGE = ("Soter", "re-checker", "certificate", "C compiler")
 """Of what a case was made with, beside its program."""
 NO_FILE = "No file of hazards, requirements and owners was given (<code>--hazards FILE</code>)."
+CLOSED = (
+    "Supported is what leads to properties that all are; flights are left aside, as they are a "
+    "sample and close nothing."
+)
 FAULTS = (
     "Functions of the program are written out, and their parts have names. Calls that are left are "
     "operations of the language and functions of its prelude (docs/prelude.md). Where an operation "
@@ -105,7 +106,7 @@ def _grouped(items: Sequence[OpenItem]) -> Iterator[str]:
     for item in items:
         ids_by_why.setdefault(item.why, []).append(item.id)
     for why, ids in ids_by_why.items():
-        linked = ", ".join(_link(i) if items[0].kind != "property" else _code(i) for i in ids)
+        linked = ", ".join(_link_of(items[0].kind, i) for i in ids)
         yield f"<li>{linked}: {prose(why)}</li>"
 
 
@@ -120,13 +121,13 @@ def traced(case: SafetyCase) -> str:
         rows = []
         for i in (i for i in traceability.items if i.kind == kind):
             behind = [_behind(properties[name]) for name in i.properties]
-            over = ", ".join(_code(t) if t in properties else _link(t) for t in i.traces_to)
+            over = ", ".join(_code(t) if t in properties else _link_to_row(t) for t in i.traces_to)
             good = i.status == "supported"
             state = f'<span class="{"good" if good else "open"}">{escape(i.status)}</span>'
-            rows.append((i.id, escape(i.id), prose(i.text), over, "<br>".join(behind), state))
+            rows.append((ROW + i.id, escape(i.id), prose(i.text), over, "<br>".join(behind), state))
         heads = ("id", "what", "traces to", "rests on", "state")
         sections.append(f"<h3>{title}</h3>{_table(heads, rows)}" if rows else "")
-    said = f"As {_code(traceability.path)} says, SHA-256 {_code(traceability.sha256)}."
+    said = f"As {_code(traceability.path)} says, SHA-256 {_code(traceability.sha256)}. {CLOSED}"
     source = f'<p class="note lead">{said}</p>'
     rows = [
         ("", _code(p.name), HOW[p.how], _goal(p.goal), escape(p.status), _ids(p.hazards))
@@ -141,6 +142,8 @@ def traced(case: SafetyCase) -> str:
 
 
 def _behind(p: TracedProperty) -> str:
+    if not p.goal and p.how == "flights":
+        return f"{_code(p.name)}: {escape(p.status)}, as no campaign was given"
     at = f" ({_link(p.goal)})" if p.goal else ", no goal of this case is about it"
     return f"{_code(p.name)}: {escape(p.status)}, {HOW[p.how]}{at}"
 
@@ -150,7 +153,7 @@ def _goal(goal: str) -> str:
 
 
 def _ids(ids: Iterable[str]) -> str:
-    return ", ".join(_link(i) for i in ids) or "none"
+    return ", ".join(_link_to_row(i) for i in ids) or "none"
 
 
 def assumptions(case: SafetyCase) -> str:
@@ -229,8 +232,20 @@ def _code(text: str) -> str:
     return f"<code>{escape(text)}</code>"
 
 
-def _link(id_: str) -> str:
-    return f'<a href="#{escape(id_, quote=True)}">{escape(id_)}</a>'
+def _link(id_: str, before: str = "") -> str:
+    return f'<a href="#{before}{escape(id_, quote=True)}">{escape(id_)}</a>'
+
+
+def _link_of(kind: str, id_: str) -> str:
+    """Of what is open: to its row; a property has none."""
+    if kind == "property":
+        return _code(id_)
+    return _link(id_) if kind == "assumption" else _link_to_row(id_)
+
+
+def _link_to_row(id_: str) -> str:
+    """To a hazard or a requirement, whose id people choose: it may be that of a goal, too."""
+    return _link(id_, ROW)
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -238,10 +253,9 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     head = "".join(f'<th scope="col">{escape(h)}</th>' for h in heads)
     lines = "".join(
         (f'<tr id="{escape(anchor, quote=True)}">' if anchor else "<tr>")
-        + "".join(
-            f'<td data-head="{escape(h)}">{cell}</td>' for h, cell in zip(heads, cells, strict=True)
-        )
+        + "".join(f"<td{data_head(h)}>{cell}</td>" for h, cell in zip(heads, cells, strict=True))
         + "</tr>"
         for anchor, *cells in rows
     )
-    return f'<table class="case board"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
+    opened = f'<table class="case board stacked"><thead><tr>{head}</tr></thead>'
+    return f"{opened}<tbody>{lines}</tbody></table>"

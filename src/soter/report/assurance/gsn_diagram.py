@@ -10,6 +10,7 @@ Source: GSN Community Standard, version 3, part 1.
 
 from __future__ import annotations
 
+import re
 import textwrap
 from dataclasses import dataclass, field
 from html import escape
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 COLUMN, BOX, GAP, LINE, MARGIN = 138, 126, 44, 15, 8
 LETTERS, LINES_MAX = 17, 6
+PHONE_COLUMNS = 3
+"""What is above many columns stands over the first of them: in sight where the picture scrolls."""
 TOGETHER_MAX = 9
 """So many columns of goals are one picture."""
 RADIUS, SIDE = 50, 54
@@ -130,7 +133,7 @@ def _rows(spot: _Spot) -> list[list[_Spot]]:
 
 
 def _place(spot: _Spot, left: float) -> float:
-    """Columns from the left for goals; what is above stands in the middle. Where it ends."""
+    """Columns from the left for goals; what is above stands over their middle. Where it ends."""
     goals = [s for s in spot.below if s.node.kind != "solution"]
     if not goals:
         spot.x = left + COLUMN * _leaves(spot) / 2
@@ -138,7 +141,7 @@ def _place(spot: _Spot, left: float) -> float:
     end = left
     for s in goals:
         end = _place(s, end)
-    spot.x = (goals[0].x + goals[-1].x) / 2
+    spot.x = min((goals[0].x + goals[-1].x) / 2, left + PHONE_COLUMNS * COLUMN / 2)
     return end
 
 
@@ -207,7 +210,8 @@ def _shape(case: SafetyCase, s: _Spot) -> Iterator[str]:
     if n.kind == "solution":
         yield f'<circle cx="{s.x:.1f}" cy="{top + RADIUS:.1f}" r="{RADIUS}"/>'
         about = f"for {len(s.nodes)} goals" if len(s.nodes) > 1 else n.id
-        words = textwrap.wrap(n.text.split(",")[0].replace("`", ""), 13)[:3]
+        words = textwrap.wrap(re.split("[,:]", n.text)[0].replace("`", ""), 13)
+        words = [*words[:2], f"{words[2][:12]}…"] if len(words) > 3 else words
         hash_ = [n.sha256[:12]] if n.sha256 else []
         yield from _lines(
             s.x, top + RADIUS - 7 * (len(words) + len(hash_)), [about, *words, *hash_]

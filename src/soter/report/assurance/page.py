@@ -45,13 +45,8 @@ STYLE = """<style>
 .case .hash { font: 13px/1.6 var(--mono); }
 .case .why { display: block; color: var(--muted); font-size: 14px; }
 .case tr:target { background: var(--sc-shade); }
-.case a { color: var(--sc); }
+.case a, .subtitle a { color: var(--sc); }
 @media print { .gsn { max-width: 100%; } }
-@media (max-width: 640px) {
-  .case thead { display: none; }
-  .case tr, .case td { display: block; border: 0; padding: 1px 0; }
-  .case tr { padding: 9px 0; border-bottom: 1px solid var(--grid); }
-}
 </style>"""
 WORDS = (
     ("complex function", "the advanced controller, AC"),
@@ -217,7 +212,8 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "") 
         + "</tr>"
         for anchor, *cells in rows
     )
-    return f'<table class="case{kind}"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
+    opened = f'<table class="case stacked{kind}"><thead><tr>{head}</tr></thead>'
+    return f"{opened}<tbody>{lines}</tbody></table>"
 
 
 def _state(case: SafetyCase, n: CaseNode) -> str:

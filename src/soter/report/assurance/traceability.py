@@ -32,7 +32,8 @@ class TracedProperty:
 class TracedItem:
     """A hazard or a requirement; `properties`: what it leads to, over requirements, too.
 
-    It is "supported" where all of these are that are no flights, and there is one; else "open".
+    It is "supported" where all of these are that are no flights, and there is one, and all the
+    requirements that it traces to; else "open".
     """
 
     kind: str

@@ -11,11 +11,21 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from soter.report.run.result_wording import prose
+from soter.report.sections import table_of
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 720, 360, 60, 50, 20, 110
-COLOURS = ("#2a7f62", "#3465a4", "#b5651d", "#8e44ad", "#555555")
+WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 530, 320, 64, 46, 22, 100
+CURVES_MAX = 5
+APART_PX = 22.0
+"""Between labels of neighbouring periods, at least."""
+DOTS = (
+    "Share of the grid's states over the period Δ of the decision module. Filled dots: with `ttf` "
+    "and `safer` computed for that m everything is proved; rings: not. The dashed line: the "
+    "longest period tried that verifies, as in the column *verifies*."
+)
 
 
 @dataclass(frozen=True)
@@ -29,13 +39,18 @@ class Line:
 
 @dataclass(frozen=True)
 class AdvicePage:
-    """What is known of one module; `table` is rows of text under `head`."""
+    """What is known of one module; `table` is rows of text under `head`.
+
+    `says`: what the names and marks mean; `best_ms`: the longest Delta that verifies, if one does.
+    """
 
     module: str
     summary: str
     lines: tuple[Line, ...]
     head: tuple[str, ...]
     table: tuple[tuple[str, ...], ...]
+    says: tuple[str, ...] = ()
+    best_ms: float | None = None
 
 
 def advice_main(pages: Sequence[AdvicePage]) -> str:
@@ -44,18 +59,12 @@ def advice_main(pages: Sequence[AdvicePage]) -> str:
 
 
 def _module(page: AdvicePage) -> Iterator[str]:
-    yield f"<h1>{escape(page.module)}</h1>"
-    yield f"<p>{escape(page.summary)}</p>"
-    yield f"<figure>{''.join(_figure(page))}"
-    yield (
-        "<figcaption>Share of the grid's states over the period Δ of the decision module. "
-        "Filled dots: everything is proved there; rings: not.</figcaption></figure>"
-    )
-    head = "".join(f"<th>{escape(h)}</th>" for h in page.head)
-    rows = "".join(
-        "<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in page.table
-    )
-    yield f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    yield f'<h1>{escape(page.module)}</h1><p class="verdict">{prose(page.summary)}</p>'
+    yield f'<div class="figures advice"><figure>{"".join(_figure(page))}'
+    yield f"<figcaption>{prose(DOTS).replace('*verifies*', '<em>verifies</em>')}</figcaption>"
+    yield "</figure></div>"
+    yield "".join(f'<p class="note">{prose(text)}</p>' for text in page.says)
+    yield table_of(page.head, page.table)
 
 
 def _figure(page: AdvicePage) -> Iterator[str]:
@@ -65,29 +74,35 @@ def _figure(page: AdvicePage) -> Iterator[str]:
         across = LEFT + x / longest * (WIDTH - LEFT - RIGHT)
         return across, HEIGHT - BOTTOM - y * (HEIGHT - BOTTOM - TOP)
 
-    yield f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" font-size="12" fill="currentColor">'
+    yield f'<svg class="chart advice" viewBox="0 0 {WIDTH} {HEIGHT}" role="img">'
     yield f"<title>{escape(page.module)}: shares of the states over Delta</title>"
     for k in range(6):
         x, y = at(0.0, k / 5)
-        yield f'<line x1="{x:.1f}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}" '
-        yield 'stroke="currentColor" stroke-opacity="0.2"/>'
+        yield f'<path class="grid" d="M{x:.1f} {y:.1f}H{WIDTH - RIGHT}"/>'
         yield f'<text x="{x - 8:.1f}" y="{y + 4:.1f}" text-anchor="end">{20 * k} %</text>'
+    last = -APART_PX
     for ms in sorted({x for line in page.lines for x, _ in line.points}):
         x, y = at(ms, 0.0)
-        yield f'<text x="{x:.1f}" y="{y + 18:.1f}" text-anchor="middle">{ms:g}</text>'
-    yield f'<text x="{(WIDTH - RIGHT + LEFT) / 2:.0f}" y="{HEIGHT - 10}" text-anchor="middle">'
-    yield "Δ in ms</text>"
-    for line, colour in zip(page.lines, COLOURS, strict=False):
-        yield from _line(line, colour, [at(x, y) for x, y in line.points])
+        if x - last >= APART_PX:
+            yield f'<text x="{x:.1f}" y="{y + 18:.1f}" text-anchor="middle">{ms:g}</text>'
+            last = x
+    middle = f'x="{(WIDTH - RIGHT + LEFT) / 2:.0f}" y="{HEIGHT - 8}" text-anchor="middle"'
+    yield f'<text class="name" {middle}>Δ / ms</text>'
+    if page.best_ms is not None:
+        x, y = at(page.best_ms, 0.0)
+        yield f'<path class="best" d="M{x:.1f} {y:.1f}V{TOP}"/><text class="name" x="{x:.1f}" '
+        yield f'y="{TOP - 8}" text-anchor="middle">longest that verifies</text>'
+    for k, line in enumerate(page.lines[:CURVES_MAX]):
+        yield from _line(line, f"curve-{k}", [at(x, y) for x, y in line.points])
     yield "</svg>"
 
 
-def _line(line: Line, colour: str, points: list[tuple[float, float]]) -> Iterator[str]:
+def _line(line: Line, kind: str, points: list[tuple[float, float]]) -> Iterator[str]:
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-    yield f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="2"/>'
+    yield f'<g class="{kind}"><polyline points="{path}"/>'
     for (x, y), sure in zip(points, line.sure, strict=True):
-        fill = colour if sure else "none"
-        yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{fill}" stroke="{colour}"/>'
+        yield f'<circle{"" if sure else " class=ring"} cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
     if points:
         x, y = points[-1]
-        yield f'<text x="{x + 10:.1f}" y="{y + 4:.1f}" fill="{colour}">{escape(line.name)}</text>'
+        yield f'<text x="{x + 10:.1f}" y="{y + 4:.1f}">{escape(line.name)}</text>'
+    yield "</g>"

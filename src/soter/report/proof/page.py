@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from soter.report.html import document, write_text
 from soter.report.proof.regions import region_svg
 from soter.report.run.result_wording import prose
+from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     import os
@@ -84,8 +85,9 @@ def _together(page: ProofPage) -> str:
     if not page.together:
         return ""
     rows = "".join(
-        f'<tr><th scope="row">{prose(t.module)}</th><td>{prose(t.what)}</td>'
-        f"<td>{f'<strong>{prose(t.why)}</strong>' if t.open else prose(t.why)}</td></tr>"
+        f'<tr><th scope="row">{prose(t.module)}</th>'
+        f"<td{data_head('takes for granted')}>{prose(t.what)}</td><td{data_head('because')}>"
+        f"{f'<strong>{prose(t.why)}</strong>' if t.open else prose(t.why)}</td></tr>"
         for t in page.taken
     )
     return (
@@ -94,7 +96,7 @@ def _together(page: ProofPage) -> str:
         f"{escape(page.together)}</span></h2>"
         '<p class="note lead">Theorem 4.1: the conjunction, and who keeps what a module takes for '
         f"granted{_open(sum(t.open for t in page.taken))}</p>"
-        '<div class="scroll"><table class="events proof"><thead><tr>'
+        '<div class="scroll"><table class="events proof stacked"><thead><tr>'
         '<th scope="col">module</th><th scope="col">takes for granted</th>'
         f'<th scope="col">because</th></tr></thead><tbody>{rows}</tbody></table></div></section>'
     )
@@ -107,19 +109,23 @@ def _open(count: int) -> str:
 def _properties(m: ModuleProof) -> str:
     rows = "".join(_property(p) for p in m.properties)
     return (
-        '<div class="scroll"><table class="events proof"><thead><tr><th scope="col">property</th>'
+        '<div class="scroll"><table class="events proof stacked"><thead><tr>'
+        '<th scope="col">property</th>'
         '<th scope="col">verdict</th><th scope="col">what it says</th><th scope="col">method</th>'
-        f'<th scope="col" class="number">s</th></tr></thead><tbody>{rows}</tbody></table></div>'
+        '<th scope="col" class="number">time / s</th></tr></thead>'
+        f"<tbody>{rows}</tbody></table></div>"
     )
 
 
 def _property(p: PropertyRow) -> str:
-    detail = f'<br><span class="detail">{prose(p.detail)}</span>' if p.detail else ""
+    more = p.detail if p.detail != p.meaning else ""
+    detail = f'<br><span class="detail">{prose(more)}</span>' if more else ""
     return (
         f'<tr><th scope="row">{prose(p.name)}</th>'
         f'<td><span class="badge {escape(p.verdict)}">{SIGNS.get(p.verdict, "?")} '
         f"{escape(p.verdict)}</span></td><td>{prose(p.meaning)}{detail}</td>"
-        f'<td>{prose(p.method)}</td><td class="number">{p.seconds:.2f}</td></tr>'
+        f"<td{data_head('method')}>{prose(p.method)}</td>"
+        f'<td class="number"{data_head("time / s")}>{p.seconds:.2f}</td></tr>'
     )
 
 

@@ -32,6 +32,7 @@ from soter.report.run.result_wording import (
 )
 from soter.report.run.signal_thinning import place
 from soter.report.run.timeline import chart_timeline, flight_timeline
+from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
         Comparison,
         Decision,
         Figure,
+        ModeBand,
         ReportPage,
         Violation,
     )
@@ -60,7 +62,8 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         program_section(page.picture, signals_drawn(drawn)),
         _violations([*page.flights, *page.charts]),
         _decisions([*page.flights, *page.charts]),
-        _assumptions(page.assumptions),
+        _listed("Notes", page.notes),
+        _listed("What this rests on", page.assumptions),
         _provenance(page),
     ]
     return "\n".join(section for section in sections if section), drawn
@@ -113,18 +116,38 @@ def _card(arm: Flight | Chart, picture: str, bars: str) -> str:
     return (
         f'<article class="arm"><header><h2>{escape(arm.title)}</h2>{name}</header>{picture}{bars}'
         f'<div class="result">{lap_text}<p class="verdict {verdict}"><span>{sign}</span> '
-        f"{escape(count_text(violations, 'violation'))}</p></div><dl>{items}</dl></article>"
+        f"{escape(count_text(violations, 'violation'))}</p></div>{_watched(arm)}"
+        f"<dl>{items}</dl></article>"
     )
+
+
+def _watched(arm: Flight | Chart) -> str:
+    """Name each property with its verdict: a count of violations says nothing of what was asked."""
+    if isinstance(arm, Flight) or arm.properties is None:
+        return ""
+    if not arm.properties:
+        return '<p class="note">The system states no property: nothing was asked.</p>'
+    failed = {violation.text for violation in arm.violations}
+    items = "".join(
+        f'<li class="{"bad" if text in failed else "good"}"><span>'
+        f"{'✕ violated' if text in failed else '✓ held'}</span> <code>{escape(text)}</code></li>"
+        for text in arm.properties
+    )
+    return f'<ul class="watched">{items}</ul>'
 
 
 def _chart_bars(chart: Chart, end_s: float) -> str:
     """Show who was in control of each module, named where there are several."""
     several = len(chart.modes) > 1
     return "".join(
-        (f'<p class="bar-name">{escape(band.module)}</p>' if several else "")
+        (f'<p class="bar-name">{escape(band.module)}{_told(band)}</p>' if several else "")
         + mode_bar(chart.time_s, band.in_control, end_s)
         for band in chart.modes
     )
+
+
+def _told(band: ModeBand) -> str:
+    return f": {escape(band.told)}" if band.told else ""
 
 
 def _key_of_bars(arms: Sequence[Flight | Chart]) -> str:
@@ -207,8 +230,9 @@ def _charts(page: ReportPage, drawn: list[Figure]) -> str:
 def _violations(arms: Sequence[Flight | Chart]) -> str:
     """List every violation with the property that failed."""
     rows = "".join(
-        f'<tr><td class="number">{violation.time_s:.2f}</td><td>{escape(arm.title)}</td>'
-        f"<td>{prose(violation.text)}</td>{_where(arm, violation)}</tr>"
+        f'<tr><td class="number"{data_head("t / s")}>{violation.time_s:.2f}</td>'
+        f"<td{data_head('arm')}>{escape(arm.title)}</td>"
+        f"<td>{prose(violation.text)}{_often(violation)}</td>{_where(arm, violation)}</tr>"
         for arm in arms
         for violation in arm.violations
     )
@@ -217,11 +241,15 @@ def _violations(arms: Sequence[Flight | Chart]) -> str:
     placed = any(isinstance(arm, Flight) for arm in arms)
     where = '<th scope="col">where / m</th>' if placed else ""
     return (
-        '<section><h2>Violations</h2><div class="scroll tall"><table class="events"><thead><tr>'
-        '<th scope="col" class="number">t / s</th><th scope="col">arm</th>'
+        '<section><h2>Violations</h2><div class="scroll tall"><table class="events stacked">'
+        '<thead><tr><th scope="col" class="number">t / s</th><th scope="col">arm</th>'
         f'<th scope="col">what failed</th>{where}</tr></thead><tbody>{rows}</tbody></table></div>'
         "</section>"
     )
+
+
+def _often(violation: Violation) -> str:
+    return f", the first of {violation.times} times" if violation.times > 1 else ""
 
 
 def _where(arm: Flight | Chart, event: Decision | Violation) -> str:
@@ -229,7 +257,7 @@ def _where(arm: Flight | Chart, event: Decision | Violation) -> str:
     if not isinstance(arm, Flight):
         return ""
     x, y, z = place(arm, event.time_s, event.position)
-    return f'<td class="where">{_minus(f"{x:.1f}, {y:.1f}, {z:.1f}")}</td>'
+    return f'<td class="where"{data_head("where / m")}>{_minus(f"{x:.1f}, {y:.1f}, {z:.1f}")}</td>'
 
 
 def _minus(number: str) -> str:
@@ -260,7 +288,7 @@ def _decision_table(arm: Flight | Chart, *, several: bool) -> str:
         _decision_row(arm, decision, with_module=len(modules) > 1) for decision in arm.decisions
     )
     return (
-        f'{title}<div class="scroll tall"><table class="events"><thead><tr>'
+        f'{title}<div class="scroll tall"><table class="events stacked"><thead><tr>'
         '<th scope="col" class="number">t / s</th><th scope="col">change</th>'
         f'<th scope="col">why</th><th scope="col">what the DM saw</th>{where}{module}'
         f"</tr></thead><tbody>{rows}</tbody></table></div>"
@@ -269,24 +297,28 @@ def _decision_table(arm: Flight | Chart, *, several: bool) -> str:
 
 def _decision_row(arm: Flight | Chart, decision: Decision, *, with_module: bool) -> str:
     """Show one decision."""
-    module = f"<td><code>{escape(decision.module)}</code></td>" if with_module else ""
+    module = (
+        f"<td{data_head('module')}><code>{escape(decision.module)}</code></td>"
+        if with_module
+        else ""
+    )
     kind = "takeover" if decision.to == "SC" else "giveback"
     seen = "<br>".join(escape(text) for text in predicates_text(decision.predicates))
     values = "".join(f"<br><code>{escape(text)}</code>" for text in decision.why)
     return (
-        f'<tr><td class="number">{decision.time_s:.2f}</td>'
+        f'<tr><td class="number"{data_head("t / s")}>{decision.time_s:.2f}</td>'
         f'<td class="change"><i class="mark {kind}"></i>{change_text(decision)}</td>'
         f'<td class="why">{prose(decision.reason)}{values}</td><td class="seen">{seen}</td>'
         f"{_where(arm, decision)}{module}</tr>"
     )
 
 
-def _assumptions(assumptions: Sequence[str]) -> str:
-    """Say what the result rests on."""
-    if not assumptions:
+def _listed(title: str, texts: Sequence[str]) -> str:
+    """Say what the result rests on, or what is worth knowing of it."""
+    if not texts:
         return ""
-    items = "".join(f"<li>{prose(text)}</li>" for text in assumptions)
-    return f'<section class="grounds"><h2>What this rests on</h2><ul>{items}</ul></section>'
+    items = "".join(f"<li>{prose(text)}</li>" for text in texts)
+    return f'<section class="grounds"><h2>{title}</h2><ul>{items}</ul></section>'
 
 
 def _provenance(page: ReportPage) -> str:

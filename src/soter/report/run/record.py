@@ -49,11 +49,15 @@ class Decision:
 
 
 class Violation(NamedTuple):
-    """A system property that failed on the truth: when, which, and where (m) if it has a place."""
+    """A system property that failed on the truth: when, which, and where (m) if it has a place.
+
+    `times`: how often it began to fail; the others came after `time_s`.
+    """
 
     time_s: float
     text: str
     position: Vec3 | None = None
+    times: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,17 +168,22 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class ModeBand:
-    """Who is in control of `module`: `in_control` (N,) bool, true where it is AC."""
+    """Who is in control of `module`: `in_control` (N,) bool, true where it is AC.
+
+    `told`: its figures in words, as the run counted them.
+    """
 
     module: str
     in_control: NDArray[np.bool_]
+    told: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Chart:
     """One arm of a program without geometry, such as the cart before the wall.
 
-    `time_s` (N,) increasing; `series`, `modes` on that axis; `summary` as in `Flight`.
+    `time_s` (N,) increasing; `series`, `modes` on that axis; `summary` as in `Flight`;
+    `properties`: the text of each that was watched, None where nobody tells.
     """
 
     name: str
@@ -185,6 +194,7 @@ class Chart:
     decisions: tuple[Decision, ...] = ()
     violations: tuple[Violation, ...] = ()
     summary: Summary = field(default_factory=dict)
+    properties: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         count = _sample_count(self.time_s)
@@ -239,7 +249,8 @@ class ReportPage:
     """Everything one report shows.
 
     `headline` is the result in a sentence; where empty it is composed from the summaries.
-    `assumptions`: what the result rests on, one text each. `provenance`: program hash, seed,
+    `notes`: what a reader should know about it. `assumptions`: what it rests on, one text each.
+    `provenance`: program hash, seed,
     tool versions, command line ..., shown in this order. `picture`: the program.
     """
 
@@ -253,6 +264,7 @@ class ReportPage:
     assumptions: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     picture: Picture | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.flights and self.scene is None:

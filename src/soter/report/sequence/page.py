@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.report.html import document, write_text
 from soter.report.printable_text import visible
 from soter.report.run.result_wording import prose
+from soter.report.sections import data_head
 from soter.report.sequence.drawing import (
     GUTTER_PX,
     MARKS,
@@ -215,13 +216,14 @@ def _table(view: SequenceView) -> str:
     head = "".join(f'<th scope="col">{name}</th>' for name in COLUMNS)
     rows = "".join(map(_step, view.steps))
     return (
-        '<section><h2>Every step</h2><div class="scroll"><table class="events steps">'
+        '<section><h2>Every step</h2><div class="scroll"><table class="events steps stacked">'
         f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div></section>"
     )
 
 
 def _step(step: SequenceStep) -> str:
     late = late_text(step)
+    after = f'<br><span class="late">{late}</span>' if late else ""
     time = escape(duration_text(step.time_ns))
     deeds = [f"<li>{prose(phrase)}</li>" for phrase in does(step)]
     if step.note:
@@ -235,12 +237,18 @@ def _step(step: SequenceStep) -> str:
     return (
         f'<tr id="step-{step.number}" class="{"violates" if step.violates else step.kind}'
         f'{"" if step.matters else " aside"}">'
-        f'<td class="number"><a href="#row-{step.number}">{step.number}</a></td>'
-        f'<td class="where">{time}{f"<br><span class=late>{late}</span>" if late else ""}</td>'
-        f"<td>{_name(step.lane)}</td><td><ul>{''.join(deeds)}</ul></td>"
-        f'<td class="values{" gated" if step.gated else ""}"><ul>{values}</ul></td>'
+        f'<td class="number"{data_head("step")}><a href="#row-{step.number}">{step.number}</a></td>'
+        f'<td class="where"{data_head("time")}>{time}{after}</td>'
+        f"<td{data_head('actor')}>{_name(step.lane)}</td>"
+        f"<td{data_head('does')}>{_items(''.join(deeds))}</td>"
+        f'<td class="values{" gated" if step.gated else ""}"{data_head("publishes")}>'
+        f"{_items(values)}</td>"
         f"<td>{' '.join(marks)}</td></tr>"
     )
+
+
+def _items(items: str) -> str:
+    return f"<ul>{items}</ul>" if items else ""
 
 
 def _grounds(view: SequenceView) -> str:

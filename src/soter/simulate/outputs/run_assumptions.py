@@ -10,15 +10,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.elaborator import show_ns
+from soter.language.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.language.model.proof_verdicts import Proof
     from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Type
 
 PROVED = ("P1a", "P1b")
 ASSUMED = ("P1c", "P2a", "P2b", "P3")
+NAMED_MAX = 2
+"""More signals that one bound is of are counted."""
 
 
 def verdicts(module: Module) -> dict[str, str]:
@@ -110,7 +114,7 @@ def of_environment(system: System) -> list[str]:
     assumptions = []
     for x in system.components:
         if x.plant is not None:
-            assumptions += _plant(x)
+            assumptions += _plant(system, x)
     driven = {d.topic for d in system.inputs}
     inputs = [t for t in system.topics if t.driver == "input" and t.queue_of is None]
     still = [t.name for t in inputs if t.index not in driven]
@@ -162,15 +166,38 @@ def of_run(system: System, proofs: Mapping[str, Proof] | None = None) -> list[st
     return [*taken, *of_faults(system)]
 
 
-def _plant(x: Component) -> list[str]:
+def _plant(system: System, x: Component) -> list[str]:
     if x.extern:
         return [f"{x.name} is an extern plant: a simulation of somebody else's"]
     assumptions = []
     if x.disturbances:
-        terms = [f"{d.variable.name} in [{d.low:g}, {d.high:g}]" for d in x.disturbances]
+        terms = [
+            f"{d.variable.name} in [{d.low:g}, {d.high:g}]{_unit(d.variable.type)}"
+            for d in x.disturbances
+        ]
         assumptions.append(f"{x.name}: {', '.join(terms)}, drawn evenly")
     if x.measured:
-        bounds = sorted({m.bound for m in x.measured})
-        span = f"{bounds[0]:g}" if len(bounds) == 1 else f"{bounds[0]:g} to {bounds[-1]:g}"
-        assumptions.append(f"{x.name}: measurement errors within {span}, drawn evenly")
+        said = _errors(system, x)
+        assumptions.append(f"{x.name}: measurement errors within {said}, drawn evenly")
     return assumptions
+
+
+def _errors(system: System, x: Component) -> str:
+    """Each bound with its unit; of several, which signals it is of."""
+    signals: dict[str, list[str]] = {}
+    for m in x.measured:
+        topic = system.topics[m.topic]
+        path, leaf = list(leaves(topic.type))[m.leaf]
+        bound = f"{m.bound:g}{_unit(leaf)}"
+        signals.setdefault(bound, []).append(".".join((topic.name, *path)))
+    if len(signals) == 1:
+        return next(iter(signals))
+    return ", ".join(
+        f"{bound} of {' and '.join(names) if len(names) <= NAMED_MAX else f'{len(names)} signals'}"
+        for bound, names in signals.items()
+    )
+
+
+def _unit(t: Type) -> str:
+    """The unit of a number behind it; of what has several leaves each may have its own."""
+    return f" {t.unit}" if isinstance(t, (FloatType, IntType)) and t.unit else ""

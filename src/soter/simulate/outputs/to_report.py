@@ -53,6 +53,7 @@ SAMPLES_MAX = 20_000
 SIGNAL_SHARE_MIN = 20
 """A signal keeps at least this part of its panel's height."""
 AXES = {"x", "y", "z"}
+TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def require_report_package() -> None:
@@ -103,9 +104,10 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
     picture = Picture(draw(run.system, live=True), live_of_run(run, _thinned(run)))
     return ReportPage(
         title,
-        subtitle=f"system {run.system.name}, seed {run.seed}",
+        subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
-        assumptions=(*run.failures, *run.notes, *of_run(run.system, run.proofs)),
+        notes=(*run.failures, *run.notes),
+        assumptions=tuple(of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
         headline=_headline(run),
@@ -133,7 +135,8 @@ def run_chart(run: Run) -> Chart:
     thin = max(1, len(run.require_trace()) // SAMPLES_MAX)
     time_s = trace["header"]["ct"] / 1e9
     bands = tuple(
-        ModeBand(m.name, trace["modules"]["mode"][:, m.index] == 1) for m in run.system.modules
+        ModeBand(m.name, trace["modules"]["mode"][:, m.index] == 1, _share_told(run, m.name))
+        for m in run.system.modules
     )
     return Chart(
         name=run.system.name,
@@ -143,10 +146,19 @@ def run_chart(run: Run) -> Chart:
         modes=bands,
         decisions=tuple(_decision(d) for d in decisions.changes(run)),
         violations=tuple(
-            Violation(v.time_s, v.what) for v in run.violation_list if v.time_s is not None
+            Violation(v.time_s, v.what, times=v.count)
+            for v in run.violation_list
+            if v.time_s is not None
         ),
         summary=_summary(run),
+        properties=tuple(f"{p.kind} {p.text}" for p in run.system.properties),
     )
+
+
+def _share_told(run: Run, module: str) -> str:
+    """What one of several modules did."""
+    m = run.modules[module]
+    return f"AC in control {m.ac_share:.1%}, SC took over {m.switches_to_sc} {TIMES}"
 
 
 def _decision(d: decisions.DecisionStepRecord) -> Decision:

@@ -143,6 +143,8 @@ class Finding:
     counterexample: object | None = None
     causes: list[Cause] = field(default_factory=list)
     leaving: LeavingRun | None = None
+    tried: list[str] = field(default_factory=list)
+    """What of the remedies was verified, and what came of it (`tried_remedies.py`)."""
     saved: Path | None = None
     """The file of the counterexample."""
 
@@ -197,6 +199,11 @@ class GroupSets:
     """The longest time from W to Q."""
     levels: list[NDArray[np.bool_]] = field(default_factory=list)
     """S_0, S_1, ... on estimates, where predicates are computed."""
+    tops: NDArray[np.uint8] | None = None
+    """Where the module has a shield, (cells..., command cells): of the least command cell that may
+    act the number of cells up to the greatest that may; 0: none."""
+    command: int | None = None
+    """The control that moves the group, where a shield asks."""
     deployed: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
     """(S_0, S_(m-2)) as the DM holds them: what is in those of every case. None: no table."""
     solver: object | None = None

@@ -19,6 +19,8 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.model.tree_walk import topic_reads
+from soter.language.model.typed import Literal
+from soter.language.model.types import BOOL
 from soter.native.cache import find_cached, store
 from soter.native.own_files import SOTER, files_below
 from soter.verify.claims import claims
@@ -29,6 +31,7 @@ from soter.verify.problem.estimates import seen
 from soter.verify.problem.extract import cases, extract
 from soter.verify.proof_methods import in_order, method_of, pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable, predicates
+from soter.verify.tables.shield_tables import shield_expressions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,6 +40,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.language.model.system import Module, System
+    from soter.language.model.typed import TypedExpr
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
@@ -111,6 +115,8 @@ def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> 
     ttf, safer = predicates(problem, level_tables)
     reads = tuple(topic_reads(ttf, safer))
     scope = {**flat.components[module.sc].scope.topics, **module.scope.topics}
+    if module.shield is not None:
+        ttf = _shield(flat, module, problem, level_tables, scope)
     for topic in reads:
         module.scope.topics.setdefault(topic, scope[topic])
         flat.components[module.dm].scope.topics.setdefault(topic, scope[topic])
@@ -118,6 +124,27 @@ def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> 
     module.inputs = tuple(scope[topic] for topic in reads)
     module.computed = True
     module.looks = looks_of(problem, level_tables)
+
+
+def _shield(
+    flat: System, module: Module, problem: Problem, level_tables: Found, scope: dict[Any, int]
+) -> TypedExpr:
+    """`ttf` of a module with a shield: the command that is held is not permitted.
+
+    Where some group has no table of commands nothing is.
+    """
+    shield, span = module.shield, module.symbol.span
+    assert shield is not None
+    grids = [x for x in level_tables if isinstance(x, GroupTable) and x.commands is not None]
+    if len(grids) < len(level_tables):
+        return Literal(BOOL, span, True)
+    shield.held, shield.permits, ttf = shield_expressions(problem, flat, shield, grids)
+    topic = flat.topics[shield.topic]
+    scope = {**scope, topic.symbol: topic.index}
+    for symbol in topic_reads(shield.held, shield.permits):
+        module.scope.topics.setdefault(symbol, scope[symbol])
+        flat.components[module.dm].scope.topics.setdefault(symbol, scope[symbol])
+    return ttf
 
 
 def looks_of(problem: Problem, level_tables: Found) -> int:
@@ -207,6 +234,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         replace(problem.times, declared=frozenset()),
         sorted(problem.times.declared),
         problem.levels,
+        None if problem.module.shield is None else problem.module.shield.cells,
         problem.has_core_hint,
         sorted(problem.topic_leaf_of_state.items()),
         sorted(seen(problem)),

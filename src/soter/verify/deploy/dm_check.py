@@ -25,10 +25,12 @@ from soter.codegen.unit import generate
 from soter.core.layout import encode_into, size_of, state_dtype, struct_of
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
+from soter.language.elaborate.shield_topics import NEVER_HELD
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.typed import AgeRead
 from soter.language.model.types import ArrayType, RecordType, leaves
 from soter.native.build import library
 from soter.native.cffi_interface import interface, opened
@@ -36,6 +38,8 @@ from soter.verify.deploy.computed_predicates import put
 from soter.verify.deploy.dm_inputs import AC, SC, gates, values
 from soter.verify.deploy.dm_latch import LatchBytes
 from soter.verify.proof_methods import pairs_of, tables
+from soter.verify.tables.grid_tables import GroupTable
+from soter.verify.tables.shield_tables import command_edges
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -50,7 +54,10 @@ if TYPE_CHECKING:
     from soter.verify.claims.results import ModuleResult
     from soter.verify.deploy.dm_inputs import Points
     from soter.verify.problem.problem import Problem
-    from soter.verify.tables.level_table import LevelTable
+    from soter.verify.tables.level_table import EstimateSamples, LevelTable
+
+    Place = tuple[int, float]
+    ActingCommands = tuple[Place, Place, NDArray[np.bool_]]
 
 
 NEVER = -(2**62)
@@ -60,6 +67,8 @@ WHOLE = 24
 SOME = 5
 LATCHES = 2
 """For so many values every state of the latch is tried, by `ttf` and `safer`."""
+ASKED_NS = tuple(10**k for k in range(6, 11))
+"""Ages of topics whose age a predicate asks for: 1 ms to 10 s."""
 FAILURES_MAX = 10
 WRAPPER = """
 #include <string.h>
@@ -285,6 +294,9 @@ class _Inputs:
         self.latch = LatchBytes.of(system, layout, module)
         self.tried: dict[tuple[bool, bool], int] = {}
         """By ttf and safer: with how many values of the topics every latch was tried."""
+        symbol, scope = module.symbol, module.scope.topics
+        asked = [n.topic for n in nodes([symbol.ttf, symbol.safer]) if isinstance(n, AgeRead)]
+        self.asked = sorted({scope[topic] for topic in asked})
 
     def run(self, points: Points) -> None:
         """Try them all."""
@@ -298,13 +310,15 @@ class _Inputs:
             topics = [t.default for t in system.topics]
             for index, value in zip(read, chosen_values, strict=True):
                 topics[index] = value
-            ttf, safer = expected.truths(tuple(topics))
             state = expected.state(self.c.unit, tuple(topics))
             chosen = every if k < WHOLE else self.chance.sample(every, min(SOME, len(every)))
-            for stamps, gate in chosen:
-                self._one(state, stamps, gate, ttf=ttf, safer=safer)
-            if k < WHOLE or safer:
-                self._latched(state, ttf=ttf, safer=safer)
+            fresh = truths = expected.truths(tuple(topics), {})
+            for ages, gate in chosen:
+                if expected.reads_ages:
+                    truths = expected.truths(tuple(topics), ages)
+                self._one(state, ages, gate, ttf=truths[0], safer=truths[1])
+            if k < WHOLE or fresh[1]:
+                self._latched(state, ttf=fresh[0], safer=fresh[1])
 
     def _fresh(
         self,
@@ -344,6 +358,19 @@ class _Inputs:
         if samples is None or fresh is None:
             return
         state, at = fresh
+        judged = list(self._commands(table))
+        if not judged:
+            self._tried(state, at, samples)
+        else:
+            for held, acting, permitted in judged:
+                for place, value in (held, acting):
+                    struct.pack_into("<d", state, place, value)
+                levels = np.where(permitted, np.maximum(samples.surely, 1), 0).astype(np.uint8)
+                self._tried(state, at, replace(samples, surely=levels, least=levels))
+                struct.pack_into("<d", state, acting[0], NEVER_HELD)
+
+    def _tried(self, state: bytearray, at: NDArray[np.uintp], samples: EstimateSamples) -> None:
+        """The compiled DM on samples, in this state otherwise."""
         points, surely = samples.points, samples.surely
         facts = (self.at["ttf"], self.at["safer"])
         got = self.c.levels(self.module.index, state, facts, at, points)
@@ -355,14 +382,49 @@ class _Inputs:
             where = points[k].tolist()
             self.check.differs(f"at {where} its level is {got[k]}, not {surely[k]}")
 
+    def _commands(self, table: LevelTable) -> Iterator[ActingCommands]:
+        """The command that is held and another one that may act, in each pair of cells.
+
+        With where they lie in a state, and on which samples they are permitted.
+        """
+        shield = self.module.shield
+        if shield is None or not isinstance(table, GroupTable) or table.commands is None:
+            return
+        if table.commands.control is None:
+            return
+        layout, topics, n = self.c.unit.layout, self.system.topics, shield.cells
+        numbers = [
+            (i, leaf, bound)
+            for i in self.module.outputs
+            for leaf, bound in enumerate(topics[i].bounds)
+        ]
+        topic, leaf, bound = numbers[table.commands.control]
+        assert bound is not None
+        edges = command_edges(bound.low, bound.high, n)
+        place = layout.topic_offset(topic) + _leaf_offset(topics[topic].type, leaf)
+        times = layout.topic_offset(shield.topic) + 8 * table.commands.control * n
+        tops = table.commands.tops.reshape(-1, n)[table.wide]
+        for held in range(n):
+            value = edges[held] / 2 + edges[held + 1] / 2
+            for acting in range(n):
+                low, high = min(held, acting), max(held, acting)
+                when = (times + 8 * acting, NOW_NS / 1e9)
+                yield (place, value), when, tops[:, low] > high
+
     def _ages(self) -> Iterator[dict[int, int]]:
-        """Ages: all fresh; then each input at its limit, beyond it, never published."""
+        """Ages: all fresh; then each input at its limit, beyond it, never published.
+
+        Of topics whose age a predicate asks for some more.
+        """
         yield {}
         for index, limit in self.limits:
             for age in (limit, limit + 1, NOW_NS - NEVER):
                 yield {index: age}
         if self.limits:
             yield {i: self.chance.randrange(2 * a + 2) for i, a in self.limits}
+        for index in self.asked:
+            for age in ASKED_NS:
+                yield {index: age}
 
     def _one(
         self,
@@ -433,12 +495,13 @@ class _Expected:
         self._ttf = None if symbol.ttf is None else evaluator.expression(symbol.ttf)
         self._safer = None if symbol.safer is None else evaluator.expression(symbol.safer)
         self.period_ns = module.period_ns
+        self.reads_ages = any(isinstance(n, AgeRead) for n in nodes([symbol.ttf, symbol.safer]))
 
-    def truths(self, topics: tuple[Value, ...]) -> tuple[bool, bool]:
-        """(ttf, safer); unknown is unsafe."""
+    def truths(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> tuple[bool, bool]:
+        """(ttf, safer); unknown is unsafe. `ages`: of topics that are not of now, in ns."""
         env = Environment(
             topics=topics,
-            stamps=tuple(NOW_NS for _ in topics),
+            stamps=tuple(NOW_NS - ages.get(i, 0) for i in range(len(topics))),
             time_ns=NOW_NS,
             period_ns=self.period_ns,
             in_control=True,

@@ -23,7 +23,7 @@ from soter.verify.grid import levels, recovery, set_volumes
 from soter.verify.grid.certificate_entry import entry
 from soter.verify.grid.figures import figure
 from soter.verify.grid.sets import GridGroup
-from soter.verify.tables.grid_tables import GroupTable, table
+from soter.verify.tables.grid_tables import CommandTable, Estimates, GroupTable, table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -253,10 +253,13 @@ class GridProof(GroupProof):
     # ------------------------------------------------------------ results
 
     @property
-    def pair(self) -> tuple[Bools, Bools] | None:
-        """(S_0, S_(m-2)), both of the grid's shape."""
-        levels = self.found.levels
-        return (levels[0], levels[-1]) if levels else None
+    def pair(self) -> Estimates | None:
+        """(S_0, S_(m-2)), both of the grid's shape, and what a shield permits."""
+        part = self.found
+        if not part.levels:
+            return None
+        commands = None if part.tops is None else CommandTable(part.command, part.tops)
+        return Estimates(part.levels[0], part.levels[-1], commands)
 
     def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
         """Tables of bytes."""
@@ -334,18 +337,30 @@ class Grids(Method):
 
     def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> GroupTable:
         """Levels of cells."""
-        return table(problem, group, cast("Sequence[tuple[Bools, Bools]]", pairs))
+        return table(problem, group, cast("Sequence[Estimates]", pairs))
 
     def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
         """As bits, eight cells a byte, (bytes,) each."""
-        both = cast("tuple[Bools, Bools]", pair)
-        return {str(k): np.packbits(np.asarray(cells)) for k, cells in enumerate(both)}
+        every = cast("Estimates", pair)
+        both = (every.outer, every.inner)
+        packed: dict[str, NDArray[np.generic]] = {
+            str(k): np.packbits(np.asarray(cells)) for k, cells in enumerate(both)
+        }
+        if every.commands is not None:
+            moved = every.commands.control
+            packed["command"] = np.array([-1 if moved is None else moved])
+            packed["tops"] = every.commands.tops
+        return packed
 
-    def unpacked(self, group: Group, arrays: Arrays) -> tuple[Bools, Bools]:
-        """From bits: two sets of the grid's shape."""
+    def unpacked(self, group: Group, arrays: Arrays) -> Estimates:
+        """From bits: two sets of the grid's shape, and what a shield permits."""
         shape = tuple(len(a.edges) - 1 for a in group.axes)
         outer, inner = (_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
-        return outer, inner
+        if "tops" not in arrays:
+            return Estimates(outer, inner)
+        moved = int(arrays["command"][0])
+        tops = np.asarray(arrays["tops"], np.uint8)
+        return Estimates(outer, inner, CommandTable(None if moved < 0 else moved, tops))
 
 
 def _counted(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:

@@ -73,6 +73,7 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
 def fullest(cells: NDArray[np.uint8]) -> tuple[int, ...]:
     """Where, along the axes from the third on, most cells of the first two may be AC's.
 
+    If AC gets control back somewhere, then where it does: no region is out of sight that has cells.
     Among equals: where most are in the core, then in C, then what is nearest to the middle.
     """
     if cells.ndim < 3:
@@ -81,7 +82,8 @@ def fullest(cells: NDArray[np.uint8]) -> tuple[int, ...]:
     places = np.indices(counts[0].shape).reshape(len(counts[0].shape), -1)
     middle = (np.array(counts[0].shape)[:, None] - 1) / 2
     off = np.abs(places - middle).sum(axis=0)
-    best = np.lexsort((-off, *(c.ravel() for c in counts)))[-1]
+    back = np.any(cells >= R5, axis=(0, 1)).ravel()
+    best = np.lexsort((-off, *(c.ravel() for c in counts), back))[-1]
     return tuple(int(i) for i in places[:, best])
 
 

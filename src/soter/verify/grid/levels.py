@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.verify.grid import shields
 from soter.verify.problem.estimates import errors_of, seen
 from soter.verify.tables.grid_tables import FULL
 
@@ -40,6 +41,8 @@ def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> N
         following = engine.safe_for(window, inner)
         estimates = _anywhere(engine.erode(following, errors), blind)
         part.levels.append(estimates & part.levels[-1])
+    if problem.module.shield is not None:
+        shields.find(case, proof, engine, part, lambda cells: _anywhere(cells, blind))
     names = [problem.quantities.states[engine.axes[k]].name for k in blind]
     hint = "fewer levels, a smaller period, smaller errors, a stronger SC"
     if names:

@@ -61,7 +61,7 @@ class Induction:
     """So many whole hyperperiods SC never keeps control; 0: not shown."""
     returns_s: float = 0.0
     contradicted: bool = False
-    """What progress rests on never holds for long."""
+    """What P2b takes for granted never holds for so long."""
 
     @property
     def returns_ns(self) -> int:
@@ -240,9 +240,7 @@ def _returns(problem: InductionProblem, induction: Induction) -> None:
         if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
             break
         if _nothing(problem, induction, n, stays=True):
-            induction.contradicted = bool(problem.progress) and _nothing(
-                problem, induction, 1, stays=False
-            )
+            induction.contradicted = _nothing(problem, induction, n, stays=False)
             induction.returns = 0 if induction.contradicted else n
             break
     induction.returns_s = time.perf_counter() - began

@@ -63,13 +63,16 @@ def verify_by_induction(
     problem: InductionProblem,
     *,
     refute: bool = True,
+    explain: bool | None = None,
     progress: Callable[[float], None] | None = None,
     search: Search | None = None,
 ) -> InductionResult:
     """Everything about one module. `SoterError` D007 where the solver is not installed.
 
+    `explain`: as every method takes it; an induction says what it knows without it.
     `search`: finds runs that refute, where `refute`; None: nobody looks for one.
     """
+    del explain
     began = time.perf_counter()
     induction = induct(problem, progress)
     result = InductionResult(problem, {}, [])
@@ -181,8 +184,11 @@ def _returns(problem: InductionProblem, induction: Induction) -> Finding:
             hint = "let one of them give control back whatever the other one does"
             finding.rest_on(UNDECIDED, problem.modes.never, hint)
     elif induction.contradicted:
-        finding.text = "what `progress` takes for granted holds in no run"
-        finding.hint = "say what always holds: at the start, too, and of topics' defaults"
+        grounds = "what the DM reads is fresh" + ", and `progress` holds" * bool(problem.progress)
+        finding.text = f"what it takes for granted holds in no run for so long: {grounds}"
+        finding.hint = "a `max_age` of what the DM reads that its publisher keeps"
+        if problem.progress:
+            finding.hint = "say what always holds: at the start, too, and of topics' defaults"
     elif induction.proved:
         finding.text = "not proved: from some state that nothing excludes SC keeps control"
         finding.hint = "a lemma that excludes it, or a `safer` that SC reaches"

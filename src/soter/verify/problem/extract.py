@@ -25,7 +25,7 @@ from soter.verify.problem.axes import Axes
 from soter.verify.problem.failsafe_problem import behind, under_law
 from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.other_modes import modes_as_topics
-from soter.verify.problem.problem import Interval, Problem
+from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import VerificationSystem, place, whole
 from soter.verify.time.cause_effect_chains import side_inputs
@@ -94,6 +94,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     axis_groups = groups.groups()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
+    _shield(at, axis_groups, kind, times, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
@@ -158,6 +159,38 @@ def _open(groups: tuple[Group, ...]) -> list[Assumption]:
     ends = [f"{a.name} below {a.edges[-1]!r}" for g in groups for a in g.axes if a.open]
     text = f"no run gets beyond an open end, of which nothing is proved: {', '.join(ends)}"
     return [Assumption("open", text)] * bool(ends)
+
+
+def _shield(
+    at: VerificationSystem,
+    groups: tuple[Group, ...],
+    kind: ProblemKind,
+    times: Times | None,
+    diagnostics: Diagnostics,
+) -> None:
+    """R007 for a shield where its meaning is not settled."""
+    symbol = at.module.symbol
+    if symbol.shield is None:
+        return
+    behind = times is not None and any(o.nodes for o in times.schedule.outputs)
+    more = times is not None and times.schedule.reads_more
+    wrong = {
+        "an SC that is to be found": symbol.synthesized,
+        "nodes between the module and its plants": behind,
+        "an SC that reads what the DM does not": more,
+        "views": bool(at.module.view),
+        "groups that are no grids": any(g.representation != "grid" for g in groups),
+        "a plant that moves in steps (`next`)": kind != "flow",
+        "an axis without ends": any(a.unbounded for g in groups for a in g.axes),
+    }
+    for what in (what for what, there in wrong.items() if there):
+        diagnostics.error(
+            "R007",
+            f"a shield beside {what}",
+            symbol.shield.span,
+            "is not proved",
+            helps=("leave `shield` out: `ttf` looks at the state alone",),
+        )
 
 
 def _unbounded(

@@ -42,6 +42,28 @@ FULL = 2
 
 
 @dataclass(frozen=True, eq=False)
+class CommandTable:
+    """What a shield permits.
+
+    `tops`: of every cell and least command cell the number of cells up to the greatest that may
+    act, 0 where none may. `control`: the command, `name`; None: none moves the group.
+    """
+
+    control: int | None
+    tops: NDArray[np.uint8]
+    name: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """S_0 and S_(m-2) of a group, of the grid's shape, and what a shield permits."""
+
+    outer: Bools
+    inner: Bools
+    commands: CommandTable | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class GroupTable(LevelTable):
     """The levels of one group over the axes that the DM sees."""
 
@@ -49,6 +71,7 @@ class GroupTable(LevelTable):
     edges: tuple[tuple[float, ...], ...]
     entries: NDArray[np.uint8]
     """0, 1, 2 a cell."""
+    commands: CommandTable | None = None
 
     @property
     def packed(self) -> tuple[int, ...]:
@@ -82,14 +105,20 @@ class GroupTable(LevelTable):
         """The middle of every cell, where it lies inside; None where the DM sees no axis."""
         if not self.states:
             return None  # one entry for all estimates
+        middle = [np.array(e[:-1]) / 2 + np.array(e[1:]) / 2 for e in self.edges]
+        grids = np.meshgrid(*middle, indexing="ij")
+        points = np.stack(grids, axis=-1).reshape(-1, len(middle))
+        sure = self.wide
+        levels = self.entries.ravel()[sure]
+        return EstimateSamples(np.ascontiguousarray(points[sure]), levels, levels, whole=True)
+
+    @property
+    def wide(self) -> Bools:
+        """Which cells, in C order, hold their middle inside."""
         edges = [np.array(e) for e in self.edges]
         middle = [e[:-1] / 2 + e[1:] / 2 for e in edges]
         wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges, strict=True)]
-        grids = np.meshgrid(*middle, indexing="ij")
-        points = np.stack(grids, axis=-1).reshape(-1, len(middle))
-        sure = np.logical_and.reduce(np.meshgrid(*wide, indexing="ij")).ravel()
-        levels = self.entries.ravel()[sure]
-        return EstimateSamples(np.ascontiguousarray(points[sure]), levels, levels, whole=True)
+        return np.asarray(np.logical_and.reduce(np.meshgrid(*wide, indexing="ij")).ravel())
 
     def function(self, w: Writer, name: str) -> t.FunSymbol:
         """The cell is looked for by halving."""
@@ -102,17 +131,21 @@ class GroupTable(LevelTable):
         for i, (state, edges) in enumerate(zip(self.states, self.edges, strict=True)):
             files[f"{stem}_axis{i}.bin"] = np.array(edges, dtype="<f8").tobytes()
             axes.append({"state": names[state], "edges": f"{stem}_axis{i}.bin"})
-        return {"axes": axes, "levels": f"{stem}.bin"}
+        entry: dict[str, object] = {"axes": axes, "levels": f"{stem}.bin"}
+        if self.commands is not None:
+            files[f"{stem}_commands.bin"] = self.commands.tops.tobytes()
+            entry |= {"command": self.commands.name, "commands": f"{stem}_commands.bin"}
+        return entry
 
 
-def table(problem: Problem, group: Group, pairs: Sequence[tuple[Bools, Bools]]) -> GroupTable:
+def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:
     """The table of a grid from (S_0, S_(m-2)) in every case: what holds in all of them.
 
     All sets have the grid's shape.
     """
     shown = seen(problem)
-    sure = np.logical_and.reduce([np.asarray(outer) for outer, _ in pairs])
-    inner = np.logical_and.reduce([np.asarray(inner) for _, inner in pairs]) & sure
+    sure = np.logical_and.reduce([np.asarray(p.outer) for p in pairs])
+    inner = np.logical_and.reduce([np.asarray(p.inner) for p in pairs]) & sure
     entries = sure.astype(np.uint8) + inner.astype(np.uint8)
     kept = [k for k, a in enumerate(group.axes) if a.state in shown]
     unseen = tuple(k for k in range(entries.ndim) if k not in kept)
@@ -121,7 +154,21 @@ def table(problem: Problem, group: Group, pairs: Sequence[tuple[Bools, Bools]]) 
         tuple(a.state for a in axes),
         tuple(a.edges for a in axes),
         np.asarray(entries.min(axis=unseen)) if unseen else entries,
+        _commands(problem, pairs, unseen),
     )
+
+
+def _commands(
+    problem: Problem, pairs: Sequence[Estimates], unseen: tuple[int, ...]
+) -> CommandTable | None:
+    """What a shield permits in every case, wherever the state lies on axes that nobody sees."""
+    every = [p.commands for p in pairs if p.commands is not None]
+    if len(every) < len(pairs) or len({c.control for c in every}) != 1:
+        return None
+    tops = np.minimum.reduce([c.tops for c in every])
+    moved = every[0].control
+    name = None if moved is None else problem.quantities.controls[moved].name
+    return CommandTable(moved, tops.min(axis=unseen) if unseen else tops, name)
 
 
 def predicates(

@@ -43,6 +43,15 @@ def test_of_three_axes_the_fullest_slice_is_shown_and_the_others_are_there() -> 
     assert (drawn.x_unit, drawn.y_unit, drawn.note) == ("m", "m/s", "gear = 2")
 
 
+def test_a_slice_where_ac_gets_control_back_goes_before_a_fuller_one() -> None:
+    cells = np.full((4, 4, 3), R2, dtype=np.uint8)
+    cells[:, :, 2] = R4
+    assert fullest(cells) == (2,)
+    cells[:2, :, 1] = R4
+    cells[0, 0, 1] = R5
+    assert fullest(cells) == (1,)
+
+
 def test_among_slices_as_full_as_each_other_it_is_the_middle_one() -> None:
     assert fullest(np.full((3, 3, 9), R4, dtype=np.uint8)) == (4,)
     assert fullest(np.full((3, 3), R4, dtype=np.uint8)) == ()

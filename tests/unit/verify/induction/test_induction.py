@@ -527,3 +527,33 @@ def test_functions_have_names_of_their_own(tmp_path: Path) -> None:
         ("node Any", function + "node Any"),
     )
     assert module_result.findings["P2a"].verdict == "undecided"
+
+
+def test_control_does_not_come_back_where_what_the_dm_reads_is_never_fresh(tmp_path: Path) -> None:
+    """Nothing contradicts what takes for granted that which never is."""
+    wind = (
+        "topic wind: bool max_age {age};\n"
+        "node Wind period {period} {{ publishes wind; step {{ {step} }} }}\n"
+    )
+    verdicts = []
+    for age, period, step in (
+        ("100ms", "10ms", "publish wind = false;"),
+        ("100ms", "10ms", "if false { publish wind = false; }"),
+        ("15ms", "40ms", "publish wind = false;"),
+    ):
+        text = PLANNER.replace(
+            "rta SafePlanner", wind.format(age=age, period=period, step=step) + "rta SafePlanner"
+        )
+        for old, new in (
+            ("ttf !PhiPlan(candidate);", "ttf !PhiPlan(candidate) || wind;"),
+            ("safer PhiPlan(candidate);", "safer PhiPlan(candidate) && !wind;"),
+            ("{ node Follower;", "{ node Follower; node Wind;"),
+        ):
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "windy.soter"
+        path.write_text(text)
+        findings = load(path).verify(refute=False)["SafePlanner"].findings
+        assert findings["P2a"].verdict == "proved"
+        verdicts.append(findings["P2b"].verdict)
+    assert verdicts == ["proved", "undecided", "undecided"]

@@ -98,18 +98,12 @@ class ModuleChecker:
         parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
         missing = [word for word, part in parts.items() if part is None]
         if missing and decl.name.text not in scope.broken:
-            examples = {
-                "ac": "ac Fast;",
-                "sc": "sc Careful;",
-                "period": "period 50ms;",
-                "safe": "safe motion.x < 10.0;",
-            }
             self.diagnostics.error(
                 "M006",
                 f"module `{decl.name.text}` has no " + " and no ".join(f"`{m}`" for m in missing),
                 decl.name.span,
                 notes=("a module is an advanced and a safe controller, a period and a property",),
-                helps=("add " + ", ".join(f"`{examples[m]}`" for m in missing),),
+                helps=(_parts(decl, scope, missing),),
             )
         number = self.shared.number
         ac, over = self._advanced(decl, scope)
@@ -119,6 +113,7 @@ class ModuleChecker:
             sc = self.node_ref(decl.sc, scope) if decl.sc else None
         period = number(decl.period, context, DURATION, "a period") if decl.period else None
         clean = number(decl.clean, context, INT, "`clean`") if decl.clean else None
+        shield = number(decl.shield, context, INT, "`shield`") if decl.shield else None
         wcet = number(decl.wcet, context, DURATION, "`wcet`") if decl.wcet else None
         jitter = number(decl.jitter, context, DURATION, "`jitter`") if decl.jitter else None
         if decl.ac is None or decl.sc is None or decl.safe is None:
@@ -143,6 +138,7 @@ class ModuleChecker:
             over=over,
             wcet=sound(wcet),
             jitter=sound(jitter),
+            shield=sound(shield),
         )
         self.shared.later(module, decl, scope)
         return module
@@ -209,11 +205,11 @@ class ModuleChecker:
         returns: tree.Returns,
         scope: FileScope,
     ) -> typed.Latch | None:
-        """M027 where the topic is no button: a `bool` that may only be so old."""
+        """M028 where the topic is no button: a `bool` that may only be so old."""
         if returns.topic is None:
             if decl.verify is not None and decl.verify.recover is not None:
                 self.diagnostics.error(
-                    "M027",
+                    "M028",
                     f"module `{module.name}` says `returns never`, and `recover within` a time",
                     decl.verify.recover.span,
                     also=((returns.span, "never"),),
@@ -231,7 +227,7 @@ class ModuleChecker:
             lacks.append(("has no `max_age`", "say how old a press may be: `max_age 2s`"))
         for what, help_ in lacks[:1]:
             self.diagnostics.error(
-                "M027",
+                "M028",
                 f"`{topic.name}` acknowledges for module `{module.name}`, but {what}",
                 returns.topic.span,
                 also=((topic.span, "declared here"),),
@@ -327,3 +323,22 @@ class ModuleChecker:
                 notes=("a module relies on others, and answers for its own outputs",),
                 helps=("write `guarantees`, or leave its outputs out",),
             )
+
+
+def _parts(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
+    """What to add: nodes that this file has, where they would do."""
+    known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
+    other = next((p.text for p in (decl.ac, decl.sc) if isinstance(p, tree.Ref)), "")
+    outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
+    alike = [
+        n
+        for n, topics in outputs.items()
+        if n != other and topics and topics == outputs.get(other, topics)
+    ]
+    examples = {"ac": "ac ...;", "sc": "sc ...;", "period": "period 50ms;", "safe": "safe ...;"}
+    if other and alike:
+        examples |= {"ac": f"ac {alike[0]};", "sc": f"sc {alike[0]};"}
+    added = "add " + ", ".join(f"`{examples[m]}`" for m in missing)
+    if other and not alike and {"ac", "sc"} & set(missing):
+        added += f": a node that publishes what `{other}` does"
+    return added

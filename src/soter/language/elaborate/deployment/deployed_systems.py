@@ -205,10 +205,14 @@ def _module(here: System, mine: Module, there: System, proved: Module) -> Iterat
     def around(m: Module) -> dict[str, str]:
         return {p.name: repr(v) for p, v in m.around.items()}
 
+    def cells(m: Module) -> int:
+        return 0 if m.shield is None else m.shield.cells
+
     pairs: tuple[tuple[str, object, object], ...] = (
         ("another declaration", mine.symbol, proved.symbol),
         ("another period", mine.period_ns, proved.period_ns),
         ("another `clean`", mine.clean, proved.clean),
+        ("another `shield`", cells(mine), cells(proved)),
         ("other parameters", (_params(mine), around(mine)), (_params(proved), around(proved))),
         ("another module in the place of AC", over(here, mine), over(there, proved)),
     )

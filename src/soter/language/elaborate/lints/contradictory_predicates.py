@@ -1,8 +1,8 @@
 """Whether `ttf` and `safer`, as a program writes them, contradict each other or `safe`.
 
 Purpose: W013 with a witness: values of the topics, of their sets, at which `ttf` and `safer` both
-hold, or at which the two have exchanged their roles. A few hundred values are tried, the numbers of
-the predicates and what lies between them first.
+hold, or at which the two have exchanged their roles or one says the opposite. A few hundred values
+are tried, the numbers of the predicates and what lies between them first.
 Non-goals: a proof that there is no such state (`soter verify`: P3); predicates that read ages,
 times or modes; states that the plant never reaches.
 """
@@ -10,10 +10,11 @@ times or modes; states that the plant never reaches.
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING, cast
 
-from soter.diagnostics.fix import exchange
+from soter.diagnostics.fix import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.conjuncts import conjuncts, disjuncts
 from soter.language.evaluate.environment import BudgetExceeded, Environment
@@ -35,12 +36,17 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.language.model.system import Module, System
     from soter.language.model.types import Type, Value
 
 TRIED = 300
 LEAVES_MAX = 24
 NUMBERS_MAX = 12
+LOST_MIN = 20
+"""So many of the values that were tried lose `safe`, before something is said of all of them."""
+TURNED = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
+ROLES = "`ttf` says when AC must not go on, `safer` when it may have control again"
 BUDGET = 400_000
 """Operations for all values of one module: about a tenth of a second."""
 
@@ -48,22 +54,28 @@ Trial = tuple[bool, bool, bool, list["Value"]]
 """`ttf`, `safer`, `safe` at values of the topics."""
 
 
-def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -> list[Trial]:
-    """W013 for a module whose program writes both predicates; what was tried where it has none."""
+def tried(system: System, module: Module) -> list[Trial]:
+    """Both predicates and `safe` at values of the topics; nothing where that cannot be done."""
     symbol = module.symbol
-    ttf, safer = symbol.ttf, symbol.safer
-    if ttf is None or safer is None:
+    if symbol.ttf is None or symbol.safer is None:
         return []
-    predicates = (ttf, safer, symbol.safe)
+    predicates = (symbol.ttf, symbol.safer, symbol.safe)
     if not of_topics_alone(predicates):
         return []
-    topics = {
-        t: module.scope.topics[t] for t in topic_reads(*predicates) if t in module.scope.topics
-    }
-    if sum(leaf_count(system.topics[i].type) for i in topics.values()) > LEAVES_MAX:
+    indices = tried_topics(module)
+    if sum(leaf_count(system.topics[i].type) for i in indices) > LEAVES_MAX:
         return []
-    trials = trials_of(system, module, predicates, sorted(set(topics.values())))
-    both = next((t for t in trials if t[0] and t[1] and _alike(ttf, safer)), None)
+    return trials_of(system, module, predicates, indices)
+
+
+def doubt_predicates(
+    system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
+) -> bool:
+    """W013 for a module whose program writes both predicates; whether something was said."""
+    symbol = module.symbol
+    ttf, safer = symbol.ttf, symbol.safer
+    if ttf is None or safer is None or not trials:
+        return False
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
     if turned and any(f and not s for f, s, held, _ in trials if held):
@@ -73,22 +85,75 @@ def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -
             ttf.span,
             "false wherever `safe` is lost",
             also=((safer.span, "true wherever `safe` is lost"), (symbol.safe.span, "`safe`")),
-            notes=("`ttf` says when AC must not go on, `safer` when it may have control again",),
+            notes=(ROLES,),
             helps=(exchange(ttf.span, safer.span, "exchange the two conditions"),),
         )
-        return []
-    if both is not None:
+        return True
+    both = [t for t in trials if t[0] and t[1]]
+    if both and _turned_round(symbol, trials, diagnostics):
+        return True
+    if both and _alike(ttf, safer):
+        where = shown(system, tried_topics(module), both[0][3])
         diagnostics.warning(
             "W013",
             f"`ttf` and `safer` of module `{symbol.name}` can both hold",
             safer.span,
-            f"also where {shown(system, sorted(set(topics.values())), both[3])}",
+            f"also where {where}",
             also=((ttf.span, "`ttf`, which holds there, too"),),
             notes=("control would go back to AC and be taken away at the next look",),
             helps=("leave a gap: let `safer` begin where `ttf` has long ended",),
         )
-        return []
-    return trials
+        return True
+    return False
+
+
+def _turned_round(
+    symbol: typed.ModuleSymbol, trials: Sequence[Trial], diagnostics: Diagnostics
+) -> bool:
+    """W013 where one of the two says the opposite: `ttf` of all is well, `safer` of danger."""
+    lost = [t for t in trials if not t[2]]
+    assert symbol.ttf is not None
+    assert symbol.safer is not None
+    if len(lost) < LOST_MIN:
+        return False
+    if not any(f for f, _, _, _ in lost) and not any(s for _, s, _, _ in lost):
+        name, predicate, label = "ttf", symbol.ttf, "false wherever `safe` is lost"
+        gap = all(f or not s for f, s, _, _ in trials)
+    elif all(f and s for f, s, _, _ in lost):
+        name, predicate, label = "safer", symbol.safer, "true wherever `safe` is lost"
+        gap = all(s or not f for f, s, _, _ in trials)
+    else:
+        return False
+    other = _opposite(predicate)
+    helps: tuple[Help, ...] = ("turn its comparison round",)
+    if gap:
+        helps = (replace(predicate.span, other, f"the other way round: `{name} {other};`"),)
+    diagnostics.warning(
+        "W013",
+        f"`{name}` of module `{symbol.name}` looks turned round",
+        predicate.span,
+        label,
+        also=((symbol.safe.span, "`safe`"),),
+        notes=(ROLES,),
+        helps=helps,
+    )
+    return True
+
+
+def _opposite(e: typed.TypedExpr) -> str:
+    """The text of what holds where `e` does not."""
+    if isinstance(e, typed.TypedUnary) and e.op == "!":
+        return e.operand.span.text
+    if isinstance(e, typed.TypedBinary) and e.op in TURNED:
+        return f"{e.left.span.text} {TURNED[e.op]} {e.right.span.text}"
+    return f"!({e.span.text})"
+
+
+def tried_topics(module: Module) -> list[int]:
+    """The topics of which values are tried, in the order of a trial."""
+    symbol, topics = module.symbol, module.scope.topics
+    written = [e for e in (symbol.ttf, symbol.safer, symbol.safe) if e is not None]
+    return sorted({topics[t] for t in topic_reads(*written) if t in topics})
 
 
 def of_topics_alone(predicates: Sequence[typed.TypedExpr]) -> bool:
@@ -227,7 +292,7 @@ def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> st
     parts: list[str] = []
     for index, value in zip(indices, values, strict=True):
         topic = system.topics[index]
-        for (path, t), leaf in zip(leaves(topic.type), _flat(value), strict=False):
+        for (path, t), leaf in zip(leaves(topic.type), flat(value), strict=False):
             name = ".".join((topic.name, *path)).replace(".[", "[")
             shown = f"{t.name}.{t.members[cast('int', leaf)]}" if isinstance(t, EnumType) else ""
             if isinstance(leaf, bool):
@@ -236,5 +301,44 @@ def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> st
     return " and ".join(parts[:3])
 
 
-def _flat(value: Value) -> list[Value]:
-    return [x for v in value for x in _flat(v)] if isinstance(value, tuple) else [value]
+def flat(value: Value) -> list[Value]:
+    """The scalars that a value is made of."""
+    return [x for v in value for x in flat(v)] if isinstance(value, tuple) else [value]
+
+
+def rebuilt(values: Sequence[Value], scalars: Sequence[Value]) -> list[Value]:
+    """Values made of other scalars, as `flat` gives them."""
+    given = iter(scalars)
+
+    def whole(value: Value) -> Value:
+        return tuple(whole(v) for v in value) if isinstance(value, tuple) else next(given)
+
+    return [whole(v) for v in values]
+
+
+Holds = Callable[["Sequence[typed.TypedExpr]", "Sequence[Value]"], list[bool]]
+"""Which of some predicates hold at values of the topics; one that faults does not."""
+
+
+def predicates_at(system: System, module: Module, indices: Sequence[int]) -> Holds:
+    """Judges predicates of a module at values of the topics `indices`; BudgetExceeded."""
+    evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
+    topics = [t.default for t in system.topics]
+    left = BUDGET
+
+    def holds(predicates: Sequence[typed.TypedExpr], values: Sequence[Value]) -> list[bool]:
+        nonlocal left
+        for i, value in zip(indices, values, strict=True):
+            topics[i] = value
+        env, held = Environment(topics=topics, stamps=[0] * len(topics)), []
+        for p in predicates:
+            try:
+                held.append(bool(evaluator.value(p, env)))
+            except StepFault:
+                held.append(False)
+            left -= evaluator.spent
+        if left < 0:
+            raise BudgetExceeded
+        return held
+
+    return holds

@@ -1,8 +1,9 @@
 """What a proof of a module refutes by looking at it.
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
-holds only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the DM looks
-rarely beside its plant).
+seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
+DM looks rarely beside its plant), W027 (a property that the start violates), W028 (a topic that is
+too old between two publications), W015 (a plant that begins outside of the set of a topic).
 Non-goals: a proof; initial states between the ends of their sets; `ttf` and `safer` that exclude
 `safe` only in part.
 """
@@ -11,34 +12,46 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
 from soter.language.elaborate.lints.contradictory_predicates import (
     Trial,
+    flat,
     of_topics_alone,
+    predicates_at,
+    rebuilt,
     shown,
     trials_of,
+    tried_topics,
 )
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.statements import Evaluator
+from soter.language.evaluate.topic_ranges import always
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.tree_walk import chooses, nodes, topic_reads
-from soter.language.model.types import FloatType, IntType
+from soter.language.model.types import FloatType, IntType, has_list, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.model.system import Component, Module, System
+    from soter.diagnostics.fix import Help
+    from soter.language.elaborate.lints.contradictory_predicates import Holds
+    from soter.language.model.system import Component, Module, Property, System
     from soter.language.model.types import Value
 
 BUDGET = 20_000
 RARELY = 1000
 """A DM that looks once in so many steps of its plant sees it too late; examples have 100."""
 OUTPUTS_SHOWN = 3
+PROPERTIES_MAX = 32
+"""So many properties of a system are tried, a part of a millisecond each."""
 BOTH_EXPECTED = 8.0
 """So many values of those tried would meet two conditions that have nothing to do with each other.
-Where none does, they exclude each other: by chance in 1 of 3,000 modules."""
+Where none does, values between them are tried: they may meet in a band that is thin."""
+PAIRS, HALVINGS = 24, 40
+"""Values of either condition between which one looks, and how closely."""
 
 
 def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -72,10 +85,117 @@ def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> Non
             return
 
 
+def doubt_properties(system: System, diagnostics: Diagnostics) -> None:
+    """W027: a property of a system that is violated before anything has happened."""
+    for p in system.properties[:PROPERTIES_MAX]:
+        if p.component is None and p.kind in {"always", "never"}:
+            _doubt_property(system, p, diagnostics)
+
+
+def _doubt_property(system: System, p: Property, diagnostics: Diagnostics) -> None:
+    if not of_topics_alone([p.condition]):
+        return
+    indices = [p.scope.topics.get(t, -1) for t in topic_reads(p.condition)]
+    scope = p.scope
+    evaluator = Evaluator(scope.params, budget=BUDGET, topics=scope.topics, plants=scope.plants)
+    topics: list[Value] = []
+    for end, topics in enumerate(_starts(system, indices)):
+        states = [_first_state(c, end) for c in system.components]
+        env = Environment(topics=topics, stamps=[0] * len(topics), truth=states.__getitem__)
+        try:
+            holds = bool(evaluator.value(p.condition, env))
+        except (StepFault, BudgetExceeded, TypeError):
+            return  # an extern plant has no state that is known
+        if holds == (p.kind == "always"):
+            return
+    if not topics:
+        return
+    where = shown(system, indices, [topics[i] for i in indices])
+    other = "never" if p.kind == "always" else "always"
+    begins = "false" if p.kind == "always" else "true"
+    diagnostics.warning(
+        "W027",
+        f"`{p.kind} {p.text}` is violated at the start",
+        p.condition.span,
+        f"{begins} where {where}" if where else f"{begins} in the first state",
+        notes=("a property is judged from the first instant on",),
+        helps=(f"`{other}` says the opposite; or begin elsewhere: `state x: float = ...;`",),
+    )
+
+
+def _first_state(component: Component, end: int) -> Value | None:
+    """The states of a plant, each at one end of its set; None for what has none."""
+    if component.plant is None or component.plant.extern:
+        return None
+    ranges = component.initial_range or (None,) * len(component.initial)
+    pairs = zip(component.initial, ranges, strict=True)
+    return tuple(first if span is None else span[end] for first, span in pairs)
+
+
+def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W028: a topic that is too old before its driver publishes it again."""
+    drivers = {
+        c.scope.topics[topic]: c
+        for c in system.components
+        for topic in _publishes(c)
+        if topic in c.scope.topics
+    }
+    for index in module.inputs:
+        topic, driver = system.topics[index], drivers.get(index)
+        if topic.max_age_ns is None or driver is None or driver.period_ns <= topic.max_age_ns:
+            continue
+        own = driver.plant or driver.node
+        assert own is not None
+        age = write_ns(driver.period_ns)
+        helps: tuple[Help, ...] = (f"let it be as old as that: `max_age {age}`",)
+        if topic.symbol.max_age is not None:
+            helps = (replace(topic.symbol.max_age.span, age, f"let it be {age} old"),)
+        diagnostics.warning(
+            "W028",
+            f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",
+            own.period.span,
+            f"published every {show_ns(driver.period_ns)}",
+            also=((topic.symbol.span, f"no older than {show_ns(topic.max_age_ns)}"),),
+            notes=("a module that reads what is too old takes AC off",),
+            helps=helps,
+        )
+
+
+def _publishes(c: Component) -> list[typed.TopicSymbol]:
+    if c.plant is not None:
+        return [t for t, _ in c.plant.drives]
+    return list(c.node.publishes) if c.node is not None else []
+
+
+def doubt_first_publications(system: System, plant: Component, diagnostics: Diagnostics) -> None:
+    """W015 for what a plant publishes first, from constant states: outside of the set."""
+    assert plant.plant is not None
+    for topic, value in () if plant.plant.extern else plant.plant.drives:
+        placed = system.topics[plant.scope.topics[topic]]
+        first = _published_at_first(plant, value, 0)
+        if first is None or has_list(topic.type):
+            continue
+        for (path, _), x, bound in zip(leaves(topic.type), flat(first), placed.bounds, strict=True):
+            if bound is None or bound.low <= x <= bound.high:
+                continue
+            name = ".".join((topic.name, *path)).replace(".[", "[")
+            diagnostics.warning(
+                "W015",
+                f"{x!r} is outside of the set of `{name}`",
+                value.span,
+                f"the first value; [{bound.low!r}, {bound.high!r}] is allowed",
+                also=((topic.span, "declared here"),),
+                notes=("publishing it is a step fault: the plant stands still from then on",),
+                helps=("begin inside of it: `state x: float = ...;`", "or widen the set"),
+            )
+            break
+
+
 def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
     """What plants publish at the start, at the low and the high ends of their states.
 
-    Nothing where one of the topics is driven by something else, or depends on what is drawn.
+    Nothing where one of the topics is driven by something else, depends on what is drawn, or leaves
+    its set.
     """
     drivers = {
         c.scope.topics[topic]: (c, value)
@@ -89,10 +209,18 @@ def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
         topics: list[Value] = [t.default for t in system.topics]
         for i in indices:
             value = _published_at_first(*drivers[i], end)
-            if value is None:
+            if value is None or not _is_of_its_set(system, i, value):
                 return
             topics[i] = value
         yield topics
+
+
+def _is_of_its_set(system: System, index: int, value: Value) -> bool:
+    """Whether a topic may hold a value; a plant that publishes another one faults."""
+    bounds = system.topics[index].bounds
+    return len(bounds) != len(flat(value)) or all(
+        b is None or b.low <= x <= b.high for b, x in zip(bounds, flat(value), strict=True)
+    )
 
 
 def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> Value | None:
@@ -118,39 +246,63 @@ def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> V
         return None  # a `let` of a disturbance, say: it is drawn
 
 
-def doubt_trials(module: Module, trials: Sequence[Trial], diagnostics: Diagnostics) -> None:
-    """W022 for predicates that decide nothing."""
+def doubt_constants(
+    system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
+) -> bool:
+    """W022 for predicates that are the same everywhere; whether something was said."""
     symbol = module.symbol
-    ttf, safer, safe = symbol.ttf, symbol.safer, symbol.safe
-    if ttf is None or safer is None or not trials:
-        return
-    if _always(safe, trials[0][2]) is not None:
-        return  # nothing is to be kept, or W021 says so
-    ttf_always, safer_always = _always(ttf, trials[0][0]), _always(safer, trials[0][1])
+    ttf, safer = symbol.ttf, symbol.safer
+    if ttf is None or safer is None or not trials or not topic_reads(symbol.safe):
+        return False  # nothing is to be kept, or W021 says so
+    ttf_always, safer_always = (
+        always(e, system, module.scope) if len({t[i] for t in trials}) == 1 else None
+        for i, e in enumerate((ttf, safer))
+    )
     name = f"of module `{symbol.name}`"
     if ttf_always is False:
-        _decides_nothing(f"`ttf` {name} never holds", ttf, "AC is never taken off", diagnostics)
+        message, at, label = f"`ttf` {name} never holds", ttf, "AC is never taken off"
     elif ttf_always and safer_always is not False:
-        _decides_nothing(f"`ttf` {name} always holds", ttf, "AC never keeps control", diagnostics)
+        message, at, label = f"`ttf` {name} always holds", ttf, "AC never keeps control"
     elif safer_always is False and not ttf_always:
-        _decides_nothing(f"`safer` {name} never holds", safer, "AC never has control", diagnostics)
-    elif _exclude([t[0] for t in trials], [t[2] for t in trials]):
-        label = "AC is taken off when it is too late"
-        message = f"`ttf` {name} holds only where `safe` is lost"
-        _decides_nothing(message, ttf, label, diagnostics, safe)
-    elif _exclude([t[1] for t in trials], [t[2] for t in trials]):
+        message, at, label = f"`safer` {name} never holds", safer, "AC never has control"
+    else:
+        return False
+    _decides_nothing(module, message, at, label, diagnostics)
+    return True
+
+
+def doubt_trials(
+    system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
+) -> None:
+    """W022 for predicates that hold only where `safe` does not."""
+    symbol = module.symbol
+    if symbol.ttf is None or symbol.safer is None or not trials:
+        return
+    lost = f"of module `{symbol.name}` seems to hold only where `safe` is lost"
+    if _exclude(system, module, trials, 0):
+        label = "AC would be taken off when it is too late"
+        _decides_nothing(module, f"`ttf` {lost}", symbol.ttf, label, diagnostics, symbol.safe)
+    elif _exclude(system, module, trials, 1):
         label = "AC would get control where it must not be"
-        message = f"`safer` {name} holds only where `safe` is lost"
-        _decides_nothing(message, safer, label, diagnostics, safe)
+        _decides_nothing(module, f"`safer` {lost}", symbol.safer, label, diagnostics, symbol.safe)
 
 
 def _decides_nothing(
+    module: Module,
     message: str,
     at: typed.TypedExpr,
     label: str,
     diagnostics: Diagnostics,
     safe: typed.TypedExpr | None = None,
 ) -> None:
+    sampled = ("no value that was tried meets both, which is no proof",) if safe else ()
+    early = f"two periods ({show_ns(2 * module.period_ns)}) of what AC can do"
+    if at is module.symbol.ttf:
+        helps = [f"let `ttf` hold while `safe` does and has less room than {early}"]
+    else:
+        helps = ["let `safer` hold where `safe` does, with more room than `ttf` leaves"]
+    if module.symbol.verify.groups and module.symbol.verify.induction is None:
+        helps.append("or leave both out: then they are computed from `safe`")
     diagnostics.warning(
         "W022",
         message,
@@ -160,20 +312,70 @@ def _decides_nothing(
         notes=(
             "`ttf` says when AC must not go on, `safer` when it may have control again",
             "both are for states where `safe` holds and can still be kept",
+            *sampled,
         ),
-        helps=("leave both out: then they are computed from `safe`",),
+        helps=tuple(helps),
     )
 
 
-def _always(predicate: typed.TypedExpr, tried: bool) -> bool | None:
-    """What a predicate that reads nothing is everywhere; None for one that reads something."""
-    return None if topic_reads(predicate) else tried
+def _exclude(system: System, module: Module, trials: Sequence[Trial], number: int) -> bool:
+    """Whether `ttf` (0) or `safer` (1) meets `safe` at no value, where chance would make it often.
+
+    Between values of the one and of the other, too.
+    """
+    one, other = [t for t in trials if t[number]], [t for t in trials if t[2]]
+    if len(one) * len(other) < BOTH_EXPECTED * len(trials) or any(t[2] for t in one):
+        return False
+    predicate = (module.symbol.ttf, module.symbol.safer)[number]
+    predicates = tuple(e for e in (predicate, module.symbol.safe) if e is not None)
+    asked = predicates_at(system, module, tried_topics(module))
+    try:
+        return not any(
+            _meet_between(asked, predicates, beyond[3], inside[3])
+            for beyond, inside in zip(_spread(one), _spread(other), strict=False)
+        )
+    except BudgetExceeded:
+        return False
 
 
-def _exclude(one: Sequence[bool], other: Sequence[bool]) -> bool:
-    """Whether two conditions never hold together, where chance would make them do it often."""
-    expected = sum(one) * sum(other) / len(one)
-    return expected >= BOTH_EXPECTED and not any(a and b for a, b in zip(one, other, strict=True))
+def _spread(trials: Sequence[Trial]) -> Sequence[Trial]:
+    return trials[:: max(1, len(trials) // PAIRS)][:PAIRS]
+
+
+def _meet_between(
+    holds: Holds,
+    predicates: Sequence[typed.TypedExpr],
+    beyond: Sequence[Value],
+    inside: Sequence[Value],
+) -> bool:
+    """Whether two conditions both hold on the way from where the second does not to where it does.
+
+    Straight, and with one number of the values at a time.
+    """
+    far, near = flat(tuple(beyond)), flat(tuple(inside))
+    ends = [near, *([*far[:k], near[k], *far[k + 1 :]] for k in range(len(far)))]
+    for end in ends:
+        low, high = far, end
+        for _ in range(HALVINGS):
+            one, other = holds(predicates, rebuilt(inside, high))
+            if one and other:
+                return True
+            if high is end and not other:
+                break  # this way does not lead there
+            middle = [_midway(a, b) for a, b in zip(low, high, strict=True)]
+            if middle in (low, high):
+                break
+            if holds(predicates[1:], rebuilt(inside, middle))[0]:
+                high = middle
+            else:
+                low = middle
+    return False
+
+
+def _midway(a: Value, b: Value) -> Value:
+    if isinstance(a, bool) or a == b:
+        return b
+    return (a + b) // 2 if isinstance(a, int) else a / 2 + b / 2
 
 
 def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -194,8 +396,8 @@ def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> N
 
 
 def _read(system: System, module: Module) -> set[int]:
-    """The topics that plants and nodes read, but for AC and SC of the module."""
-    read: set[int] = set()
+    """The topics that plants, nodes and other DMs read, but for AC and SC of the module."""
+    read = {t for other in system.modules if other.index != module.index for t in other.inputs}
     for component in system.components:
         topics = component.scope.topics
         if component.plant is not None:
@@ -212,7 +414,7 @@ def _unread(system: System, module: Module, diagnostics: Diagnostics) -> None:
         "W023",
         f"nothing reads what module `{module.symbol.name}` publishes",
         outputs[0].symbol.span,
-        "no plant and no node reads it",
+        "no plant, no node and no other DM reads it",
         also=((module.symbol.span, f"publishes {names}"),),
         notes=("what no plant feels keeps nothing safe",),
         helps=(f"let a plant read it: `reads {outputs[0].symbol.name.rpartition('.')[2]};`",),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.bodies import HOMES, OnceParts, predicate
+from soter.language.syntax.parsing.bodies import OnceParts, predicate
 from soter.language.syntax.parsing.verification import VerifyParser
 from soter.language.syntax.tokens import ERROR, INT, NAME, visible
 
@@ -245,6 +245,7 @@ class NodeParser(VerifyParser):
             wcet=once("wcet"),
             jitter=once("jitter"),
             returns=once("returns"),
+            shield=once("shield"),
         )
 
     def _clause(self, parts: _RtaParts) -> None:
@@ -338,10 +339,9 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, _RtaParts], None]] = {
     "ttf": predicate("ttf", "the ttf condition"),
     "clean": predicate("clean", "the value of `clean`"),
     "returns": NodeParser._returns,
+    "shield": predicate("shield", "the value of `shield`"),
     "failsafe": NodeParser._failsafe,
     "assumes": NodeParser._clause,
     "guarantees": NodeParser._clause,
     "verify": NodeParser._verify,
 }
-HOMES["a node"] = frozenset(_NODE_ITEMS)
-HOMES["an `rta`"] = frozenset(_RTA_ITEMS)

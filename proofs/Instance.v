@@ -1,0 +1,260 @@
+(* An integrator x' = u + w, |u| <= 1, |w| <= 1/10, of which every hypothesis of the theorems is proved, in an execution
+   with a takeover and a return. All latenesses, responses, ages and errors are positive, and at their bounds.
+   Purpose: what is assumed in Module.v, Return.v and Gate.v can be met. Times in units of 50 ms.
+   Non-goals: anything about integrators. *)
+Require Import Reals Lra Lia Classical Arith.
+From Soter Require Import Releases Trajectories ScRuns Module Return Gate.
+Open Scope R_scope.
+
+(* What every solution obeys; all that is said of the plant. *)
+Definition rate (x : R -> R) (u : R -> unit -> R) a b := forall s t lo hi, a <= s <= t -> t <= b ->
+  (forall r, s <= r < t -> lo <= u r tt <= hi) -> (lo - 1/10) * (t - s) <= x t - x s <= (hi + 1/10) * (t - s).
+
+Definition integrator : plant.
+Proof. refine {| state := R; component := unit; value := R; estimate := R; flow := rate;
+    inputs := fun _ v => -1 <= v <= 1; reads_as := fun z y => -2 <= y - z <= 2 |}; unfold rate.
+  - intros x y u v a b Ex Eu F s t lo hi S1 S2 Hu. rewrite <- !Ex by lra. apply F; auto.
+    intros r Hr. rewrite Eu by lra. auto.
+  - intros x u a b d F s t lo hi S1 S2 Hu. replace (t - s) with (t + d - (s + d)) by lra. apply F; try lra.
+    intros r Hr. replace r with (r - d + d) by lra. apply Hu. lra.
+  - intros x u a b c d Q1 Q2 F s t lo hi S1 S2 Hu. apply F; auto; lra.
+  - intros x u a b c Q F G s t lo hi S1 S2 Hu. destruct (Rle_or_lt t b); [apply F; auto |].
+    destruct (Rle_or_lt b s); [apply G; auto; lra |].
+    assert (A := F s b lo hi ltac:(lra) ltac:(lra) ltac:(intros; apply Hu; lra)).
+    assert (B := G b t lo hi ltac:(lra) ltac:(lra) ltac:(intros; apply Hu; lra)). nra.
+Defined.
+
+Definition T := {| Delta := 20; delta := 20; dm_phase := 0; sc_phase := 5; dm_late := 1; dm_response := 1;
+  sc_late := 1; sc_response := 1; L := 2; L_min := 0; age := 2; sc_age := 2; G := 5; r := 5 |}.
+
+Definition law (y : R) : R := if Rlt_dec 40 y then -1 else if Rlt_dec y (-40) then 1 else 0.
+Definition answers (y : estimate integrator) (v : component integrator -> value integrator) : Prop := v tt = law y.
+Definition ball (d z : R) := -d <= z <= d.
+Ltac times := unfold window, Lambda, state_age, H_star, h_0, sc_release, dm_release in *; simpl in *;
+  unfold Rmax in *; repeat destruct Rle_dec; try lra.
+
+Lemma T_window : window T = 4. Proof. times. Qed. Lemma T_age : state_age T = 5. Proof. times. Qed.
+Lemma T_H : H_star T = 31. Proof. times. Qed.
+
+Lemma nat_apart : forall k m, (INR k <= INR m /\ (k <= m)%nat) \/ (INR m + 1 <= INR k /\ (m < k)%nat).
+Proof. intros k m. destruct (Nat.le_gt_cases k m); [left | right]; split; auto;
+  [apply le_INR | rewrite <- S_INR; apply le_INR]; lia. Qed.
+Lemma T_holds : times_hold T.
+Proof. constructor; try (times; fail).
+  - intros k. exists (S k). times.
+  - intros k m. destruct (nat_apart k m) as [[Q _] | [Q _]]; times.
+Qed.
+
+(* The gate permits more than the DM: at 190 not every command may act for H, but braking may. *)
+Theorem gate_permits_more : gated_look_ahead integrator (ball 200) (fun _ v => v = -1) 31 2 190 /\
+  ~ look_ahead integrator (ball 200) 31 190.
+Proof. split.
+  - intros x u t1 t2 T1 T2 T3 E HV HU F t Ht. destruct (Rle_or_lt t t1) as [Q | Q].
+    + destruct (F 0 t (-1) (-1) ltac:(lra) ltac:(lra)); [intros q Hq; rewrite (HV q tt) by lra; lra |]. unfold ball. lra.
+    + destruct (F 0 t1 (-1) (-1) ltac:(lra) ltac:(lra)); [intros q Hq; rewrite (HV q tt) by lra; lra |].
+      destruct (F t1 t (-1) 1 ltac:(lra) ltac:(lra)); [intros q Hq; apply (HU q tt); lra |]. unfold ball. lra.
+  - intros Q. specialize (Q (fun t => 190 + t) (fun _ _ => 1) 31 ltac:(lra) ltac:(lra)).
+    assert (A : ball 200 (190 + 31)); [apply Q | unfold ball in A]; try lra; [intros t i Ht; simpl; lra |].
+    intros s t lo hi S1 S2 Hu. destruct (Req_dec s t) as [-> | Ne]; [lra |]. specialize (Hu s ltac:(lra)). nra.
+Qed.
+
+(* Over a time h the state moves by 11/10 h at most. *)
+Lemma moves_by : forall x u a b s t, flow integrator x u a b -> within integrator (inputs integrator) u a b ->
+  a <= s <= t -> t <= b -> ball (11/10 * (t - s)) (x t - x s).
+Proof. intros x u a b s t F U S1 S2. destruct (F s t (-1) 1 S1 S2) as [A B]; [| unfold ball; lra].
+  intros q Hq. apply (U q tt). lra.
+Qed.
+
+Lemma look : forall d h z, ball (d - 11/10 * h) z -> look_ahead integrator (ball d) h z.
+Proof. intros d h z Hz x u b Hb E U F t Ht. pose proof (moves_by x u 0 b 0 t F U ltac:(lra) ltac:(lra)) as M.
+  unfold ball in *. rewrite E in M. lra.
+Qed.
+
+Notation run C := (sc_run integrator answers 20 4 5 C).
+
+(* One period of SC: from d, at least 80, it stays in d; and comes nearer, to 80. *)
+Lemma one_period : forall C x u act al out t0 b d, run C x u act al out t0 b -> 80 <= d -> ball d (x (al 0%nat)) ->
+  (forall t, al 0%nat <= t <= Rmin b (al 1%nat) -> ball d (x t)) /\
+  (al 1%nat <= b -> ball (Rmax 80 (d - 14)) (x (al 1%nat))).
+Proof. intros C x u act al out t0 b d H Hd H0.
+  pose proof (last_window integrator answers 20 4 5 C x u act al out t0 b 0 H) as W0.
+  pose proof (last_window integrator answers 20 4 5 C x u act al out t0 b 1 H) as W1. simpl in W0, W1.
+  destruct H as [_ M B _ U Cm Rd F]. destruct (M 0%nat) as [_ [[] M0]]. destruct (M 1%nat) as [_ [[] M1]].
+  assert (Q : forall t, al 0%nat <= t <= Rmin b (al 1%nat) -> ball d (x t) /\
+    (al 0%nat + 16 <= t -> ball (Rmax 80 (d - 14)) (x t))).
+  { intros t Ht. assert (Tb : t <= b /\ t <= al 1%nat) by (unfold Rmin in Ht; destruct Rle_dec; lra).
+    destruct (Req_dec t (al 0%nat)) as [-> | Ne]; [split; auto; lra |].
+    destruct (Rd 0%nat) as (s & y & S0 & S1 & S2 & S3 & S4); [exists tt; lra |]. specialize (S2 tt).
+    assert (Rate := F (al 0%nat) t (law y) (law y) ltac:(lra) ltac:(lra)).
+    assert (Back := moves_by x u 0 b s (al 0%nat) F U ltac:(lra) ltac:(lra)).
+    destruct Rate as [R1 R2]; [intros q Hq; rewrite (Cm 0%nat tt q), S4 by lra; lra |].
+    unfold ball in *. simpl in *. pose proof (Rmax_l 80 (d - 14)). pose proof (Rmax_r 80 (d - 14)).
+    unfold law in *. destruct (Rlt_dec 40 y); [| destruct (Rlt_dec y (-40))]; lra. }
+  split; [intros t Ht; apply Q; auto |]. intros L. apply Q; [unfold Rmin; destruct Rle_dec |]; lra.
+Qed.
+
+Lemma kept : forall (C : R -> Prop) d (S : R -> Prop), 80 <= d -> (forall z, ball d z -> S z) -> (forall z, S z -> C z) ->
+  keeps integrator answers 20 4 5 C (ball d) S.
+Proof. intros C d S Hd HS HC. apply keeps_of_chains; try lra; auto. intros z Hz. exists 1%nat. split; [lia |].
+  intros x u act al out t0 b Hrun E. rewrite <- E in Hz. destruct (one_period _ _ _ _ _ _ _ _ d Hrun Hd Hz) as [A B].
+  split; [intros t Ht; auto |]. intros L. specialize (B L). unfold ball, Rmax in *. destruct Rle_dec; lra.
+Qed.
+
+Lemma comes_home : forall (C : R -> Prop) n z, ball (80 + INR n * 14) z ->
+  leads_to integrator answers 20 4 5 C (ball 80) (INR n * 20) z.
+Proof. induction n; intros z Hz; [apply arrived; simpl in *; [lra | unfold ball in *; lra] |].
+  rewrite S_INR in *. pose proof (pos_INR n). replace ((INR n + 1) * 20) with (INR n * 20 + INR 1 * 20) by (simpl; ring).
+  apply chain_to; [lra |]. intros x u act al out t0 b Hrun E L. apply IHn. rewrite <- E in Hz.
+  destruct (one_period _ _ _ _ _ _ _ _ (80 + (INR n + 1) * 14) Hrun ltac:(lra) Hz) as [_ B]. specialize (B L).
+  unfold ball, Rmax in *. destruct Rle_dec; lra.
+Qed.
+
+(* The execution: AC pushes, with the wind, until the DM finds ttf at its step 9; SC brings it back until step 14. *)
+Definition X (t : R) : R := if Rlt_dec t 29 then 0 else if Rlt_dec t 189 then 11/10 * (t - 29) else
+  if Rlt_dec t 289 then 176 - (t - 189) else 76.
+Definition commands (t : R) : R := if Rlt_dec t 29 then 0 else if Rlt_dec t 189 then 1 else
+  if Rlt_dec t 289 then -1 else 0.
+Definition command m := commands (20 * INR m + 9).
+Definition ac k := (1 <= k <= 8)%nat \/ (14 <= k)%nat.
+Definition published (_ : unit) e a v := (e = -1 /\ a = -1 /\ v = 0) \/
+  exists m, e = 20 * INR m + 7 /\ a = 20 * INR m + 9 /\ v = command m.
+Definition sc_says m := law (X (20 * INR m + 4) + 2).
+Ltac cases := unfold sc_says, law, command, commands, X in *; repeat (match goal with
+  | |- context [Rlt_dec ?a ?b] => destruct (Rlt_dec a b)
+  | Q : context [Rlt_dec ?a ?b] |- _ => destruct (Rlt_dec a b) end; try lra); try lra.
+Ltac naturals := repeat match goal with
+  | Q : (?a <= ?b)%nat |- _ => apply le_INR in Q; simpl in Q
+  | Q : (?a < ?b)%nat |- _ => apply le_INR in Q; rewrite S_INR in Q; simpl in Q end.
+
+Lemma X_moves : forall t, 0 <= t -> rate X (fun t _ => commands t) 0 t.
+Proof.
+  assert (Piece : forall a b c e, a <= b -> c - 1/10 <= e <= c + 1/10 -> (forall t, a <= t < b -> commands t = c) ->
+    (forall t, a <= t <= b -> X t = X a + e * (t - a)) -> rate X (fun t _ => commands t) a b).
+  { intros a b c e Hab He Hc HX s t lo hi S1 S2 Hu. destruct (Req_dec s t) as [-> | Ne]; [lra |].
+    specialize (Hu s ltac:(lra)). rewrite Hc in Hu by lra. rewrite (HX s), (HX t) by lra. nra. }
+  intros t T0. apply (flow_part integrator X (fun t _ => commands t) 0 (t + 300)); try lra.
+  apply (flow_joined integrator) with 29; [lra | apply Piece with 0 0 | apply (flow_joined integrator) with 189];
+    [lra | lra | intros; cases | intros; cases | lra | apply Piece with 1 (11/10) | apply (flow_joined integrator) with 289];
+    [lra | lra | intros; cases | intros; cases | lra | apply Piece with (-1) (-1) | apply Piece with 0 0];
+    solve [lra | intros; cases].
+Qed.
+
+Lemma below : forall k m, 20 * INR k < 20 * INR m + 20 -> (k <= m)%nat /\ INR k <= INR m.
+Proof. intros k m Q. destruct (nat_apart k m) as [[Q' K] | [Q' _]]; [auto | lra]. Qed.
+
+(* Where AC has no control what acts is what SC says. *)
+Lemma alone : forall m, ~ (exists k, 20 * INR k + 2 <= 20 * INR m + 7 /\ ac k /\
+  forall k', 20 * INR k' + 2 <= 20 * INR m + 7 -> (k' <= k)%nat) -> command m = sc_says m.
+Proof.
+  intros m No. assert (Hm : ~ ac m) by (intros A; apply No; exists m; repeat split; auto; [lra |];
+    intros k' Q; apply below; lra).
+  assert (Q : (m <= 0)%nat \/ (9 <= m <= 13)%nat) by (unfold ac in Hm; lia).
+  destruct Q as [Q | [Q1 Q2]]; naturals; pose proof (pos_INR m); cases.
+Qed.
+
+Definition flight : @execution integrator T answers.
+Proof. refine {| x := (X : R -> state integrator); u := fun t _ => commands t; dm_start := fun k => 20 * INR k + 1;
+    dm_out := fun k => 20 * INR k + 2; says_ac := ac; sc_start := fun m => 20 * INR m + 6;
+    sc_out := fun m => 20 * INR m + 7; counts := fun _ => True; out := fun m _ => sc_says m;
+    acts := fun m _ => 20 * INR m + 9; complete := fun m => 20 * INR m + 9; emitted := published |}.
+  all: try (intros; times; fail).
+  - intros k m Q. times. destruct (below k m); lra.
+  - intros m. split; [intros _; apply Rle_refl | exists tt; reflexivity].
+  - intros m _. exists (20 * INR m + 4), (X (20 * INR m + 4) + 2). pose proof (pos_INR m). simpl.
+    repeat split; try lra.
+  - intros m i No. right. exists m. rewrite <- alone; auto.
+  - intros i e a v [(-> & -> & ->) | (m & -> & -> & ->)] E0 No; [lra |]. exists m. rewrite alone; auto.
+  - intros i e a v [(-> & -> & ->) | (m & -> & -> & ->)]; simpl; split; try lra; cases.
+  - intros t i T0. destruct (Rlt_or_le t 9) as [Q | Q].
+    + exists (-1), (-1). split; [left; repeat split; cases | split; [lra |]].
+      intros e a v [(-> & _) | (m & -> & -> & _)] Ha; [lra | pose proof (pos_INR m); lra].
+    + assert (Q1 : exists m, 20 * INR m + 9 <= t < 20 * INR m + 29).
+      { destruct (next_release 9 20 t) as [m Hm]; try lra. destruct (Rle_or_lt (9 + INR m * 20) t); [exists m; lra |].
+        destruct m; [simpl in *; lra |]. exists m. rewrite S_INR in *. lra. }
+      destruct Q1 as [m Hm]. exists (20 * INR m + 7), (20 * INR m + 9). split; [right; exists m | split; [lra |]].
+      * repeat split. pose proof (nat_apart m 0).
+        pose proof (nat_apart m 8). pose proof (nat_apart m 13). simpl in *. cases.
+      * intros e a v [(-> & _) | (k & -> & -> & _)] Ha; [pose proof (pos_INR m); lra |].
+        destruct (below k m); lra.
+  - exact X_moves.
+Defined.
+
+(* The DM reads as late as it may, as wrong as it may be, and goes by its predicates. *)
+Definition seen k := X (20 * INR k - 1) + 2. Definition ttf y := ~ ball 160 y. Definition safer y := ball 100 y.
+Theorem dm_goes_by_its_predicates : forall k, ((k = 1 \/ 14 <= k)%nat -> safer (seen k)) /\
+  ((2 <= k <= 8)%nat -> ~ ttf (seen k)) /\ (k = 9%nat -> ttf (seen k)) /\ ((10 <= k <= 13)%nat -> ~ safer (seen k)).
+Proof. intros k. unfold safer, ttf, seen, ball. split; [intros [-> | Q] | split; [intros [Q Q'] No; apply No |
+    split; [intros -> No | intros [Q Q'] No]]]; naturals; simpl in *; cases.
+Qed.
+
+Lemma room : forall z y, reads_as integrator z y -> ball 163 y -> look_ahead integrator (ball 200) 31 z.
+Proof. intros z y Rd Hy. apply look. unfold ball in *. simpl in Rd. lra. Qed.
+Lemma seen_room : forall k, ac k -> ball 163 (seen k).
+Proof. unfold ac, ball, seen. intros k [[Q Q'] | Q]; naturals; cases. Qed.
+Lemma first_dm : forall k, dm_release T k <= sc_release T 0 -> dm_release T k <= 0.
+Proof. intros k Q. destruct (below k 0); times. Qed.
+Lemma K_core : core integrator answers (delta T) (window T) (state_age T) (ball 220) (ball 200).
+Proof. rewrite T_window, T_age. apply kept; unfold ball; intros; lra. Qed.
+Lemma begins : look_ahead integrator (ball 200) (h_0 T (sc_release T 0) 0) (X 0).
+Proof. apply look. times. unfold ball, X. cases. Qed.
+Theorem flight_safe : forall t, 0 <= t -> ball 220 (X t).
+Proof. apply (safe integrator T answers flight T_holds 0 0) with (ball 200) 31 ttf safer;
+    [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core | exact begins | | | |].
+  - intros k Ac. change (ac k) in Ac. unfold ac in Ac. exists (20 * INR k - 1), (seen k).
+    pose proof (dm_goes_by_its_predicates k) as (D1 & D2 & _).
+    assert (1 <= INR k) by (apply (le_INR 1); lia). simpl. unfold seen. repeat split; try lra.
+    assert (Q : (k = 1 \/ 14 <= k \/ 2 <= k <= 8)%nat) by lia. destruct Q as [Q | [Q | Q]]; auto.
+  - intros z y _ Rd [Ok | Ok]; apply room with y; auto; [apply NNPP in Ok |]; unfold safer, ball in *; simpl in *; lra.
+  - rewrite T_H. lra.
+  - left. intros; exact I.
+Qed.
+
+(* SC takes over with its output 9, after verdict 9; it gives control back with verdict 14, in the time of P2b. *)
+Theorem flight_returns : exists k, ac k /\ 187 <= 20 * INR k + 2 <= 189 + 140 + 4 + 2 + 20 + 1 + 1.
+Proof. assert (Home : ball (80 + INR 7 * 14) (X (20 * INR 9 + 9))) by (unfold ball; simpl; cases).
+  apply (comes_home (ball 220)) in Home.
+  destruct (control_returns integrator T answers flight (ball 220) (ball 200) (ball 80) safer (INR 7 * 20) 9)
+    as (k & Ac & Hk).
+  1, 2: solve [exact T_holds | exact K_core].
+  - rewrite T_window, T_age. apply kept; [lra | |]; unfold ball, safer.
+    + intros z Hz y Rd. simpl in Rd. unfold ball. lra.
+    + intros z Hz. specialize (Hz z ltac:(simpl; lra)). unfold ball in Hz. simpl in *. lra.
+  - intros; exact I.
+  - intros (k & Hk & Ac & Last). specialize (Last 9%nat ltac:(simpl; lra)). simpl in Hk.
+    assert (k <= 9)%nat by (apply below; simpl; lra). change (ac k) in Ac. unfold ac in Ac. lia.
+  - intros t Ht. apply flight_safe. lra.
+  - unfold ball. simpl. cases.
+  - rewrite T_window, T_age. exact Home.
+  - intros k Hk. exists (20 * INR k - 1), (seen k). simpl in *. unfold seen. repeat split; try lra. intros Sf.
+    assert (10 <= k)%nat by (apply below; simpl; lra). right.
+    destruct (Nat.le_gt_cases 14 k); auto. exfalso. apply (dm_goes_by_its_predicates k); auto; lia.
+  - exists k. split; [exact Ac |]. rewrite T_window in Hk. simpl in *. lra.
+Qed.
+
+(* The gate, in the same flight: each judgement is about R(H), which is less than R_V(H) would be. *)
+Theorem flight_gated : forall t, 0 <= t -> ball 220 (X t).
+Proof. apply (gate_safe integrator T answers flight T_holds 0 0) with (ball 200) 31;
+    [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core | exact begins | rewrite T_H; lra | | | |
+     intros; exact I].
+  - intros k Ac. change (ac k) in Ac. assert (1 <= INR k) by (apply (le_INR 1); unfold ac in Ac; lia).
+    exists (20 * INR k - 1), (20 * INR k + 1). split; [| times; split; [lra | split; [lra |]]].
+    + split; [simpl; lra |]. exists (seen k). split; [unfold seen; simpl; lra |]. intros z Rd.
+      apply gate_refuses_no_more, room with (seen k); auto. apply seen_room; auto.
+    + intros i e a v [(-> & _) | (m & -> & _)] He; [lra |]. destruct (nat_apart k m) as [[Q _] | [Q _]]; lra.
+  - intros i e a v [(-> & _) | (m & -> & -> & ->)] E0 (k & Hk & Ac & Last); [lra |]. simpl in *.
+    exists (20 * INR m + 3). pose proof (pos_INR m). split; [split; [lra |] |].
+    + exists (X (20 * INR m + 3) + 2). split; [simpl; lra |]. intros z Rd.
+      apply gate_refuses_no_more, room with (X (20 * INR m + 3) + 2); auto.
+      assert (m <= k)%nat by (apply Last; lra). assert (k <= m)%nat by (apply below; lra).
+      replace k with m in Ac by lia. change (ac m) in Ac. unfold ac, ball in *.
+      destruct Ac as [[Q Q'] | Q]; naturals; cases.
+    + intros k' Hk'. times. destruct (below k' m); lra.
+  - intros b (i & e & a & v & E & Hb). destruct (Rle_or_lt b 7) as [Q | Q].
+    + exists tt, (-1), (-1), 0. split; [left; auto |].
+      destruct E as [(-> & _) | (m & -> & _)]; [| pose proof (pos_INR m); lra].
+      split; auto. intros _ e a' v' [(-> & _) | (m & -> & _)] Hb'; [lra | pose proof (pos_INR m); lra].
+    + destruct (next_release 7 20 b) as [[| m] Hm]; [lra | lra | simpl in Hm; lra |]. rewrite S_INR in Hm.
+      exists tt, (20 * INR m + 7), (20 * INR m + 9), (command m). split; [right; exists m; auto | split; [lra |]].
+      intros _ e' a' v' [(-> & _) | (k & -> & _)] Hb'; [pose proof (pos_INR m); lra |].
+      destruct (below k m); lra.
+Qed.

@@ -1,0 +1,108 @@
+"""What the shield of a DM permits, cell by cell.
+
+Purpose: that from no state behind an estimate commands of the cells that are permitted there lead
+out of K before SC's first output acts (docs/proof.md, A gate that looks at commands).
+Non-goals: that the DM reads the table as it should; the table's bytes (`dm_tables.py`).
+
+A command lies in its set, which is cut at low + (high - low) (k / n), k = 1, ..., n - 1. Where
+commands of the cells i to j may act, those of some of these may: of every cell of estimates and
+every i the greatest j is shown.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.cell_sets import Cells
+from soter.certificate.inclusions.group_claims import FreeCheck
+from soter.certificate.inclusions.predicates import drifts
+from soter.certificate.reading.case_model import CaseModel, control_inputs
+from soter.certificate.reading.problem import number_of
+from soter.certificate.terms.terms import NotRecheckedError, inputs_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from soter.certificate.inclusions.cell_sets import Block
+    from soter.certificate.inclusions.group_claims import GroupTables
+    from soter.certificate.reading.facts import Facts
+
+    Show = Callable[[Block], Iterator[Block]]
+
+
+def cells_of(facts: Facts) -> int:
+    """Into how many cells each number of a command is cut; NotRecheckedError where no proof is."""
+    assert facts.symbol.shield is not None
+    if facts.kind == "map" or facts.view or any(e.nodes for e in facts.setting.effects):
+        raise NotRecheckedError("a shield of a map, of a view, or with nodes behind the module")
+    if {r.name for r in facts.setting.by_sc} - {r.name for r in facts.setting.by_dm}:
+        raise NotRecheckedError("a shield of an SC that reads what the DM does not")
+    topics = {topic for topic, _ in facts.leaves.values()}
+    if any(facts.system.topics[i].max_age_ns is None for i in topics):
+        raise RejectedError("a shield reads a topic without a `max_age`")
+    return int(number_of(facts, facts.symbol.shield))
+
+
+def felt_by(model: CaseModel, group: GroupTables) -> list[int]:
+    """The controls that move a group."""
+    terms, states = model.new_terms()
+    controls = control_inputs(model.facts, terms)
+    rates, _ = model.rates(terms, states, controls)
+    felt = inputs_of(terms, [rates[i] for i in group.states])
+    return [k for k, u in enumerate(controls) if next(iter(u.terms)) in felt]
+
+
+def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple[str, Show]]:
+    """What is to be shown of the table of a group, besides that S_0 is inside R(H)."""
+    n, tops = cells_of(model.facts), group.tops
+    if tops is None:
+        raise RejectedError("the table of the shield is not there")
+    moving = felt_by(model, group)
+    beyond = ~group.levels[0]
+    if moving != ([] if group.command is None else [group.command]):
+        raise RejectedError("a shield is of a group that one command moves, and says which")
+    if group.command is None:
+        if tops[beyond].any():
+            raise RejectedError("the shield permits commands where no command keeps K")
+        return
+    control = model.facts.controls[group.command]
+    edges = [control.low, *(cut(control.low, control.high, k, n) for k in range(1, n))]
+    edges.append(control.high)
+    horizon = model.facts.times["H_ns"]
+    for i in range(n):
+        for j in range(i, n):
+            claimed = beyond & (tops[..., i] == j + 1)
+            if not claimed.any():
+                continue
+            facts = copy(model.facts)
+            facts.controls = list(facts.controls)
+            facts.controls[group.command] = replace(control, low=edges[i], high=edges[j + 1])
+            between = CaseModel(facts, model.parameter, model.extents)
+            check = FreeCheck(between, group, horizon)
+            ends = f"[{edges[i]:g}, {edges[j + 1]:g}]"
+            what = f"{control.name} in {ends}, which the shield permits, may lead out of K from"
+            yield what, partial(drifts, check, Cells(group.grid, claimed), core)
+
+
+def cut(low: float, high: float, k: int, n: int) -> float:
+    """Where cell k of n begins."""
+    return low + (high - low) * (k / n)
+
+
+def tops_of(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
+    """`GroupTables.tops` of a file: cells of the grid in C order, a byte for each command cell."""
+    shape = (*group.grid.shape, n)
+    if len(data) != int(np.prod(shape)):
+        raise RejectedError("the table of the shield has another size")
+    tops = np.frombuffer(data, dtype=np.uint8).reshape(shape)
+    if (tops > n).any():
+        raise RejectedError("the table of the shield names cells that there are not")
+    return tops

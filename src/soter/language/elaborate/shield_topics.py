@@ -1,0 +1,94 @@
+"""What a module with a `shield` remembers: which of its commands may still act.
+
+Purpose: the hidden topic of such a module: of every cell into which its commands are cut the time
+until which a command of that cell was held; and what a shield cannot be said of (M027).
+Non-goals: which commands are permitted (`verify/tables/shield_tables.py`), when they are judged
+(`semantics/shield.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.model.system import Shield, Topic
+from soter.language.model.typed import TopicSymbol
+from soter.language.model.types import FLOAT, ArrayType, FloatType, leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.model.system import Component, Module
+    from soter.language.model.typed import TypedExpr
+
+NEVER_HELD = -1.0e18
+"""s: before every run."""
+CELLS_MAX = 64
+
+
+def make_shield_topics(
+    modules: Sequence[Module],
+    cells: Mapping[int, int],
+    topics: Sequence[Topic],
+    components: Sequence[Component],
+    diagnostics: Diagnostics,
+) -> list[Topic]:
+    """A topic for every module that has a shield, numbered from `len(topics)` on.
+
+    `cells`: module index -> into how many cells each number of its commands is cut.
+    """
+    made: list[Topic] = []
+    for module in modules:
+        clause = module.symbol.shield
+        if clause is None or module.index not in cells:
+            continue
+        why = _why_not(module, topics, components)
+        if why:
+            _refused(module, clause, why, diagnostics)
+            continue
+        numbers = sum(len(list(leaves(topics[i].type))) for i in module.outputs)
+        made.append(_topic(module, len(topics) + len(made), numbers * cells[module.index]))
+        module.shield = Shield(cells[module.index], made[-1].index)
+    return made
+
+
+def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Component]) -> str:
+    if module.symbol.ttf is not None or module.symbol.safer is not None:
+        return "`ttf` and `safer` are written: what a shield permits is computed together with them"
+    if module.symbol.over is not None:
+        return "a module stands in the place of its AC"
+    for i in module.outputs:
+        if not all(isinstance(t, FloatType) for _, t in leaves(topics[i].type)):
+            return f"`{topics[i].name}` is not made of floats"
+    slow = [components[i] for i in (module.ac, module.sc) if components[i].takes_ns is not None]
+    if slow:
+        return f"a step of `{slow[0].name}` takes time: it is judged when it begins"
+    return ""
+
+
+def _refused(module: Module, clause: TypedExpr, why: str, diagnostics: Diagnostics) -> None:
+    diagnostics.error(
+        "M027",
+        f"module `{module.symbol.name}` can have no shield",
+        clause.span,
+        also=((module.symbol.span, "this module"),),
+        notes=(why,),
+        helps=("leave `shield` out",),
+    )
+
+
+def _topic(module: Module, index: int, size: int) -> Topic:
+    name = f"{module.name}.shield"
+    held = ArrayType(FLOAT, size)
+    return Topic(
+        index=index,
+        name=name,
+        symbol=TopicSymbol(name, module.symbol.span, held, False, {}, None, None),
+        type=held,
+        bounds=(None,) * size,
+        set_declared=True,
+        default=(NEVER_HELD,) * size,
+        max_age_ns=None,
+        driver=module.name,
+        held=True,
+    )

@@ -1,0 +1,484 @@
+"""What an expression may be, where all that it reads may be anything of some ranges.
+
+Purpose: one method for each kind of expression and statement of `typed.py`, over `Range`s:
+sound bounds of its value, and whether judging it may fault.
+Non-goals: which ranges (`domains.py`), deciding with them (`constant_truth.py`); what is too hard
+for it, such as what happens in lists, is anything of its type.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from soter.language.evaluate import ranges
+from soter.language.evaluate.ranges import ANY_FLOAT, ANY_INT, EITHER, FALSE, TRUE, Faults, Range
+from soter.language.evaluate.same_expression import same_expression
+from soter.language.model import typed as t
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from soter.language.model.system import Scope
+    from soter.language.model.types import Type, Value
+
+    Key = tuple[str, int, tuple[int, ...]]
+    """Of a scalar: what is read, its number, and where in it."""
+    Known = Any
+    """A `Range`, a tuple of such, a `ReadPlace`, or UNKNOWN."""
+
+BUDGET = 20_000
+ELEMENTS = 1_024
+"""Larger arrays are unknown."""
+ROUNDS = 256
+UNKNOWN = object()
+COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
+
+
+class TooHardError(Exception):
+    """More operations than are worth it, or code that is not followed."""
+
+
+@dataclass(frozen=True)
+class ReadPlace:
+    """Something that is read, or a part of it: looked up where a number is wanted."""
+
+    kind: str
+    index: int
+    type: Type
+    path: tuple[int, ...] = ()
+
+
+def anything(of: Type) -> Known:
+    """All values of a type."""
+    if isinstance(of, BoolType):
+        return EITHER
+    if isinstance(of, IntType):
+        return Range(of.low, of.high)
+    if isinstance(of, EnumType):
+        return Range(0, len(of.members) - 1)
+    if isinstance(of, FloatType):
+        return ANY_FLOAT
+    if isinstance(of, DurationType):
+        return ANY_INT
+    if isinstance(of, RecordType) and of.scalars <= ELEMENTS:
+        return tuple([anything(f) for _, f in of.fields])
+    if isinstance(of, ArrayType) and of.size <= ELEMENTS:
+        return (anything(of.element),) * of.size
+    return UNKNOWN
+
+
+def constant(of: Type, value: Value) -> Known:
+    """One value of a type."""
+    if isinstance(of, (RecordType, ArrayType)):
+        parts = [f for _, f in of.fields] if isinstance(of, RecordType) else [of.element] * of.size
+        return tuple([constant(p, v) for p, v in zip(parts, value, strict=True)])
+    if isinstance(value, tuple):
+        return UNKNOWN
+    if isinstance(value, float) and math.isnan(value):
+        return ANY_FLOAT
+    return Range(int(value), int(value)) if isinstance(value, (bool, int)) else Range(value, value)
+
+
+class RangeEvaluator:
+    """Evaluates in one scope. `read` gives the range of a scalar that is read."""
+
+    def __init__(self, scope: Scope, period_ns: int, read: Callable[[ReadPlace], Range]) -> None:
+        self.scope = scope
+        self._period_ns = period_ns
+        self._read = read
+        self.left = BUDGET
+        self.variables: dict[t.Variable, Known] = {}
+        self.faults = Faults()
+        self._literals: dict[t.Literal, Known] = {}
+
+    def evaluate(self, e: t.TypedExpr) -> Known:
+        """What it may be; `faults` says whether it may fault. `TooHardError`."""
+        self.left -= 1
+        if self.left < 0:
+            raise TooHardError
+        made = self.EXPRESSIONS.get(type(e))
+        return anything(e.type) if made is None else made(self, e)
+
+    def number(self, e: t.TypedExpr) -> Range:
+        """Of a scalar."""
+        return self._scalar(self.evaluate(e), e.type)
+
+    def part(self, e: t.TypedExpr, place: ReadPlace) -> Range:
+        """Of the scalar at a place in a value."""
+        known = self.evaluate(e)
+        for index in place.path:
+            known = known[index] if isinstance(known, tuple) else UNKNOWN
+        return self._scalar(known, place.type)
+
+    def _scalar(self, known: Known, of: Type) -> Range:
+        if isinstance(known, ReadPlace):
+            known = self._read(known)
+        if not isinstance(known, Range):
+            known = anything(of)
+        if not isinstance(known, Range):
+            raise TooHardError
+        return known
+
+    # ------------------------------------------------------------ reads
+
+    def _literal(self, e: t.Literal) -> Known:
+        known = self._literals.get(e)
+        if known is None:
+            known = self._literals[e] = constant(e.type, e.value)
+        return known
+
+    def _param_read(self, e: t.ParamRead) -> Known:
+        return constant(e.type, self.scope.params[e.param])
+
+    def _var_read(self, e: t.VarRead) -> Known:
+        known = self.variables.get(e.variable)
+        return anything(e.type) if known is None else known
+
+    def _topic_read(self, e: t.TopicRead) -> Known:
+        return ReadPlace("topic", self.scope.topics[e.topic], e.type)
+
+    def _truth_read(self, e: t.TruthRead) -> Known:
+        return ReadPlace("truth", self.scope.plants[e.instance], e.type)
+
+    def _mode_read(self, e: t.ModeRead) -> Known:
+        return ReadPlace("mode", self.scope.modules[e.module], e.type)
+
+    def _margin_read(self, e: t.MarginRead) -> Known:
+        return ReadPlace("margin", self.scope.modules[e.module], e.type)
+
+    def _time_read(self, e: t.TimeRead) -> Known:
+        return ReadPlace("time", 0, e.type)
+
+    def _age_read(self, e: t.AgeRead) -> Known:
+        return ReadPlace("age", self.scope.topics[e.topic], e.type)
+
+    def _period_read(self, _: t.PeriodRead) -> Known:
+        return Range(self._period_ns / 1e9, self._period_ns / 1e9)
+
+    # ------------------------------------------------------------ operations
+
+    def _unary(self, e: t.TypedUnary) -> Known:
+        if e.op == "!":
+            return ranges.negated(self.number(e.operand))
+        if isinstance(e.type, FloatType):
+            a = self.number(e.operand)
+            return Range(-a.high, -a.low, a.nan)
+        if isinstance(e.type, (IntType, DurationType)):
+            a = self.number(e.operand)
+            return ranges.whole(-int(a.high), -int(a.low), self.faults)
+        return self._each(self.evaluate(e.operand), e.type, lambda a: Range(-a.high, -a.low, a.nan))
+
+    def _binary(self, e: t.TypedBinary) -> Known:
+        if e.op in {"&&", "||"}:
+            return self._logical(e)
+        a, b = self.number(e.left), self.number(e.right)
+        if e.op in COMPARISONS:
+            return ranges.compared(e.op, a, b, same=same_expression(e.left, e.right))
+        if not isinstance(e.type, FloatType):
+            return ranges.int_operation(e.op, a, b, self.faults)
+        if e.op == "/":
+            return ranges.float_divide(a, b, self.faults)
+        if e.op == "*":
+            return ranges.float_multiply(a, b, same=same_expression(e.left, e.right))
+        return (ranges.float_add if e.op == "+" else ranges.float_subtract)(a, b)
+
+    def _logical(self, e: t.TypedBinary) -> Known:
+        """The right side is judged only where the left one does not decide."""
+        decides = FALSE if e.op == "&&" else TRUE
+        a = self.number(e.left)
+        if a == decides:
+            return decides
+        b = self.number(e.right)
+        return b if a.single else decides if b == decides else EITHER
+
+    def _vector(self, e: t.Vector) -> Known:
+        left, right = self.evaluate(e.left), self.evaluate(e.right)
+        if e.op in {"+", "-"}:
+            of = ranges.float_add if e.op == "+" else ranges.float_subtract
+            pairs = zip(self._flat(left, e.type), self._flat(right, e.type), strict=True)
+            return self._shaped(e.type, iter([of(a, b) for a, b in pairs]))
+        if isinstance(e.left.type, FloatType):
+            x = self._scalar(left, e.left.type)
+            return self._each(right, e.type, lambda a: ranges.float_multiply(x, a))
+        x = self._scalar(right, e.right.type)
+        if e.op == "/":
+            return self._each(left, e.type, lambda a: ranges.float_divide(a, x, self.faults))
+        return self._each(left, e.type, lambda a: ranges.float_multiply(a, x))
+
+    def _conditional(self, e: t.Conditional) -> Known:
+        c = self.number(e.condition)
+        if c.single:
+            return self.evaluate(e.then if c == TRUE else e.otherwise)
+        return self._joined(self.evaluate(e.then), self.evaluate(e.otherwise), e.type)
+
+    def _narrow(self, e: t.Narrow) -> Known:
+        assert isinstance(e.type, IntType)
+        return ranges.narrowed(self.number(e.operand), e.type.low, e.type.high, self.faults)
+
+    def _builtin(self, e: t.Builtin) -> Known:
+        name, of = e.name, e.arguments[0].type
+        if name in {"dot", "norm", "saturate"}:
+            return self._of_vector(e)
+        a = self.number(e.arguments[0])
+        if name in {"min", "max"}:
+            b = self.number(e.arguments[1])
+            return ranges.minimum(a, b) if name == "min" else ranges.maximum(a, b)
+        if name == "abs":
+            magnitude = ranges.absolute(a)
+            if isinstance(of, FloatType):
+                return magnitude
+            return ranges.whole(int(magnitude.low), int(magnitude.high), self.faults)
+        if name == "sqrt":
+            return ranges.square_root(a)
+        if name == "floor":
+            ends = [x if math.isinf(x) else float(math.floor(x)) for x in (a.low, a.high)]
+            return Range(ends[0], ends[1], a.nan)
+        if name == "int":
+            return ranges.int_of_float(a, self.faults)
+        scale = 1e9 if name == "seconds" else 1.0
+        return Range(float(a.low) / scale, float(a.high) / scale)
+
+    def _of_vector(self, e: t.Builtin) -> Known:
+        first = self.evaluate(e.arguments[0])
+        if e.name == "saturate":
+            limit = self.number(e.arguments[1])
+            below = Range(-limit.high, -limit.low, limit.nan)
+            of = e.arguments[0].type
+            return self._each(first, of, lambda a: ranges.minimum(ranges.maximum(a, below), limit))
+        norm = e.name == "norm"
+        second = first if norm else self.evaluate(e.arguments[1])
+        total: Range | None = None
+        xs, ys = (self._flat(v, e.arguments[0].type) for v in (first, second))
+        for a, b in zip(xs, ys, strict=True):
+            product = ranges.float_multiply(a, b, same=norm)
+            total = product if total is None else ranges.float_add(total, product)
+        if total is None:
+            raise TooHardError
+        return ranges.square_root(total) if norm else total
+
+    def _call(self, e: t.TypedCall) -> Known:
+        if e.fun.body is None:
+            self.faults.possible = True
+            return anything(e.type)
+        given = [self.evaluate(a) for a in e.arguments]
+        outside = self.variables
+        self.variables = dict(zip(e.fun.parameters, given, strict=True))
+        try:
+            returned, _ = self._run(e.fun.body, None, e.type)
+        except RecursionError:
+            raise TooHardError from None
+        finally:
+            self.variables = outside
+        return anything(e.type) if returned is None else returned
+
+    # ------------------------------------------------------------ structure
+
+    def _field(self, e: t.TypedField) -> Known:
+        return self._part(self.evaluate(e.target), e.index, e.type)
+
+    def _index(self, e: t.Index) -> Known:
+        target, at = self.evaluate(e.target), self.number(e.index)
+        of = e.target.type
+        if not isinstance(of, ArrayType) or of.size > ELEMENTS or target is UNKNOWN:
+            self.faults.possible = True
+            return anything(e.type)
+        self.faults.unless(at.low >= 0 and at.high < of.size)
+        union: Known = None
+        for i in range(max(int(at.low), 0), min(int(at.high), of.size - 1) + 1):
+            self.left -= 1
+            part = self._part(target, i, e.type)
+            union = part if union is None else self._joined(union, part, e.type)
+        return anything(e.type) if union is None else union
+
+    def _length(self, e: t.TypedLength) -> Known:
+        of = e.target.type
+        size = of.size if isinstance(of, ArrayType) else 0
+        return Range(size, size) if size else Range(0, getattr(of, "capacity", 0))
+
+    def _aggregate(self, e: t.Aggregate) -> Known:
+        values = [self.evaluate(x) for x in e.elements]
+        if not isinstance(e.type, (RecordType, ArrayType)):
+            return UNKNOWN
+        if e.order is None:
+            return tuple(values)
+        position = {field: written for written, field in enumerate(e.order)}
+        return tuple([values[position[i]] for i in range(len(values))])
+
+    def _choose(self, e: t.TypedChoose) -> Known:
+        if not e.options:
+            return Range(e.low, e.low + e.count - 1)
+        union = self.evaluate(e.options[0])
+        for option in e.options[1:]:
+            union = self._joined(union, self.evaluate(option), e.type)
+        return union
+
+    def _part(self, whole: Known, index: int, of: Type) -> Known:
+        if isinstance(whole, ReadPlace):
+            return ReadPlace(whole.kind, whole.index, of, (*whole.path, index))
+        return whole[index] if isinstance(whole, tuple) else anything(of)
+
+    def _parts(self, whole: Known, of: Type) -> list[tuple[Known, Type]]:
+        """The parts of a record or an array, with their types."""
+        if isinstance(of, RecordType):
+            types = [f for _, f in of.fields]
+        elif isinstance(of, ArrayType) and of.size <= ELEMENTS:
+            types = [of.element] * of.size
+        else:
+            raise TooHardError
+        self.left -= len(types)
+        return [(self._part(whole, i, part), part) for i, part in enumerate(types)]
+
+    def _flat(self, whole: Known, of: Type) -> list[Range]:
+        if isinstance(of, (RecordType, ArrayType)):
+            return [x for part, at in self._parts(whole, of) for x in self._flat(part, at)]
+        return [self._scalar(whole, of)]
+
+    def _shaped(self, of: Type, flat: Any) -> Known:  # noqa: ANN401 - an iterator of ranges
+        if isinstance(of, (RecordType, ArrayType)):
+            return tuple([self._shaped(at, flat) for _, at in self._parts(UNKNOWN, of)])
+        return next(flat)
+
+    def _each(self, whole: Known, of: Type, do: Callable[[Range], Range]) -> Known:
+        return self._shaped(of, iter([do(a) for a in self._flat(whole, of)]))
+
+    def _joined(self, a: Known, b: Known, of: Type) -> Known:
+        """What may be either."""
+        if a is b or a == b:
+            return a
+        if isinstance(of, (RecordType, ArrayType)):
+            if a is UNKNOWN or b is UNKNOWN:
+                return anything(of)
+            return tuple(
+                [
+                    self._joined(x, y, at)
+                    for (x, at), (y, _) in zip(self._parts(a, of), self._parts(b, of), strict=True)
+                ]
+            )
+        if a is UNKNOWN or b is UNKNOWN:
+            return anything(of)
+        return self._scalar(a, of).joined(self._scalar(b, of))
+
+    # ------------------------------------------------------------ statements
+
+    def _run(self, body: tuple[t.TypedStmt, ...], returned: Known, of: Type) -> tuple[Known, bool]:
+        """What may be returned (None: nothing so far), and whether the end may be reached."""
+        for s in body:
+            self.left -= 1
+            if self.left < 0:
+                raise TooHardError
+            if isinstance(s, t.TypedReturn):
+                value = self.evaluate(s.value)
+                return value if returned is None else self._joined(returned, value, of), False
+            if isinstance(s, t.TypedIf):
+                returned, falls = self._if(s, returned, of)
+            elif isinstance(s, (t.ForRange, t.ForEach)):
+                returned, falls = self._loop(s, returned, of)
+            else:
+                falls = self._plain(s)
+            if not falls:
+                return returned, False
+        return returned, True
+
+    def _plain(self, s: t.TypedStmt) -> bool:
+        """A statement without others in it; whether it may be left."""
+        if isinstance(s, t.TypedDeclare):
+            self.variables[s.variable] = self.evaluate(s.value)
+        elif isinstance(s, t.TypedAssign):
+            for i in s.place.path:
+                if not isinstance(i, int):
+                    self.faults.possible = True
+            value = self.evaluate(s.value)
+            variable = s.place.variable
+            self.variables[variable] = anything(variable.type) if s.place.path else value
+        elif isinstance(s, t.TypedPush):
+            self.faults.possible = True
+            self.variables[s.place.variable] = anything(s.place.variable.type)
+        elif isinstance(s, t.Assert):
+            held = self.number(s.condition)
+            self.faults.unless(held == TRUE)
+            return held != FALSE
+        else:
+            raise TooHardError
+        return True
+
+    def _if(self, s: t.TypedIf, returned: Known, of: Type) -> tuple[Known, bool]:
+        before, ends = self.variables, []
+        open_ = True
+        for condition, body in s.arms:
+            held = self.number(condition)
+            if held != FALSE:
+                self.variables = dict(before)
+                returned, falls = self._run(body, returned, of)
+                ends += [self.variables] if falls else []
+                self.variables = before
+            if held == TRUE:
+                open_ = False
+                break
+        if open_:
+            self.variables = dict(before)
+            returned, falls = self._run(s.otherwise, returned, of)
+            ends += [self.variables] if falls else []
+        self.variables = self._merged(ends, before)
+        return returned, bool(ends)
+
+    def _merged(
+        self, ends: list[dict[t.Variable, Known]], before: Mapping[t.Variable, Known]
+    ) -> dict[t.Variable, Known]:
+        if not ends:
+            return dict(before)
+        merged = dict(ends[0])
+        for other in ends[1:]:
+            shared = [v for v in merged if v in other]
+            merged = {v: self._joined(merged[v], other[v], v.type) for v in shared}
+        return merged
+
+    def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
+        if isinstance(s, t.ForRange):
+            rounds: list[Known] = [Range(i, i) for i in range(s.low, s.high)[: ROUNDS + 1]]
+        else:
+            sequence = self.evaluate(s.sequence)
+            rounds = [part for part, _ in self._parts(sequence, s.sequence.type)]
+        if len(rounds) > ROUNDS:
+            raise TooHardError
+        for value in rounds:
+            self.variables[s.variable] = value
+            returned, falls = self._run(s.body, returned, of)
+            if not falls:
+                return returned, False
+        return returned, True
+
+    EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[RangeEvaluator, Any], Known]]] = {
+        t.Literal: _literal,
+        t.ParamRead: _param_read,
+        t.VarRead: _var_read,
+        t.TopicRead: _topic_read,
+        t.TruthRead: _truth_read,
+        t.ModeRead: _mode_read,
+        t.MarginRead: _margin_read,
+        t.TimeRead: _time_read,
+        t.PeriodRead: _period_read,
+        t.AgeRead: _age_read,
+        t.TypedUnary: _unary,
+        t.TypedBinary: _binary,
+        t.Vector: _vector,
+        t.Conditional: _conditional,
+        t.TypedCall: _call,
+        t.Builtin: _builtin,
+        t.TypedField: _field,
+        t.Index: _index,
+        t.TypedLength: _length,
+        t.Aggregate: _aggregate,
+        t.TypedChoose: _choose,
+        t.Narrow: _narrow,
+    }

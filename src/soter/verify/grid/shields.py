@@ -1,0 +1,100 @@
+"""Which commands a shield permits, on a grid.
+
+Purpose: of every cell of estimates and every least command cell the greatest one such that all
+commands between may act, in any order, until SC's first output does (docs/proof.md, "A gate that
+looks at commands").
+Non-goals: reading it (`verify/tables/shield_tables.py`).
+
+R_V(H) is R(H) with a box V of commands in the place of U: the same engine, told that the group's
+command lies in V. Groups that several commands move have no shield: between the first component of
+SC's output and the last one any command may act, and that is not counted here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.grid.sets import GridGroup
+from soter.verify.problem.estimates import errors_of, seen
+from soter.verify.tables.shield_tables import command_edges
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from soter.language.model.typed import TopicSymbol
+    from soter.verify.claims.case import Case, GroupProof
+    from soter.verify.claims.results import GroupSets
+    from soter.verify.problem.problem import Problem
+
+    Bools = NDArray[np.bool_]
+
+
+def find(
+    case: Case,
+    proof: GroupProof,
+    engine: GridGroup,
+    part: GroupSets,
+    anywhere: Callable[[Bools], Bools],
+) -> None:
+    """Fills in `part.tops`; a failure of `ttf` where the group can have no shield."""
+    problem = case.problem
+    assert problem.module.shield is not None
+    n = problem.module.shield.cells
+    part.tops = np.zeros((*part.allowed.shape, n), dtype=np.uint8)
+    ages = {t.name for t in seen(problem).values() if _max_age(problem, t) is None}
+    if ages:
+        names = ", ".join(sorted(ages))
+        text = f"a shield asks how old an estimate may be, which {names} does not say"
+        case.fail("ttf", text, proof, "give it a `max_age`")
+        return
+    group = engine.c
+    if group.commands > 1:
+        several = [
+            problem.quantities.controls[group.command[k]].name for k in range(group.commands)
+        ]
+        text = f"a shield asks for groups that one command moves, here {' and '.join(several)} do"
+        case.fail("ttf", text, proof, "groups of one command each, or no `shield`")
+        return
+    if not group.commands:
+        part.tops[part.levels[0]] = n
+        return
+    part.command = int(group.command[0])
+    limits = problem.controls[part.command]
+    edges = command_edges(limits.low, limits.high, n)
+    horizon = problem.in_horizon(problem.times.horizon_ns)
+    errors = errors_of(problem)
+    for i in range(n):
+        permitted = np.ones(part.allowed.shape, dtype=np.bool_)
+        for j in range(i, n):
+            box = between(engine, part.command, edges[i], edges[j + 1])
+            free = box.safe_for(horizon, part.core > 0)
+            permitted &= anywhere(engine.erode(free, errors))
+            if not permitted.any():
+                break
+            part.tops[permitted, i] = j + 1
+    part.tops[part.levels[0]] = n  # all of U may act there
+
+
+def _max_age(problem: Problem, symbol: TopicSymbol) -> int | None:
+    return next(t.max_age_ns for t in problem.system.topics if t.symbol is symbol)
+
+
+def between(engine: GridGroup, control: int, low: float, high: float) -> GridGroup:
+    """The same group where this command lies in [low, high]."""
+    controls = list(engine.inputs.controls)
+    controls[control] = (low, high)
+    return GridGroup(
+        engine.library,
+        replace(engine.inputs, controls=tuple(controls)),
+        list(zip(engine.axes, engine.edges, strict=True)),
+        threads=engine.threads,
+        open_ends=engine.open_ends,
+        unbounded=engine.unbounded,
+        progress=engine.progress,
+        stop=engine.stop,
+    )

@@ -1,0 +1,207 @@
+"""What a shield permits, as functions of the program.
+
+Purpose: checked expressions for what becomes of the shield's topic where a command is published,
+and whether all commands that may still act are permitted; in the place of `ttf` the same of the
+command that is held.
+Non-goals: which commands are permitted (`verify/grid/shields.py`), when they are judged
+(`semantics/shield.py`).
+
+Cells are closed and their ends are compared exactly, so a command lies in the cell that was looked
+up. Of each cell the topic holds the time until which a command of it was held: what was held at
+t - W or later may act on the state behind an estimate that is A old, W = A + L. Times are floats of
+whole nanoseconds; a microsecond is added to W.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed as t
+from soter.language.model.types import BOOL, FLOAT, INT, IntType, leaves
+from soter.verify.problem.estimates import seen
+from soter.verify.tables.grid_tables import GroupTable, place_function
+from soter.verify.tables.tree_writer import Writer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.language.model.system import Shield, System
+    from soter.verify.problem.problem import Problem
+
+SLACK_NS = 1_000
+
+
+class ShieldWriter(Writer):
+    """Builds the expressions of one module's shield."""
+
+    def __init__(self, problem: Problem, system: System, shield: Shield) -> None:
+        symbol = problem.module.symbol
+        super().__init__(symbol.span)
+        self.problem = problem
+        self.name = symbol.name
+        self.cells = shield.cells
+        self.topic = system.topics[shield.topic]
+        self.now = t.TimeRead(FLOAT, self.span)
+        self.places = [
+            place_function(
+                self, f"{self.name}_command{k}", command_edges(r.low, r.high, self.cells)
+            )
+            for k, r in enumerate(problem.controls)
+        ]
+
+    # ------------------------------------------------------------ parts
+
+    def command(self, control: int) -> t.TypedExpr:
+        """A number of the command that is held."""
+        leaf = self.problem.quantities.controls[control]
+        output = self.problem.system.topics[leaf.owner]
+        return self.leaf(output.symbol, leaf.path)
+
+    def cell(self, control: int) -> t.TypedExpr:
+        """The cell that it lies in; -1 outside of its set."""
+        return self.call(self.places[control], self.command(control))
+
+    def held(self) -> t.TypedExpr:
+        """The times, where the commands that were held so far end now."""
+        times = self.variable("times", "parameter", self.topic.type)
+        now = self.variable("now", "parameter", FLOAT)
+        inputs = [self.variable(f"i{k}", "parameter", INT) for k in range(len(self.places))]
+        new = self.variable("new", "var", self.topic.type)
+        body: list[t.TypedStmt] = [self.declare(new, self.read(times))]
+        for k, i in enumerate(inputs):
+            at = self.op("+", self.read(i), self.number(k * self.cells))
+            place = t.Place(new, (at,), FLOAT, self.span)
+            inside = self.op(">=", self.read(i), self.number(0))
+            assign = t.TypedAssign(self.span, place, self.read(now))
+            body.append(t.TypedIf(self.span, ((inside, (assign,)),), ()))
+        body.append(self.give(self.read(new)))
+        fun = t.FunSymbol(
+            f"{self.name}_held",
+            self.span,
+            (times, now, *inputs),
+            self.topic.type,
+            tuple(body),
+            False,
+            None,
+        )
+        cells = [self.cell(k) for k in range(len(self.places))]
+        return self.call(fun, self.times(), self.now, *cells)
+
+    def times(self) -> t.TypedExpr:
+        """The shield's topic."""
+        return t.TopicRead(self.topic.type, self.span, self.topic.symbol)
+
+    def ends(self) -> t.FunSymbol:
+        """A function: the least cell and the greatest of `own` and of those held since `since`.
+
+        As least + cells * greatest. `first`: where the times of the command begin.
+        """
+        times = self.variable("times", "parameter", self.topic.type)
+        first, own = (self.variable(n, "parameter", INT) for n in ("first", "own"))
+        since = self.variable("since", "parameter", FLOAT)
+        low, high = (self.variable(n, "var", INT) for n in ("low", "high"))
+        k = self.variable("k", "loop", INT)
+        until = self.at(self.read(times), self.op("+", self.read(first), self.read(k)))
+        acts = self.op(">=", until, self.read(since))
+        lower = self.op("<", self.read(k), self.read(low))
+        higher = self.op(">", self.read(k), self.read(high))
+        wider: tuple[t.TypedStmt, ...] = (
+            t.TypedIf(self.span, ((lower, (self.assign(low, k),)),), ()),
+            t.TypedIf(self.span, ((higher, (self.assign(high, k),)),), ()),
+        )
+        body = [
+            self.declare(low, self.read(own)),
+            self.declare(high, self.read(own)),
+            t.ForRange(self.span, k, 0, self.cells, (t.TypedIf(self.span, ((acts, wider),), ()),)),
+            self.give(
+                self.op(
+                    "+",
+                    self.read(low),
+                    self.op("*", self.number(self.cells), self.read(high)),
+                )
+            ),
+        ]
+        return self.function(f"{self.name}_ends", (times, first, own, since), body)
+
+    def permitted(self, table: GroupTable, ends: t.FunSymbol, number: int) -> t.TypedExpr:
+        """Whether the commands that may act are permitted at the estimate, of one group."""
+        assert table.commands is not None
+        estimate = self.estimate(table)
+        if table.commands.control is None:
+            level = table.function(self, f"{self.name}_shield{number}")
+            return self.op(">=", self.call(level, *estimate), self.number(1))
+        control = table.commands.control
+        window = self.problem.times.age_dm + self.problem.times.acts + SLACK_NS
+        back = t.Literal(FLOAT, self.span, window / 1e9)
+        since = t.TypedBinary(FLOAT, self.span, "-", self.now, back)
+        first = self.number(control * self.cells)
+        both = self.call(ends, self.times(), first, self.cell(control), since)
+        reach = self.reach(table, f"{self.name}_reach{number}")
+        inside = self.op(">=", self.cell(control), self.number(0))
+        return self.op(
+            "&&", inside, self.op("==", self.call(reach, *estimate, both), self.number(1))
+        )
+
+    def estimate(self, table: GroupTable) -> list[t.TypedExpr]:
+        """The leaves that a table is read with."""
+        shown, arguments = seen(self.problem), []
+        for state in table.states:
+            topic, leaf = self.problem.topic_leaf_of_state[state]
+            path = list(leaves(self.problem.system.topics[topic].type))[leaf][0]
+            arguments.append(self.leaf(shown[state], path))
+        return arguments
+
+    def reach(self, table: GroupTable, name: str) -> t.FunSymbol:
+        """A function: 1 where commands of the cells `ends` are permitted at an estimate, else 0."""
+        assert table.commands is not None
+        inputs = [self.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges))]
+        ends = self.variable("ends", "parameter", INT)
+        body: list[t.TypedStmt] = []
+        cell: t.TypedExpr = self.number(0)
+        outside = []
+        for k, (x, edges) in enumerate(zip(inputs, table.edges, strict=True)):
+            index = self.variable(f"i{k}", "let", INT)
+            place = place_function(self, f"{name}_place{k}", edges)
+            body.append(self.declare(index, self.call(place, self.read(x))))
+            cell = self.op("+", self.op("*", cell, self.number(len(edges) - 1)), self.read(index))
+            outside.append(self.op("<", self.read(index), self.number(0)))
+        if outside:
+            never = (self.give(self.number(0)),)
+            body.append(t.TypedIf(self.span, ((self.chain("||", outside), never),), ()))
+        n = self.number(self.cells)
+        low, high = (self.op(op, self.read(ends), n) for op in "%/")
+        tops = tuple(int(v) for v in table.commands.tops.ravel())
+        packed = self.array(f"{name}_TABLE", IntType(0, 255), tops)
+        top = self.at(packed, self.op("+", self.op("*", cell, n), low))
+        fine = t.Conditional(
+            INT, self.span, self.op("<", high, top), self.number(1), self.number(0)
+        )
+        return self.function(name, (*inputs, ends), [*body, self.give(fine)])
+
+    def fresh(self) -> list[t.TypedExpr]:
+        """That what the DM reads is no older than it may be, as it is for its look."""
+        shown = {*seen(self.problem).values()}
+        conditions: list[t.TypedExpr] = []
+        for topic in self.problem.system.topics:
+            if topic.symbol in shown and topic.max_age_ns is not None:
+                age = t.AgeRead(FLOAT, self.span, topic.symbol)
+                most = t.Literal(FLOAT, self.span, topic.max_age_ns / 1e9)
+                conditions.append(t.TypedBinary(BOOL, self.span, "<=", age, most))
+        return conditions
+
+
+def command_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
+    """Between which the cells of a command lie: equal, but for rounding; the ends are exact."""
+    inner = [low + (high - low) * (k / cells) for k in range(1, cells)]
+    return (low, *inner, high)
+
+
+def shield_expressions(
+    problem: Problem, system: System, shield: Shield, tables: Sequence[GroupTable]
+) -> tuple[t.TypedExpr, t.TypedExpr, t.TypedExpr]:
+    """(held, permits) of a module's `Shield`, and `ttf`: its DM sees by itself what is old."""
+    w = ShieldWriter(problem, system, shield)
+    ends = w.ends()
+    permitted = w.chain("&&", [w.permitted(table, ends, k) for k, table in enumerate(tables)])
+    ttf = t.TypedUnary(BOOL, w.span, "!", permitted)
+    return w.held(), w.chain("&&", [*w.fresh(), permitted]), ttf

@@ -1,0 +1,253 @@
+"""Shields (docs/evidence.md, A shield): commands are judged before they act, and silence is, too.
+
+Purpose: both engines do the same with hostile controllers; no command that may act is outside of
+what the table permits; `safe` is kept; a near-optimal AC keeps control; wrong tables are told.
+Non-goals: the theorem (docs/proof.md, A gate that looks at commands).
+"""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import soter
+from soter.verify.grid import shields
+from soter.verify.tables import shield_tables
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "wall" / "shield.soter"
+COARSE = ("] / 200, motion.v in [-8.0, 8.0] / 160", "] / 80, motion.v in [-8.0, 8.0] / 64")
+LAW = "publish accel = clamp(8.0 * (fast - motion.v), -A, A);"
+COMMANDS = {
+    "pushes at the wall": "publish accel = A;",
+    "to and fro": "publish accel = floor(time * 7.0) % 2.0 < 0.5 ? A : -A;",
+    "mild, then silent": "if time < 2.0 { publish accel = 0.8; }",
+    "full, then silent": "if time < 0.6 { publish accel = A; }",
+    "at the last moment": "if motion.x > 5.0 { publish accel = A; } else { publish accel = 0.5; }",
+    "now and then": "if floor(time * 13.0) % 3.0 < 0.5 { publish accel = 2.0 * sin(9.0 * time); }",
+    "outside of its set": "publish accel = time > 1.0 ? 5.0 : 1.0;",
+}
+COMMANDS = {k: v.replace("% 2.0", "- 2.0 * floor(time * 3.5)") for k, v in COMMANDS.items()}
+COMMANDS["now and then"] = (
+    "if sin(40.0 * time) > 0.3 { publish accel = clamp(3.0 * sin(9.0 * time), -A, A); }"
+)
+
+
+def written(folder: Path, step: str = LAW, *more: tuple[str, str]) -> Path:
+    """The example with other commands of AC, on a coarse grid."""
+    text = EXAMPLE.read_text("utf-8")
+    for old, new in (COARSE, (LAW, step), *more):
+        assert old in text, old
+        text = text.replace(old, new)
+    path = folder / "shield.soter"
+    path.write_text(text, "utf-8")
+    return path
+
+
+@pytest.mark.parametrize("step", COMMANDS.values(), ids=COMMANDS.keys())
+def test_both_engines_judge_alike_and_nothing_is_hit(step: str, tmp_path: Path) -> None:
+    program = soter.load(written(tmp_path, step))
+    for seed in (1, 2):
+        runs = [
+            program.simulate(system="Track", seed=seed, until="12s", engine=e)
+            for e in ("interp", "native")
+        ]
+        assert runs[0].trace_sha256 == runs[1].trace_sha256
+        assert not runs[1].violations
+        assert np.abs(runs[1].truth("c")["x"]).max() < 10.0
+
+
+def test_a_driver_that_brakes_late_keeps_control() -> None:
+    program = soter.load(EXAMPLE)
+    shares = {
+        s: program.simulate(system=s, seed=3, until="30s").modules[m].ac_share
+        for s, m in (("Track", "Shielded"), ("StateAlone", "ByState"))
+    }
+    assert shares["Track"] == 1.0
+    assert shares["StateAlone"] < 0.95
+
+
+def test_what_may_act_is_always_permitted(tmp_path: Path) -> None:
+    """A reader of its own: the hull of commands of the last W = 21 ms, against the table."""
+    program = soter.load(written(tmp_path, COMMANDS["to and fro"]))
+    tables = tables_of(program)
+    run = program.simulate(system="Track", seed=5, until="12s")
+    trace = run.require_trace()
+    at_ns = trace["header"]["ct"].astype(np.int64)
+    accel, x, v = run.array("accel"), run.array("motion.x"), run.array("motion.v")
+    share = run.mode("Shielded") if hasattr(run, "mode") else trace["modules"]["mode"][:, 0]
+    edges = [np.array(e) for e in tables.edges]
+    checked = 0
+    for k in np.flatnonzero(at_ns % 50_000_000 == 0):
+        if not share[k] or not k:
+            continue
+        recent = accel[(at_ns >= at_ns[k] - 21_000_000) & (at_ns < at_ns[k])]
+        first = np.searchsorted(at_ns, at_ns[k] - 21_000_000, side="right") - 1
+        recent = np.append(recent, accel[first])
+        cells = np.clip(np.floor((recent + 3.0) / 6.0 * 8), 0, 7).astype(int)
+        where = tuple(
+            int(np.searchsorted(e, value)) - 1 for e, value in zip(edges, (x[k], v[k]), strict=True)
+        )
+        top = tables.commands.tops[(*where, cells.min())]
+        assert top > cells.max() or tables.entries[where] > 0
+        checked += 1
+    assert checked > 50
+
+
+def tables_of(program: soter.Program) -> Any:
+    """What the DM of the shielded module holds."""
+    from soter.verify.deploy import computed_predicates
+
+    kept: list[Any] = []
+    put = computed_predicates.put
+
+    def noted(flat: Any, module: Any, problem: Any, tables: Any) -> None:
+        kept.extend(tables)
+        put(flat, module, problem, tables)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(computed_predicates, "put", noted)
+        program.simulate(system="Track", until="50ms")
+    return kept[0]
+
+
+# ---------------------------------------------------------------- proofs
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """A cart that is moved by its speed: a table that is shown in a moment."""
+    path = tmp_path / "small.soter"
+    path.write_text(SMALL, "utf-8")
+    return path
+
+
+SMALL = """soter 1;
+topic at: float max_age 20ms;
+topic speed: float in [-1.0, 1.0];
+node Any period 10ms { publishes speed; step { publish speed = sin(5.0 * time); } }
+node Back period 10ms {
+  subscribes at;
+  publishes speed;
+  step { publish speed = clamp(-2.0 * at, -1.0, 1.0); }
+}
+plant Cart period 5ms {
+  reads speed;
+  drives at = x;
+  state x: float;
+  disturbance slip: float in [-0.1, 0.1];
+  der x = speed + slip;
+  measured at within 0.01;
+}
+rta Keep {
+  ac Any;
+  sc Back;
+  period 50ms;
+  safe at < 2.0 && at > -3.0;
+  shield 4;
+  verify { grid at in [-3.0, 2.0] / 250; late dm 1ms, sc 1ms; acts within 2ms; }
+}
+system S { c: Cart; module Keep; until 5s; always c.truth.x < 2.0; }
+"""
+
+
+def test_a_shield_is_proved_and_rechecked(small: Path, tmp_path: Path) -> None:
+    report = soter.load(small).verify(cert=tmp_path / "cert")
+    assert report["Keep"].verdict == "proved", report["Keep"]
+    assert soter.recheck(tmp_path / "cert").accepted
+
+
+def longer(tops: Any, n: int) -> None:
+    """Every range of commands goes on for two cells."""
+    for i in range(n):
+        some = tops[..., i] > i
+        tops[some, i] = np.minimum(n, tops[some, i] + 2)
+
+
+def everywhere(tops: Any, n: int) -> None:
+    tops[...] = n
+
+
+def moved(tops: Any, n: int) -> None:
+    """What is permitted some cells further back."""
+    del n
+    tops[6:] = tops[:-6].copy()
+
+
+@pytest.mark.parametrize("wrong", [longer, everywhere, moved])
+def test_a_table_that_permits_too_much_is_rejected(
+    wrong: Callable[[Any, int], None],
+    small: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    find = shields.find
+
+    def damaged(case: Any, proof: Any, engine: Any, part: Any, anywhere: Any) -> None:
+        find(case, proof, engine, part, anywhere)
+        wrong(part.tops, part.tops.shape[-1])
+
+    monkeypatch.setattr(shields, "find", damaged)
+    soter.load(small).verify(cert=tmp_path / "cert")
+    assert not soter.recheck(tmp_path / "cert").accepted
+
+
+def test_a_dm_that_forgets_what_was_held_is_refuted(
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The compiled DM is tried with each pair of cells, one held and one that was."""
+    ends = shield_tables.ShieldWriter.ends
+
+    def forgetful(self: Any) -> Any:
+        cells, self.cells = self.cells, 1
+        fun = ends(self)
+        self.cells = cells
+        return fun
+
+    monkeypatch.setattr(shield_tables.ShieldWriter, "ends", forgetful)
+    assert soter.load(small).verify(refute=False)["Keep"].findings["DM"].verdict == "refuted"
+
+
+def test_a_group_that_two_commands_move_is_not_proved(tmp_path: Path) -> None:
+    text = (
+        SMALL.replace("publishes speed;", "publishes speed, turn;")
+        .replace("{ publish speed", "{ publish turn = 0.0; publish speed")
+        .replace("topic speed", "topic turn: float in [-0.1, 0.1];\ntopic speed")
+        .replace("reads speed", "reads speed, turn")
+        .replace("der x = speed", "der x = speed + turn")
+    )
+    path = tmp_path / "two.soter"
+    path.write_text(text, "utf-8")
+    finding = soter.load(path).verify(refute=False)["Keep"].findings["ttf"]
+    assert finding.verdict == "undecided"
+
+
+def test_a_topic_without_an_age_is_not_proved(tmp_path: Path) -> None:
+    path = tmp_path / "ageless.soter"
+    path.write_text(SMALL.replace("topic at: float max_age 20ms;", "topic at: float;"), "utf-8")
+    with pytest.raises(soter.SoterError, match="R011"):
+        soter.load(path).verify(refute=False)
+
+
+@pytest.mark.long
+def test_random_drivers_hit_nothing(tmp_path: Path) -> None:
+    """Commands for random times, silence, nonsense: 60 drivers, 60 s each."""
+    chance = random.Random(7)  # noqa: S311 - inputs of a test
+    path = written(tmp_path, "@")
+    text = path.read_text("utf-8")
+    for k in range(60):
+        a, b, c = (round(chance.uniform(1.0, 60.0), 3) for _ in range(3))
+        level = round(chance.uniform(0.5, 3.5), 3)
+        step = (
+            f"if sin({a} * time) > {round(chance.uniform(-1.0, 0.6), 3)} {{"
+            f" publish accel = {level} * sin({b} * time + motion.v * {c}); }}"
+        )
+        path.write_text(text.replace("@", step), "utf-8")
+        run = soter.load(path).simulate(system="Track", seed=k, until="60s")
+        assert not run.violations, step

@@ -1,0 +1,138 @@
+"""W022: a `ttf` that meets `safe` in a thin band is not said to come too late."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.language.front_end import check_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TRACK = """soter 1;
+param LIMIT: float = 10.0;
+param MARGIN: float = {margin!r};
+topic pos: float in [-20.0, 20.0] max_age 20ms;
+topic speed: float in [-1.0, 1.0];
+topic vel: float in [-1.0, 1.0] = 0.0;
+plant Cart period 10ms {{
+  reads vel;
+  drives pos = clamp(x, -20.0, 20.0);
+  drives speed = vel;
+  state x: float;
+  der x = vel;
+}}
+node Fast period 10ms {{
+  subscribes pos; publishes vel;
+  step {{ publish vel = clamp(9.0 - pos, -1.0, 1.0); }}
+}}
+node Stop period 10ms {{ publishes vel; step {{ publish vel = 0.0; }} }}
+rta Guard {{
+  ac Fast; sc Stop; period 50ms;
+  safe {safe};
+  ttf {ttf};
+  safer abs(pos) < 5.0;
+}}
+system Track {{ c: Cart; module Guard; until 10s; }}
+"""
+
+
+def _codes(tmp_path: Path, safe: str, ttf: str, margin: float = 0.1) -> list[str]:
+    path = tmp_path / "track.soter"
+    path.write_text(TRACK.format(safe=safe, ttf=ttf, margin=margin))
+    codes = [d.code for d in check_file(str(path)).diagnostics.items]
+    return [code for code in codes if code != "W001"]  # of what a predicate leaves out
+
+
+@pytest.mark.parametrize(
+    ("safe", "ttf"),
+    [
+        ("abs(pos) < LIMIT", "abs(pos) > LIMIT - MARGIN"),
+        ("abs(pos) < LIMIT", "abs(pos) + MARGIN * abs(speed) > LIMIT"),
+        ("abs(pos) < 10.0", "abs(pos) + 0.12 * abs(speed) > 10.0"),
+        ("abs(pos) < LIMIT", "abs(pos) > LIMIT - MARGIN && speed > 0.9"),
+        ("abs(pos) < LIMIT || speed == 0.0", "abs(pos) > LIMIT && abs(speed) < MARGIN"),
+    ],
+)
+def test_predicates_that_meet_in_a_thin_band_are_not_warned_of(
+    safe: str, ttf: str, tmp_path: Path
+) -> None:
+    assert _codes(tmp_path, safe, ttf) == []
+
+
+def test_random_margins_are_not_warned_of_and_their_absence_is(tmp_path: Path) -> None:
+    draw = random.Random(0)  # noqa: S311 - the same programs each time
+    for _ in range(40):
+        margin = 10 ** draw.uniform(-9, 0)
+        radius = draw.choice(("abs(pos)", "sqrt(pos * pos + speed * speed)", "max(pos, -pos)"))
+        safe, late = f"{radius} < LIMIT", f"{radius} >= LIMIT"
+        assert _codes(tmp_path, safe, f"{radius} > LIMIT - MARGIN", margin) == [], margin
+        assert _codes(tmp_path, safe, late, margin) == ["W022"]
+
+
+CART = """soter 1;
+topic pos: float in [-20.0, 20.0] max_age 20ms;
+topic vel: float in [-1.0, 1.0] = 0.0;
+plant Cart period 10ms {{ reads vel; drives pos = x; state x: float = {start}; der x = vel; }}
+node Fast period 10ms {{ publishes vel; step {{ publish vel = 1.0; }} }}
+node Stop period 10ms {{ publishes vel; step {{ publish vel = 0.0; }} }}
+"""
+GATE = """topic gate: bool = false;
+node Open period 10ms { publishes gate; step { publish gate = true; } }
+node Shut period 10ms { publishes gate; step { publish gate = false; } }
+rta Guard {
+  ac Fast; sc Stop; period 50ms;
+  safe abs(pos) < 10.0; ttf abs(pos) > 9.0 || gate; safer abs(pos) < 8.0 && !gate;
+}
+rta Gate {
+  ac Open; sc Shut; period 50ms;
+  safe abs(pos) < 11.0; ttf abs(pos) > 9.0; safer abs(pos) < 8.0;
+}
+system Track { c: Cart; module Guard; module Gate; until 10s; }
+"""
+
+
+def test_what_another_decision_module_reads_is_not_said_to_be_read_by_nothing(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "gate.soter"
+    path.write_text(CART.format(start="0.0") + GATE)
+    assert [d.code for d in check_file(str(path)).diagnostics.items] == []
+    path.write_text(
+        CART.format(start="0.0") + GATE.replace(" || gate", "").replace(" && !gate", "")
+    )
+    assert [d.code for d in check_file(str(path)).diagnostics.items] == ["W023"]
+
+
+def test_a_value_that_its_topic_never_holds_is_not_said_to_be_its_first(tmp_path: Path) -> None:
+    rest = GATE[GATE.index("rta Guard") : GATE.index("rta Gate")].replace(" || gate", "")
+    rest = rest.replace(" && !gate", "") + "system Track { c: Cart; module Guard; until 10s; }"
+    path = tmp_path / "track.soter"
+    codes = []
+    for start in ("15.0", "30.0"):  # at 30.0 the plant faults, and `pos` keeps its default
+        path.write_text(CART.format(start=start) + rest)
+        codes.append([d.code for d in check_file(str(path)).diagnostics.items])
+    assert codes == [["W021"], ["W015"]]
+
+
+def test_a_proof_by_induction_is_not_told_to_leave_out_what_it_needs(tmp_path: Path) -> None:
+    path = tmp_path / "plan.soter"
+    path.write_text("""soter 1;
+topic plan: int in [0, 9];
+topic flown: int in [0, 9];
+node Any period 10ms { publishes plan; step { publish plan = choose [0, 9]; } }
+node Stay period 10ms { publishes plan; step { publish plan = 0; } }
+node Fly period 10ms { subscribes plan; publishes flown; step { publish flown = plan; } }
+rta Guard {
+  ac Any; sc Stay; period 20ms;
+  safe flown < 5; ttf flown >= 5; safer flown < 5;
+  verify { induction; }
+}
+system Flown { node Fly; module Guard; until 1s; }
+""")
+    (warning,) = check_file(str(path)).diagnostics.items
+    assert warning.code == "W022"
+    assert not any("leave both out" in help_ for help_ in warning.helps)  # R032 without them

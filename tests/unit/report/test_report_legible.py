@@ -1,0 +1,213 @@
+"""Every kind of page, at two widths and in the dark: nothing on it hinders reading."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from dataclasses import replace
+from html import unescape
+from typing import TYPE_CHECKING
+
+import pytest
+
+import browser
+import legibility
+import soter
+from soter.report.assurance.page import write_case
+from soter.report.html import write_document, write_html
+from soter.report.proof.advice import AdvicePage, Line, advice_main
+from soter.report.sections import PageSection, sections_main
+from soter.report.sequence.page import write_page as write_sequence
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from soter.report.run.record import ReportPage
+
+sample = importlib.import_module("sequence_sample")
+case_of = importlib.import_module("test_report_assurance").case_of
+in_browser = importlib.import_module("test_report_in_browser")
+CART = in_browser.CART
+HASH = "64e94e48e18f8e7a523192fd32eba788858b7f9257e2f21fe1d313150dbd6b1c"
+WINDOWS = ((1300, "light"), (1300, "dark"), (420, "light"))
+DRAWN = (
+    "document.readyState === 'complete' && [...document.querySelectorAll('.plot')]"
+    ".every((e) => e.querySelector('.main-svg, canvas'))"
+)
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[browser.Page]:
+    """One browser for all of them: each test opens a page of its own."""
+    if browser.chromium() is None:
+        pytest.skip("no chromium on this machine")
+    with browser.page() as opened:
+        yield opened
+
+
+def run_page(folder: Path) -> Path:
+    program = soter.load(CART)
+    return program.write_report(program.simulate("Unprotected", until="10s"), folder / "run.html")
+
+
+def sequence_page(folder: Path) -> Path:
+    """Every other step is one that does not matter."""
+    view = sample.small()
+    steps = tuple(replace(s, matters=s.violates or s.number % 2 == 0) for s in view.steps)
+    return write_sequence(replace(view, steps=steps), folder / "sequence.html")
+
+
+def case_page(folder: Path) -> Path:
+    return write_case(case_of(3), folder / "case.html")
+
+
+def advice(best_ms: float | None) -> AdvicePage:
+    periods = (10.0, 20.0, 50.0, 200.0)
+    names = ("K", "S_0 (m = 2)", "S_1 (m = 3)", "S_2 (m = 4)", "S_4 (m = 6)")
+    lines = tuple(
+        Line(n, tuple((x, 0.8 - 0.1 * k) for x in periods), (True, True, True, False))
+        for k, n in enumerate(names)
+    )
+    head = ("period", "SC", "H*", *names, "P1c", "P2b", "verifies", "why not")
+    why = "`ttf` may be false on 1832 cells from which AC could leave K within H"
+    cells = ("10 ms", "34 ms", *["79.6%"] * len(names), "yes", "m = 2, m = 3", "no", why)
+    table = tuple((f"{x:g} ms", *cells) for x in periods)
+    return AdvicePage("SafeCart", "none verifies", lines, head, table, ("shares: K",), best_ms)
+
+
+def advice_page(folder: Path) -> Path:
+    return write_document("advice", advice_main([advice(50.0)]), folder / "advice.html")
+
+
+def told_page(folder: Path) -> Path:
+    rows = ((HASH, "-10.487", "room - line.T * v - E_Q " * 4), (HASH, "0.5", "x"))
+    section = PageSection("What was judged", (HASH * 2,), ("`hash`", "at", "comparison"), rows)
+    main = "\n".join(sections_main("a page", "0 of 3 reads lay outside `safe`", "bad", [section]))
+    return write_document("a page", main, folder / "told.html")
+
+
+MADE = (
+    run_page,
+    in_browser.proof_page,
+    in_browser.campaign_page,
+    sequence_page,
+    case_page,
+    advice_page,
+    told_page,
+)
+
+
+def stumbled(path: Path, page: browser.Page) -> dict[tuple[int, str], list[str]]:
+    """What hinders in each window, of those in which something does."""
+    found = {}
+    for wide, scheme in WINDOWS:
+        page.scheme(scheme)
+        page.size(wide, 900)
+        page.open(path.as_uri())
+        page.wait(DRAWN)
+        hindering = legibility.hindrances(page)
+        if hindering:
+            found[wide, scheme] = hindering
+    return found
+
+
+@pytest.mark.parametrize("make", MADE)
+def test_nothing_on_a_page_hinders_reading(
+    make: Callable[[Path], Path], page: browser.Page, tmp_path: Path
+) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    assert stumbled(make(tmp_path), page) == {}
+
+
+def test_nothing_on_a_page_of_a_flight_hinders_reading(
+    city_page: ReportPage, page: browser.Page, tmp_path: Path
+) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    assert stumbled(write_html(city_page, tmp_path / "city.html"), page) == {}
+
+
+LETTERS = "a word that is read"
+DARK_BOX = (
+    '<svg width="300" height="30"><rect width="300" height="30" fill="#111"/>'
+    '<text y="20">{}</text></svg>'
+)
+FAR_RIGHT = (
+    '<div style="overflow-x: auto"><svg width="3000" height="30">'
+    '<text x="2000" y="20">{}</text></svg></div>'
+)
+
+
+@pytest.mark.parametrize(
+    ("inside", "hindrance"),
+    [
+        (f'<p style="width: 1400px">{LETTERS * 9}</p>', "page: "),
+        (f'<p style="color: #999">{LETTERS}</p>', "contrast 2.8: "),
+        (f'<p style="opacity: 0.42">{LETTERS}</p>', "contrast "),
+        (f'<p style="font-size: 8px">{LETTERS}</p>', "8.0 px: "),
+        (f'<p style="width: 40px; overflow: hidden; white-space: nowrap">{LETTERS}</p>', "cut: "),
+        (f'<svg width="50" height="20"><text y="15">{LETTERS}</text></svg>', "cut: "),
+        (
+            f'<svg width="200" viewBox="0 0 1000 100"><text y="50">{LETTERS}</text></svg>',
+            "3.2 px: ",
+        ),
+        (DARK_BOX.format(LETTERS), "contrast 1."),
+        (FAR_RIGHT.format(LETTERS), "out of sight: "),
+    ],
+)
+def test_each_hindrance_is_seen(
+    inside: str, hindrance: str, page: browser.Page, tmp_path: Path
+) -> None:
+    path = tmp_path / "page.html"
+    path.write_text(f'<body style="background: #fff; font-size: 16px">{inside}</body>')
+    page.size(1300, 900)
+    page.open(path.as_uri())
+    page.wait("document.readyState === 'complete'")
+    told = legibility.hindrances(page)
+    assert any(t.startswith(hindrance) for t in told), told
+
+
+# ---------------------------------------------------------------- what a page says
+
+
+def words(path: Path) -> str:
+    return " ".join(unescape(re.sub(r"<[^>]*>", " ", path.read_text("utf-8"))).split())
+
+
+def test_a_run_names_what_was_watched_and_how_often_it_failed(tmp_path: Path) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    program = soter.load(CART)
+    run = program.simulate("Unprotected", until="15s")
+    said = words(program.write_report(run, tmp_path / "run.html"))
+    assert "✕ violated always Clear(c.truth)" in said
+    (violation,) = run.violation_list
+    assert violation.count > 1
+    assert f"always Clear(c.truth), the first of {violation.count} times" in said
+    notes, rests_on = said.split("Notes")[1].split("What this rests on")
+    assert run.notes
+    assert all(note.replace("`", "") in notes for note in run.notes)
+    assert "0.02 m of motion.x, 0.05 m/s of motion.v" in rests_on
+    safe = words(program.write_report(program.simulate(until="15s"), tmp_path / "safe.html"))
+    assert "✓ held always Clear(c.truth)" in safe
+
+
+def test_advice_draws_where_the_program_verifies_apart_from_what_is_computed() -> None:
+    drawn = advice_main([advice(50.0)])
+    assert drawn.count('class="best"') == 1
+    assert 'class="best"' not in advice_main([advice(None)])
+    assert drawn.count("class=ring") == 5  # the last period of each curve
+    assert "<code>ttf</code> may be false" in drawn
+
+
+def test_a_table_with_long_cells_says_its_heads_on_a_phone(
+    page: browser.Page, tmp_path: Path
+) -> None:
+    page.size(420, 900)
+    page.open(told_page(tmp_path).as_uri())
+    page.wait("document.readyState === 'complete'")
+    before = (
+        "[...document.querySelectorAll('td')].map((e) => getComputedStyle(e, '::before').content)"
+    )
+    assert page.value(before)[:3] == ['"hash: "', '"at: "', '"comparison: "']
+    page.size(1300, 900)
+    assert set(page.value(before)) == {"none"}
