@@ -35,7 +35,7 @@ from soter.language.model.types import ArrayType, RecordType, leaves
 from soter.native.build import library
 from soter.native.cffi_interface import interface, opened
 from soter.verify.deploy.computed_predicates import put
-from soter.verify.deploy.dm_inputs import AC, SC, gates, values
+from soter.verify.deploy.dm_inputs import AC, SC, WRAPPER, gates, values
 from soter.verify.deploy.dm_latch import LatchBytes
 from soter.verify.proof_methods import pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable
@@ -70,30 +70,6 @@ LATCHES = 2
 ASKED_NS = tuple(10**k for k in range(6, 11))
 """Ages of topics whose age a predicate asks for: 1 ms to 10 s."""
 FAILURES_MAX = 10
-WRAPPER = """
-#include <string.h>
-unsigned soter_check_decide(unsigned module, void *state);
-unsigned soter_check_switch(unsigned mode, unsigned facts);
-unsigned soter_check_decide(unsigned module, void *state) {{
-  return (unsigned){prefix}_program.module[module].decide(state);
-}}
-void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
-    const size_t *at, const double *points, size_t count, unsigned char *found);
-void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
-    const size_t *at, const double *points, size_t count, unsigned char *found) {{
-  for (size_t k = 0; k < count; k++) {{
-    for (size_t a = 0; a < axes; a++) {{
-      (void)memcpy(state + at[a], points + k * axes + a, sizeof(double));
-    }}
-    (void){prefix}_program.module[module].decide(state);
-    found[k] = state[facts[0]] != 0U ? 0U : state[facts[1]] != 0U ? 2U : 1U;
-  }}
-}}
-unsigned soter_check_switch(unsigned mode, unsigned facts) {{
-  return (unsigned){prefix}_switch((soter_mode)mode, (facts & 1U) != 0U, (facts & 2U) != 0U,
-      (facts & 4U) != 0U, (facts & 8U) != 0U, (facts & 16U) != 0U);
-}}
-"""
 
 
 @dataclass(eq=False)
