@@ -16,6 +16,7 @@ from __future__ import annotations
 import itertools
 import random
 import struct
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -268,7 +269,7 @@ class _Inputs:
             (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
         ]
         self.latch = LatchBytes.of(system, layout, module)
-        self.tried: dict[tuple[bool, bool], int] = {}
+        self.tried = Counter[tuple[bool, bool]]()
         """By ttf and safer: with how many values of the topics every latch was tried."""
         symbol, scope = module.symbol, module.scope.topics
         asked = [n.topic for n in nodes([symbol.ttf, symbol.safer]) if isinstance(n, AgeRead)]
@@ -432,9 +433,9 @@ class _Inputs:
 
     def _latched(self, state: bytearray, *, ttf: bool, safer: bool) -> None:
         """Fresh, clean, and with the latch in every state."""
-        if self.latch is None or self.tried.get((ttf, safer), 0) >= LATCHES:
+        if self.latch is None or self.tried[ttf, safer] >= LATCHES:
             return
-        self.tried[ttf, safer] = self.tried.get((ttf, safer), 0) + 1
+        self.tried[ttf, safer] += 1
         struct.pack_into("<q", state, 0, NOW_NS)
         for i in range(len(self.system.topics)):
             struct.pack_into("<q", state, self.stamps + 8 * i, NOW_NS)
@@ -444,16 +445,13 @@ class _Inputs:
             state[self.at["mode"]] = mode
             self.latch.put(state, seen)
             held, lets = self.latch.looked(seen, NOW_NS) if mode == SC else (seen.held, True)
-            facts = {"stale": False, "ttf": ttf, "safer": safer, "gate_fault": False}
-            wanted = decided(mode, **facts, clean=lets)
+            wanted = decided(mode, stale=False, ttf=ttf, safer=safer, gate_fault=False, clean=lets)
             after = self.latch.switched(wanted, NOW_NS) if wanted != mode else held
-            got = self.c.decide(self.module.index, state)
             self.check.states += 1
-            if got != wanted:
+            if (got := self.c.decide(self.module.index, state)) != wanted:
                 self.check.differs(f"in {_name(mode)} on {seen}: {_name(got)}, not {_name(wanted)}")
-            elif self.latch.remembered(state) != after:
-                told = self.latch.remembered(state)
-                self.check.differs(f"in {_name(mode)} on {seen}: it keeps {told}, not {after}")
+            elif (kept := self.latch.remembered(state)) != after:
+                self.check.differs(f"in {_name(mode)} on {seen}: it keeps {kept}, not {after}")
 
 
 def fields_size(system: System, layout: StateLayout) -> int:
