@@ -269,8 +269,7 @@ class _Inputs:
             (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
         ]
         self.latch = LatchBytes.of(system, layout, module)
-        self.tried = Counter[tuple[bool, bool]]()
-        """By ttf and safer: with how many values of the topics every latch was tried."""
+        self.tried = Counter[tuple[bool, bool]]()  # (ttf, safer) with which all latches were
         symbol, scope = module.symbol, module.scope.topics
         asked = [n.topic for n in nodes([symbol.ttf, symbol.safer]) if isinstance(n, AgeRead)]
         self.asked = sorted({scope[topic] for topic in asked})
