@@ -392,7 +392,7 @@ def _static(problem: Problem, result: ModuleResult) -> None:
 
 def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
     if claim == "P2b" and problem.stays:  # nobody has to give control back, K or no K
-        return Finding(ASSUMED, text=STAYS)
+        return Finding(ASSUMED, text=STAYS.format(problem.module.symbol.stays))
     first = method_of(in_order(problem.groups)[0])
     finding = Finding(PROVED, method=first.how[claim])
     finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
@@ -425,6 +425,8 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
         return f"{what} implies R(H), {', '.join(_said(done, claim, finding))}{many}"
     if claim == "P2b":
         seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
+        if problem.module.symbol.acknowledgements:
+            many += ", if it is acknowledged"
         return f"SC gives control back within {show_ns(seconds)}{many}"
     return f"initial states lie in R({show_ns(problem.times.start)})"
 

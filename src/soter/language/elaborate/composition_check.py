@@ -72,6 +72,7 @@ class Composition:
             if driven_topic.symbol.input and self._is_wired(driven_topic, topic_drivers[0][1]):
                 self._drives_an_input(driven_topic, *topic_drivers[0])
         self._disjoint_topics()
+        self._acknowledgements(drivers)
         driven = set(drivers)
         for component in self.system.components:
             for topic, span in self._reads(component):
@@ -272,6 +273,41 @@ class Composition:
                     helps=("wire them to two topics",),
                 )
 
+    # ------------------------------------------------------------ acknowledgements
+
+    def _acknowledgements(self, drivers: dict[int, list[tuple[str, Span]]]) -> None:
+        """M028 where a node or a module would acknowledge, or one press would count twice."""
+        first_by_topic: dict[int, Module] = {}
+        for module in self.system.modules:
+            latch = module.symbol.latch
+            if latch is None or latch.topic is None:
+                continue
+            topic = self.system.topics[module.scope.topics[latch.topic]]
+            others = [
+                (w, at) for w, at in drivers.get(topic.index, []) if not w.startswith("plant")
+            ]
+            for who, span in others[:1]:
+                self._report(
+                    "M028",
+                    f"{who} publishes `{topic.name}`, the acknowledgement of `{module.name}`",
+                    latch.span,
+                    "",
+                    also=((span, "it would give control back"),),
+                    note="an acknowledgement is the operator's: it comes from outside",
+                    helps=(f"declare `input topic {topic.symbol.name}`",),
+                )
+            other = first_by_topic.setdefault(topic.index, module)
+            if other is not module:
+                self._report(
+                    "M028",
+                    f"`{topic.name}` acknowledges for `{other.name}` and for `{module.name}`",
+                    latch.span,
+                    "",
+                    also=((self.system.components[other.dm].span, "the other module"),),
+                    note="one acknowledgement gives control back once",
+                    helps=("give each module a topic of its own",),
+                )
+
     # ------------------------------------------------------------ readers
 
     def _reads(self, c: Component) -> list[tuple[TopicSymbol, Span]]:
@@ -281,7 +317,10 @@ class Composition:
             return list(zip(c.plant.reads, c.plant.read_spans, strict=True))
         assert c.module is not None
         m = self.system.modules[c.module].symbol
-        return [(t, read.span) for t, read in topic_reads(*m.expressions).items()]
+        reads = [(t, read.span) for t, read in topic_reads(*m.expressions).items()]
+        if m.latch is not None:
+            reads += [(t, m.latch.span) for t in m.acknowledgements]
+        return reads
 
     def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
         index = self._source(index)

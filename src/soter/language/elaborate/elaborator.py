@@ -11,10 +11,10 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.composition_check import Composition, hyperperiod
+from soter.language.elaborate.decision_topics import make_latch_topics, make_margin_topics
 from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
-from soter.language.elaborate.margin_topics import make_margin_topics
 from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics
 from soter.language.elaborate.size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
@@ -102,6 +102,7 @@ class Elaborator(Topics):
         externals = self._externals()
         measures = tuple(self.measures())
         self.topics += make_margin_topics(self._margins, modules, len(self.topics))
+        self.topics += make_latch_topics(modules, len(self.topics))
         for c in components:
             if c.takes_ns is not None:
                 self._hold(c)
@@ -452,7 +453,8 @@ class Elaborator(Topics):
         ac, sc = placed.controllers()
         name = f"{placed.name}.dm"
         period = self._period(module.period, f"the period of module `{module.name}`", name)
-        reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*module.expressions)]))
+        predicates = topic_reads(*module.expressions)
+        reads = list(dict.fromkeys([*module.topics_read, *predicates, *module.acknowledgements]))
         scope = self._scope(placed, reads)
         wcet, jitter = budget(self, module)
         ac_name, sc_name = controller_names(placed.name, ac, sc)

@@ -37,7 +37,8 @@ PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", 
 """In this order everywhere; `start` is that the declared initial states are among those proved,
 `failsafe` that the fail-safe law keeps C once the lease has ended (`failsafe_claim.py`),
 `DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
-STAYS = "not asked: `recover never`, SC may keep control for ever"
+STAYS = "not asked: `{}`, SC may keep control for ever"
+"""With the clause that says so."""
 UNCLAIMED = ("DM",)
 """What no certificate claims: that is about C."""
 

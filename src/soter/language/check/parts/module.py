@@ -15,7 +15,7 @@ from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import BOOL, DURATION, INT
+from soter.language.model.types import BOOL, DURATION, INT, ErrorType
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
@@ -193,8 +193,48 @@ class ModuleChecker:
             )
         module.contract = tuple(self._contract(module, decl, scope))
         module.failsafe = self._law(module, decl, scope)
+        if decl.returns is not None:
+            module.latch = self._latch(module, decl, decl.returns, scope)
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
+
+    def _latch(
+        self,
+        module: typed.ModuleSymbol,
+        decl: tree.RtaDecl,
+        returns: tree.Returns,
+        scope: FileScope,
+    ) -> typed.Latch | None:
+        """M028 where the topic is no button: a `bool` that may only be so old."""
+        if returns.topic is None:
+            if decl.verify is not None and decl.verify.recover is not None:
+                self.diagnostics.error(
+                    "M028",
+                    f"module `{module.name}` says `returns never`, and `recover within` a time",
+                    decl.verify.recover.span,
+                    also=((returns.span, "never"),),
+                    notes=("with `returns never` nothing is asked of the way back (P2b)",),
+                    helps=("leave `recover within` out",),
+                )
+            return typed.Latch(None, returns.span)
+        topic = self.shared.topic_ref(returns.topic, scope)
+        if topic is None:
+            return None
+        lacks: list[tuple[str, str]] = []
+        if topic.type != BOOL and not isinstance(topic.type, ErrorType):
+            lacks.append(("is no `bool`", "declare it a `bool`: true while the button is pressed"))
+        if topic.max_age is None:
+            lacks.append(("has no `max_age`", "say how old a press may be: `max_age 2s`"))
+        for what, help_ in lacks[:1]:
+            self.diagnostics.error(
+                "M028",
+                f"`{topic.name}` acknowledges for module `{module.name}`, but {what}",
+                returns.topic.span,
+                also=((topic.span, "declared here"),),
+                notes=("control comes back after a press that is new, and not older than said",),
+                helps=(help_,),
+            )
+        return None if lacks else typed.Latch(topic, returns.span)
 
     def _law(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
