@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import soter
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.verify.grid import shields
 from soter.verify.tables import shield_tables
 
@@ -67,7 +68,8 @@ def test_a_command_that_is_refused_is_a_gate_fault_of_its_own_kind(tmp_path: Pat
     program = soter.load(written(tmp_path, COMMANDS["pushes at the wall"]))
     run = program.simulate(system="Track", seed=1, until="12s")
     assert run.modules["Shielded"].gate_faults > 0
-    assert {f.kind for f in run.first_faults.values()} == {"shield"}
+    driver = next(c.index for c in run.system.components if c.name == "Shielded.Driver")
+    assert run.final["components"][driver]["last_fault"] == FaultKind.SHIELD
 
 
 def test_a_driver_that_brakes_late_keeps_control() -> None:
