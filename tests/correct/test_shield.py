@@ -170,6 +170,24 @@ def test_a_shield_is_proved_and_rechecked(small: Path, tmp_path: Path) -> None:
     assert soter.recheck(tmp_path / "cert").accepted
 
 
+def test_what_goes_wrong_in_runs_is_no_matter_of_the_proof(small: Path) -> None:
+    text = small.read_text("utf-8").replace(
+        "until 5s;", "until 5s;\n  faults { skip Keep.Any at 60 per 1h; }"
+    )
+    small.write_text(text, "utf-8")
+    report = soter.load(small).verify(refute=False)
+    assert report["Keep"].findings["DM"].verdict == "proved"
+
+
+def test_a_controller_that_overruns_is_not_judged_when_it_publishes(small: Path) -> None:
+    text = small.read_text("utf-8").replace(
+        "until 5s;", "until 5s;\n  faults { overrun Keep.Any by 35ms at 60 per 1h for 1s; }"
+    )
+    small.write_text(text, "utf-8")
+    with pytest.raises(soter.SoterError, match="M027"):
+        soter.load(small).simulate()
+
+
 def longer(tops: Any, n: int) -> None:
     """Every range of commands goes on for two cells."""
     for i in range(n):

@@ -291,6 +291,7 @@ def faultless(system: System) -> System:
     components = tuple(replace(c, held=c.held if c.takes_ns else None) for c in system.components)
     kept = {c.held for c in components}
     kept |= {i for m in system.modules for i in (m.looked, m.latch)}
+    kept |= {m.shield.topic for m in system.modules if m.shield is not None}
     left = [t for t in system.topics if not t.held or t.index in kept]
     place: dict[int | None, int] = {t.index: k for k, t in enumerate(left)}
     # what is held comes last: only it moves
@@ -298,7 +299,13 @@ def faultless(system: System) -> System:
         system,
         topics=tuple(replace(t, index=k) if t.index != k else t for k, t in enumerate(left)),
         modules=tuple(
-            replace(m, looked=place.get(m.looked), latch=place.get(m.latch)) for m in system.modules
+            replace(
+                m,
+                looked=place.get(m.looked),
+                latch=place.get(m.latch),
+                shield=m.shield and replace(m.shield, topic=place[m.shield.topic]),
+            )
+            for m in system.modules
         ),
         components=tuple(
             c if c.held is None else replace(c, held=place[c.held]) for c in components

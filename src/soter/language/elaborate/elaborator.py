@@ -15,7 +15,7 @@ from soter.language.elaborate.decision_topics import make_latch_topics, make_mar
 from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
-from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics
+from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics, refuse_overrun
 from soter.language.elaborate.size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
 from soter.language.elaborate.tests_and_faults.faults import place_faults
@@ -140,6 +140,7 @@ class Elaborator(Topics):
             for f in system.faults:
                 if f.kind == "overrun":
                     self._hold(system.components[f.component])
+                    refuse_overrun(system, f, self.diagnostics)
             system.topics = tuple(self.topics)
 
     def measures(self) -> Iterator[Metric]:

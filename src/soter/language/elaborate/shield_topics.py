@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.model.system import Component, Module
+    from soter.language.model.system import Component, Fault, Module, System
     from soter.language.model.typed import TypedExpr
 
 NEVER_HELD = -1.0e18
@@ -64,6 +64,16 @@ def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Compo
     if slow:
         return f"a step of `{slow[0].name}` takes time: it is judged when it begins"
     return ""
+
+
+def refuse_overrun(system: System, fault: Fault, diagnostics: Diagnostics) -> None:
+    """M027 where a controller that a shield judges would publish later than it steps."""
+    component = system.components[fault.component]
+    module = None if component.module is None else system.modules[component.module]
+    if module is None or module.shield is None or module.symbol.shield is None:
+        return
+    why = f"`{fault.text}`: what a step publishes later is judged when it begins"
+    _refused(module, module.symbol.shield, why, diagnostics)
 
 
 def _refused(module: Module, clause: TypedExpr, why: str, diagnostics: Diagnostics) -> None:
