@@ -140,7 +140,7 @@ class Elaborator(Topics):
             for f in system.faults:
                 if f.kind == "overrun":
                     self._hold(system.components[f.component])
-                    refuse_overrun(system, f, self.diagnostics)
+                    refuse_overrun(system, system.components[f.component], f.text, self.diagnostics)
             system.topics = tuple(self.topics)
 
     def measures(self) -> Iterator[Metric]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.model.system import Component, Fault, Module, System
+    from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import TypedExpr
 
 NEVER_HELD = -1.0e18
@@ -66,13 +66,14 @@ def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Compo
     return ""
 
 
-def refuse_overrun(system: System, fault: Fault, diagnostics: Diagnostics) -> None:
+def refuse_overrun(
+    system: System, component: Component, fault: str, diagnostics: Diagnostics
+) -> None:
     """M027 where a controller that a shield judges would publish later than it steps."""
-    component = system.components[fault.component]
     module = None if component.module is None else system.modules[component.module]
     if module is None or module.shield is None or module.symbol.shield is None:
         return
-    why = f"`{fault.text}`: what a step publishes later is judged when it begins"
+    why = f"`{fault}`: what a step publishes later is judged when it begins"
     _refused(module, module.symbol.shield, why, diagnostics)
 
 
