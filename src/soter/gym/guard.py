@@ -14,11 +14,17 @@ import gymnasium
 from gymnasium.utils import seeding
 
 import soter.api
+from soter.api.arguments import complete
 from soter.gym import array_mapping
 from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, kept
 from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by, wrong_choice
 from soter.gym.plant_model import PlantModel, SessionPlant, tolerances, why_not
-from soter.gym.safety_warning import warn_of_start, warn_of_unseen, warn_of_wrappers
+from soter.gym.safety_warning import (
+    warn_of_no_control,
+    warn_of_start,
+    warn_of_unseen,
+    warn_of_wrappers,
+)
 from soter.gym.session import Session, numbers
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.language.model.python_values import ValueShapeError, to_python
@@ -84,6 +90,7 @@ class EnvironmentGuard:
         self._begin(env.action_space)
         if observe is None:
             warn_of_wrappers(env)
+        warn_of_no_control(self.session.compiled)
         outputs = array_mapping.topics_published(self.session.system, self.session.agent)
         self.action_space = action_space or array_mapping.action_space(outputs)
 
@@ -352,12 +359,16 @@ def prepared(
     errors = measured if isinstance(measured, bool) else tuple(sorted(measured))
 
     def make() -> CompiledEnvironment:
-        flat = program.flat(system, params)
+        flat = program.declared(system, params)
+        notes = complete(flat)
         flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
         flat = measured_by(flat, body, errors)
         flat = answered_outside(flat, (flat_module.ac, body.index))
         return CompiledEnvironment(
-            flat, Roles(flat_module.ac, flat_module.index, body.index), program.bound
+            flat,
+            Roles(flat_module.ac, flat_module.index, body.index),
+            program.bound,
+            notes=notes,
         )
 
     key = ("outside", system, module, plant, repr(sorted((params or {}).items())), errors)

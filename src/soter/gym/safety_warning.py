@@ -1,6 +1,6 @@
 """What is told of an environment that a proof says nothing of.
 
-Purpose: `SafetyWarning`, for starts that the decision module does not vouch for, states that nobody
+Purpose: `SafetyWarning`, for agents that never get control, starts that the decision module does not vouch for, states that nobody
 observes, and wrappers that change the numbers of observations or actions.
 Non-goals: mistakes, which are errors (`outside_roles.py`).
 """
@@ -15,6 +15,7 @@ import gymnasium
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from soter.gym.compiled_system import CompiledEnvironment
     from soter.gym.session import Session
 
 CHANGED = {
@@ -48,6 +49,15 @@ def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
                 stacklevel=LEVEL,
             )
         env = env.env
+
+
+def warn_of_no_control(made: CompiledEnvironment, stacklevel: int = LEVEL) -> None:
+    """Warn of a module of which `ttf` and `safer` could not be computed, with the reason."""
+    assert made.roles.module is not None
+    module = made.system.modules[made.roles.module]
+    if module.forced is None and module.symbol.ttf is None and module.symbol.safer is None:
+        why = next(note for note in made.notes if note.startswith(f"{module.name}: "))
+        warnings.warn(f"{why}: no action of the agent counts", SafetyWarning, stacklevel=stacklevel)
 
 
 def warn_of_unseen(names: Sequence[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,9 @@ from hypothesis import strategies as st
 
 import soter
 from soter.codegen import unit
-from soter.gym import Protected, SafetyWarning
+from soter.gym import Protected, SafetyWarning, SafetyWrapper, make_vec
 from soter.gym import compiled_system as compiled_module
+from soter.gym import vector as vector_module
 from soter.gym.array_mapping import action_space
 from soter.language.model.system import Bound, Topic
 
@@ -242,6 +244,7 @@ node Sc period 10ms { subscribes speed; publishes gear; step { publish gear = Ge
 rta Box { ac Ac; sc Sc; period 10ms; safe speed < 9.0; ttf speed > 3.0; safer speed < 2.0; }
 system S default { e: Engine; module Box; until 1s; always e.truth.s < 9.0; }
 """
+NO_GRID = GEARS.replace("ttf speed > 3.0; safer speed < 2.0;", "")
 ALIVE = "always e.truth.s > 0.5"
 LINKED = GEARS.replace(
     "system S", 'extern node Log period 10ms from "c:log.c:note" { publishes noted; }\nsystem S'
@@ -694,6 +697,24 @@ def test_an_episode_may_be_cut_at_a_violation() -> None:
             ended, cost = over or truncated, cost + info["cost"]
         costs.append((cost, truncated))
     assert costs == [(1.0, False), (1.0, True)]
+
+
+@pytest.mark.parametrize("class_", [Protected, SafetyWrapper, make_vec])
+def test_an_agent_that_never_gets_control_is_told_so_whenever_one_is_made(class_: Any) -> None:
+    program = written(NO_GRID)
+    options = {
+        Protected: (program, Engine()),
+        SafetyWrapper: (Engine(), program),
+        make_vec: (program, 2),
+    }[class_]
+    for _ in range(2):
+        with pytest.warns(SafetyWarning, match="never gets control") as told_of:
+            env = class_(*options)
+    assert told_of[0].filename == (vector_module.__file__ if class_ is make_vec else __file__)
+    assert "Box: " in str(told_of[0].message)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the start
+        env.reset(seed=1)
 
 
 def test_a_start_that_the_module_does_not_vouch_for_is_told() -> None:
