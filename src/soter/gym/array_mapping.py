@@ -121,6 +121,13 @@ def _flatten(t: Type, value: Value, into: list[float]) -> None:
         into.append(float(value))
 
 
+def is_finite(value: Value) -> bool:
+    """Whether no number of a value is NaN or infinite."""
+    if isinstance(value, tuple):
+        return all(is_finite(part) for part in value)
+    return not isinstance(value, float) or math.isfinite(value)
+
+
 def _no_list(t: Type) -> SoterError:
     return wrong_choice(f"a `{t}` has no fixed number of numbers", "give a function that maps it")
 

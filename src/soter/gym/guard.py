@@ -84,6 +84,7 @@ class EnvironmentGuard:
         """Called after each step that the model judged."""
         self._numbered: np.random.Generator | None = None
         self._last: Any = None
+        self._values: list[Value] = []
         self._over = True
         self._unseen = False
         self._violations = 0
@@ -138,9 +139,13 @@ class EnvironmentGuard:
         session = self.session
         session.start(int(self._numbered.integers(SEED_END)))
         if not self._moves_numbers:
-            session.place(self._states_of(observation))
+            self._values = self._states_of(observation)
+            session.place(self._values)
         elif not (self._in_numbers(observation) and session.place_numbers()):
             raise self._no_states(observation)
+        if broken := self._not_finite():
+            names = ", ".join(f"`{n}`" for n in broken)
+            raise wrong_choice(f"an episode cannot start where {names} is NaN or infinite")
         before = int(session.facts["mode"])
         if session.go() != session.agent.index:
             raise wrong_choice("the advanced controller has a phase: the plant would move first")
@@ -175,8 +180,12 @@ class EnvironmentGuard:
             self._last, gained, ended, cut, given = env.step(taken)
             reward += float(gained)
             due = self._moved(self._last)
+        broken = self._not_finite() if session.plant_latched else []
+        cut = cut or bool(broken)
         self._over = ended or cut
         info = self._info(given, before, action, taken)
+        if broken:
+            info |= {"off_model": True, "not_finite": broken}
         if self._cuts and info["cost"]:
             cut = self._over = True
         self._violations = info["violations"]
@@ -212,7 +221,7 @@ class EnvironmentGuard:
         """The environment's observation goes in; who is due then."""
         session = self.session
         if not self._moves_numbers:
-            states = self._states_of(observation)
+            states = self._values = self._states_of(observation)
             if self.asked is not None:
                 session.moved[:] = array_mapping.flattened(self._states, states)
                 session.judge()
@@ -224,6 +233,14 @@ class EnvironmentGuard:
             raise self._no_states(observation)
         self._tell()
         return due
+
+    def _not_finite(self) -> list[str]:
+        """States that the environment showed as NaN or infinite."""
+        values = self._values
+        if self._moves_numbers:
+            values = array_mapping.assembled(self._states, self.session.moved, "an observation")
+        named = zip(self._states, values, strict=True)
+        return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
     def _tell(self) -> None:
         if self.judged is not None and self.asked is not None:

@@ -1,7 +1,7 @@
 """What is told of an environment that a proof says nothing of.
 
-Purpose: `SafetyWarning`, for agents that never get control, starts that the decision module does not vouch for, states that nobody
-observes, and wrappers that change the numbers of observations or actions.
+Purpose: `SafetyWarning`, for agents that never get control, starts that the decision module does
+not vouch for, states that nobody observes, and wrappers that change the numbers of observations or actions.
 Non-goals: mistakes, which are errors (`outside_roles.py`).
 """
 

@@ -650,6 +650,39 @@ def test_an_action_space_that_does_not_fit_is_said(space: Any, words: str) -> No
         stepped()
 
 
+# ---------------------------------------------------------------- what is no number
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("at", [3, 4])
+@pytest.mark.parametrize(
+    "options", [{}, {"alarm": False}, {"observe": lambda o: {"x": o[0], "v": o[1]}}]
+)
+def test_an_episode_is_cut_where_the_environment_shows_no_number(
+    number: float, at: int, options: dict[str, Any]
+) -> None:
+    rows = np.zeros((9, 2))
+    rows[at, 1] = number
+    env = Protected(CART, Replay(rows), **options)
+    env.reset(seed=1)
+    *_, ended, cut, info = env.step(np.zeros(1))
+    assert (ended, cut, "not_finite" in info) == (False, False, False)
+    *_, ended, cut, info = env.step(np.zeros(1))
+    assert (ended, cut, info["off_model"], info["not_finite"]) == (False, True, True, ["v"])
+    with pytest.raises(soter.SoterError, match="the episode is over"):
+        env.step(np.zeros(1))
+    env.reset(seed=1)
+    assert not env.step(np.zeros(1))[3]
+
+
+def test_no_episode_starts_where_nothing_is_a_number() -> None:
+    for options in ({}, {"observe": lambda o: {"x": o[0], "v": o[1]}}):
+        env = Protected(CART, Replay(np.array([[np.inf, 0.0]] * 3)), **options)
+        with pytest.raises(soter.SoterError, match="`x` is NaN or infinite") as caught:
+            env.reset(seed=1)
+        assert caught.value.diagnostics[0].code == "U001"
+
+
 # ---------------------------------------------------------------- errors of measurement
 
 
