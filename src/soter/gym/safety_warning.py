@@ -1,7 +1,8 @@
 """What is told of an environment that a proof says nothing of.
 
 Purpose: `SafetyWarning`, for agents that never get control, starts that the decision module does
-not vouch for, states that nobody observes, and wrappers that change the numbers of observations or actions.
+not vouch for, states that nobody observes, and wrappers that change the numbers of observations
+or actions.
 Non-goals: mistakes, which are errors (`outside_roles.py`).
 """
 
@@ -58,6 +59,16 @@ def warn_of_no_control(made: CompiledEnvironment, stacklevel: int = LEVEL) -> No
     if module.forced is None and module.symbol.ttf is None and module.symbol.safer is None:
         why = next(note for note in made.notes if note.startswith(f"{module.name}: "))
         warnings.warn(f"{why}: no action of the agent counts", SafetyWarning, stacklevel=stacklevel)
+
+
+def warn_of_sc_alone(steps: int) -> None:
+    """Warn of a measurement in which the agent drove in none of its steps."""
+    warnings.warn(
+        f"AC had control in none of its {steps:,} steps: what is measured is the safe controller "
+        "in this environment, not the agent",
+        SafetyWarning,
+        stacklevel=LEVEL - 1,
+    )
 
 
 def warn_of_unseen(names: Sequence[str]) -> None:

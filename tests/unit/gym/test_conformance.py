@@ -105,6 +105,25 @@ def test_states_that_nobody_observes_are_not_compared() -> None:
         report = conformance(env, 50)
     assert report.residual["v"] == 0.0
     assert report.residual["x"] > 0.0, "the plant's own speed stays 0"
+    assert report.not_observed == ("v",)
+    lines = str(report).splitlines()
+    assert "  v: not observed" in lines
+    assert not any(line.startswith("  v: residual") for line in lines)
+    assert conformance(Protected(PROGRAM, Cart()), 10).not_observed == ()
+
+
+def test_a_share_of_one_says_who_drove(tmp_path: Path) -> None:
+    report = conformance(Protected(PROGRAM, Cart()), 20)
+    assert (report.share, report.ac_share) == (1.0, 1.0)
+    assert "  AC had control in 100.0% of its steps" in str(report).splitlines()
+    path = tmp_path / "cart.soter"
+    path.write_text(CART.read_text(encoding="utf-8").replace("SafeCart ac;", "SafeCart sc;"))
+    careful = Protected(path, Cart(), system="Unprotected")
+    with pytest.warns(SafetyWarning, match="AC had control in none of its 10 steps") as told_of:
+        report = conformance(careful, 20)
+    assert told_of[0].filename == __file__
+    assert (report.share, report.ac_share) == (1.0, 0.0)
+    assert "  AC had control in 0.0% of its steps" in str(report).splitlines()
 
 
 TWO = """soter 1;
