@@ -20,10 +20,12 @@ from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, kept
 from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by, wrong_choice
 from soter.gym.plant_model import PlantModel, SessionPlant, tolerances, why_not
 from soter.gym.safety_warning import (
+    warn_of_narrow_space,
     warn_of_no_control,
     warn_of_start,
     warn_of_unseen,
     warn_of_wrappers,
+    warn_off_model,
 )
 from soter.gym.session import Session, numbers
 from soter.language.elaborate.derived_systems import answered_outside
@@ -87,11 +89,14 @@ class EnvironmentGuard:
         self._values: list[Value] = []
         self._over = True
         self._unseen = False
+        self._off_model = False
         self._violations = 0
         self._begin(env.action_space)
         if observe is None:
             warn_of_wrappers(env)
         warn_of_no_control(self.session.compiled)
+        if command is None:
+            warn_of_narrow_space(env.action_space, self._reads)
         outputs = array_mapping.topics_published(self.session.system, self.session.agent)
         self.action_space = action_space or array_mapping.action_space(outputs)
 
@@ -189,6 +194,9 @@ class EnvironmentGuard:
         if self._cuts and info["cost"]:
             cut = self._over = True
         self._violations = info["violations"]
+        if info["off_model"] and not self._off_model and self.judged is None:
+            self._off_model = True
+            warn_off_model(session.plant.name)
         return self._last, reward, ended, cut, info
 
     # ------------------------------------------------------------ the agent's answer

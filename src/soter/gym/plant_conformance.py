@@ -135,7 +135,8 @@ def conformance(
 
     Without one, actions are drawn from the action space. A step counts as inside where disturbances
     within their bounds were found with which the program's plant comes as close as `tolerance` of
-    `env` says. `SafetyWarning` where AC had control in no step. SoterError U001 where the program's plant cannot be asked.
+    `env` says. `SafetyWarning` where AC had control in no step. SoterError U001 where
+    the program's plant cannot be asked.
     """
     if n < 1:
         raise wrong_choice(f"there cannot be {n} steps", "n is 1 or more")

@@ -136,6 +136,7 @@ def test_an_answer_of_the_wrong_shape_is_a_gate_fault() -> None:
     assert env.step("full")[-1]["gate_fault"]
 
 
+@pytest.mark.filterwarnings("ignore:the environment did what plant")
 def test_mappings_may_be_given() -> None:
     env = Protected(
         CART,
@@ -491,6 +492,7 @@ def values_by_hand(action: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.filterwarnings("ignore:the environment did what plant")
 @given(
     st.lists(st.tuples(*[st.sampled_from(LEAVES)] * 5), max_size=30),
     st.lists(st.tuples(st.sampled_from((0.0, 1.0, 2.0)), *[st.sampled_from((0.0, 1.0))] * 4)),
@@ -653,6 +655,7 @@ def test_an_action_space_that_does_not_fit_is_said(space: Any, words: str) -> No
 # ---------------------------------------------------------------- what is no number
 
 
+@pytest.mark.filterwarnings("ignore:the environment did what plant")
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("at", [3, 4])
 @pytest.mark.parametrize(
@@ -748,6 +751,34 @@ def test_an_agent_that_never_gets_control_is_told_so_whenever_one_is_made(class_
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the start
         env.reset(seed=1)
+
+
+@pytest.mark.parametrize(
+    ("high", "told"), [(3.0, False), (3.1, False), (1.5, True), (np.nextafter(3.0, 0.0), True)]
+)
+@pytest.mark.parametrize("class_", [Protected, SafetyWrapper])
+def test_an_environment_that_takes_less_than_the_program_commands_is_told(
+    class_: Any, high: float, told: bool
+) -> None:
+    inner = Cart()
+    inner.action_space = spaces.Box(-3.0, high, (1,), np.float64)
+    made = (CART, inner) if class_ is Protected else (inner, CART)
+    with warnings.catch_warnings(record=True) as told_of:
+        warnings.simplefilter("always")
+        class_(*made)
+        class_(*made, command=lambda accel: np.array([accel]))
+    assert len(told_of) == told
+    if told:
+        message = str(told_of[0].message)
+        assert f"`accel` in [-3, 3] but [-3, {high:g}]" in message
+        assert (told_of[0].category, told_of[0].filename) == (SafetyWarning, __file__)
+
+
+def test_sets_are_compared_in_the_precision_of_the_space() -> None:
+    tenth = written(CART.read_text(encoding="utf-8").replace("A: float = 3.0", "A: float = 2.1"))
+    inner = Cart()
+    inner.action_space = spaces.Box(np.float32(-2.1), np.float32(2.1), (1,), np.float32)
+    Protected(tenth, inner)
 
 
 def test_a_start_that_the_module_does_not_vouch_for_is_told() -> None:
