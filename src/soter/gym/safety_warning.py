@@ -85,9 +85,11 @@ def warn_of_narrow_space(space: spaces.Space[Any], reads: Sequence[Topic]) -> No
         return
     told = []
     for (name, bound), low, high in zip(named, space.low.flat, space.high.flat, strict=True):
-        least, most = (low, high) if bound is None else np.array([bound.low, bound.high], low.dtype)
+        if bound is None:
+            continue
+        least, most = np.array([bound.low, bound.high], low.dtype)
         if least < low or most > high:
-            told.append(f"`{name}` in [{bound.low:g}, {bound.high:g}] but [{low:g}, {high:g}]")
+            told.append(f"`{name}` in [{bound.low}, {bound.high}] but [{low!s}, {high!s}]")
     if told:
         warnings.warn(
             f"the program commands {', '.join(dict.fromkeys(told))} is what the environment takes: "

@@ -770,15 +770,15 @@ def test_an_environment_that_takes_less_than_the_program_commands_is_told(
     assert len(told_of) == told
     if told:
         message = str(told_of[0].message)
-        assert f"`accel` in [-3, 3] but [-3, {high:g}]" in message
+        assert f"`accel` in [-3.0, 3.0] but [-3.0, {high!s}]" in message
         assert (told_of[0].category, told_of[0].filename) == (SafetyWarning, __file__)
 
 
 def test_sets_are_compared_in_the_precision_of_the_space() -> None:
-    tenth = written(CART.read_text(encoding="utf-8").replace("A: float = 3.0", "A: float = 2.1"))
-    inner = Cart()
-    inner.action_space = spaces.Box(np.float32(-2.1), np.float32(2.1), (1,), np.float32)
-    Protected(tenth, inner)
+    inner = Engine()
+    inner.action_space = spaces.Box(np.float32(0.0), np.float32(2.1), (1,), np.float32)
+    assert float(inner.action_space.high[0]) < 2.1
+    Protected(written(HALVES.replace("[0.0, 2.0]", "[0.0, 2.1]")), inner)
 
 
 def test_a_start_that_the_module_does_not_vouch_for_is_told() -> None:
