@@ -8,13 +8,15 @@ Non-goals: units, frames, images: whatever is not leaf by leaf is a function of 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import spaces
 
+from soter.diagnostics.near import did_you_mean
 from soter.gym.outside_roles import wrong_choice
-from soter.language.model.python_values import from_python
+from soter.language.model.python_values import ValueShapeError, from_python
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -76,6 +78,16 @@ def wrong_count(shapes: Shapes, count: int, what: str) -> SoterError:
     needed = sum(1 for _, t in shapes for _ in leaves(t))
     message = f"{what} has {count} numbers, but {names} {needed}"
     return wrong_choice(message, "give a function that maps them")
+
+
+def wrong_structure(
+    what: str, shapes: Shapes, answer: object, error: ValueShapeError
+) -> SoterError:
+    """U001: an answer of a function of the user's that has not the names and counts of shapes."""
+    names = [n for n, _ in shapes]
+    keys = answer if isinstance(answer, Mapping) else ()
+    near = [h for key in keys if key not in names for h in did_you_mean(str(key), names)]
+    return wrong_choice(f"{what}: {error}", *near)
 
 
 def _value(t: Type, numbers: Iterator[float]) -> Value:

@@ -29,7 +29,11 @@ from soter.gym.safety_warning import (
 )
 from soter.gym.session import Session, numbers
 from soter.language.elaborate.derived_systems import answered_outside
-from soter.language.model.python_values import ValueShapeError, to_python
+from soter.language.model.python_values import (
+    ValueShapeError,
+    ValueStructureError,
+    to_python,
+)
 from soter.semantics.externs import converted
 
 if TYPE_CHECKING:
@@ -219,7 +223,11 @@ class EnvironmentGuard:
         try:
             if self._act is None:
                 return list(array_mapping.assembled(self._outputs, action, "an action"))
-            return list(converted(self._outputs, self._act(action)))
+            answer = self._act(action)
+            return list(converted(self._outputs, answer))
+        except ValueStructureError as error:
+            what = "`act` gave no outputs of the controller"
+            raise array_mapping.wrong_structure(what, self._outputs, answer, error) from error
         except ValueShapeError:
             return None
 
@@ -273,9 +281,11 @@ class EnvironmentGuard:
         if self._observe is None:
             return array_mapping.assembled(self._states, observation, "an observation")
         try:
-            given = converted(self._states, self._observe(observation))
+            answer = self._observe(observation)
+            given = converted(self._states, answer)
         except ValueShapeError as error:
-            raise wrong_choice(f"`observe` gave no state of the plant: {error}") from error
+            what = "`observe` gave no state of the plant"
+            raise array_mapping.wrong_structure(what, self._states, answer, error) from error
         old = self.session.states()
         unseen = [n for (n, _), v in zip(self._states, given, strict=True) if v is None]
         if unseen and not self._unseen:

@@ -136,6 +136,50 @@ def test_an_answer_of_the_wrong_shape_is_a_gate_fault() -> None:
     assert env.step("full")[-1]["gate_fault"]
 
 
+@pytest.mark.parametrize(
+    ("answer", "words", "helps"),
+    [
+        ({"acel": 1.0}, "a `dict` with `acel`", ("did you mean `accel`?",)),
+        ({"accel": [1.0, 2.0]}, "accel: expected a number, found a sequence of 2", ()),
+        ([], "accel: expected a number, found a sequence of 0", ()),
+    ],
+)
+def test_names_and_counts_that_no_output_has_are_an_error(
+    answer: Any, words: str, helps: tuple[str, ...]
+) -> None:
+    env = Protected(CART, Cart(), act=lambda _: answer)
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError) as caught:
+        env.step(np.zeros(1))
+    (told,) = caught.value.diagnostics
+    assert (told.code, told.helps) == ("U001", helps)
+    assert words in told.message
+
+
+@pytest.mark.parametrize("answer", [[0.5], [0.5] * 3, 0.5, {"push": 0.5}, {"push": [[0.5], 0.5]}])
+def test_a_vector_of_another_length_is_an_error(answer: Any) -> None:
+    vector = HALVES.replace("float in [0.0, 2.0] = 0.0;", "float[2] in [0.0, 2.0] = [0.0, 0.0];")
+    vector = vector.replace("gear = 0.5", "gear = [0.5, 0.5]").replace("gear", "push")
+    program = written(vector.replace("push = 0.0", "push = [0.0, 0.0]"))
+    env = Protected(program, Engine(), act=lambda _: answer, command=lambda push: int(push[0]))
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError, match="push") as caught:
+        env.step(0)
+    assert caught.value.diagnostics[0].code == "U001"
+
+
+def test_a_misspelt_name_among_several_is_an_error_on_both_sides() -> None:
+    env = Protected(written(TWO), Two(), act=lambda _: {"gear": "LOW", "turbbo": 0})
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError, match="there is no `turbbo`") as caught:
+        env.step(0)
+    assert caught.value.diagnostics[0].helps == ("did you mean `turbo`?",)
+    env = Protected(CART, Cart(), observe=lambda o: {"x": o[0], "V": o[1]})
+    with pytest.raises(soter.SoterError, match="there is no `V`") as caught:
+        env.reset(seed=1)
+    assert caught.value.diagnostics[0].helps == ("did you mean `v`?",)
+
+
 @pytest.mark.filterwarnings("ignore:the environment did what plant")
 def test_mappings_may_be_given() -> None:
     env = Protected(
