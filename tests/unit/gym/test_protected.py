@@ -122,6 +122,16 @@ def test_what_the_gate_refuses_never_reaches_the_environment(action: Any) -> Non
     assert (info["mode"], info["gate_fault"], info["violations"]) == ("SC", False, 0)
 
 
+def test_no_action_is_a_gate_fault_of_one_number_and_an_error_of_several() -> None:
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    assert env.step(None)[4]["gate_fault"]
+    env = Protected(written(TWO), Two())
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError, match="an action has 1 numbers"):
+        env.step(None)
+
+
 def test_publishing_nothing_keeps_the_last_value() -> None:
     env = Protected(CART, Cart(), act=lambda a: None if a is None else {"accel": float(a)})
     env.reset(seed=1)
@@ -646,6 +656,35 @@ def test_a_half_is_no_action_of_a_discrete_environment() -> None:
     env.reset(seed=1)
     env.step(np.array([2.0]))
     assert env.env.unwrapped.gears[-1] == 2  # type: ignore[attr-defined]
+
+
+FLOATING = """soter 1;
+topic at: float max_age 1s;
+topic go: float in [-1.0, 1.0] = 0.0;
+plant P period 10ms { reads go; drives at = a; state a: float; next a = a + 1.0; }
+node Ac period 10ms { subscribes at; publishes go; step { publish go = 1.0; } }
+node Sc period 10ms { publishes go; step { publish go = -1.0; } }
+rta M { ac Ac; sc Sc; period 10ms; safe at < 9.0; ttf at > 3.0; safer at < 2.0; }
+system S default { p: P; module M; until 10s; }
+"""
+
+
+def test_a_float_of_three_values_is_discrete_on_both_sides() -> None:
+    inner = Engine()
+    env = Protected(
+        written(FLOATING),
+        inner,
+        action_space=spaces.Discrete(3),
+        act=lambda a: {"go": a - 1.0},
+        command=lambda go: round(go) + 1,
+    )
+    env.reset(seed=1)
+    for choice in (2, 0, np.int64(1), 2):
+        *_, info = env.step(choice)
+        assert (info["gate_fault"], info["taken_by"]) == (False, "AC")
+    env.step(2)
+    assert inner.gears == [2, 0, 1, 2, 0], "SC has -1"
+    assert all(inner.action_space.contains(a) for a in inner.gears)
 
 
 class Two(Engine):
