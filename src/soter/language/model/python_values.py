@@ -180,7 +180,8 @@ def outputs_from_python(named: Sequence[tuple[str, Type]], given: object) -> lis
     """What an extern step gave, in the order of `named`; None for what it left out.
 
     A mapping from short names to values; where only one is asked for also that value itself.
-    None, as the whole answer or as a value, leaves out. Raises `ValueShapeError`.
+    None, as the whole answer or as a value, leaves out. Raises `ValueShapeError`,
+    `ValueStructureError` where names or counts are wrong.
     """
     if given is None:
         return [None] * len(named)
@@ -291,7 +292,7 @@ def _check_keys(names: list[str], given: Mapping[Any, object], path: str) -> Non
 
 
 def check_length(t: Type, length: int, path: str) -> None:
-    """`ValueShapeError` where an array or list cannot have so many elements."""
+    """`ValueStructureError` where an array or list cannot have so many elements."""
     if isinstance(t, ArrayType) and length != t.size:
         raise ValueStructureError(path, f"expected {t.size} elements for `{t}`, found {length}")
     if isinstance(t, ListType) and length > t.capacity:
