@@ -224,6 +224,7 @@ class SoterError(Exception):
     def __init__(self, diagnostics: tuple[Diagnostic, ...]) -> None:
         super().__init__("; ".join(f"[{d.code}] {d.message}" for d in diagnostics))
         self.diagnostics = diagnostics
+        self.__notes__ = [f"help: {h}" for d in diagnostics for h in d.helps]  # of a traceback
 
     def __reduce__(self) -> tuple[type[SoterError], tuple[tuple[Diagnostic, ...]]]:
         """Crosses from process to process: `args` hold the text, not what it is made of."""

@@ -8,13 +8,15 @@ Non-goals: units, frames, images: whatever is not leaf by leaf is a function of 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import spaces
 
+from soter.diagnostics.near import did_you_mean
 from soter.gym.outside_roles import wrong_choice
-from soter.language.model.python_values import from_python
+from soter.language.model.python_values import ValueShapeError, from_python
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -78,6 +80,16 @@ def wrong_count(shapes: Shapes, count: int, what: str) -> SoterError:
     return wrong_choice(message, "give a function that maps them")
 
 
+def wrong_structure(
+    what: str, shapes: Shapes, answer: object, error: ValueShapeError
+) -> SoterError:
+    """U001: an answer of a function of the user's that has not the names and counts of shapes."""
+    names = [n for n, _ in shapes]
+    keys = answer if isinstance(answer, Mapping) else ()
+    near = [h for key in keys if key not in names for h in did_you_mean(str(key), names)]
+    return wrong_choice(f"{what}: {error}", *near)
+
+
 def _value(t: Type, numbers: Iterator[float]) -> Value:
     if isinstance(t, RecordType):
         return tuple(_value(f, numbers) for _, f in t.fields)
@@ -119,6 +131,13 @@ def _flatten(t: Type, value: Value, into: list[float]) -> None:
         raise _no_list(t)
     else:
         into.append(float(value))
+
+
+def is_finite(value: Value) -> bool:
+    """Whether no number of a value is NaN or infinite."""
+    if isinstance(value, tuple):
+        return all(is_finite(part) for part in value)
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def _no_list(t: Type) -> SoterError:

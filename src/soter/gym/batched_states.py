@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.api.arguments import complete
 from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled
 from soter.gym.outside_roles import chosen_module, observed_parts, without_python
 from soter.language.elaborate.derived_systems import answered_outside
@@ -114,13 +115,14 @@ def prepared(
     """A system of which the AC of a module is outside, and nobody else; SoterError U001, U003."""
 
     def make() -> CompiledEnvironment:
-        flat = program.flat(system, params)
+        flat = program.declared(system, params)
+        notes = complete(flat)
         flat_module = chosen_module(flat, module)
         seen = observed_parts(flat, flat.components[flat_module.ac], observe)
         flat = answered_outside(flat, (flat_module.ac,))
         without_python(flat, flat_module.ac)
         return CompiledEnvironment(
-            flat, Roles(flat_module.ac, flat_module.index), program.bound, seen
+            flat, Roles(flat_module.ac, flat_module.index), program.bound, seen, notes
         )
 
     key = ("vector", system, module, repr(sorted((params or {}).items())), observe)

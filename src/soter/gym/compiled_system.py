@@ -58,12 +58,14 @@ class CompiledEnvironment:
         roles: Roles,
         bound: Mapping[str, object],
         observed: Sequence[ObservedPart] = (),
+        notes: Sequence[str] = (),
     ) -> None:
         """`observed`: what an observation is made of. SoterError as `bind` and the compiler.
 
-        `bound` has whatever answers the other externs: what is outside is never called.
+        `bound` has whatever answers the other externs: what is outside is never called. `notes`:
+        what was said as `ttf` and `safer` were computed.
         """
-        self.system, self.roles = system, roles
+        self.system, self.roles, self.notes = system, roles, tuple(notes)
         outside = [i for i in (roles.agent, roles.plant) if i is not None]
         silent = {system.components[i].name: refuse_call for i in outside}
         self.bindings = bind(system, {**bound, **silent})

@@ -14,14 +14,26 @@ import gymnasium
 from gymnasium.utils import seeding
 
 import soter.api
+from soter.api.arguments import complete
 from soter.gym import array_mapping
 from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, kept
 from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by, wrong_choice
 from soter.gym.plant_model import PlantModel, SessionPlant, tolerances, why_not
-from soter.gym.safety_warning import warn_of_start, warn_of_unseen, warn_of_wrappers
+from soter.gym.safety_warning import (
+    warn_of_narrow_space,
+    warn_of_no_control,
+    warn_of_start,
+    warn_of_unseen,
+    warn_of_wrappers,
+    warn_off_model,
+)
 from soter.gym.session import Session, numbers
 from soter.language.elaborate.derived_systems import answered_outside
-from soter.language.model.python_values import ValueShapeError, to_python
+from soter.language.model.python_values import (
+    ValueShapeError,
+    ValueStructureError,
+    to_python,
+)
 from soter.semantics.externs import converted
 
 if TYPE_CHECKING:
@@ -78,12 +90,17 @@ class EnvironmentGuard:
         """Called after each step that the model judged."""
         self._numbered: np.random.Generator | None = None
         self._last: Any = None
+        self._values: list[Value] = []
         self._over = True
         self._unseen = False
+        self._off_model = False
         self._violations = 0
         self._begin(env.action_space)
         if observe is None:
             warn_of_wrappers(env)
+        warn_of_no_control(self.session.compiled)
+        if command is None:
+            warn_of_narrow_space(env.action_space, self._reads)
         outputs = array_mapping.topics_published(self.session.system, self.session.agent)
         self.action_space = action_space or array_mapping.action_space(outputs)
 
@@ -131,9 +148,13 @@ class EnvironmentGuard:
         session = self.session
         session.start(int(self._numbered.integers(SEED_END)))
         if not self._moves_numbers:
-            session.place(self._states_of(observation))
+            self._values = self._states_of(observation)
+            session.place(self._values)
         elif not (self._in_numbers(observation) and session.place_numbers()):
             raise self._no_states(observation)
+        if broken := self._not_finite():
+            names = ", ".join(f"`{n}`" for n in broken)
+            raise wrong_choice(f"an episode cannot start where {names} is NaN or infinite")
         before = int(session.facts["mode"])
         if session.go() != session.agent.index:
             raise wrong_choice("the advanced controller has a phase: the plant would move first")
@@ -168,11 +189,18 @@ class EnvironmentGuard:
             self._last, gained, ended, cut, given = env.step(taken)
             reward += float(gained)
             due = self._moved(self._last)
+        broken = self._not_finite() if session.plant_latched else []
+        cut = cut or bool(broken)
         self._over = ended or cut
         info = self._info(given, before, action, taken)
+        if broken:
+            info |= {"off_model": True, "not_finite": broken}
         if self._cuts and info["cost"]:
             cut = self._over = True
         self._violations = info["violations"]
+        if info["off_model"] and not self._off_model and self.judged is None:
+            self._off_model = True
+            warn_off_model(session.plant.name)
         return self._last, reward, ended, cut, info
 
     # ------------------------------------------------------------ the agent's answer
@@ -195,7 +223,11 @@ class EnvironmentGuard:
         try:
             if self._act is None:
                 return list(array_mapping.assembled(self._outputs, action, "an action"))
-            return list(converted(self._outputs, self._act(action)))
+            answer = self._act(action)
+            return list(converted(self._outputs, answer))
+        except ValueStructureError as error:
+            what = "`act` gave no outputs of the controller"
+            raise array_mapping.wrong_structure(what, self._outputs, answer, error) from error
         except ValueShapeError:
             return None
 
@@ -205,7 +237,7 @@ class EnvironmentGuard:
         """The environment's observation goes in; who is due then."""
         session = self.session
         if not self._moves_numbers:
-            states = self._states_of(observation)
+            states = self._values = self._states_of(observation)
             if self.asked is not None:
                 session.moved[:] = array_mapping.flattened(self._states, states)
                 session.judge()
@@ -217,6 +249,14 @@ class EnvironmentGuard:
             raise self._no_states(observation)
         self._tell()
         return due
+
+    def _not_finite(self) -> list[str]:
+        """States that the environment showed as NaN or infinite."""
+        values = self._values
+        if self._moves_numbers:
+            values = array_mapping.assembled(self._states, self.session.moved, "an observation")
+        named = zip(self._states, values, strict=True)
+        return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
     def _tell(self) -> None:
         if self.judged is not None and self.asked is not None:
@@ -241,9 +281,11 @@ class EnvironmentGuard:
         if self._observe is None:
             return array_mapping.assembled(self._states, observation, "an observation")
         try:
-            given = converted(self._states, self._observe(observation))
+            answer = self._observe(observation)
+            given = converted(self._states, answer)
         except ValueShapeError as error:
-            raise wrong_choice(f"`observe` gave no state of the plant: {error}") from error
+            what = "`observe` gave no state of the plant"
+            raise array_mapping.wrong_structure(what, self._states, answer, error) from error
         old = self.session.states()
         unseen = [n for (n, _), v in zip(self._states, given, strict=True) if v is None]
         if unseen and not self._unseen:
@@ -352,12 +394,16 @@ def prepared(
     errors = measured if isinstance(measured, bool) else tuple(sorted(measured))
 
     def make() -> CompiledEnvironment:
-        flat = program.flat(system, params)
+        flat = program.declared(system, params)
+        notes = complete(flat)
         flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
         flat = measured_by(flat, body, errors)
         flat = answered_outside(flat, (flat_module.ac, body.index))
         return CompiledEnvironment(
-            flat, Roles(flat_module.ac, flat_module.index, body.index), program.bound
+            flat,
+            Roles(flat_module.ac, flat_module.index, body.index),
+            program.bound,
+            notes=notes,
         )
 
     key = ("outside", system, module, plant, repr(sorted((params or {}).items())), errors)

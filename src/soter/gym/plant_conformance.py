@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.gym.outside_roles import wrong_choice
+from soter.gym.safety_warning import warn_of_sc_alone
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,6 +39,8 @@ class Conformance:
     (1: a bound). `worst`: the step with the largest residual, relative to what is tolerated.
     `wrapped`: by state, of the steps that are not inside how many went near a whole number of turns
     (2 pi) past the undisturbed plant: where there are any, an angle that wraps around.
+    `not_observed`: states that `observe` gave in no step; nothing was compared there. `ac_share`:
+    the share of the agent's steps in which AC had control; only there it explored.
     """
 
     steps: int
@@ -47,6 +50,8 @@ class Conformance:
     used: dict[str, float]
     worst: dict[str, Any] = field(default_factory=dict)
     wrapped: dict[str, int] = field(default_factory=dict)
+    not_observed: tuple[str, ...] = ()
+    ac_share: float | None = None
 
     @property
     def share(self) -> float:
@@ -55,7 +60,12 @@ class Conformance:
 
     def __str__(self) -> str:
         lines = [f"{self.inside:,} of {self.steps:,} steps ({self.share:.4%}) are explained"]
+        if self.ac_share is not None:
+            lines.append(f"  AC had control in {self.ac_share:.1%} of its steps")
         for name, value in self.residual.items():
+            if name in self.not_observed:
+                lines.append(f"  {name}: not observed")
+                continue
             lines.append(
                 f"  {name}: residual {value:.3g}, undisturbed {self.undisturbed[name]:.3g}"
             )
@@ -81,11 +91,13 @@ class _Tally:
         self.middle = model.low + (model.high - model.low) / 2.0
         self.worst: dict[str, Any] = {}
         self.wrapped = np.zeros(len(model.names), dtype=np.int64)
+        self.observed = np.zeros(len(model.names), dtype=bool)
 
     def see(self, asked: SessionPlant, session: Session) -> None:
         """One more step, which ended at the numbers that `session` was given."""
         left = np.abs(asked.residual)
         self.steps += 1
+        self.observed |= asked.observed
         self.inside += asked.explained
         if not asked.explained:
             self.wrapped += _near_turns(asked.undisturbed) & np.isfinite(asked.tolerance)
@@ -123,7 +135,8 @@ def conformance(
 
     Without one, actions are drawn from the action space. A step counts as inside where disturbances
     within their bounds were found with which the program's plant comes as close as `tolerance` of
-    `env` says. SoterError U001 where the program's plant cannot be asked.
+    `env` says. `SafetyWarning` where AC had control in no step. SoterError U001 where
+    the program's plant cannot be asked.
     """
     if n < 1:
         raise wrong_choice(f"there cannot be {n} steps", "n is 1 or more")
@@ -148,13 +161,17 @@ def conformance(
     try:
         env.action_space.seed(seed)
         observation, _ = env.reset(seed=seed)
+        asked_of, driven = 0, 0
         while tally.steps < n:
             action = env.action_space.sample() if policy is None else policy(observation)
-            observation, _, ended, cut, _ = env.step(action)
+            observation, _, ended, cut, info = env.step(action)
+            asked_of, driven = asked_of + 1, driven + (info["taken_by"] == "AC")
             if ended or cut:
                 observation, _ = env.reset()
     finally:
         guard.judged = None
+    if not driven:
+        warn_of_sc_alone(asked_of)
     model = guard.asked.model
     return Conformance(
         steps=tally.steps,
@@ -164,4 +181,6 @@ def conformance(
         used=dict(zip(model.drawn, tally.used.tolist(), strict=True)),
         worst=tally.worst,
         wrapped={n: k for n, k in zip(model.names, tally.wrapped.tolist(), strict=True) if k},
+        not_observed=tuple(n for n, o in zip(model.names, tally.observed, strict=True) if not o),
+        ac_share=driven / asked_of,
     )

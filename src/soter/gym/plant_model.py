@@ -84,6 +84,8 @@ class SessionPlant:
         self.state = np.zeros(-(-model.layout.size // 8), dtype=np.int64)
         self.tolerance = np.ascontiguousarray(tolerance, dtype=np.float64)
         self._own = self.tolerance.copy()
+        self.observed = np.ones(states, dtype=bool)
+        """Which numbers of the states the environment gave in the last step, (states,)."""
         self.origin, self.residual, self.undisturbed = (np.zeros(states) for _ in range(3))
         self.chosen = np.zeros(drawn)
         self._work = np.zeros(states * (drawn + 1))
@@ -109,8 +111,8 @@ class SessionPlant:
 
     def compare(self, wanted: Sequence[bool]) -> None:
         """Compare only these states of the plant."""
-        each = [w for w, n in zip(wanted, self.model.sizes, strict=True) for _ in range(n)]
-        self.tolerance[:] = np.where(each, self._own, np.inf)
+        self.observed = np.repeat(wanted, self.model.sizes)
+        self.tolerance[:] = np.where(self.observed, self._own, np.inf)
 
     def _at(self, array: Array) -> Any:  # noqa: ANN401 - cdata
         """Where an array (n,) lies."""

@@ -1,7 +1,8 @@
 """What is told of an environment that a proof says nothing of.
 
-Purpose: `SafetyWarning`, for starts that the decision module does not vouch for, states that nobody
-observes, and wrappers that change the numbers of observations or actions.
+Purpose: `SafetyWarning`, for agents that never get control, environments that are not the plant of
+the proof, starts that the decision module does not vouch for, states that nobody observes, and
+wrappers that change the numbers of observations or actions.
 Non-goals: mistakes, which are errors (`outside_roles.py`).
 """
 
@@ -11,11 +12,15 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
+import numpy as np
+from gymnasium import spaces
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from soter.gym.compiled_system import CompiledEnvironment
     from soter.gym.session import Session
+    from soter.language.model.system import Topic
 
 CHANGED = {
     "NormalizeObservation": "observations",
@@ -48,6 +53,61 @@ def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
                 stacklevel=LEVEL,
             )
         env = env.env
+
+
+def warn_of_no_control(made: CompiledEnvironment, stacklevel: int = LEVEL) -> None:
+    """Warn of a module of which `ttf` and `safer` could not be computed, with the reason."""
+    assert made.roles.module is not None
+    module = made.system.modules[made.roles.module]
+    if module.forced is None and module.symbol.ttf is None and module.symbol.safer is None:
+        why = next(note for note in made.notes if note.startswith(f"{module.name}: "))
+        warnings.warn(f"{why}: no action of the agent counts", SafetyWarning, stacklevel=stacklevel)
+
+
+def warn_of_sc_alone(steps: int) -> None:
+    """Warn of a measurement in which the agent drove in none of its steps."""
+    warnings.warn(
+        f"AC had control in none of its {steps:,} steps: what is measured is the safe controller "
+        "in this environment, not the agent",
+        SafetyWarning,
+        stacklevel=LEVEL - 1,
+    )
+
+
+def warn_of_narrow_space(space: spaces.Space[Any], reads: Sequence[Topic]) -> None:
+    """Warn of an environment that takes fewer actions than what its plant reads may hold.
+
+    `reads`: the topics whose numbers are actions of `space`, in order. A topic without a set, and
+    a space that is no `Box` of as many numbers, are not compared.
+    """
+    named = [(t.name, bound) for t in reads for bound in t.bounds]
+    if not isinstance(space, spaces.Box) or space.low.size != len(named):
+        return
+    told = []
+    for (name, bound), low, high in zip(named, space.low.flat, space.high.flat, strict=True):
+        if bound is None:
+            continue
+        least, most = np.array([bound.low, bound.high], low.dtype)
+        if least < low or most > high:
+            told.append(f"`{name}` in [{bound.low}, {bound.high}] but [{low!s}, {high!s}]")
+    if told:
+        warnings.warn(
+            f"the program commands {', '.join(dict.fromkeys(told))} is what the environment takes: "
+            "where it clips or refuses the rest, SC is weaker there than in the proof",
+            SafetyWarning,
+            stacklevel=LEVEL,
+        )
+
+
+def warn_off_model(plant: str) -> None:
+    """Warn of the first step that no declared disturbance of a plant explains."""
+    warnings.warn(
+        f"the environment did what plant `{plant}` of the program cannot: this step is outside of "
+        'the proof. Later ones are told by `info["off_model"]` alone; soter.gym.conformance '
+        "measures how many there are",
+        SafetyWarning,
+        stacklevel=LEVEL,
+    )
 
 
 def warn_of_unseen(names: Sequence[str]) -> None:

@@ -205,6 +205,11 @@ class Session:
         looks = module.looks_left(unsafe=unsafe, safer=bool(facts["safer"]))
         return module.margin_ns(looks, int(record["header"]["ct"]) - looked) / 1e9
 
+    @property
+    def plant_latched(self) -> bool:
+        """Whether the plant has stopped for ever: it was given what is no finite number."""
+        return bool(self.record["components"][self.plant.index]["latched"])
+
     def states(self) -> list[Value]:
         """The plant's states."""
         raw = memoryview(self.state.data)

@@ -18,6 +18,7 @@ import soter.api
 from soter.gym import array_mapping
 from soter.gym.batched_states import FACTS, BatchedStates, prepared
 from soter.gym.outside_roles import wrong_choice
+from soter.gym.safety_warning import warn_of_no_control
 from soter.simulate.run_settings import seed_value
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         self.autoreset = _chosen(num_envs, on_violation, max_steps, autoreset, dtype)
         loaded = program if isinstance(program, soter.api.Program) else soter.api.load(program)
         made = prepared(loaded, system, module, params, None if observe is None else tuple(observe))
+        warn_of_no_control(made, stacklevel=3)
         self.compiled = made
         self.num_envs = num_envs
         self.metadata = {"autoreset_mode": self.autoreset, "render_modes": []}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import pickle
+import sys
+import traceback
 
 import pytest
 
@@ -45,3 +47,10 @@ def test_it_comes_out_of_a_pool() -> None:
     with multiprocessing.get_context("fork").Pool(1) as pool, pytest.raises(SoterError) as excinfo:
         pool.map_async(fail, [0]).get(timeout=processes.TIMEOUT_S)  # it used to wait for ever
     assert same(excinfo.value)
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="tracebacks have notes since Python 3.11")
+def test_its_traceback_shows_what_helps() -> None:
+    for error in (ERROR, pickle.loads(pickle.dumps(ERROR))):  # noqa: S301 - our own
+        lines = traceback.format_exception_only(error)
+        assert "".join(lines[1:]) == "help: name another folder\n"

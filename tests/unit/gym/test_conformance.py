@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import tempfile
+import warnings
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -66,10 +68,26 @@ def test_the_alarm_says_which_step_was_outside() -> None:
     env = Protected(PROGRAM, Pushed(lambda i: 1.0 if i == 21 else 0.0))
     _, info = env.reset(seed=1)
     alarms = []
-    for _ in range(20):
-        *_, info = env.step(np.zeros(1))
+    for i in range(20):
+        with pytest.warns(SafetyWarning) if i == 10 else nullcontext():
+            *_, info = env.step(np.zeros(1))
         alarms.append(info["off_model"])
     assert [i for i, a in enumerate(alarms) if a] == [10], "plant steps 20 and 21"
+
+
+def test_only_the_first_step_outside_is_warned_of() -> None:
+    env = Protected(PROGRAM, Pushed(lambda _: 1.0))
+    with warnings.catch_warnings(record=True) as told_of:
+        warnings.simplefilter("always")
+        conformance(env, 10)
+        assert told_of == [], "who measures is told in numbers"
+        for _ in range(2):
+            env.reset(seed=1)
+            assert all(env.step(np.zeros(1))[4]["off_model"] for _ in range(3))
+    (told,) = told_of
+    assert told.category is SafetyWarning
+    assert "what plant `c` of the program cannot" in str(told.message)
+    assert told.filename == __file__
 
 
 def test_what_is_shown_in_single_precision_is_compared_so() -> None:
@@ -105,6 +123,25 @@ def test_states_that_nobody_observes_are_not_compared() -> None:
         report = conformance(env, 50)
     assert report.residual["v"] == 0.0
     assert report.residual["x"] > 0.0, "the plant's own speed stays 0"
+    assert report.not_observed == ("v",)
+    lines = str(report).splitlines()
+    assert "  v: not observed" in lines
+    assert not any(line.startswith("  v: residual") for line in lines)
+    assert conformance(Protected(PROGRAM, Cart()), 10).not_observed == ()
+
+
+def test_a_share_of_one_says_who_drove(tmp_path: Path) -> None:
+    report = conformance(Protected(PROGRAM, Cart()), 20)
+    assert (report.share, report.ac_share) == (1.0, 1.0)
+    assert "  AC had control in 100.0% of its steps" in str(report).splitlines()
+    path = tmp_path / "cart.soter"
+    path.write_text(CART.read_text(encoding="utf-8").replace("SafeCart ac;", "SafeCart sc;"))
+    careful = Protected(path, Cart(), system="Unprotected")
+    with pytest.warns(SafetyWarning, match="AC had control in none of its 10 steps") as told_of:
+        report = conformance(careful, 20)
+    assert told_of[0].filename == __file__
+    assert (report.share, report.ac_share) == (1.0, 0.0)
+    assert "  AC had control in 0.0% of its steps" in str(report).splitlines()
 
 
 TWO = """soter 1;

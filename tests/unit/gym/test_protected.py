@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,9 @@ from hypothesis import strategies as st
 
 import soter
 from soter.codegen import unit
-from soter.gym import Protected, SafetyWarning
+from soter.gym import Protected, SafetyWarning, SafetyWrapper, make_vec
 from soter.gym import compiled_system as compiled_module
+from soter.gym import vector as vector_module
 from soter.gym.array_mapping import action_space
 from soter.language.model.system import Bound, Topic
 
@@ -120,6 +122,16 @@ def test_what_the_gate_refuses_never_reaches_the_environment(action: Any) -> Non
     assert (info["mode"], info["gate_fault"], info["violations"]) == ("SC", False, 0)
 
 
+def test_no_action_is_a_gate_fault_of_one_number_and_an_error_of_several() -> None:
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    assert env.step(None)[4]["gate_fault"]
+    env = Protected(written(TWO), Two())
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError, match="an action has 1 numbers"):
+        env.step(None)
+
+
 def test_publishing_nothing_keeps_the_last_value() -> None:
     env = Protected(CART, Cart(), act=lambda a: None if a is None else {"accel": float(a)})
     env.reset(seed=1)
@@ -134,6 +146,51 @@ def test_an_answer_of_the_wrong_shape_is_a_gate_fault() -> None:
     assert env.step("full")[-1]["gate_fault"]
 
 
+@pytest.mark.parametrize(
+    ("answer", "words", "helps"),
+    [
+        ({"acel": 1.0}, "a `dict` with `acel`", ("did you mean `accel`?",)),
+        ({"accel": [1.0, 2.0]}, "accel: expected a number, found a sequence of 2", ()),
+        ([], "accel: expected a number, found a sequence of 0", ()),
+    ],
+)
+def test_names_and_counts_that_no_output_has_are_an_error(
+    answer: Any, words: str, helps: tuple[str, ...]
+) -> None:
+    env = Protected(CART, Cart(), act=lambda _: answer)
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError) as caught:
+        env.step(np.zeros(1))
+    (told,) = caught.value.diagnostics
+    assert (told.code, told.helps) == ("U001", helps)
+    assert words in told.message
+
+
+@pytest.mark.parametrize("answer", [[0.5], [0.5] * 3, 0.5, {"push": 0.5}, {"push": [[0.5], 0.5]}])
+def test_a_vector_of_another_length_is_an_error(answer: Any) -> None:
+    vector = HALVES.replace("float in [0.0, 2.0] = 0.0;", "float[2] in [0.0, 2.0] = [0.0, 0.0];")
+    vector = vector.replace("gear = 0.5", "gear = [0.5, 0.5]").replace("gear", "push")
+    program = written(vector.replace("push = 0.0", "push = [0.0, 0.0]"))
+    env = Protected(program, Engine(), act=lambda _: answer, command=lambda push: int(push[0]))
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError, match="push") as caught:
+        env.step(0)
+    assert caught.value.diagnostics[0].code == "U001"
+
+
+def test_a_misspelt_name_among_several_is_an_error_on_both_sides() -> None:
+    env = Protected(written(TWO), Two(), act=lambda _: {"gear": "LOW", "turbbo": 0})
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError, match="there is no `turbbo`") as caught:
+        env.step(0)
+    assert caught.value.diagnostics[0].helps == ("did you mean `turbo`?",)
+    env = Protected(CART, Cart(), observe=lambda o: {"x": o[0], "V": o[1]})
+    with pytest.raises(soter.SoterError, match="there is no `V`") as caught:
+        env.reset(seed=1)
+    assert caught.value.diagnostics[0].helps == ("did you mean `v`?",)
+
+
+@pytest.mark.filterwarnings("ignore:the environment did what plant")
 def test_mappings_may_be_given() -> None:
     env = Protected(
         CART,
@@ -242,6 +299,7 @@ node Sc period 10ms { subscribes speed; publishes gear; step { publish gear = Ge
 rta Box { ac Ac; sc Sc; period 10ms; safe speed < 9.0; ttf speed > 3.0; safer speed < 2.0; }
 system S default { e: Engine; module Box; until 1s; always e.truth.s < 9.0; }
 """
+NO_GRID = GEARS.replace("ttf speed > 3.0; safer speed < 2.0;", "")
 ALIVE = "always e.truth.s > 0.5"
 LINKED = GEARS.replace(
     "system S", 'extern node Log period 10ms from "c:log.c:note" { publishes noted; }\nsystem S'
@@ -488,6 +546,7 @@ def values_by_hand(action: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.filterwarnings("ignore:the environment did what plant")
 @given(
     st.lists(st.tuples(*[st.sampled_from(LEAVES)] * 5), max_size=30),
     st.lists(st.tuples(st.sampled_from((0.0, 1.0, 2.0)), *[st.sampled_from((0.0, 1.0))] * 4)),
@@ -599,6 +658,35 @@ def test_a_half_is_no_action_of_a_discrete_environment() -> None:
     assert env.env.unwrapped.gears[-1] == 2  # type: ignore[attr-defined]
 
 
+FLOATING = """soter 1;
+topic at: float max_age 1s;
+topic go: float in [-1.0, 1.0] = 0.0;
+plant P period 10ms { reads go; drives at = a; state a: float; next a = a + 1.0; }
+node Ac period 10ms { subscribes at; publishes go; step { publish go = 1.0; } }
+node Sc period 10ms { publishes go; step { publish go = -1.0; } }
+rta M { ac Ac; sc Sc; period 10ms; safe at < 9.0; ttf at > 3.0; safer at < 2.0; }
+system S default { p: P; module M; until 10s; }
+"""
+
+
+def test_a_float_of_three_values_is_discrete_on_both_sides() -> None:
+    inner = Engine()
+    env = Protected(
+        written(FLOATING),
+        inner,
+        action_space=spaces.Discrete(3),
+        act=lambda a: {"go": a - 1.0},
+        command=lambda go: round(go) + 1,
+    )
+    env.reset(seed=1)
+    for choice in (2, 0, np.int64(1), 2):
+        *_, info = env.step(choice)
+        assert (info["gate_fault"], info["taken_by"]) == (False, "AC")
+    env.step(2)
+    assert inner.gears == [2, 0, 1, 2, 0], "SC has -1"
+    assert all(inner.action_space.contains(a) for a in inner.gears)
+
+
 class Two(Engine):
     """Two actions at once."""
 
@@ -645,6 +733,40 @@ def test_an_action_space_that_does_not_fit_is_said(space: Any, words: str) -> No
 
     with pytest.raises(soter.SoterError, match=words):
         stepped()
+
+
+# ---------------------------------------------------------------- what is no number
+
+
+@pytest.mark.filterwarnings("ignore:the environment did what plant")
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("at", [3, 4])
+@pytest.mark.parametrize(
+    "options", [{}, {"alarm": False}, {"observe": lambda o: {"x": o[0], "v": o[1]}}]
+)
+def test_an_episode_is_cut_where_the_environment_shows_no_number(
+    number: float, at: int, options: dict[str, Any]
+) -> None:
+    rows = np.zeros((9, 2))
+    rows[at, 1] = number
+    env = Protected(CART, Replay(rows), **options)
+    env.reset(seed=1)
+    *_, ended, cut, info = env.step(np.zeros(1))
+    assert (ended, cut, "not_finite" in info) == (False, False, False)
+    *_, ended, cut, info = env.step(np.zeros(1))
+    assert (ended, cut, info["off_model"], info["not_finite"]) == (False, True, True, ["v"])
+    with pytest.raises(soter.SoterError, match="the episode is over"):
+        env.step(np.zeros(1))
+    env.reset(seed=1)
+    assert not env.step(np.zeros(1))[3]
+
+
+def test_no_episode_starts_where_nothing_is_a_number() -> None:
+    for options in ({}, {"observe": lambda o: {"x": o[0], "v": o[1]}}):
+        env = Protected(CART, Replay(np.array([[np.inf, 0.0]] * 3)), **options)
+        with pytest.raises(soter.SoterError, match="`x` is NaN or infinite") as caught:
+            env.reset(seed=1)
+        assert caught.value.diagnostics[0].code == "U001"
 
 
 # ---------------------------------------------------------------- errors of measurement
@@ -694,6 +816,52 @@ def test_an_episode_may_be_cut_at_a_violation() -> None:
             ended, cost = over or truncated, cost + info["cost"]
         costs.append((cost, truncated))
     assert costs == [(1.0, False), (1.0, True)]
+
+
+@pytest.mark.parametrize("class_", [Protected, SafetyWrapper, make_vec])
+def test_an_agent_that_never_gets_control_is_told_so_whenever_one_is_made(class_: Any) -> None:
+    program = written(NO_GRID)
+    options = {
+        Protected: (program, Engine()),
+        SafetyWrapper: (Engine(), program),
+        make_vec: (program, 2),
+    }[class_]
+    for _ in range(2):
+        with pytest.warns(SafetyWarning, match="never gets control") as told_of:
+            env = class_(*options)
+    assert told_of[0].filename == (vector_module.__file__ if class_ is make_vec else __file__)
+    assert "Box: " in str(told_of[0].message)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the start
+        env.reset(seed=1)
+
+
+@pytest.mark.parametrize(
+    ("high", "told"), [(3.0, False), (3.1, False), (1.5, True), (np.nextafter(3.0, 0.0), True)]
+)
+@pytest.mark.parametrize("class_", [Protected, SafetyWrapper])
+def test_an_environment_that_takes_less_than_the_program_commands_is_told(
+    class_: Any, high: float, told: bool
+) -> None:
+    inner = Cart()
+    inner.action_space = spaces.Box(-3.0, high, (1,), np.float64)
+    made = (CART, inner) if class_ is Protected else (inner, CART)
+    with warnings.catch_warnings(record=True) as told_of:
+        warnings.simplefilter("always")
+        class_(*made)
+        class_(*made, command=lambda accel: np.array([accel]))
+    assert len(told_of) == told
+    if told:
+        message = str(told_of[0].message)
+        assert f"`accel` in [-3.0, 3.0] but [-3.0, {high!s}]" in message
+        assert (told_of[0].category, told_of[0].filename) == (SafetyWarning, __file__)
+
+
+def test_sets_are_compared_in_the_precision_of_the_space() -> None:
+    inner = Engine()
+    inner.action_space = spaces.Box(np.float32(0.0), np.float32(2.1), (1,), np.float32)
+    assert float(inner.action_space.high[0]) < 2.1
+    Protected(written(HALVES.replace("[0.0, 2.0]", "[0.0, 2.1]")), inner)
 
 
 def test_a_start_that_the_module_does_not_vouch_for_is_told() -> None:

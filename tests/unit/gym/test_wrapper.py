@@ -92,6 +92,7 @@ def test_a_copy_of_another_program_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*precision lowered")  # of the space, by RescaleAction
+@pytest.mark.filterwarnings("ignore:the program commands")  # more than what is rescaled
 @pytest.mark.parametrize(
     ("wrapper", "changed"),
     [

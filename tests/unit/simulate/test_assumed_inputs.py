@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from soter.language.front_end import check_file, system_of
-from soter.simulate.outputs.run_assumptions import of_environment
+from soter.simulate.outputs.run_assumptions import of_environment, unproved
 
 PROGRAM = """soter 1;
 input topic a: int in [0, 9] = 0;
@@ -62,3 +62,21 @@ def test_a_disturbance_has_its_unit() -> None:
     text = PLANT.replace("MEASURED", "")
     (wind,) = of_environment(system_of(check_file("plant.soter", text), None))
     assert wind == "p: wind in [-1, 1] N, drawn evenly"
+
+
+WITHOUT_PREDICATES = """soter 1;
+topic speed: float;
+topic push: float in [-1.0, 1.0] = 0.0;
+plant P period 10ms { reads push; drives speed = s; state s: float; next s = s + push; }
+node Ac period 10ms { subscribes speed; publishes push; step { publish push = 1.0; } }
+node Sc period 10ms { subscribes speed; publishes push; step { publish push = -1.0; } }
+rta M { ac Ac; sc Sc; period 10ms; safe speed < 9.0; }
+system S { p: P; module M; until 1s; }
+"""
+
+
+def test_predicates_that_may_not_be_computed_are_not_promised() -> None:
+    system = system_of(check_file("m.soter", WITHOUT_PREDICATES), None)
+    (told,) = [line for line in unproved(system) if "computed" in line]
+    assert told.startswith("M has no ttf and no safer: computed before it runs or is built, ")
+    assert told.endswith("; where they cannot be, its AC never gets control")

@@ -45,6 +45,10 @@ class ValueShapeError(Exception):
         self.reason = reason
 
 
+class ValueStructureError(ValueShapeError):
+    """Names or counts that the type does not have, whatever the numbers are."""
+
+
 # ---------------------------------------------------------------- Soter -> Python
 
 
@@ -111,7 +115,7 @@ def from_python(t: Type, given: object, path: str = "") -> Value:
         return _record(t, given, path)
     assert isinstance(t, (ArrayType, ListType)), t
     if not _is_sequence(given):
-        raise _wrong(path, f"a sequence for `{t}`", given)
+        raise _wrong(path, f"a sequence for `{t}`", given, parts=True)
     items = list(cast("Any", given))
     check_length(t, len(items), path)
     return tuple([from_python(t.element, v, f"{path}[{i}]") for i, v in enumerate(items)])
@@ -147,11 +151,11 @@ def _record(t: RecordType, given: object, path: str) -> Value:
         parts = list(cast("Any", given))
         if len(parts) != len(names):
             reason = f"expected {len(names)} elements for `{t}`, found {len(parts)}"
-            raise ValueShapeError(path, reason)
+            raise ValueStructureError(path, reason)
     else:
         missing = [n for n in names if not hasattr(given, n)]
         if missing:
-            raise _wrong(path, f"`{t}`", given)
+            raise _wrong(path, f"`{t}`", given, parts=True)
         parts = [getattr(given, n) for n in names]
     pairs = zip(t.fields, parts, strict=True)
     return tuple([from_python(f, v, _below(path, n)) for (n, f), v in pairs])
@@ -176,7 +180,8 @@ def outputs_from_python(named: Sequence[tuple[str, Type]], given: object) -> lis
     """What an extern step gave, in the order of `named`; None for what it left out.
 
     A mapping from short names to values; where only one is asked for also that value itself.
-    None, as the whole answer or as a value, leaves out. Raises `ValueShapeError`.
+    None, as the whole answer or as a value, leaves out. Raises `ValueShapeError`,
+    `ValueStructureError` where names or counts are wrong.
     """
     if given is None:
         return [None] * len(named)
@@ -185,11 +190,11 @@ def outputs_from_python(named: Sequence[tuple[str, Type]], given: object) -> lis
         if not isinstance(given, Mapping) or (given and list(given) != [name]):
             return [from_python(t, given, name)]
     if not isinstance(given, Mapping):
-        raise _wrong("", "a mapping from names to values", given)
+        raise _wrong("", "a mapping from names to values", given, parts=True)
     names = [name for name, _ in named]
     unknown = [str(key) for key in given if key not in names]
     if unknown:
-        raise ValueShapeError("", f"there is no `{unknown[0]}` to give a value to")
+        raise ValueStructureError("", f"there is no `{unknown[0]}` to give a value to")
     answers = [(name, t, given.get(name)) for name, t in named]
     return [None if value is None else from_python(t, value, name) for name, t, value in answers]
 
@@ -251,8 +256,11 @@ def _below(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def _wrong(path: str, expected: str, given: object) -> ValueShapeError:
-    return ValueShapeError(path, f"expected {expected}, found {_described(given)}{_meant(given)}")
+def _wrong(path: str, expected: str, given: object, *, parts: bool = False) -> ValueShapeError:
+    """`parts`: whether a value of several parts was expected."""
+    structure = parts or isinstance(given, Mapping) or _is_sequence(given)
+    error = ValueStructureError if structure else ValueShapeError
+    return error(path, f"expected {expected}, found {_described(given)}{_meant(given)}")
 
 
 def _meant(given: object) -> str:
@@ -277,15 +285,15 @@ def _described(given: object) -> str:
 def _check_keys(names: list[str], given: Mapping[Any, object], path: str) -> None:
     missing = [n for n in names if n not in given]
     if missing:
-        raise ValueShapeError(path, f"field `{missing[0]}` is missing")
+        raise ValueStructureError(path, f"field `{missing[0]}` is missing")
     extra = [str(k) for k in given if k not in names]
     if extra:
-        raise ValueShapeError(path, f"there is no field `{extra[0]}`")
+        raise ValueStructureError(path, f"there is no field `{extra[0]}`")
 
 
 def check_length(t: Type, length: int, path: str) -> None:
-    """`ValueShapeError` where an array or list cannot have so many elements."""
+    """`ValueStructureError` where an array or list cannot have so many elements."""
     if isinstance(t, ArrayType) and length != t.size:
-        raise ValueShapeError(path, f"expected {t.size} elements for `{t}`, found {length}")
+        raise ValueStructureError(path, f"expected {t.size} elements for `{t}`, found {length}")
     if isinstance(t, ListType) and length > t.capacity:
-        raise ValueShapeError(path, f"at most {t.capacity} elements fit `{t}`, found {length}")
+        raise ValueStructureError(path, f"at most {t.capacity} elements fit `{t}`, found {length}")

@@ -65,7 +65,8 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
         if missing:
             assumptions.append(
                 f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
-                "from the plants and the grid of its `verify` block"
+                "from the plants and the grid of its `verify` block; where they cannot be, its AC "
+                "never gets control"
             )
     return assumptions
 
