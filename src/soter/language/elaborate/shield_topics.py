@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.model.system import Component, Module
+    from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import TypedExpr
 
 NEVER_HELD = -1.0e18
@@ -50,6 +50,11 @@ def make_shield_topics(
         made.append(_topic(module, len(topics) + len(made), numbers * cells[module.index]))
         module.shield = Shield(cells[module.index], made[-1].index)
     return made
+
+
+def is_shielded(system: System, c: Component) -> bool:
+    """Whether what a component publishes is judged, or remembered, in the instant of its step."""
+    return c.module is not None and system.modules[c.module].symbol.shield is not None
 
 
 def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Component]) -> str:
