@@ -143,11 +143,13 @@ def check_decisions(
     level_tables: Sequence[LevelTable] = (),
     leaves_of: Mapping[int, tuple[int, int]] | None = None,
     change: Callable[[str], str] | None = None,
+    acted_ns: int = 0,
 ) -> list[DMCheck]:
     """Check the C of every decision module of a system.
 
     `found`: the tables of computed predicates (one module), every cell of which is tried;
-    `leaves_of`: state -> the (topic, leaf) that shows it; `change` edits the C first (for tests).
+    `leaves_of`: state -> the (topic, leaf) that shows it; `change` edits the C first (for tests);
+    `acted_ns`: W, for so long a command counts that a shield's module has replaced.
     """
     at = leaves_of or {}
     points = {at[s]: e for t in level_tables for s, e in zip(t.states, t.ends, strict=True)}
@@ -163,7 +165,7 @@ def check_decisions(
         inputs.run(points)
         for table in level_tables:
             others = [t for t in level_tables if t is not table]
-            inputs.levels(table, others, at)
+            inputs.levels(table, others, at, acted_ns)
         checks.append(check)
     return checks
 
@@ -186,7 +188,9 @@ def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMChe
     core = lower(system)
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)
-    return check_decisions(system, core, level_tables, problem.topic_leaf_of_state)[0]
+    leaves_of = problem.topic_leaf_of_state
+    acted_ns = 0 if module.shield is None else problem.times.acted
+    return check_decisions(system, core, level_tables, leaves_of, acted_ns=acted_ns)[0]
 
 
 class _Compiled:
@@ -335,13 +339,14 @@ class _Inputs:
         table: LevelTable,
         others: Sequence[LevelTable],
         leaves_of: Mapping[int, tuple[int, int]],
+        acted_ns: int,
     ) -> None:
         """The samples of a table; the other groups where they allow everything."""
         samples, fresh = table.samples, self._fresh(table, others, leaves_of)
         if samples is None or fresh is None:
             return
         state, at = fresh
-        judged = list(self._commands(table))
+        judged = list(self._commands(table, acted_ns))
         if not judged:
             self._tried(state, at, samples)
         else:
@@ -365,8 +370,8 @@ class _Inputs:
             where = points[k].tolist()
             self.check.differs(f"at {where} its level is {got[k]}, not {surely[k]}")
 
-    def _commands(self, table: LevelTable) -> Iterator[ActingCommands]:
-        """The command that is held and another one that may act, in each pair of cells.
+    def _commands(self, table: LevelTable, acted_ns: int) -> Iterator[ActingCommands]:
+        """The command that is held and another one that may just still act, in all pairs of cells.
 
         With where they lie in a state, and on which samples they are permitted.
         """
@@ -388,10 +393,11 @@ class _Inputs:
         times = layout.topic_offset(shield.topic) + 8 * table.commands.control * n
         tops = table.commands.tops.reshape(-1, n)[table.wide]
         for held in range(n):
-            value = edges[held] / 2 + edges[held + 1] / 2
+            ends = (np.nextafter(edges[held], np.inf), np.nextafter(edges[held + 1], -np.inf))
             for acting in range(n):
+                value = float(ends[acting % 2])
                 low, high = min(held, acting), max(held, acting)
-                when = (times + 8 * acting, NOW_NS / 1e9)
+                when = (times + 8 * acting, (NOW_NS - acted_ns) / 1e9)
                 yield (place, value), when, tops[:, low] > high
 
     def _ages(self) -> Iterator[dict[int, int]]:
