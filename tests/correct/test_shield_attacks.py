@@ -83,6 +83,17 @@ def test_what_ac_gets_through_is_permitted_when_it_does(step: str, tmp_path: Pat
         assert run.modules["Shielded"].gate_faults
 
 
+@pytest.mark.parametrize("cells", [1, 15, 16, 64])
+def test_both_engines_remember_all_cells(cells: int, tmp_path: Path) -> None:
+    """Times of many cells are a large value, which lies where the storage plan of a step says."""
+    path = tmp_path / "cells.soter"
+    path.write_text(SMALL.replace("shield 4", f"shield {cells}").replace("sin(5.0 * time)", "1.0"))
+    program = soter.load(path)
+    runs = [program.simulate(seed=4, until="4s", engine=e) for e in ("interp", "native")]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    assert runs[1].modules["Keep"].gate_faults
+
+
 def test_deployed_c_judges_as_the_simulator_does(tmp_path: Path) -> None:
     path = written(tmp_path, LAST_MOMENT)
     path.write_text(path.read_text("utf-8") + VEHICLE, "utf-8")
@@ -100,7 +111,9 @@ def test_deployed_c_judges_as_the_simulator_does(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     readings = zip(at_ns, run.array("motion.x"), run.array("motion.v"), strict=True)
     lines = [f"{t} {float(x).hex()} {float(v).hex()}" for t, x, v in readings]
-    told = processes.run([str(own)], input="\n".join(lines), capture_output=True, text=True)
+    (tmp_path / "readings").write_text("\n".join(lines))
+    with (tmp_path / "readings").open() as readings_of_run:
+        told = processes.run([str(own)], stdin=readings_of_run, capture_output=True, text=True)
     assert told.returncode == 0
     assert [float.fromhex(x) for x in told.stdout.split()] == run.array("accel").tolist()
     assert run.modules["Shielded"].gate_faults
