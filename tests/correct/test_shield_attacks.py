@@ -8,7 +8,7 @@ Non-goals: hostile runs and tables (`test_shield.py`), the theorem (docs/proof.m
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -22,7 +22,12 @@ from soter.explore.model.actors import Footprints
 from soter.language.front_end import check_file, system_of_test
 from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, find
+from soter.language.model.typed import Literal
+from soter.language.model.types import BOOL
+from soter.verify.deploy import computed_predicates
 from soter.verify.deploy.computed_predicates import complete
+from soter.verify.grid import shields
+from soter.verify.problem.estimates import errors_of
 from soter.verify.tables import shield_tables
 
 if TYPE_CHECKING:
@@ -40,6 +45,7 @@ system Vehicle deploys Track {
   module Shielded;
 }
 """
+shields_between = shields.between
 LOOP = """#include "Vehicle_firmware.h"
 #include <stdio.h>
 static Vehicle self;
@@ -170,5 +176,58 @@ def test_command_cells_that_lie_elsewhere_are_refuted(
 
     (tmp_path / "small.soter").write_text(SMALL)
     monkeypatch.setattr(shield_tables, "command_edges", moved)
+    report = soter.load(tmp_path / "small.soter").verify(refute=False)
+    assert report["Keep"].findings["DM"].verdict == "refuted"
+
+
+class Hopeful:
+    """A group of which a prover with a slip in it asks."""
+
+    def __init__(self, group: Any, *, shorter: int = 1) -> None:
+        self.group, self.shorter = group, shorter
+
+    def safe_for(self, horizon: Any, core: Any) -> Any:
+        return self.group.safe_for(horizon // self.shorter, core)
+
+
+def too_short(engine: Any, control: int, low: float, high: float) -> Any:
+    """H is a third of what it has to be."""
+    return Hopeful(shields_between(engine, control, low, high), shorter=3)
+
+
+def a_cell_lower(engine: Any, control: int, low: float, high: float) -> Any:
+    """Cells of commands that lie one further down."""
+    return shields_between(engine, control, max(low - 0.5, -1.0), high - 0.5)
+
+
+@pytest.mark.parametrize("slip", [too_short, a_cell_lower])
+def test_what_a_slip_in_the_prover_permits_is_rejected(
+    slip: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "small.soter").write_text(SMALL)
+    monkeypatch.setattr(shields, "between", slip)
+    soter.load(tmp_path / "small.soter").verify(cert=tmp_path / "cert", refute=False)
+    assert not soter.recheck(tmp_path / "cert").accepted
+
+
+def test_a_table_that_forgets_errors_of_estimates_is_rejected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "small.soter").write_text(SMALL.replace("within 0.01", "within 0.05"))
+    monkeypatch.setattr(shields, "errors_of", lambda problem: {s: 0.0 for s in errors_of(problem)})
+    soter.load(tmp_path / "small.soter").verify(cert=tmp_path / "cert", refute=False)
+    assert not soter.recheck(tmp_path / "cert").accepted
+
+
+def test_a_silent_dm_is_refuted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its step does not look at what is held: only commands that are published are judged."""
+    expressions = computed_predicates.shield_expressions
+
+    def silent(problem: Any, *rest: Any) -> Any:
+        held, permits, ttf = expressions(problem, *rest)
+        return held, permits, Literal(BOOL, ttf.span, False)
+
+    (tmp_path / "small.soter").write_text(SMALL)
+    monkeypatch.setattr(computed_predicates, "shield_expressions", silent)
     report = soter.load(tmp_path / "small.soter").verify(refute=False)
     assert report["Keep"].findings["DM"].verdict == "refuted"
