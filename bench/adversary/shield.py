@@ -3,7 +3,7 @@
     .venv/bin/python bench/adversary/shield.py [--flights N] [--threads N]
 
 Carts, an arm, a multicopter and a docking craft, each under an AC that goes as near and brakes as
-late as it dares, one that pushes at the border, and one that changes its mind at every release; the
+late as it dares, one that pushes at the border, one that changes its mind at every release; the
 same module with `shield` left out and with `shield 8`. Then how long a step of AC takes in C
 without and with a judgement. Exit code 1 where a flight left `safe`.
 
@@ -58,7 +58,8 @@ class Model:
     node: str
     module: str
     system: str
-    late: str
+    late: tuple[str, ...]
+    """Steps of an AC that brakes late, and of one that goes too near."""
     output: str
     greatest: str
     seconds: int
@@ -67,6 +68,10 @@ class Model:
 
 
 GOAL = "(floor(time / 10.0) - 2.0 * floor(time / 20.0) < 0.5 ? {0} : -{0})"
+HEIGHT = "let to = 35.0 + {to}; publish command = clamp(2.0 * (to - flight.height), -CLIMB, CLIMB);"
+STOP = """let left = Goal(time) - craft.x;
+    let fast = sign(left) * sqrt({late} * abs(left));
+    publish push = clamp(5.0 * (fast - craft.v), -PUSH, PUSH);"""
 MODELS = (
     Model(
         "cart",
@@ -74,7 +79,7 @@ MODELS = (
         "Driver",
         "Shielded",
         "Track",
-        "",
+        ("",),
         "accel",
         "A",
         60,
@@ -86,8 +91,10 @@ MODELS = (
         "Lean",
         "SafeArm",
         "Protected",
-        "let to = " + GOAL.format("0.6") + "; publish torque = clamp(60.0 * (to - arm.angle) "
-        "- 14.0 * arm.rate - PULL * sin(arm.angle), -TORQUE, TORQUE);",
+        (
+            "let to = " + GOAL.format("0.6") + "; publish torque = clamp(60.0 * (to - arm.angle) "
+            "- 14.0 * arm.rate - PULL * sin(arm.angle), -TORQUE, TORQUE);",
+        ),
         "torque",
         "TORQUE",
         60,
@@ -99,8 +106,7 @@ MODELS = (
         "Operator",
         "SafeAltitude",
         "Protected",
-        "let to = 35.0 + " + GOAL.format("24.2") + "; publish command = "
-        "clamp(2.0 * (to - flight.height), -CLIMB, CLIMB);",
+        tuple(HEIGHT.format(to=GOAL.format(up)) for up in ("23.2", "24.2")),
         "command",
         "CLIMB",
         120,
@@ -112,7 +118,7 @@ MODELS = (
         "Pilot",
         "Docking",
         "Loop",
-        "",
+        tuple(STOP.format(late=late) for late in ("1.2", "1.4")),
         "push",
         "PUSH",
         60,
@@ -127,7 +133,7 @@ def text_of(model: Model, step: str, *, shield: bool) -> str:
     if step:
         head, node, rest = text.partition(f"node {model.node} ")
         rest = re.sub(
-            r"step \{.*?\n  \}", lambda _: f"step {{ {step} }}", rest, count=1, flags=re.S
+            r"step \{.*?\n  \}", lambda _: f"step {{ {step} }}", rest, count=1, flags=re.DOTALL
         )
         text = head + node + rest
     head, node, rest = text.partition(f"rta {model.module} {{")
@@ -140,7 +146,7 @@ def steps_of(model: Model) -> dict[str, str]:
     """Steps of AC: its name and its text."""
     end, out = model.greatest, model.output
     return {
-        "near-optimal": model.late,
+        **dict(zip(("near-optimal", "nearer"), model.late, strict=False)),
         "pushes": f"publish {out} = {end};",
         "to and fro": f"publish {out} = sin(131.0 * time) > 0.0 ? {end} : -{end};",
     }
