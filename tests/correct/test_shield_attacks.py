@@ -20,10 +20,10 @@ from generators.c_packages import make
 from soter.core.steps import lower
 from soter.explore.model.actors import Footprints
 from soter.language.front_end import check_file, system_of_test
-from soter.native.build import CHECK_FAILED
-from soter.native.compiler import MEANING, find
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
+from soter.native.build import CHECK_FAILED
+from soter.native.compiler import MEANING, find
 from soter.verify.deploy import computed_predicates
 from soter.verify.deploy.computed_predicates import complete
 from soter.verify.grid import shields
@@ -214,7 +214,9 @@ def test_a_table_that_forgets_errors_of_estimates_is_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "small.soter").write_text(SMALL.replace("within 0.01", "within 0.05"))
-    monkeypatch.setattr(shields, "errors_of", lambda problem: {s: 0.0 for s in errors_of(problem)})
+    monkeypatch.setattr(
+        shields, "errors_of", lambda problem: dict.fromkeys(errors_of(problem), 0.0)
+    )
     soter.load(tmp_path / "small.soter").verify(cert=tmp_path / "cert", refute=False)
     assert not soter.recheck(tmp_path / "cert").accepted
 
