@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import TypedExpr
 
@@ -55,6 +56,23 @@ def make_shield_topics(
 def is_shielded(system: System, c: Component) -> bool:
     """Whether what a component publishes is judged, or remembered, in the instant of its step."""
     return c.module is not None and system.modules[c.module].symbol.shield is not None
+
+
+def refuses_overrun(
+    system: System, c: Component, span: Span, instead: str, diagnostics: Diagnostics
+) -> bool:
+    """E009 for a test in which a step of a component lasts that a shield judges or remembers."""
+    if c.node is None or not is_shielded(system, c):
+        return False
+    diagnostics.error(
+        "E009",
+        f"`{c.name}` cannot overrun: its module has a `shield`",
+        span,
+        also=((c.node.span, "declared here"),),
+        notes=("a command is judged in the instant in which it is published",),
+        helps=(instead,),
+    )
+    return True
 
 
 def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Component]) -> str:
