@@ -94,7 +94,7 @@ def test_what_may_act_is_always_permitted(tmp_path: Path) -> None:
         where = tuple(
             int(np.searchsorted(e, value)) - 1 for e, value in zip(edges, (x[k], v[k]), strict=True)
         )
-        top = tables.commands.tops[(*where, cells.min())]
+        top = tables.commands.tops[where][cells.min()]
         assert top > cells.max() or tables.entries[where] > 0
         checked += 1
     assert checked > 50

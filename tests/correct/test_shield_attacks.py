@@ -82,7 +82,7 @@ def test_what_ac_gets_through_is_permitted_when_it_does(step: str, tmp_path: Pat
         where = tuple(
             int(np.searchsorted(e, value)) - 1 for e, value in zip(edges, (x[k], v[k]), strict=True)
         )
-        assert tables.commands.tops[(*where, cells.min())] > cells.max(), (at_ns[k], recent)
+        assert tables.commands.tops[where][cells.min()] > cells.max(), (at_ns[k], recent)
         checked += 1
     assert checked
     if step != COMMANDS["to and fro"]:
@@ -223,7 +223,7 @@ def test_a_table_that_forgets_errors_of_estimates_is_rejected(
 
 def test_a_silent_dm_is_refuted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its step does not look at what is held: only commands that are published are judged."""
-    expressions = computed_predicates.shield_expressions
+    expressions = shield_tables.shield_expressions
 
     def silent(problem: Any, *rest: Any) -> Any:
         held, permits, ttf = expressions(problem, *rest)
