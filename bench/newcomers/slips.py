@@ -30,10 +30,13 @@ if TYPE_CHECKING:
     from soter.diagnostics.fix import Fix
 
 HERE = Path(__file__).parent
-FILES = ("newcomer_cart.soter", "newcomer_lib.soter", "newcomer_tests.soter")
+OWN = ("newcomer_cart.soter", "newcomer_lib.soter", "newcomer_tests.soter")
+THIRD_SET = tuple(f"third_set/{p.name}" for p in sorted((HERE / "third_set").glob("*.soter")))
+FILES = (*(p.name for p in sorted(HERE.glob("*.soter"))), *THIRD_SET)
+STRANGERS = "THIRD SET, PEOPLE WHO HAD READ ONLY THE README"
 LEAST = 104
-LATER = ("NOT SEEN BEFORE", "SECOND LOOK")
-"""Slips that were written when the messages were done, once and once more."""
+LATER = ("NOT SEEN BEFORE", "SECOND LOOK", STRANGERS, "THIRD SET, SEMANTICS")
+"""Slips that were written when the messages were done, by others, or once more."""
 
 
 @dataclass
@@ -42,9 +45,13 @@ class Slip:
 
     name: str
     habit: str
-    file: str = FILES[0]
+    file: str = OWN[0]
     edits: list[tuple[str, str]] = field(default_factory=list)
     remedy: str = ""
+    asked: str = ""
+    """The file that is checked, where that is another one."""
+    first: str = ""
+    """What people said of the first answer: right, place_only, misleading, vague or silent."""
 
     def program(self) -> tuple[str, int, int]:
         """The text, and the offsets between which the message must point."""
@@ -95,6 +102,12 @@ def slips() -> list[Slip]:
             entries.append(Slip(line[2:], habit))
         elif line.startswith("file: "):
             entries[-1].file = line[6:]
+        elif line.startswith("first: "):
+            entries[-1].first = line[7:]
+        elif line.startswith("asked: "):
+            entries[-1].asked = line[7:]
+        elif line.startswith("! "):
+            entries[-1].first = line[2:]
         elif line.startswith("- "):
             old.append(line[2:])
         elif line.startswith("+ "):
@@ -111,7 +124,8 @@ def ask(slip: Slip, folder: Path) -> Answer:
     text, start, end = slip.program()
     path = folder / slip.file
     path.write_text(text, encoding="utf-8")
-    checked = check_file(str(path))
+    asked = str(folder / (slip.asked or slip.file))
+    checked = check_file(asked)
     said = next(iter(checked.diagnostics.items), None)
     answer = Answer(said)
     if said is not None:
@@ -121,18 +135,18 @@ def ask(slip: Slip, folder: Path) -> Answer:
             words.append(said.primary.text)
             answer.place = span.source.name == str(path) and span.start <= end and span.end >= start
         answer.remedy = re.search(slip.remedy, "\n".join(words)) is not None
-        answer.mended = [mends(fix, said.severity) for fix in said.fixes]
+        answer.mended = [mends(fix, said.severity, asked) for fix in said.fixes]
     path.write_text((HERE / slip.file).read_text(encoding="utf-8"), encoding="utf-8")
     return answer
 
 
-def mends(fix: Fix, severity: Severity) -> bool:
+def mends(fix: Fix, severity: Severity, asked: str) -> bool:
     """Whether nothing as bad is said of the program after an edit."""
     texts = applied(fix)
     before = {source: source.text for source in texts}
     for source, text in texts.items():
         Path(source.name).write_text(text, encoding="utf-8")
-    diagnostics = check_file(next(iter(before)).name).diagnostics.items
+    diagnostics = check_file(asked).diagnostics.items
     for source, text in before.items():
         Path(source.name).write_text(text, encoding="utf-8")
     errors = [d for d in diagnostics if d.severity is Severity.ERROR]
@@ -148,6 +162,7 @@ def main() -> int:
     asked: list[tuple[Slip, Answer]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        (folder / "third_set").mkdir()
         for file in FILES:
             (folder / file).write_text((HERE / file).read_text(encoding="utf-8"), encoding="utf-8")
         for slip in slips():
@@ -156,7 +171,7 @@ def main() -> int:
             wrong = answer.misleading or not (answer.place and answer.remedy)
             if (options.show and options.show in slip.name) or (options.wrong and wrong):
                 print(f"=== {slip.name}  place {answer.place}, remedy {answer.remedy}")
-                print(f"    expected {slip.remedy}; edits {answer.mended}")
+                print(f"    expected {slip.remedy}; edits {answer.mended}; first {slip.first}")
                 print(render(answer.said) if answer.said else "(silent)")
                 print()
     return 0 if told(asked) else 1
@@ -179,6 +194,12 @@ def told(asked: list[tuple[Slip, Answer]]) -> bool:
         ("wrong or silent", [s.name for s, a in asked if not (a.place and a.remedy)]),
     ):
         print(f"{title}: {', '.join(names) or 'none'}")
+    people = [(s, a) for s, a in asked if s.habit == STRANGERS]
+    print(
+        f"of {len(people)} of the strangers, right at first: "
+        f"{sum(s.first == 'right' for s, _ in people)}, "
+        f"now: {sum(a.place and a.remedy and not a.misleading for _, a in people)}"
+    )
     before = [a for s, a in asked if s.habit not in LATER]
     right = sum(a.place and a.remedy for a in before)
     misleading = sum(a.misleading for a in before)

@@ -1,4 +1,4 @@
-"""`soter test` against SPIN on five models: the same configurations, the same verdict, one core.
+"""`soter test` against SPIN on nine models: the same configurations, the same verdict, one core.
 
     .venv/bin/python bench/testing/spin.py [--repeats 7] [--only NAME ...] [--json FILE]
 
@@ -10,12 +10,18 @@ publication is are written out in them. They are one process over what is due, t
 everything in local variables, made for SPIN's partial order reduction, which finds nothing to leave
 out elsewhere.
 
-Like for like: *none* is no reduction on either side; *reduced* is each tool's own: the best of
-SPIN's ways, reduced or not, against the best of the explorer's reductions. Of SPIN's ways (-w
-around the size of the model) and of the explorer's two first runs find the best of each kind;
-these are then run turn by turn, on one core, and the medians compared. CPU is user and system
-time: of the whole process for pan, of the search for the explorer. Not counted: SPIN's generator
-and gcc; the explorer's generator and its compiler. Parts of a system are not searched apart here.
+Like for like: *none* is no reduction on either side; *default* is the best of SPIN's ways, reduced
+or not, against what `soter test` does if nobody says anything (the reduction is its own choice, and
+the time that it takes to choose counts); *best* is against the best of the explorer's reductions,
+which nobody knows beforehand. Of SPIN's ways (-w around the size of the model) and of the
+explorer's two first runs find the best of each kind; these are then run turn by turn, on one core,
+and the medians compared. CPU is user and system time: of the whole process for pan, of the search
+for the explorer. Not counted: SPIN's generator and gcc; the explorer's generator and its compiler.
+Parts of a system are not searched apart here.
+
+The last four were written after the default's choice, without a look at it. `tank` and `crossing`
+then changed it (it took too long to choose; sleep sets cost more than they saved); the other two
+did not.
 
 Purpose: the speed figure of issues 4 and 11. Non-goals: what the reduction gains
 (`reduction.py`), SPIN's other strengths (LTL, for one).
@@ -39,22 +45,33 @@ from soter.report.summary import table
 
 ROOT = Path(__file__).resolve().parents[2]
 TWINS = ROOT / "bench/testing/spin_models"
-TARGET, GOAL = 3.0, 5.0
+TARGETS = {"none": 3.0, "default": 5.0, "best": 3.0}
+"""How many times as fast as SPIN, in every row of a kind."""
 CHILD = """
 import json, sys, time
 from soter.explore.engine.explorer_library import Engine, EngineSettings
+from soter.explore.engine.reduction_choice import explored
 from soter.language.front_end import check_file, system_of_test
 engine = Engine(system_of_test(check_file(sys.argv[1]), sys.argv[2]))
-how = EngineSettings(strategy=sys.argv[3], reduction=sys.argv[4])
+how = EngineSettings(strategy=sys.argv[3], reduction=sys.argv[4], closes=True)
 before = time.process_time()
-found = engine.explore(how)
+found = explored(engine, how)
 cpu = time.process_time() - before
 print(json.dumps([found.status == "exhausted", found.states, found.transitions, cpu]))
 """
 ALWAYS = ("-O3", "-DSAFETY", "-DNOVSZ")
-NONE, REDUCED = "none", "reduced"
-WAYS = (("bfs", "none"), ("dfs", "none"), ("bfs", "sleep"), ("bfs", "ample"), ("bfs", "all"))
-"""Of the explorer."""
+NONE, DEFAULT, BEST = "none", "default", "best"
+REDUCED = "reduced"
+WAYS = (
+    ("bfs", "none"),
+    ("dfs", "none"),
+    ("bfs", "sleep"),
+    ("bfs", "ample"),
+    ("bfs", "instants"),
+    ("bfs", "groups"),
+    ("bfs", "all"),
+)
+"""Of the explorer; the last one is what it does if nobody says anything."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +97,16 @@ MODELS = (
     Model("token_ring", TWINS / "token_ring.soter", "SomebodyHasAToken", ("token_ring",), 21),
     Model("watchdog", TWINS / "watchdog.soter", "NeverMoreThanTwice", ("watchdog",), 22),
     Model("late_home", TWINS / "late_home.soter", "StaysInside", ("late_home",), 22),
+    Model(
+        "alternating_bit",
+        TWINS / "alternating_bit.soter",
+        "NeverTwoBehind",
+        ("alternating_bit",),
+        21,
+    ),
+    Model("tank", TWINS / "tank.soter", "NeverFull", ("tank",), 20),
+    Model("skewed_buffer", TWINS / "skewed_buffer.soter", "NeverOver", ("skewed_buffer",), 22),
+    Model("crossing", TWINS / "crossing.soter", "NeverOpen", ("crossing",), 21),
 )
 
 
@@ -162,18 +189,16 @@ def fastest(ways: list[Way]) -> Way:
 
 @dataclass
 class Row:
-    """A model: the best ways of both, (SPIN, soter), without reduction and reduced."""
+    """A model: of each kind the ways that are compared, (SPIN, soter)."""
 
     model: Model
-    none: tuple[Way, Way]
-    reduced: tuple[Way, Way]
+    ways: dict[str, tuple[Way, Way]]
     same: bool
 
-    @property
-    def ratios(self) -> tuple[float, float]:
+    def ratio(self, kind: str) -> float:
         """How many times as fast the explorer is."""
-        none, reduced = (a.median / b.median for a, b in (self.none, self.reduced))
-        return none, reduced
+        spin, soter = self.ways[kind]
+        return spin.median / soter.median
 
 
 def compared(model: Model, folder: Path, core: str, repeats: int) -> Row:
@@ -185,21 +210,20 @@ def compared(model: Model, folder: Path, core: str, repeats: int) -> Row:
     same = len({w.states for w in unreduced}) == 1 and all(w.clean for w in (*theirs, *ours))
     none, mine = (fastest([w for w in some if w.kind == NONE]) for some in (theirs, ours))
     anyhow, reduced = fastest(theirs), fastest([w for w in ours if w.kind == REDUCED])
-    chosen = {id(w): w for w in (none, mine, anyhow, reduced)}.values()
+    ways = {NONE: (none, mine), DEFAULT: (anyhow, ours[-1]), BEST: (anyhow, reduced)}
+    chosen = {id(w): w for pair in ways.values() for w in pair}.values()
     for way in chosen:
         way.cpu.clear()  # the first runs chose
     for _ in range(repeats):
         for way in chosen:
             measure(way, folder)
-    return Row(model, (none, mine), (anyhow, reduced), same)
+    return Row(model, ways, same)
 
 
 def lines(row: Row) -> list[tuple[str, ...]]:
-    """Two for a model."""
+    """One for each kind."""
     rows: list[tuple[str, ...]] = []
-    for kind, (spin, soter), ratio in zip(
-        (NONE, REDUCED), (row.none, row.reduced), row.ratios, strict=True
-    ):
+    for kind, (spin, soter) in row.ways.items():
         rows.append(
             (
                 row.model.name if kind == NONE else "",
@@ -211,7 +235,7 @@ def lines(row: Row) -> list[tuple[str, ...]]:
                 f"{soter.states:,}",
                 f"{soter.median:.3f} s",
                 f"{soter.states / soter.median / 1e6:.1f} M/s",
-                f"{ratio:.1f}",
+                f"{row.ratio(kind):.1f}",
                 "yes" if row.same else "NO",
             )
         )
@@ -220,6 +244,16 @@ def lines(row: Row) -> list[tuple[str, ...]]:
 
 def figures(way: Way) -> dict[str, object]:
     return {"way": way.name, "states": way.states, "transitions": way.transitions, "cpu": way.cpu}
+
+
+def missed(rows: list[Row]) -> list[str]:
+    """Rows that are slower than is asked for."""
+    return [
+        f"{r.model.name}, {kind}: {r.ratio(kind):.1f} times as fast, asked for {least:g}"
+        for r in rows
+        for kind, least in TARGETS.items()
+        if r.ratio(kind) < least
+    ]
 
 
 def main() -> int:
@@ -236,27 +270,27 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="soter-bench-") as name:
             rows.append(compared(model, Path(name), arguments.core, arguments.repeats))
     print(run(("spin", "-V"), ROOT).strip(), "- spin -a; gcc", *ALWAYS, "- pan -E -m1000")
-    heads = ("model", "reduction", "SPIN", "states", "CPU", "soter", "states", "CPU", "rate")
+    heads = ("model", "kind", "SPIN", "states", "CPU", "soter", "states", "CPU", "rate")
     everything = [x for row in rows for x in lines(row)]
     print(table((*heads, "faster", "same"), everything))
     print(
         f"medians of {arguments.repeats}. same: all ways without reduction store equally many, "
-        "and nothing is violated. "
-        f"Target: at least {TARGET:g} times as fast in each row; the goal {GOAL:g}"
+        "and nothing is violated"
     )
+    slow = missed(rows)
+    print("\n".join(slow) if slow else "every row is as fast as is asked for")
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
     print(f"load of the machine at the end (1, 5, 15 minutes): {load}; {os.cpu_count()} cores")
     if arguments.json:
         told = {
             r.model.name: {
                 "same": r.same,
-                NONE: [figures(w) for w in r.none],
-                REDUCED: [figures(w) for w in r.reduced],
+                **{kind: [figures(w) for w in pair] for kind, pair in r.ways.items()},
             }
             for r in rows
         }
         arguments.json.write_text(json.dumps(told, indent=2) + "\n")
-    return 0 if all(r.same and min(r.ratios) >= TARGET for r in rows) else 1
+    return 1 if slow or not all(r.same for r in rows) else 0
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from __future__ import annotations
 import pytest
 
 from generators.equal_instance_programs import equal_instances
-from generators.explorer_agreement import small
+from generators.explorer_agreement import enumerated, small
 from generators.symmetry_agreement import compared_as_equals
 from long_tests import examples
 
@@ -33,6 +33,25 @@ def test_equal_instances_are_stored_once(chunk: int) -> None:
         assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
         equal += bool(told.equal)
     assert equal >= 2, "programs of which hardly any has equal instances show nothing"
+
+
+LATCHED = """soter 1;
+topic u : int in [0, 1];
+input topic button : bool max_age 20ms;
+node A period 10ms { publishes u; step { publish u = 1; } }
+node C period 10ms { publishes u; step { publish u = 0; } }
+rta M { ac A; sc C; period 10ms; safe true; ttf false; safer true; returns after button; }
+system R { module M; input button every 10ms; }
+system S { r[0]: R; r[1]: R; }
+test T { system S; horizon 10ms; always mode(r[0].M) == Mode.SC || mode(r[1].M) == Mode.SC; }
+"""
+
+
+def test_equal_instances_with_latches_are_stored_once() -> None:
+    told = compared_as_equals(enumerated(0, LATCHED, 50_000), FAST)
+    assert not told.complaints, told.complaints
+    assert told.equal == (("r[0]", "r[1]"),)
+    assert told.stored < told.whole
 
 
 @pytest.mark.long

@@ -110,6 +110,47 @@ def test_they_agree_where_actors_fall_into_groups_within_an_instant(
         assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
 
 
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_they_agree_on_latches(chunk: int) -> None:
+    tried = 0
+    wanted = seeds(chunk)
+    for seed in [*wanted, *([] if ONLY else range(PROGRAMS + chunk, 5_000, CHUNKS))]:
+        if tried and seed not in wanted:
+            break  # not every program has a latch: go on until one of them was compared
+        s = small(seed)
+        if s is None or "returns " not in s.text:
+            continue
+        tried += 1
+        told = compared(s, FAST)
+        assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
+    assert tried or ONLY
+
+
+@pytest.mark.parametrize(("returns", "unpressed"), [("after button", False), ("never", True)])
+def test_they_agree_on_how_ac_gets_control_with_a_latch(returns: str, *, unpressed: bool) -> None:
+    text = LATCHED.replace("RETURNS", returns)
+    s = enumerated(0, text)
+    assert not compared(s, FAST).complaints
+    assert set(s.found.least) == {("property", 0)}, "AC gets control"
+    for shown in ("false", "true"):
+        s = enumerated(0, text.replace("choose bool", shown))
+        assert not compared(s, FAST).complaints
+        assert bool(s.found.least) == unpressed, "nobody presses, or the button sticks"
+
+
+LATCHED = """soter 1;
+topic u : int in [0, 1];
+topic far : bool max_age 20ms;
+topic button : bool max_age 20ms;
+plant P period 10ms { reads u; drives far = s; state s: bool = true; next s = u == 0; }
+plant Panel period 10ms { drives button = b; state b: bool; next b = choose bool; }
+node A period 10ms { publishes u; step { publish u = 1; } }
+node C period 10ms { publishes u; step { publish u = 0; } }
+rta M { ac A; sc C; period 10ms; safe true; ttf !far; safer far; returns RETURNS; }
+system S { p: P; panel: Panel; module M; }
+test T { system S; horizon 30ms; never mode(M) == Mode.AC; }
+"""
+
 CLOCK = """
 topic z : bool;
 plant Clock period 10ms { drives z = s; state s: bool; next s = !s; }

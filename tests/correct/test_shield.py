@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import soter
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.verify.grid import shields
 from soter.verify.tables import shield_tables
 
@@ -63,6 +64,14 @@ def test_both_engines_judge_alike_and_nothing_is_hit(step: str, tmp_path: Path) 
         assert np.abs(runs[1].truth("c")["x"]).max() < 10.0
 
 
+def test_a_command_that_is_refused_is_a_gate_fault_of_its_own_kind(tmp_path: Path) -> None:
+    program = soter.load(written(tmp_path, COMMANDS["pushes at the wall"]))
+    run = program.simulate(system="Track", seed=1, until="12s")
+    assert run.modules["Shielded"].gate_faults > 0
+    driver = next(c.index for c in run.system.components if c.name == "Shielded.Driver")
+    assert run.final["components"][driver]["last_fault"] == FaultKind.SHIELD
+
+
 def test_a_driver_that_brakes_late_keeps_control() -> None:
     program = soter.load(EXAMPLE)
     shares = {
@@ -78,14 +87,13 @@ def test_what_may_act_is_always_permitted(tmp_path: Path) -> None:
     program = soter.load(written(tmp_path, COMMANDS["to and fro"]))
     tables = tables_of(program)
     run = program.simulate(system="Track", seed=5, until="12s")
-    trace = run.require_trace()
-    at_ns = trace["header"]["ct"].astype(np.int64)
+    at_ns = run.require_trace()["header"]["ct"].astype(np.int64)
     accel, x, v = run.array("accel"), run.array("motion.x"), run.array("motion.v")
-    share = run.mode("Shielded") if hasattr(run, "mode") else trace["modules"]["mode"][:, 0]
+    in_ac = run.mode("Shielded")
     edges = [np.array(e) for e in tables.edges]
     checked = 0
     for k in np.flatnonzero(at_ns % 50_000_000 == 0):
-        if not share[k] or not k:
+        if not in_ac[k] or not k:
             continue
         recent = accel[(at_ns >= at_ns[k] - 21_000_000) & (at_ns < at_ns[k])]
         first = np.searchsorted(at_ns, at_ns[k] - 21_000_000, side="right") - 1
@@ -94,8 +102,7 @@ def test_what_may_act_is_always_permitted(tmp_path: Path) -> None:
         where = tuple(
             int(np.searchsorted(e, value)) - 1 for e, value in zip(edges, (x[k], v[k]), strict=True)
         )
-        top = tables.commands.tops[where][cells.min()]
-        assert top > cells.max() or tables.entries[where] > 0
+        assert tables.commands.tops[where][cells.min()] > cells.max()
         checked += 1
     assert checked > 50
 
@@ -161,6 +168,24 @@ def test_a_shield_is_proved_and_rechecked(small: Path, tmp_path: Path) -> None:
     report = soter.load(small).verify(cert=tmp_path / "cert")
     assert report["Keep"].verdict == "proved", report["Keep"]
     assert soter.recheck(tmp_path / "cert").accepted
+
+
+def test_what_goes_wrong_in_runs_is_no_matter_of_the_proof(small: Path) -> None:
+    text = small.read_text("utf-8").replace(
+        "until 5s;", "until 5s;\n  faults { skip Keep.Any at 60 per 1h; }"
+    )
+    small.write_text(text, "utf-8")
+    report = soter.load(small).verify(refute=False)
+    assert report["Keep"].findings["DM"].verdict == "proved"
+
+
+def test_a_controller_that_overruns_is_not_judged_when_it_publishes(small: Path) -> None:
+    text = small.read_text("utf-8").replace(
+        "until 5s;", "until 5s;\n  faults { overrun Keep.Any by 35ms at 60 per 1h for 1s; }"
+    )
+    small.write_text(text, "utf-8")
+    with pytest.raises(soter.SoterError, match="M027"):
+        soter.load(small).simulate()
 
 
 def longer(tops: Any, n: int) -> None:

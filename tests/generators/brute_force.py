@@ -629,8 +629,11 @@ class _Sight:
                 age = system.topics[t].max_age_ns
                 if age is not None:
                     self.max_age[t] = age
+            latch = {t for t in (m.latch, m.acknowledgement) if t is not None}
+            self.read |= latch
+            self.ages |= latch if m.acknowledgement is not None else set()
         self.stamps = {*self.ages, *self.max_age}
-        self.time = self.time or bool(self.max_age)
+        self.time = self.time or bool(self.stamps)
         self.topics: set[int] = set()
         self.truths: set[int] = set()
         self.modes: set[int] = set()

@@ -104,6 +104,8 @@ class ProgramMaker:
         self.bursting: set[str] = set()
         self.lasting: list[tuple[list[str], int, str, int]] = []
         """Nodes whose steps may take time: lines, the one of what it publishes, role, period."""
+        self.latchable: list[list[str]] = []
+        """The lines of modules, whose decision modules may have a latch."""
 
     def run(self) -> str:
         """The text of the program."""
@@ -121,6 +123,8 @@ class ProgramMaker:
         systems = self._systems()
         for lines, at, role, period_us in self.lasting:
             lines[at] += self._takes(role, period_us)
+        for lines in self.latchable:
+            self._latch(lines, systems[0])
         declarations = self.choose.shuffled(self.text) if self.choose.chance(15) else self.text
         body = ["\n".join(lines) for lines in [*declarations, *systems]]
         return "soter 1;\n\n" + "\n\n".join(body) + "\n"
@@ -309,6 +313,20 @@ class ProgramMaker:
         low = choose.pick((high, 1 + choose.below(high)))
         return f" takes [{low}us, {high}us];"
 
+    def _latch(self, module: list[str], system: list[str]) -> None:
+        """Perhaps a latch, and a button that the innermost system draws."""
+        choose = self.choose
+        if not choose.chance(40):
+            return
+        if choose.chance(15):
+            module.insert(-1, "  returns never;")
+            return
+        button = self.names.fresh("topic")
+        age = choose.pick((9, 30, 80, 400))
+        self.text.append([f"input topic {button} : bool max_age {age}ms;"])
+        module.insert(-1, f"  returns after {button};")
+        system.insert(1, f"  input {button} every {choose.pick((7, 20, 50, 130))}ms;")
+
     def _bursts(self, role: str, topic: Topic) -> bool:
         """Whether a step of a node may publish several messages on a topic."""
         share = 75 if topic.name in self.queued else 35
@@ -417,6 +435,7 @@ class ProgramMaker:
         if choose.chance(60):
             lines.append(f"  clean {choose.pick((1, 2, 5))};")
         self.text.append([*lines, "}"])
+        self.latchable.append(self.text[-1])
         top = self._above(name, period, outputs) if trusts else name  # (M019)
         self.parts.append(Part("module", top, outputs))
 
@@ -436,6 +455,7 @@ class ProgramMaker:
             lines += [f"  period {period}us;", f"  ttf {ttf};", f"  safer {safer};"]
             lines += [f"  safe {self.expressions.make(BOOL, sight, 1)};", "}"]
             self.text.append(lines)
+            self.latchable.append(lines)
             self.module_names.append(top)
             name = top
         return name

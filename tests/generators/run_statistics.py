@@ -44,6 +44,7 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "clean steps owed": bool((modules["clean_needed"] > 0).any()),
         "stale": bool((modules["stale"] > 0).any()),
         "sometimes stale": bool((modules["stale"] > 0).any() and (modules["stale"] == 0).any()),
+        **_latched(s, states),
         "property violated": bool((last["properties"]["count"] > 0).any()),
         "plant": "plant" in roles,
         "queue": bool(queues),
@@ -64,6 +65,20 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "still moving": bool((trace[-1, :] != trace[-100, :]).sum() > 40),
     }
     return events | {name for name, holds in facts.items() if holds}
+
+
+def _latched(s: Subject, states: Any) -> dict[str, bool]:
+    """Of modules with a latch: whether one was released, and whether one was released twice."""
+    by_press = [m for m in s.system.modules if m.acknowledgement is not None]
+    back = [int(states["modules"]["to_ac"][-1, m.index]) for m in by_press]
+    return {
+        "latch": any(m.latch is not None for m in s.system.modules),
+        "latch released": any(n > 0 for n in back),
+        "latch released twice": any(n > 1 for n in back),
+        "returns never": any(
+            m.latch is not None and m.acknowledgement is None for m in s.system.modules
+        ),
+    }
 
 
 def _lasting(s: Subject, states: Any) -> dict[str, bool]:

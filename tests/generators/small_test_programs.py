@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any
 
+from generators.latched_programs import add_latches
+
 TICK = 10
 """Milliseconds; every period and phase is a multiple, half of it is the finest time."""
 
@@ -94,6 +96,7 @@ class Maker:
             self._node(self._topic())
         if self.p.actors < 5 and self.chance(0.2):
             self._clock_apart()
+        add_latches(self.p, Random(self.random.getstate()[1][8]), TICK)  # noqa: S311
         return self._assembled()
 
     # ------------------------------------------------------------ topics and who drives them
@@ -140,9 +143,8 @@ class Maker:
             return self._color(sees, depth)
         low, high = RANGES[t]
         e = self._int(sees, depth)
-        if self.risky and self.chance(0.08) and any(s.text in e for s in sees):
-            return e
-        return f"max({low}, min({high}, {e}))"
+        loose = self.risky and self.chance(0.08) and any(s.text in e for s in sees)
+        return e if loose else f"max({low}, min({high}, {e}))"
 
     def _int(self, sees: list[Seen], depth: int) -> str:
         ints = [s.text for s in sees if s.type in RANGES]
@@ -222,8 +224,7 @@ class Maker:
         if not self.timed:
             return []
         seen = [Seen(f"(time > {self.pick((1, 2, 3)) * TICK / 1000})", "bool")]
-        seen += [Seen(f"(age({t.name}) > {TICK * 1.5 / 1000})", "bool") for t in reads]
-        return seen
+        return seen + [Seen(f"(age({t.name}) > {TICK * 1.5 / 1000})", "bool") for t in reads]
 
     def _body(self, name: str, period: int, phase: int, outputs: list[Topic], role: str) -> None:
         reads = self._reads(outputs)

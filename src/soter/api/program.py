@@ -309,6 +309,7 @@ class Program:
         params: Mapping[str, object] | None = None,
         synthesize: bool = False,
         refute: bool = True,
+        explain: bool | None = None,
         report: str | Path | None = None,
         progress: Progress | None = None,
     ) -> VerifyReport:
@@ -317,7 +318,8 @@ class Program:
         `module`: full or declared name. `system`: where its plants stand; by default wherever a
         module is, the default system first. `cert`: a folder for a certificate; `report`: an HTML
         page. `synthesize`: find the controllers that are `sc synthesized` first, and verify the
-        program that was written. `refute`: look for a counterexample to what is not proved.
+        program that was written. `refute`: look for a counterexample to what is not proved;
+        `explain`: measure why it is not, and try what may help (None: where `refute` is).
         `SoterError` with R... where the program does not determine a problem.
         """
         from soter.explore.violation import violation_of  # noqa: PLC0415 - needs a compiler
@@ -327,7 +329,8 @@ class Program:
         if synthesize:
             written = self.synthesize(module=module, system=system, params=params)
             if written:
-                how: dict[str, Any] = {"refute": refute, "report": report, "progress": progress}
+                how: dict[str, Any] = {"refute": refute, "explain": explain, "report": report}
+                how["progress"] = progress
                 return load(written[0]).verify(module, cert, system=system, params=params, **how)
         require_writers(None, report)
         if report is not None and cert is not None:
@@ -340,6 +343,7 @@ class Program:
             given=params,
             cert=None if cert is None else Path(cert),
             refute=refute,
+            explain=explain,
             report=None if report is None else Path(report),
             progress=progress,
             search=violation_of,

@@ -13,6 +13,7 @@ from soter.certificate.format.errors import RejectedError
 
 if TYPE_CHECKING:
     from soter.certificate.reading.facts import Facts
+    from soter.language.model.typed import ModuleSymbol
 
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
 ELSEWHERE = ("DM",)
@@ -45,11 +46,19 @@ def claimed_of(given: object) -> set[str]:
     return claims
 
 
+def gives_back(symbol: ModuleSymbol, given: dict[str, str]) -> None:
+    """`RejectedError` where P2b is claimed of a DM that never gives control back."""
+    latch = symbol.latch
+    if given.get("P2b") == PROVED and latch is not None and latch.topic is None:
+        raise RejectedError("P2b: the DM never gives control back (`returns never`)")
+
+
 def static_claims(facts: Facts, given: dict[str, str]) -> dict[str, str]:
     """The claims, P1a, P1b and P1c seen to once more; `RejectedError` where they overstate."""
     system, module = facts.flying, facts.flying_module
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
     verdict_by_claim = dict(given)
+    gives_back(facts.symbol, given)
     if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
         raise RejectedError("P1a: a controller is slower than the DM")
     if given.get("P1b") == PROVED:

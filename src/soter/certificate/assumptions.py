@@ -296,6 +296,15 @@ def _timing(facts: Facts) -> Iterator[RecheckAssumption]:
     yield RecheckAssumption(
         "fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"
     )
+    yield from acknowledged(facts.symbol)
+
+
+def acknowledged(symbol: typed.ModuleSymbol) -> Iterator[RecheckAssumption]:
+    """Of a DM that does not give control back by itself."""
+    if symbol.latch is not None and symbol.latch.topic is not None:
+        name = symbol.latch.topic.name
+        text = f"P2b: a press of {name} is in force as `safer` holds: an operator acknowledges"
+        yield RecheckAssumption(f"acknowledged {name}", text)
 
 
 def _machine(facts: Facts) -> Iterator[RecheckAssumption]:

@@ -47,6 +47,7 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
 from soter.certificate.reading.facts import bounded_topics
 from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.reading.module_views import ttf_of_states
 from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
 from soter.certificate.terms.terms import NotRecheckedError
@@ -225,7 +226,7 @@ class CaseCheck:
         symbol = self.model.facts.symbol
         wanted: list[tuple[str, Any, bool]] = []
         if self.claims & {"P3", "ttf"}:
-            wanted.append(("ttf", symbol.ttf, False))
+            wanted.append(("ttf", ttf_of_states(symbol.ttf), False))
         if self.claims & {"P3", "safer"}:
             wanted.append(("safer", symbol.safer, True))
         for name, expr, admits in wanted:

@@ -238,7 +238,7 @@ def _module(
     said = static_claims(facts, entry["claims"])
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
     report = RecheckedModule(name, said, system=entry["system"])
-    report.stays = facts.symbol.verify.stays is not None
+    report.stays = bool(facts.symbol.stays)
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
     cases = list(facts.cases())

@@ -32,6 +32,7 @@ from soter.cli.terminal.units import rounded, size
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.json_object import JsonObject, one_of
 from soter.diagnostics.option import options_of
+from soter.explore.by_parts import wholes
 from soter.explore.engine.coverage import Coverage, CoverageKind
 from soter.explore.junit import document
 from soter.explore.methods import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
@@ -163,7 +164,7 @@ def _summary(report: ExploreReport, console: Console) -> list[str]:
         f"  {name:<{width}}  {console.paint('yellow', 'NOT STARTED')}"
         for name in report.not_started
     ]
-    return lines
+    return lines + [f"  {whole.text}" for whole in wholes(report.tests)]
 
 
 def _verdict(test: TestResult) -> tuple[str, str, str]:

@@ -107,6 +107,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
                 system=args.system,
                 params=dict(args.params),
                 refute=not args.no_refute,
+                explain=True,
                 report=args.report,
                 progress=progress,
             )
@@ -345,6 +346,7 @@ def _failure(name: str, finding: Finding, console: Console) -> list[str]:
     if rest > 0:
         lines.append(f"         and {rest} more")
     lines += [f"  why    {c.text}" for c in finding.causes]
+    lines += [f"  tried  {text}" for text in finding.tried]
     if finding.leaving is not None:
         lines.append(f"  leaves {finding.leaving}")
     if finding.hint:
@@ -398,7 +400,8 @@ RESULTS = "soter.verify.claims.results"
 VERDICT = one_of(*EXITS)
 FINDING = JsonObject(
     f"{RESULTS}.Finding",
-    "verdict seconds method text hint counts where=regions counterexample=saved run causes leaving",
+    "verdict seconds method text hint counts where=regions counterexample=saved run causes tried "
+    "leaving",
     {"run": _run},
     verdict=VERDICT,
     where=JsonObject(f"{RESULTS}.Region", "states=ranges parameters*"),

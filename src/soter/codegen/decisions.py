@@ -74,13 +74,48 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         c.Declare("bool", "gate_fault", gate_fault, const=True),
         c.Declare("bool", "clean", clean, const=True),
         *_look(frame, module),
-        c.Return(c.CallExpr(f"{frame.prefix}_switch", facts)),
+        *_decided(frame, module, facts),
     ]
     doc = f"decision module of {module.name}, {where(module.symbol.span)}"
     made.append(
         c.FunctionDef("soter_mode", f"{name}_decide", (("void *", "state"),), tuple(body), doc)
     )
     return made
+
+
+def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c.CStmt]:
+    """The mode after the step; with a latch, whether that lets AC have control."""
+    switch = f"{frame.prefix}_switch"
+    if module.latch is None:
+        return [c.Return(c.CallExpr(switch, facts))]
+    latch = frame.topic(module.latch)
+    stamps = c.Arrow(S, "stamps")
+    since = c.IndexExpr(stamps, c.Number(str(module.latch)))
+    before, after, zero = facts[0], c.Name("after"), c.Number("0")
+    in_sc = c.Binary("==", before, c.Name("SOTER_SC"))
+    if module.acknowledgement is None:
+        lets: c.CExpr = c.Binary("==", latch, zero)
+        remembered = [c.Assign(latch, c.Number("1"))]
+    else:
+        max_age = frame.system.topics[module.acknowledgement].max_age_ns
+        assert max_age is not None, "M028"
+        stamp = c.IndexExpr(stamps, c.Number(str(module.acknowledgement)))
+        pressed = frame.topic(module.acknowledgement)
+        arguments = (c.Unary("&", latch), c.Unary("&", since), pressed, stamp, CT)
+        lets = c.CallExpr("soter_acknowledged", (*arguments, int_number(max_age)))
+        to_ac = c.Binary("==", after, c.Name("SOTER_AC"))
+        remembered = [
+            c.Assign(latch, zero),
+            c.Assign(since, c.Ternary(to_ac, c.Name("SOTER_NEVER"), CT)),
+        ]
+    facts = (*facts[:-1], c.Binary("&&", facts[-1], c.Name("returns")))
+    return [
+        c.Declare("bool", "returns", c.Name("true")),
+        c.IfStmt(in_sc, (c.Assign(c.Name("returns"), lets),)),
+        c.Declare("soter_mode", "after", c.CallExpr(switch, facts), const=True),
+        c.IfStmt(c.Binary("!=", after, before), tuple(remembered)),
+        c.Return(after),
+    ]
 
 
 def _look(frame: Frame, module: Module) -> list[c.CStmt]:

@@ -6,6 +6,7 @@ Non-goals: rendering (`render.py`), the text of the explain pages (`pages/`).
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from itertools import islice
@@ -15,7 +16,7 @@ from soter.diagnostics.fix import fixes, replace, texts
 from soter.diagnostics.near import likely
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.fix import Fix, Help
@@ -110,6 +111,23 @@ class Diagnostics:
             return
         self._seen.add(key)
         self._items.append(diagnostic)
+
+    @contextmanager
+    def trial(self) -> Iterator[Callable[[], bool]]:
+        """What is said inside is forgotten; the function tells whether there was an error."""
+        items, seen, errors, names = (
+            len(self._items),
+            set(self._seen),
+            self._errors,
+            self._names_left,
+        )
+        sound = True
+        try:
+            yield lambda: sound
+        finally:
+            sound = self._errors == errors
+            del self._items[items:]
+            self._seen, self._errors, self._names_left = seen, errors, names
 
     def did_you_mean(
         self, name: str, candidates: Iterable[str], span: Span | None = None

@@ -184,7 +184,7 @@ def _readers(system: System) -> dict[int, frozenset[str]]:
         elif c.node is not None:
             read = [c.scope.topics[s.topic] for s in c.node.subscribes]
         elif c.module is not None:
-            read = list(system.modules[c.module].inputs)
+            read = list(system.modules[c.module].reads)
         for i in read:
             source = system.topics[i].queue_of
             readers_by_topic.setdefault(i if source is None else source, set()).add(_key(c))

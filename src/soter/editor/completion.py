@@ -49,6 +49,7 @@ AFTER: dict[str, set[str]] = {
     "reads": {"topic"},
     "drives": {"topic"},
     "failsafe": {"topic"},
+    "after": {"topic"},
     "ac": {"node"},
     "sc": {"node"},
     "module": {"module"},

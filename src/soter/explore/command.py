@@ -183,6 +183,7 @@ def explore_test(
                 parts=search.parts,
                 equal_instances=search.equal,
                 contracts=contract_use.tests_by_contract(system),
+                stands_for=tuple([r for r in told.replaced if r[0] not in search.unheard]),
                 table_bytes=search_result.table_bytes,
                 frontier_bytes=search_result.frontier_bytes,
                 total_bytes=search_result.total_bytes,

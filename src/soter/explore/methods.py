@@ -38,21 +38,32 @@ LEAVES_MAX = 4096
 """Leaves of topics that are told apart for coverage."""
 STEPS_MAX = 65_536
 """Steps of a trace."""
-SYMMETRY = 16
+SLEEP, AMPLE, INSTANTS, GROUPS, SYMMETRY = 1, 2, 4, 12, 16
 REDUCTIONS = {
     "none": 0,
-    "sleep": 1,
-    "ample": 2,
-    "instants": 4,
-    "groups": 12,
+    "sleep": SLEEP,
+    "ample": AMPLE,
+    "instants": INSTANTS,
+    "groups": GROUPS,
     "symmetry": SYMMETRY,
-    "parts": 15,
-    "all": 15 | SYMMETRY,
+    "parts": SLEEP | AMPLE | GROUPS,
+    "all": SLEEP | AMPLE | GROUPS | SYMMETRY,
 }
 """As bits: 1 sleep sets, 2 ample sets, 4 only ends of instants, 8 by groups, 16 equal instances.
 The default last."""
 PARTS = frozenset({"parts", "all"})
 """With these, parts of a system that share nothing are explored apart."""
+
+
+def knows_ends(reduction: str) -> bool:
+    """Whether it leaves out what lies between ends of instants."""
+    return bool(REDUCTIONS[reduction] & INSTANTS)
+
+
+def reduce_bits(reduction: str, *, between: bool) -> int:
+    """`soter_explore_options.reduce`; `between`: what lies between ends is stored after all."""
+    asked = REDUCTIONS[reduction]
+    return asked & ~(SLEEP | GROUPS) if between else asked
 
 
 def constant(name: str) -> str:

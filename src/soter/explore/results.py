@@ -163,6 +163,8 @@ class TestResult:
     stored for all orders of them; docs/testing.md."""
     contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """What is replaced by its contract -> the tests of the program in which it runs as it is."""
+    stands_for: tuple[tuple[str, str], ...] = ()
+    """What is replaced by a node or a plant that somebody else hears, and by which."""
     coverage: Coverage = field(default_factory=Coverage)
     vacuous: tuple[VacuousPart, ...] = ()
     """What of the test says nothing: each is a sentence of `assumptions` as well."""

@@ -248,7 +248,7 @@ def _flows(system: System, c: Component) -> tuple[list[int], list[int]]:
         reads = [named[s.topic] for s in c.node.subscribes]
         return reads, [named[t] for t in c.node.publishes]
     assert c.module is not None, c.name
-    return list(system.modules[c.module].inputs), []
+    return list(system.modules[c.module].reads), []
 
 
 def _modes(replay: Replayed, module: int, first: int) -> ModuleModes:

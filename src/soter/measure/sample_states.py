@@ -50,7 +50,7 @@ def read_by(system: System, c: Component) -> tuple[int, ...]:
     """The topics that a step or a decision of a component reads; no queues."""
     if c.role == "dm":
         assert c.module is not None
-        topics: set[int] = set(system.modules[c.module].inputs)
+        topics: set[int] = set(system.modules[c.module].reads)
     else:
         topics = set() if c.node is None else {c.scope.topics[s.topic] for s in c.node.subscribes}
     return tuple(sorted(topics - set(queues_of(system, c))))

@@ -142,6 +142,21 @@ typedef struct {
   uint64_t* branches;    /* one bit per branch that was taken, or NULL */
 } soter_answers;
 
+/* ------------------------------------------------------------------ the latch of a module */
+
+/* What a DM remembers that gives control back only after an acknowledgement: `since` is when SC
+ * took over (WAITS), or the stamp of the release (READY) or of the press (ACKNOWLEDGED) that came
+ * after. */
+typedef enum {
+  SOTER_LATCH_WAITS = 0,
+  SOTER_LATCH_READY = 1,
+  SOTER_LATCH_ACKNOWLEDGED = 2
+} soter_latch;
+
+/* A look at the button in SC, at `ct`: whether AC may have control again. For generated DMs. */
+bool soter_acknowledged(int8_t* latch, int64_t* since, bool pressed, int64_t stamp, int64_t ct,
+                        int64_t max_age);
+
 /* ------------------------------------------------------------------ the program's tables */
 
 #define SOTER_ENABLED 1U  /* flag: OE of this component */

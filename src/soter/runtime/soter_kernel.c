@@ -180,6 +180,25 @@ soter_fault soter_publish(const soter_program* p, void* state, uint32_t topic, c
 
 /* ------------------------------------------------------------------ DM-Step */
 
+bool soter_acknowledged(int8_t* latch, int64_t* since, bool pressed, int64_t stamp, int64_t ct,
+                        int64_t max_age) {
+  SOTER_CHECK(latch != NULL);
+  SOTER_CHECK(since != NULL);
+  if (*since == SOTER_NEVER) { /* the first look of this start: only what comes after it counts */
+    *since = ct;
+  }
+  if (*latch == (int8_t)SOTER_LATCH_ACKNOWLEDGED && ct - *since > max_age) {
+    *latch = (int8_t)SOTER_LATCH_WAITS;
+  }
+  const soter_latch before = pressed ? SOTER_LATCH_READY : SOTER_LATCH_WAITS;
+  if (stamp > *since && *latch == (int8_t)before) { /* what it waits for */
+    const soter_latch press = ct - stamp <= max_age ? SOTER_LATCH_ACKNOWLEDGED : SOTER_LATCH_WAITS;
+    *latch = (int8_t)(pressed ? press : SOTER_LATCH_READY);
+    *since = stamp;
+  }
+  return *latch == (int8_t)SOTER_LATCH_ACKNOWLEDGED;
+}
+
 static void dm_step(const soter_program* p, void* state, uint32_t module) {
   const soter_module_info* const info = &p->module[module];
   const soter_header* const h = soter_header_of(state);

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.semantics.configuration import NEVER, put
-from soter.semantics.control import enabled
+from soter.semantics.control import enabled, latch_seen, latch_switched
 from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
 from soter.semantics.properties import judged
 from soter.semantics.publication_gate import (
@@ -81,13 +81,16 @@ def dm_step(
     ttf = _holds(code.ttf, env, unknown=True)
     safer = _holds(code.safer, env, unknown=False)
     gate_fault = c.gate_fault[module.index]
+    c, returns = latch_seen(machine.system, c, module, mode)
 
     after = mode
     if module.forced is None:
         if mode == AC and (ttf or stale or gate_fault):
             after = SC
-        elif mode == SC and safer and not stale and c.clean_needed[module.index] == 0:
+        elif mode == SC and safer and not stale and c.clean_needed[module.index] == 0 and returns:
             after = AC
+    if after != mode:
+        c = latch_switched(c, module, after)
     if module.looked is not None:  # what `margin` goes by
         looks = module.looks_left(unsafe=ttf or stale or gate_fault, safer=safer)
         c = publish(machine.system.topics, c, {module.looked: looks})

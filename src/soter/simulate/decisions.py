@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
+from soter.semantics.control import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.decided_instants import decided_at
 from soter.simulate.explain_decision import DecisionReason, Explainer
 
@@ -29,13 +30,17 @@ Mode = Literal["SC", "AC"]
 
 @dataclass(frozen=True)
 class PredicateValues:
-    """The predicates of a DM step; `clean_needed`: outputs AC still owes after a gate fault."""
+    """The predicates of a DM step; `clean_needed`: outputs AC still owes after a gate fault.
+
+    `latched`: why its latch, where it has one, lets AC have no control; "" where it does.
+    """
 
     ttf: bool
     safer: bool
     stale: bool
     gate_fault: bool
     clean_needed: int = 0
+    latched: str = ""
 
     def predicates(self) -> dict[str, bool]:
         """Name to value, as logs and reports show them."""
@@ -118,7 +123,8 @@ def steps(
         for module in system.modules:
             if due[row, module.index]:
                 seen = None if before is None else before["modules"]
-                decision = _step(modules[row], seen, module, int(times_ns[row]))
+                waits = _waits_for(module, states[row])
+                decision = _step(modules[row], seen, module, int(times_ns[row]), waits)
                 if explainer is not None and _is_new(modules[row], seen, module.index):
                     raw = None if before is None else before.tobytes()
                     why = explainer.of(module.index, raw, states[row].tobytes())
@@ -138,7 +144,37 @@ def margins(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDA
     return margin_s
 
 
-def _step(modules: Any, before: Any, module: Module, time_ns: int) -> DecisionStepRecord:  # noqa: ANN401
+def latched(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Where its latch lets AC of a module have no control, (n,), after instants; `states` (n,)."""
+    in_sc = states["modules"]["mode"][:, module.index] == 0
+    if module.latch is None:
+        return np.zeros_like(in_sc)
+    held = states["topics"][f"{module.name}.latch"]
+    waits: npt.NDArray[np.bool_] = held != (
+        OPEN if module.acknowledgement is None else ACKNOWLEDGED
+    )
+    both: npt.NDArray[np.bool_] = in_sc & waits
+    return both
+
+
+def _waits_for(module: Module, state: Any) -> str:  # noqa: ANN401 - a state
+    """What the latch of a module waits for after an instant; "" where AC may have control."""
+    if module.latch is None or not latched(module, state.reshape(1))[0]:
+        return ""
+    if not module.symbol.acknowledgements:
+        return "latched: it returns never"
+    name = module.symbol.acknowledgements[0].name
+    released = int(state["topics"][f"{module.name}.latch"]) == READY
+    return f"latched: waits for {name} to be {'' if released else 'released and '}pressed"
+
+
+def _step(
+    modules: Any,  # noqa: ANN401 - rows of modules
+    before: Any,  # noqa: ANN401
+    module: Module,
+    time_ns: int,
+    waits: str,
+) -> DecisionStepRecord:
     """The DM step of an instant. Debts of AC are as they were before it: AC steps after DM."""
     now = modules[module.index]
     earlier = None if before is None else before[module.index]
@@ -149,6 +185,7 @@ def _step(modules: Any, before: Any, module: Module, time_ns: int) -> DecisionSt
         bool(now["stale"]),
         bool(now["saw_gate_fault"]),
         0 if earlier is None else int(earlier["clean_needed"]),
+        waits,
     )
     was: Mode = "AC" if was_ac else "SC"
     after: Mode = "AC" if now["mode"] else "SC"
@@ -194,3 +231,5 @@ def _against(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
         yield "not safer yet"
     if staying and saw.clean_needed:
         yield f"AC owes {saw.clean_needed} clean outputs"
+    if staying and saw.latched:
+        yield saw.latched

@@ -161,7 +161,10 @@ const uint32_t soter_app_lease_count = {len(self.granted)};
      .awaited = {"true" if self.is_awaited(t) else "false"}}},"""
 
     def is_awaited(self, t: Topic) -> bool:
-        """Whether anybody but ACs reads it: only then is a start without it one without a proof."""
+        """Whether anybody but ACs reads it: only then is a start without it one without a proof.
+
+        An acknowledgement is no part of that: without one SC keeps control.
+        """
         readers = {
             x.role
             for x in self.system.components
@@ -169,7 +172,9 @@ const uint32_t soter_app_lease_count = {len(self.granted)};
             and t.index in (x.scope.topics[s.topic] for s in x.node.subscribes)
         }
         of_dms = any(t.index in m.inputs for m in self.system.modules)
-        return t.driver == "input" and (of_dms or readers != {"ac"})
+        acknowledges = any(t.index == m.acknowledgement for m in self.system.modules)
+        unasked = readers == {"ac"} or (acknowledges and readers <= {"ac"})
+        return t.driver == "input" and (of_dms or not unasked)
 
     def _functions(self, g: LeasedModule) -> str:
         fields = [

@@ -44,6 +44,7 @@ def verify(
     params: Mapping[str, Value] | None = None,
     cert: Path | None = None,
     refute: bool = True,
+    explain: bool | None = None,
     report: Path | None = None,
     progress: Progress | None = None,
     given: Mapping[str, object] | None = None,
@@ -51,6 +52,7 @@ def verify(
 ) -> VerifyReport:
     """Verify the modules of a checked program; `SoterError` where a problem is not determined.
 
+    `explain`: measure why something is not proved, and try what may help; None: where `refute` is.
     `given`: the parameters as the user wrote them, for the report's command line; `search`: see
     `verify_by_induction`.
     """
@@ -74,7 +76,8 @@ def verify(
         # a run of a view, or of a plant that others move as they like, is none of the vehicle
         attack = refute and not problem.view and not problem.influences
         prove = module_method(problem).verify
-        results.append(prove(problem, refute=attack, progress=share, search=search))
+        why = attack if explain is None else explain
+        results.append(prove(problem, refute=attack, explain=why, progress=share, search=search))
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     verification = VerifyReport(

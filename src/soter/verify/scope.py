@@ -101,6 +101,7 @@ def problem_key(problem: Problem) -> object:
         symbol.safer,
         problem.module.period_ns,
         problem.module.clean,
+        symbol.latch,
         problem.times,
         problem.groups,
         problem.initial,

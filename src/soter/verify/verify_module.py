@@ -37,11 +37,13 @@ from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid.sets import UnboundedError
+from soter.verify.problem.age_disjuncts import said_of_ages
 from soter.verify.problem.assumption import SCHEME, Assumption
 from soter.verify.problem.extract import cases
 from soter.verify.problem.other_modes import said
 from soter.verify.proof_methods import in_order, method_of
 from soter.verify.time.problem_times import DELAYS, in_words
+from soter.verify.work_estimate import announce_work
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -95,13 +97,17 @@ def verify_module(
     del search
     began = time.perf_counter()
     library, prelude = library_of(problem)
+    announce_work(problem, lambda p, at: _case(p, library, p.groups, at, lambda *_: None, None))
+    cpu = time.process_time()
     done = _all_cases(problem, library, _upto(progress, CASES))
+    cpu = time.process_time() - cpu
     entered, why = _handed_over(problem, done)
+    ages = said_of_ages(problem.module.symbol.ttf)
     result = ModuleResult(
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *small_cores(done), *entered.values()),
+        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages),
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
     )
@@ -128,7 +134,7 @@ def verify_module(
     if refute and problem.modes is None:  # in a run somebody has to decide what the others do
         _refute(problem, result)
     if refute if explain is None else explain:
-        _diagnose(done, result)
+        _diagnose(done, result, cpu)
     say_narrowed(result, done, CLAIMS)
     result.seconds = time.perf_counter() - began
     return result
@@ -164,8 +170,13 @@ def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | Non
                 progress(furthest)
 
         done.append(_settled(problem, library, parameter, tell))
+    return _returned(problem, done)
+
+
+def _returned(problem: Problem, done: list[Case]) -> list[Case]:
+    """Computed predicates: the DM has one table for all cases, and P2b returns to what it holds."""
     if problem.computed:
-        deploy(done)  # the DM has one table for all cases, and P2b returns to what it holds
+        deploy(done)
         for case in done:
             _return(case)
     return done
@@ -381,7 +392,7 @@ def _static(problem: Problem, result: ModuleResult) -> None:
 
 def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
     if claim == "P2b" and problem.stays:  # nobody has to give control back, K or no K
-        return Finding(ASSUMED, text=STAYS)
+        return Finding(ASSUMED, text=STAYS.format(problem.module.symbol.stays))
     first = method_of(in_order(problem.groups)[0])
     finding = Finding(PROVED, method=first.how[claim])
     finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
@@ -414,6 +425,8 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
         return f"{what} implies R(H), {', '.join(_said(done, claim, finding))}{many}"
     if claim == "P2b":
         seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
+        if problem.module.symbol.acknowledgements:
+            many += ", if it is acknowledged"
         return f"SC gives control back within {show_ns(seconds)}{many}"
     return f"initial states lie in R({show_ns(problem.times.start)})"
 
@@ -469,9 +482,18 @@ def _refute(problem: Problem, result: ModuleResult) -> None:
     refuted(problem, result)
 
 
-def _diagnose(done: list[Case], result: ModuleResult) -> None:
+def _diagnose(done: list[Case], result: ModuleResult, cpu_s: float) -> None:
     """Where something stays undecided, or SC for ever: why, as far as a few seconds can tell."""
     from soter.verify.diagnosis.empty_invariant import diagnose, open_in  # noqa: PLC0415 - only here
+    from soter.verify.diagnosis.tried_remedies import try_remedies  # noqa: PLC0415 - only here
 
     if open_in(result):
         diagnose(done, result)
+        try_remedies(result, cpu_s, _attempt)
+
+
+def _attempt(problem: Problem, tell: Tell) -> list[Case]:
+    """Every case of a problem that is tried, settled as if it were declared."""
+    library, _ = library_of(problem)
+    done = [_settled(problem, library, parameter, tell) for parameter in cases(problem)]
+    return _returned(problem, done)

@@ -50,7 +50,7 @@ PROGRAMS = (
             "E015_several_messages",
             "M005_without_a_system",
             "M013_invariant_of_a_node",
-            "S015_unit_behind_the_set",
+            "S005_unit_behind_the_set",
             "T003_wrong_arguments_are_checked_too",
             "W010_set_of_what_nobody_reads",
         )

@@ -11,10 +11,11 @@ import pytest
 from generators.vacuous_tests import program
 from long_tests import examples
 from soter.explore.vacuity.constant_truth import holds_always
-from soter.explore.vacuity.domains import MOST, Domains
+from soter.explore.vacuity.domains import Domains
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
+from soter.language.evaluate.topic_ranges import MOST
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ NO_LAW = (
     "no fail-safe law is declared: that the plant stays safe once the trusted part has stopped "
     "(`failsafe` of `soter verify`) is assumed"
 )
-NOT_ASKED = "P2b of {name} is not asked: the program says `recover never`"
+NOT_ASKED = "P2b of {name} is not asked: the program says `{clause}`"
 RECHECKED = "certificate, checked again just now by the independent re-checker"
 RETURNS, LAWS, COMPILED = "G4", "G5", "G6"
 """Ids of the goals beside the top goal."""
@@ -135,10 +135,10 @@ def _returns(
     case: SafetyCase, top: CaseNode, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> None:
     """P2b of every module of which the program asks it."""
-    asked = [each for each in shown if each.module.symbol.verify.stays is None]
+    asked = [each for each in shown if not each.module.symbol.stays]
     for each in shown:
         if each not in asked:
-            text = NOT_ASKED.format(name=each.module.name)
+            text = NOT_ASKED.format(name=each.module.name, clause=each.module.symbol.stays)
             case.add(CaseNode(f"C-P2b-{each.number}", "context", text), beside=top)
     if not asked:
         return

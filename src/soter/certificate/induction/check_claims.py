@@ -11,8 +11,8 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of
-from soter.certificate.assumptions import RecheckAssumption
+from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, gives_back
+from soter.certificate.assumptions import RecheckAssumption, acknowledged
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.induction.facts import (
     compare,
@@ -68,7 +68,7 @@ def recheck_induction(
     if "P2b" in claims:
         _returns(facts, returns, entry["recover_ns"])
     report = RecheckedModule(entry["module"], said, system=flat.name)
-    report.stays = facts.symbol.verify.stays is not None
+    report.stays = bool(facts.symbol.stays)
     report.assumptions = _assumptions(facts)
     report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]
@@ -89,7 +89,8 @@ def _require_solver() -> None:
 
 
 def _static(facts: InductionFacts, said: dict[str, str]) -> None:
-    """P1a, P1b, P1c seen to once more."""
+    """P1a, P1b, P1c and the latch seen to once more."""
+    gives_back(facts.symbol, said)
     system, module = facts.flying, facts.flying_module
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
     if said.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
@@ -228,6 +229,7 @@ def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
             "machine", "the compiler and the hardware do what the C of the steps says"
         ),
     ]
+    assumptions += acknowledged(facts.symbol)
     if facts.latching:
         text = (
             "a step that faults in what is opaque latches its node: `safe` holds all the same, "

@@ -1,8 +1,9 @@
-"""One view of a module: the parts of its predicates that its plants show.
+"""One view of a module: the parts of its predicates that its plants show, and that states decide.
 
 Purpose: `seen` (the module with those parts), `entered` (those of `enters`), `left_out` (what no
-view of a certificate shows).
-Non-goals: sharing code with `language/elaborate/views.py`, which the prover goes by.
+view of a certificate shows), `ttf_of_states` (`ttf` without the parts that ask for an age).
+Non-goals: sharing code with `language/elaborate/views.py` and `verify/problem/age_disjuncts.py`,
+which the prover goes by.
 
 A part is what must hold beside the others: of `safe` and `safer` as they are, of "not `ttf`". A
 view shows a part if its plants drive every topic in it. Dropping a part of what the DM finds makes
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model import typed
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
@@ -72,6 +73,27 @@ def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
             if not any(_in(part, shown) for shown in every):
                 return f"no view of module `{symbol.name}` shows a part of `{name}`"
     return ""
+
+
+def ttf_of_states(ttf: typed.TypedExpr | None) -> typed.TypedExpr | None:
+    """`ttf` without what reads an age; as it is where that is nothing, or all.
+
+    "Not ttf" asks that every part be false: without some it is weaker, and more is shown.
+    """
+    if ttf is None or not _aged(ttf):
+        return ttf
+    rest = [part for part in _parts(ttf, wanted=False) if not _aged(part[0])]
+    if not rest:
+        return ttf
+    weaker: typed.TypedExpr = typed.Literal(BOOL, ttf.span, value=False)
+    for expr, truth in rest:
+        part = _not(expr) if truth else expr
+        weaker = typed.TypedBinary(BOOL, ttf.span, "||", weaker, part)
+    return weaker
+
+
+def _aged(e: typed.TypedExpr) -> bool:
+    return any(type(node) is typed.AgeRead for node in nodes([e]))
 
 
 def _shown(block: typed.TypedVerifyBlock) -> set[typed.TopicSymbol]:

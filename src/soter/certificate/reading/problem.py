@@ -21,7 +21,7 @@ from soter.certificate.reading.facts import (
     read_by_sc,
     topics_of_others,
 )
-from soter.certificate.reading.module_views import seen
+from soter.certificate.reading.module_views import seen, ttf_of_states
 from soter.certificate.reading.symbolic_values import flat
 from soter.certificate.reading.verification_system import as_it_runs, verification_system_of
 from soter.certificate.terms.terms import NotRecheckedError
@@ -184,10 +184,11 @@ def _read_topics(facts: Facts) -> None:
     module, sc = facts.module, facts.sc
     read = [sc.scope.topics[t] for t in read_by_sc(sc)]
     predicates = [p for p in (module.symbol.ttf, module.symbol.safer) if p is not None]
-    read += [module.scope.topics[t] for t in topic_reads(*predicates)]
-    read = list(dict.fromkeys(read))
     driven = driven_topics(facts)
-    seen = set(read)
+    seen = {*read, *(module.scope.topics[t] for t in topic_reads(*predicates))}
+    shown = [p for p in (ttf_of_states(module.symbol.ttf), module.symbol.safer) if p is not None]
+    read += [module.scope.topics[t] for t in topic_reads(*shown)]
+    read = list(dict.fromkeys(read))
     if not predicates:  # computed predicates read what carries the axes
         known = {*sc.scope.topics.values(), *module.scope.topics.values()}
         seen |= {topic for topic, _ in facts.leaves.values()} or known

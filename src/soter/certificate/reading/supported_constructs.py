@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.reading.module_views import ttf_of_states
 from soter.certificate.reading.other_modes import only_modes_of_others
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model import typed as t
@@ -65,7 +66,8 @@ DECLARATIONS: dict[type, str] = {
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
-    "sc_span over contract failsafe wcet jitter shield",
+    "sc_span over contract failsafe wcet jitter latch shield",
+    t.Latch: "topic span",
     t.TypedVerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
     "response_sc acts recover stays late_of response_of dropout views induction lemmas progress "
     "enters span",
@@ -100,7 +102,8 @@ def check_supported(facts: Facts) -> None:
     only_modes_of_others(facts)
     _topics(facts)
     for expr in facts.symbol.predicates:
-        _code(expr, "the predicates of the module")
+        read = ttf_of_states(expr) if expr is facts.symbol.ttf else expr
+        _code(read, "the predicates of the module")
     for c in facts.plants:
         _plant(c)
     for c in facts.flying.components:

@@ -114,12 +114,15 @@ class ProgressBar(LineOfProgress):
         self._begin()
         if self._console.err is None:
             return None
-        self._during.enter_context(listening_to_phases(self._enter_phase))
+        self._during.enter_context(listening_to_phases(self._enter_phase, self._announce))
         return self._show_share
 
     def __exit__(self, *_: object) -> None:
         self._during.close()
         super().__exit__()
+
+    def _announce(self, line: str) -> None:
+        self._write(f"{CLEAR if self._shown else ''}soter: {line}\n")
 
     def _enter_phase(self, name: str, anew: bool) -> None:
         if anew and name != self._phase:

@@ -21,7 +21,7 @@ from soter.core.steps import lower
 from soter.explore.engine.coverage_counters import coverage_of, empty_counters
 from soter.explore.engine.progress import progress_of
 from soter.explore.engine.symmetry_reduction import SymmetricInstances
-from soter.explore.methods import REDUCTIONS, STATUSES, STEPS_MAX, constant
+from soter.explore.methods import STATUSES, STEPS_MAX, constant, knows_ends, reduce_bits
 from soter.explore.model.actors import plan_of
 from soter.explore.model.explorer_model import generate_model
 from soter.explore.model.independent_parts import IndependentPart, loose_parts_of, parts_of
@@ -110,6 +110,10 @@ class EngineSettings(SearchOptions):
     known: tuple[tuple[int, int], ...] = ()
     """Violations (what, index) at which a search does not stop: it looks for others."""
     noted: Observations | None = None
+    max_ran: int = 0
+    """Steps that are run and not combined of others; 0: no bound."""
+    between: bool = False
+    """What lies between ends of instants is stored, too, though `reduction` leaves it out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +128,8 @@ class SearchResult(Generic[S]):
     steps: tuple[S, ...]
     states: int = 0
     transitions: int = 0
+    combined: int = 0
+    """Of these: combinations of what groups of actors do in an instant, no step was run."""
     runs: int = 0
     table_bytes: int = 0
     frontier_bytes: int = 0
@@ -336,10 +342,11 @@ class Engine:
             {
                 "strategy": getattr(self.lib, constant(s.strategy)),
                 "storage": getattr(self.lib, constant(s.storage)),
-                "reduce": REDUCTIONS[s.reduction],
+                "reduce": reduce_bits(s.reduction, between=s.between),
                 "threads": s.threads,
                 "memory": s.memory,
                 "max_states": s.max_states,
+                "max_ran": s.max_ran,
                 "seed": s.seed & (2**64 - 1),
                 "runs": s.runs,
                 "bug_depth": s.bug_depth,
@@ -350,7 +357,7 @@ class Engine:
                 "plainly": s.plainly,
                 "unguided": s.unguided,
                 "go_on": s.go_on,
-                "closes": s.closes and self.plan.repeats,
+                "closes": s.closes and knows_ends(s.reduction) and self.plan.repeats,
                 "known": self._known,
                 "knowns": len(s.known),
                 **(s.noted.options(self.ffi) if s.noted else {}),
@@ -378,6 +385,7 @@ class Engine:
             broken=broken,
             states=int(r.states),
             transitions=int(r.transitions),
+            combined=int(r.combined),
             runs=int(r.runs),
             table_bytes=int(r.table_bytes),
             frontier_bytes=int(r.frontier_bytes),

@@ -35,6 +35,7 @@ from soter.explore.engine.explorer_library import (
 from soter.explore.engine.guided_execution import Guided, array_of, steps_of
 from soter.explore.engine.progress import EngineProgress
 from soter.explore.engine.properties_across_parts import ComposedSearch
+from soter.explore.engine.reduction_choice import explored
 from soter.explore.engine.shrink import Shrinker
 from soter.explore.engine.trace_slice import Slicer
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, PARTS
@@ -96,6 +97,7 @@ class Search:
         self.words = self._engine.words
         self.sampled = self._engine.plan.sampled
         self.times = self._engine.plan.times
+        self.unheard = self._engine.plan.unheard
         self.parts = 1
         """How many parts of the system the last search explored apart."""
         self.equal: tuple[tuple[str, ...], ...] = ()
@@ -199,6 +201,8 @@ class Search:
         """The search of one part, or of all; `SoterError` D012 where it goes on from nonsense."""
         before_s = 0.0 if saver is None else saver.seconds
         look = self._look(minimising=False, saver=saver)
+        if saver is None:
+            return explored(self._engine, once, look, left_s)
         search_result = self._engine.explore(once, look, left_s, saver)
         if search_result.status == "damaged":
             assert self._checkpoint is not None

@@ -118,7 +118,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
         times=_times(system.test, quantum, times) if timely else None,
         horizon_ns=system.test.horizon_ns,
         read=frozenset(read | {t.index for t in system.topics if t.queue_of is not None}),
-        aged=frozenset(f.index for f in footprints.facts if f.fact == "age"),
+        aged=frozenset(footprints.aged()),
         limited=frozenset(footprints.limited()),
         may_fault=frozenset(
             i for i in range(len(system.components)) if _may_fault(system, lowered, i)
@@ -266,6 +266,11 @@ class Footprints:
             effects.writes.add((kind, module))
         if m.looked is not None:
             effects.writes |= {("topic", m.looked), ("stamp", m.looked)}
+        for t in (m.latch, m.acknowledgement):
+            if t is not None:
+                effects.reads |= {("topic", t), ("stamp", t)}
+        if m.latch is not None:
+            effects.writes |= {("topic", m.latch), ("stamp", m.latch)}
 
     def _max_age(self, topic: int) -> int | None:
         return self.system.topics[topic].max_age_ns
@@ -313,10 +318,17 @@ class Footprints:
         """Whether anything that a test can see depends on when a step happens."""
         assert self.system.test is not None
         return (
-            any(f.fact in {"time", "age"} for f in self.facts)
+            any(f.fact == "time" for f in self.facts)
+            or bool(self.aged())
             or any(self._max_age(t) is not None for m in self.system.modules for t in m.inputs)
             or bool(self.system.test.timed)
         )
+
+    def aged(self) -> set[int]:
+        """Topics of which every age matters: those that are read, and those of latches."""
+        latched = [m for m in self.system.modules if m.acknowledgement is not None]
+        latches = {t for m in latched for t in (m.latch, m.acknowledgement) if t is not None}
+        return latches | {f.index for f in self.facts if f.fact == "age"}
 
     def limited(self) -> set[int]:
         """Module inputs whose age decides a switch, by their `max_age`."""

@@ -80,3 +80,13 @@ class ExplorationPlan:
     may_fault: frozenset[int]
     observed: frozenset[Label]
     """What properties of configurations read."""
+
+    @property
+    def unheard(self) -> frozenset[str]:
+        """Actors that write nothing that another one, or a property, reads."""
+        alone = [
+            a.name
+            for a in self.actors
+            if not a.visible and not any(a.writes & b.reads for b in self.actors if b is not a)
+        ]
+        return frozenset(alone)

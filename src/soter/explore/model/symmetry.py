@@ -220,6 +220,7 @@ class RenamingCheck:
             frozenset([r.topic(t) for t in m.outputs]),
             m.forced,
             r.module(m.over),
+            *(None if t is None else r.topic(t) for t in (m.latch, m.acknowledgement)),
         )
 
     # ------------------------------------------------------------ the test
@@ -305,7 +306,8 @@ class RenamingCheck:
             assert x.module is not None
             d, m = self.core.decisions[x.module], self.system.modules[x.module]
             texts += [d.ttf.body, d.ttf.value, d.safer.body, d.safer.value]
-            resources += [("topic", t) for t in (*m.inputs, *m.outputs)]
+            resources += [("topic", t) for t in (*m.reads, *m.outputs)]
+            resources += [] if m.latch is None else [("topic", m.latch)]
         resources += [("topic", o.topic) for o in (step.outputs if step else ())]
         resources += [("topic", t) for t in x.failsafe]
         if x.plant is not None:

@@ -12,9 +12,9 @@ import math
 from random import Random
 from typing import TYPE_CHECKING
 
-from soter.explore.vacuity.range_evaluation import RangeEvaluator, ReadPlace, TooHardError
-from soter.explore.vacuity.ranges import Range
 from soter.explore.vacuity.solver import solved
+from soter.language.evaluate.range_evaluation import RangeEvaluator, ReadPlace, TooHardError
+from soter.language.evaluate.ranges import Range
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, nodes
 

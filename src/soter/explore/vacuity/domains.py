@@ -7,23 +7,20 @@ Non-goals: what steps compute: a search answers that.
 
 from __future__ import annotations
 
-import math
-import sys
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.schedule import plan_of
-from soter.explore.vacuity.range_evaluation import anything, constant
-from soter.explore.vacuity.ranges import ANY_FLOAT, INF, Range
-from soter.language.model.types import BoolType, FloatType, IntType, RecordType, leaf_count
+from soter.language.evaluate.range_evaluation import anything, constant
+from soter.language.evaluate.ranges import ANY_FLOAT, INF, Range
+from soter.language.evaluate.topic_ranges import published
+from soter.language.model.types import leaf_count
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.explore.vacuity.range_evaluation import Known, ReadPlace
-    from soter.language.model.system import Bound, Component, System, Topic
+    from soter.language.evaluate.range_evaluation import Known, ReadPlace
+    from soter.language.model.system import Component, System
     from soter.language.model.types import Type
-
-MOST = sys.float_info.max
 
 
 class Domains:
@@ -60,8 +57,7 @@ class Domains:
             return _range(anything(place.type), place.type)
         if self._start or place.index not in self._writable:
             return _at(constant(topic.type, topic.default), place.path, place.type)
-        bound = topic.bounds[_leaf(topic, place.path)]
-        return _inside(place.type, bound)
+        return published(topic, place)
 
     def _truth(self, place: ReadPlace) -> Range:
         component = self._system.components[place.index]
@@ -100,39 +96,6 @@ def written_by(c: Component) -> Sequence[int]:
     if c.plant is not None:
         return [c.scope.topics[t] for t, _ in c.plant.drives]
     return []
-
-
-def _leaf(topic: Topic, path: tuple[int, ...]) -> int:
-    """The number of a leaf, as bounds are counted."""
-    at, of = 0, topic.type
-    for index in path:
-        parts: Sequence[Type]
-        if isinstance(of, RecordType):
-            parts = [f for _, f in of.fields]
-        else:
-            parts = [of.element] * (index + 1)  # type: ignore[attr-defined]
-        at += sum(_bounds_in(p) for p in parts[:index])
-        of = parts[index]
-    return at
-
-
-def _bounds_in(of: Type) -> int:
-    """How many bounds a part has; all elements of a list share those of one."""
-    from soter.language.model.types import leaves  # noqa: PLC0415 - only here
-
-    return len(list(leaves(of)))
-
-
-def _inside(of: Type, bound: Bound | None) -> Range:
-    """All values of a scalar of a topic: what is not finite is never published."""
-    if isinstance(of, FloatType):
-        low, high = (-MOST, MOST) if bound is None else (bound.low, bound.high)
-        return Range(float(low), float(high))
-    interval = _range(anything(of), of)
-    if bound is None or isinstance(of, BoolType) or not isinstance(of, IntType):
-        return interval
-    low, high = math.ceil(bound.low), math.floor(bound.high)
-    return Range(max(int(interval.low), low), min(int(interval.high), high))
 
 
 def _at(whole: Known, path: tuple[int, ...], of: Type) -> Range:

@@ -9,15 +9,15 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from soter.explore.vacuity.range_evaluation import COMPARISONS, ReadPlace, TooHardError
 from soter.language.evaluate.conjuncts import returned
+from soter.language.evaluate.range_evaluation import COMPARISONS, ReadPlace, TooHardError
 from soter.language.model import typed
 from soter.language.model.types import INT_MAX, INT_MIN, FloatType, IntType
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.explore.vacuity.ranges import Range
+    from soter.language.evaluate.ranges import Range
     from soter.language.model.system import Scope
 
 PATIENCE_MS = 1_000

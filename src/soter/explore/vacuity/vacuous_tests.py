@@ -240,7 +240,7 @@ def _read(system: System) -> set[int]:
         if c.plant is not None:
             topics |= {c.scope.topics[t] for t in c.plant.reads}
     for m in system.modules:
-        topics |= set(m.inputs)
+        topics |= set(m.reads)
         topics |= {m.scope.topics[t] for t in topic_reads(m.symbol.safe) if t in m.scope.topics}
     for p in system.properties:
         topics |= {p.scope.topics[t] for t in topic_reads(p.condition)}

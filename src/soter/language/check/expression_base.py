@@ -19,6 +19,7 @@ from soter.language.model.types import (
     ArrayType,
     BoolType,
     DurationType,
+    EnumType,
     ErrorType,
     FloatType,
     IntType,
@@ -123,10 +124,11 @@ class ExprBase(ABC):
         dotted: bool = False,
         helps: tuple[Help, ...] = (),
         otherwise: tuple[Help, ...] = (),
+        among: Iterable[str] | None = None,
     ) -> None:
         """N001, unless what the name stands for may have been lost.
 
-        `helps` and `otherwise` as `Names.unknown` has them.
+        `helps`, `otherwise` and `among` as `Names.unknown` has them.
         """
         if context.broken:
             self.names.losses += 1
@@ -162,6 +164,7 @@ class ExprBase(ABC):
             dotted=dotted,
             helps=helps,
             otherwise=otherwise,
+            among=among,
         )
 
     def value_of_type(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
@@ -218,7 +221,7 @@ class ExprBase(ABC):
             f"this is `{expr.type}`",
             also=(because,) if because else (),
             notes=(why,) if why else (),
-            helps=_conversion(expected, expr),
+            helps=of_a_list(expr, expected) or _conversion(expected, expr),
         )
         return error_expr(expr.span)
 
@@ -239,6 +242,30 @@ class ExprBase(ABC):
         return error_expr(expr.span)
 
 
+def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
+    """Where a list or an array stands for one of its elements: of a queue, say."""
+    of = expr.type
+    if not isinstance(of, (ListType, ArrayType)) or type(of.element) is not type(wanted):
+        return ()
+    text = expr.span.text
+    loop = f"for {'x' if text != 'x' else 'each'} in {text} {{ ... }}"
+    if isinstance(expr, typed.TopicRead) and isinstance(of, ListType) and expr.topic.type != of:
+        return (
+            f"its queue makes `{text}` a list: `{loop}`",
+            "or subscribe to it without a queue: then it is the last value",
+        )
+    return (f"look at each of its elements: `{loop}`",)
+
+
+def of_a_case(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
+    """`Gear.Drive` for its number 1; the first of them for what is no constant."""
+    name = of.name.rpartition(".")[2]
+    whole = isinstance(expr, typed.Literal) and isinstance(expr.type, IntType)
+    if isinstance(expr, typed.Literal) and whole and 0 <= expr.value < len(of.members):
+        return (replace(expr.span, f"{name}.{of.members[expr.value]}"),)
+    return (f"a case of it is named: `{name}.{of.members[0]}`",)
+
+
 def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
     """What makes a value of one type one of another, most of it as an edit."""
     actual, span = expr.type, expr.span
@@ -248,6 +275,16 @@ def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
     if isinstance(expected, IntType) and isinstance(actual, FloatType):
         title = "convert it: `int(...)` cuts off what is behind the point"
         return (replace(span, f"int({text})", title),)
+    if isinstance(expected, EnumType) and not isinstance(actual, EnumType):
+        return of_a_case(expected, expr)
+    if isinstance(expected, BoolType) and isinstance(actual, EnumType):
+        case = actual.members[-1]
+        name = f"{actual.name.rpartition('.')[2]}.{case}"
+        return (append(span, f" == {name}", f"compare it: `{text} == {name}`"),)
+    if isinstance(expected, FloatType) and isinstance(actual, BoolType):
+        if isinstance(expr, typed.Literal):
+            return (replace(span, "1.0" if expr.value else "0.0"),)
+        return (replace(span, f"({text} ? 1.0 : 0.0)", "convert it: `b ? 1.0 : 0.0`"),)
     if isinstance(expected, BoolType) and isinstance(actual, IntType):
         if isinstance(expr, typed.Literal) and expr.value in (0, 1):
             return (replace(span, "true" if expr.value else "false"),)
@@ -260,6 +297,22 @@ def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
         return ("write a time with its unit, such as `10ms`",)
     if isinstance(expected, FloatType) and isinstance(actual, DurationType):
         return (replace(span, f"seconds({text})", "convert it: `seconds(...)`"),)
+    if isinstance(expr, typed.Aggregate) and isinstance(expected, RecordType):
+        return _as_record(expected, expr)
     if isinstance(expected, (ArrayType, ListType)) and expected.element == actual:
         return (replace(span, f"[{text}]", "put it into brackets: `[...]`"),)
     return ()
+
+
+def _as_record(expected: RecordType, expr: typed.Aggregate) -> tuple[Help, ...]:
+    """`{ x: 0.0, y: 1.0 }` for `[0.0, 1.0]`."""
+    fields, elements = expected.fields, expr.elements
+    pairs = list(zip(fields, elements, strict=False))
+    fits = all(
+        e.type == t or (isinstance(t, FloatType) and float_literal(e)) for (_, t), e in pairs
+    )
+    if len(elements) != len(fields) or not fits or isinstance(expr.type, RecordType):
+        shown = ", ".join(f"{name}: ..." for name, _ in fields)
+        return (f"write its fields: `{{ {shown} }}`",)
+    shown = ", ".join(f"{name}: {e.span.text}" for (name, _), e in pairs)
+    return (replace(expr.span, f"{{ {shown} }}"),)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 MEMBERS_SHOWN = 3
 _SECOND_WORD = re.compile(r"[ \t]+(int|long|short|char|double)\b")
+LIBRARIES = foreign_words.LIBRARIES | {"random"}
 OF_AN_OBJECT = ("self", "this")
 
 

@@ -48,11 +48,29 @@ def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
                 if parameter.text == name:
                     what = f"a parameter of function `{decl.name.text}`"
                     yield Meaning(what, parameter.span, "only its function sees it", weak=True)
-        elif isinstance(decl, tree.SystemDecl):
+        elif isinstance(decl, (tree.SystemDecl, tree.TestDecl)):
+            yield from _in_a_loop(decl, name)
+        if isinstance(decl, tree.SystemDecl):
             for item in decl.instances:
                 if _is_called(item, name) and item.what.text != name:
                     what = f"an instance of `{item.what.text}` in system `{decl.name.text}`"
                     yield Meaning(what, item.name.span, _instead_of_instance(declared, item))
+
+
+def _in_a_loop(decl: tree.SystemDecl | tree.TestDecl, name: str) -> Iterator[Meaning]:
+    """The loop variable of a `for` of a system or test, or of one inside of that."""
+    todo: list[object] = [getattr(decl, f.name) for f in fields(decl)]
+    while todo:
+        item = todo.pop()
+        if isinstance(item, tuple):
+            todo += item
+        elif isinstance(item, tree.Repeated):
+            todo += item.items
+            if item.name.text == name:
+                what = f"the loop variable of a `for` of `{decl.name.text}`"
+                how = "it is known inside of the braces of its `for` only: move this line there"
+                yield Meaning(what, item.name.span, how)
+                return
 
 
 def _in_a_plant(plant: tree.PlantDecl, name: str) -> Iterator[Meaning]:
@@ -60,7 +78,12 @@ def _in_a_plant(plant: tree.PlantDecl, name: str) -> Iterator[Meaning]:
     for state in plant.states:
         if state.name.text == name:
             driven = driven_by(plant, name)
-            how = f"what is measured of it is `{driven}`" if driven else "only its plant sees it"
+            seen = [t.text for t, value in plant.drives if _mentions(value, name)]
+            how = "only its plant sees it"
+            if driven:
+                how = f"what is measured of it is `{driven}`"
+            elif seen:
+                how = f"only its plant sees it; what it drives of it is {listed(seen)}"
             yield Meaning(f"a state {owner}", state.name.span, how)
     for disturbance in plant.disturbances:
         if disturbance.name.text == name:
@@ -141,6 +164,16 @@ def truth_as_topic(
         and {n.text for n, part in value.fields if isinstance(part, tree.NameExpr)} == states
     )
     return (topic.text, plant) if whole else None
+
+
+def _mentions(value: object, name: str) -> bool:
+    """Whether a name stands somewhere in an expression."""
+    if isinstance(value, tree.NameExpr):
+        return value.name.text == name
+    if isinstance(value, tuple):
+        return any(_mentions(v, name) for v in value)
+    inner = fields(value) if isinstance(value, tree.SyntaxExpr) and is_dataclass(value) else ()
+    return any(_mentions(getattr(value, f.name), name) for f in inner)
 
 
 def _is_called(item: object, name: str) -> TypeGuard[tree.Instance]:

@@ -320,10 +320,12 @@ class Names:
         helps: tuple[Help, ...] = (),
         otherwise: tuple[Help, ...] = (),
         also: tuple[tuple[Span, str], ...] = (),
+        among: Iterable[str] | None = None,
     ) -> None:
         """N001 for a name that means nothing here; `more` are local names that would.
 
-        `helps` come before all guesses, `otherwise` where nothing is close.
+        `among`: the only names that would do. `helps` come before all guesses, `otherwise` where
+        nothing is close.
 
         A declaration that is missing is missed once, and so is what stands before a dot: it may
         be an import.
@@ -344,11 +346,11 @@ class Names:
         elif not helps and kind == "name":
             helps = foreign_name_hints.a_value(decls, name, span)
         if not helps:
-            near = chain(more, _of_kind(scope, kind, value=bool(where)))
+            near = among or chain(more, _of_kind(scope, kind, value=bool(where)))
             helps = self.diagnostics.did_you_mean(name, near, span)
         if not helps:
             helps = self._elsewhere(scope, name, span)
-        if not helps:
+        if not helps and among is None:
             public = (n for n in chain(self.prelude, BUILTIN_FUNCTIONS) if not n.startswith("_"))
             helps = self.diagnostics.did_you_mean(name, public, span)
         if not helps and name in scope.imports:

@@ -14,6 +14,7 @@ from soter.diagnostics.span import Span
 from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import error_expr, is_error, plain
 from soter.language.check.expression_context import SPECIALS
+from soter.language.check.expressions.field import instead_of_index
 from soter.language.check.scope import BUILTIN_FUNCTIONS
 from soter.language.model import typed
 from soter.language.model.types import (
@@ -207,9 +208,10 @@ class StmtChecker:
                 step.target.span,
                 f"this is `{t}`",
                 notes=("only arrays and lists have elements",),
+                helps=instead_of_index(t, step, index_expr),
             )
             return None
-        self.expressions.constant_index(t, index_expr)
+        self.expressions.constant_index(t, index_expr, step.target.span.text)
         return index_expr, t.element
 
     def _select_field(self, step: tree.FieldExpr, t: Type) -> tuple[int, Type] | None:
@@ -264,6 +266,8 @@ class StmtChecker:
             helps = ("an input topic is set by the environment alone: keep the value in a `var`",)
         elif entry.kind == "topic":
             helps = (insert(base.span, "publish ", f"write `publish {name} = ...;`"),)
+        elif entry.kind == "constant":
+            helps = ("what changes is a `var`: declare one, with this for its first value",)
         self.diagnostics.error(
             "T009",
             f"`{name}` is a {entry.kind}: it cannot be assigned",

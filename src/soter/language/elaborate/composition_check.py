@@ -8,8 +8,11 @@ Non-goals: numbers of single declarations (`elaborator.py`), P1 (`wellformed.py`
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import Edit, Fix, whole_lines
+from soter.diagnostics.span import Span
 from soter.language.elaborate.deployment.deployed_systems import check_external
 from soter.language.elaborate.undriven_topics import as_input, would_drive
 from soter.language.model.durations import show_ns
@@ -17,10 +20,11 @@ from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
     from soter.language.model.system import Component, Module, System, Topic
     from soter.language.model.typed import NodeSymbol, SystemSymbol, TopicSymbol
 
@@ -57,7 +61,9 @@ class Composition:
     def check(self, property_reads: list[tuple[int, Span]]) -> None:
         """All rules; also enters the driver of every topic."""
         self._distinct_names()
-        drivers = self._drivers()
+        beside = self._beside_their_modules()
+        self._takeovers(beside)
+        drivers = self._drivers(beside)
         for index, topic_drivers in drivers.items():
             driven_topic = self.system.topics[index]
             driven_topic.driver = topic_drivers[0][0]
@@ -66,6 +72,7 @@ class Composition:
             if driven_topic.symbol.input and self._is_wired(driven_topic, topic_drivers[0][1]):
                 self._drives_an_input(driven_topic, *topic_drivers[0])
         self._disjoint_topics()
+        self._acknowledgements(drivers)
         driven = set(drivers)
         for component in self.system.components:
             for topic, span in self._reads(component):
@@ -91,10 +98,52 @@ class Composition:
 
     # ------------------------------------------------------------ drivers
 
-    def _drivers(self) -> dict[int, list[tuple[str, Span]]]:
+    def _beside_their_modules(self) -> set[Component]:
+        """M004 for nodes that a system names although a module of it brings them along."""
+        beside: dict[Component, tuple[str, Module]] = {}
+        for c in self.system.components:
+            if c.role != "node" or c.node is None or c.stands_for is not None or self.draft:
+                continue
+            own = {c.scope.topics[t] for t in c.node.publishes}
+            for m in self.system.modules:
+                roles = {"AC": self.system.components[m.ac], "SC": self.system.components[m.sc]}
+                role = next((r for r, x in roles.items() if x.node is c.node), None)
+                if role is not None and own & set(m.outputs):
+                    beside[c] = role, m
+        for c, (role, m) in beside.items():
+            module = self.system.components[m.dm].span
+            self._report(
+                "M004",
+                f"node `{c.name}` is the {role} of module `{m.name}` already",
+                c.span,
+                "named once more",
+                also=((module, "brings it along"),),
+                note="a module has its nodes in it: they are not named in the system",
+                helps=(_left_out([x.span for x in beside]),),
+            )
+        return set(beside)
+
+    def _takeovers(self, without: set[Component]) -> None:
+        """M015 for `on takeover` of nodes that no module takes control of."""
+        for c in self.system.components:
+            if c.role != "node" or c.node is None or c in without or self.draft:
+                continue
+            if c.node.takeover is not None:
+                self.diagnostics.error(
+                    "M015",
+                    f"`{c.node.name}` has `on takeover`, but is in control all the time",
+                    c.node.span,
+                    also=((self.symbol.span, "in this system it belongs to no module"),),
+                    notes=("control is taken and given back inside an `rta` module only",),
+                    helps=("leave the block out, or make the node the AC or SC of a module",),
+                )
+
+    def _drivers(self, without: set[Component]) -> dict[int, list[tuple[str, Span]]]:
         """Who publishes each topic: full name and kind, and where it stands in the system."""
         drivers_by_topic: dict[int, list[tuple[str, Span]]] = {}
         for c in self.system.components:
+            if c in without:
+                continue
             topics: list[TopicSymbol] = []
             if c.role == "plant" and c.plant is not None:
                 topics = [t for t, _ in c.plant.drives]
@@ -118,6 +167,8 @@ class Composition:
         if self.draft and self.partial:
             return  # a module that could not be read may own one of them
         second, first = drivers[1], drivers[0]
+        if second[0].startswith("module") and not first[0].startswith("module"):
+            second, first = first, second  # the module is meant: what stands beside it is not
         inner = topic.symbol.name.rpartition(".")[2]
         both_modules = first != second and all(who.startswith("module") for who, _ in drivers)
         by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
@@ -222,6 +273,41 @@ class Composition:
                     helps=("wire them to two topics",),
                 )
 
+    # ------------------------------------------------------------ acknowledgements
+
+    def _acknowledgements(self, drivers: dict[int, list[tuple[str, Span]]]) -> None:
+        """M028 where a node or a module would acknowledge, or one press would count twice."""
+        first_by_topic: dict[int, Module] = {}
+        for module in self.system.modules:
+            latch = module.symbol.latch
+            if latch is None or latch.topic is None:
+                continue
+            topic = self.system.topics[module.scope.topics[latch.topic]]
+            others = [
+                (w, at) for w, at in drivers.get(topic.index, []) if not w.startswith("plant")
+            ]
+            for who, span in others[:1]:
+                self._report(
+                    "M028",
+                    f"{who} publishes `{topic.name}`, the acknowledgement of `{module.name}`",
+                    latch.span,
+                    "",
+                    also=((span, "it would give control back"),),
+                    note="an acknowledgement is the operator's: it comes from outside",
+                    helps=(f"declare `input topic {topic.symbol.name}`",),
+                )
+            other = first_by_topic.setdefault(topic.index, module)
+            if other is not module:
+                self._report(
+                    "M028",
+                    f"`{topic.name}` acknowledges for `{other.name}` and for `{module.name}`",
+                    latch.span,
+                    "",
+                    also=((self.system.components[other.dm].span, "the other module"),),
+                    note="one acknowledgement gives control back once",
+                    helps=("give each module a topic of its own",),
+                )
+
     # ------------------------------------------------------------ readers
 
     def _reads(self, c: Component) -> list[tuple[TopicSymbol, Span]]:
@@ -231,7 +317,10 @@ class Composition:
             return list(zip(c.plant.reads, c.plant.read_spans, strict=True))
         assert c.module is not None
         m = self.system.modules[c.module].symbol
-        return [(t, read.span) for t, read in topic_reads(*m.expressions).items()]
+        reads = [(t, read.span) for t, read in topic_reads(*m.expressions).items()]
+        if m.latch is not None:
+            reads += [(t, m.latch.span) for t in m.acknowledgements]
+        return reads
 
     def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
         index = self._source(index)
@@ -303,6 +392,19 @@ class Composition:
                     note="modules are composed only if their nodes are disjoint",
                     helps=("give one of the modules a node of its own",),
                 )
+
+
+def _left_out(names: Sequence[Span]) -> Help:
+    """Their lines without them, where each is `node Name;` or `name: Name;` alone."""
+    title = f"leave {' and '.join(f'`{n.text}`' for n in names)} out"
+    edits = []
+    for n in names:
+        text = n.source.text
+        start, end = text.rfind("\n", 0, n.start) + 1, text.find(";", n.end) + 1
+        if not re.fullmatch(r"\s*(node\s+)?[\w.]+(\s*:\s*[\w.]+)?\s*;", text[start:end]):
+            return title
+        edits.append(Edit(whole_lines(Span(n.source, start, end)), ""))
+    return Fix(title, tuple(edits))
 
 
 def hyperperiod(system: System, symbol: SystemSymbol, diagnostics: Diagnostics) -> int:

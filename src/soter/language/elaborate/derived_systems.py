@@ -275,6 +275,12 @@ def at_once(system: System) -> System:
     )
 
 
+def unlatched(system: System) -> System:
+    """With DMs that give control back without being acknowledged: what P2b is about."""
+    modules = tuple(replace(m, latch=None, acknowledgement=None) for m in system.modules)
+    return replace(system, modules=modules)
+
+
 # ---------------------------------------------------------------- what goes wrong
 
 
@@ -283,14 +289,23 @@ def faultless(system: System) -> System:
     if not system.faults and not system.shuffled:
         return system
     components = tuple(replace(c, held=c.held if c.takes_ns else None) for c in system.components)
-    kept = {c.held for c in components} | {m.looked for m in system.modules}
+    kept = {c.held for c in components}
+    kept |= {i for m in system.modules for i in (m.looked, m.latch)}
+    kept |= {m.shield.topic for m in system.modules if m.shield is not None}
     left = [t for t in system.topics if not t.held or t.index in kept]
-    place = {t.index: k for k, t in enumerate(left)}  # what is held comes last: only it moves
+    place: dict[int | None, int] = {t.index: k for k, t in enumerate(left)}
+    # what is held comes last: only it moves
     return replace(
         system,
         topics=tuple(replace(t, index=k) if t.index != k else t for k, t in enumerate(left)),
         modules=tuple(
-            m if m.looked is None else replace(m, looked=place[m.looked]) for m in system.modules
+            replace(
+                m,
+                looked=place.get(m.looked),
+                latch=place.get(m.latch),
+                shield=m.shield and replace(m.shield, topic=place[m.shield.topic]),
+            )
+            for m in system.modules
         ),
         components=tuple(
             c if c.held is None else replace(c, held=place[c.held]) for c in components

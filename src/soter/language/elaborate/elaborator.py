@@ -11,11 +11,11 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.composition_check import Composition, hyperperiod
+from soter.language.elaborate.decision_topics import make_latch_topics, make_margin_topics
 from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
-from soter.language.elaborate.margin_topics import make_margin_topics
-from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics
+from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics, refuse_overrun
 from soter.language.elaborate.size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
 from soter.language.elaborate.tests_and_faults.faults import place_faults
@@ -102,6 +102,7 @@ class Elaborator(Topics):
         externals = self._externals()
         measures = tuple(self.measures())
         self.topics += make_margin_topics(self._margins, modules, len(self.topics))
+        self.topics += make_latch_topics(modules, len(self.topics))
         for c in components:
             if c.takes_ns is not None:
                 self._hold(c)
@@ -139,6 +140,7 @@ class Elaborator(Topics):
             for f in system.faults:
                 if f.kind == "overrun":
                     self._hold(system.components[f.component])
+                    refuse_overrun(system, system.components[f.component], f.text, self.diagnostics)
             system.topics = tuple(self.topics)
 
     def measures(self) -> Iterator[Metric]:
@@ -347,7 +349,6 @@ class Elaborator(Topics):
                 source = self.topics[scope.topics[subscribed.topic]]
                 scope.topics[subscribed.topic] = self.queue(source, subscribed, name)
         period = self._period(node.period, f"the period of node `{node.name}`", name)
-        self._takeover_in_module(node, role)
         locals_ = [v for v in node.locals if not isinstance(v.type, ErrorType)]
         initial = dict(zip(node.locals, node.initial, strict=True))
         wcet, jitter = budget(self, node)
@@ -397,17 +398,6 @@ class Elaborator(Topics):
             also=((node.period.span, f"steps every {show_ns(period)}"),),
         )
         return 0
-
-    def _takeover_in_module(self, node: typed.NodeSymbol, role: str) -> None:
-        if node.takeover is not None and role == "node" and not self.draft:
-            self.diagnostics.error(
-                "M015",
-                f"`{node.name}` has `on takeover`, but is in control all the time",
-                node.span,
-                also=((self.symbol.span, "in this system it belongs to no module"),),
-                notes=("control is taken and given back inside an `rta` module only",),
-                helps=("leave the block out, or make the node the AC or SC of a module",),
-            )
 
     def _failsafe(
         self, node: typed.NodeSymbol | typed.ModuleSymbol, scope: Scope
@@ -464,7 +454,8 @@ class Elaborator(Topics):
         ac, sc = placed.controllers()
         name = f"{placed.name}.dm"
         period = self._period(module.period, f"the period of module `{module.name}`", name)
-        reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*module.expressions)]))
+        predicates = topic_reads(*module.expressions)
+        reads = list(dict.fromkeys([*module.topics_read, *predicates, *module.acknowledgements]))
         scope = self._scope(placed, reads)
         wcet, jitter = budget(self, module)
         ac_name, sc_name = controller_names(placed.name, ac, sc)

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import TypedExpr
 
@@ -53,28 +52,6 @@ def make_shield_topics(
     return made
 
 
-def is_shielded(system: System, c: Component) -> bool:
-    """Whether what a component publishes is judged, or remembered, in the instant of its step."""
-    return c.module is not None and system.modules[c.module].symbol.shield is not None
-
-
-def refuses_overrun(
-    system: System, c: Component, span: Span, instead: str, diagnostics: Diagnostics
-) -> bool:
-    """E009 for a test in which a step of a component lasts that a shield judges or remembers."""
-    if c.node is None or not is_shielded(system, c):
-        return False
-    diagnostics.error(
-        "E009",
-        f"`{c.name}` cannot overrun: its module has a `shield`",
-        span,
-        also=((c.node.span, "declared here"),),
-        notes=("a command is judged in the instant in which it is published",),
-        helps=(instead,),
-    )
-    return True
-
-
 def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Component]) -> str:
     if module.symbol.ttf is not None or module.symbol.safer is not None:
         return "`ttf` and `safer` are written: what a shield permits is computed together with them"
@@ -87,6 +64,17 @@ def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Compo
     if slow:
         return f"a step of `{slow[0].name}` takes time: it is judged when it begins"
     return ""
+
+
+def refuse_overrun(
+    system: System, component: Component, fault: str, diagnostics: Diagnostics
+) -> None:
+    """M027 where a controller that a shield judges would publish later than it steps."""
+    module = None if component.module is None else system.modules[component.module]
+    if module is None or module.shield is None or module.symbol.shield is None:
+        return
+    why = f"`{fault}`: what a step publishes later is judged when it begins"
+    _refused(module, module.symbol.shield, why, diagnostics)
 
 
 def _refused(module: Module, clause: TypedExpr, why: str, diagnostics: Diagnostics) -> None:

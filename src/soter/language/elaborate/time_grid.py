@@ -76,7 +76,7 @@ def times_read(system: System) -> TimesRead:
         age
         for m in system.modules
         if m.forced is None
-        for age in (system.topics[t].max_age_ns for t in m.inputs)
+        for age in (system.topics[t].max_age_ns for t in m.reads)
         if age is not None
     }
     opened: list[Span] = []
@@ -86,6 +86,8 @@ def times_read(system: System) -> TimesRead:
         thresholds |= reader.thresholds
         opened += reader.open
         watched.append(reader.watched)
+    latches = [m.symbol.latch for m in system.modules if m.acknowledgement is not None]
+    opened += [latch.span for latch in latches if latch is not None]
     deadlines = sorted({t.within_ns for t in system.test.timed if t.within_ns and thresholds})
     judged = thresholds or any(t.kind == "invariant" for t in system.test.timed)
     parts = together(system, watched) if judged else 1

@@ -225,7 +225,20 @@ class Module:
     """Where `safer` was true, so many looks of the DM at least keep AC: the next one counts."""
     looked: int | None = None
     """Where somebody reads `margin` of it: the topic that says what the DM saw last."""
+    latch: int | None = None
+    """Where its DM does not give control back by itself: the topic in which it remembers why not
+    (`elaborate/decision_topics.py`)."""
+    acknowledgement: int | None = None
+    """With a `latch`: the topic after a press on which it gives control back; None: it never does,
+    once AC has had it."""
     shield: Shield | None = None
+
+    @property
+    def reads(self) -> tuple[int, ...]:
+        """All topics that its DM reads: `inputs`, and the acknowledgement."""
+        if self.acknowledgement is None or self.acknowledgement in self.inputs:
+            return self.inputs
+        return (*self.inputs, self.acknowledgement)
 
     def looks_left(self, *, unsafe: bool, safer: bool) -> int:
         """How many periods from a look on AC surely keeps control; `unsafe`: not even this one."""

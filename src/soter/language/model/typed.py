@@ -582,6 +582,14 @@ class ClauseSymbol(Symbol):
     text: str
 
 
+@dataclass(eq=False)
+class Latch:
+    """`returns after topic;` (the operator's acknowledgement), or `returns never;`: no topic."""
+
+    topic: TopicSymbol | None
+    span: Span
+
+
 @dataclass(eq=False, kw_only=True)
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
@@ -614,6 +622,8 @@ class ModuleSymbol(Symbol):
     wcet: TypedExpr | None = None
     jitter: TypedExpr | None = None
     """Of its decision module, as of a node."""
+    latch: Latch | None = None
+    """Where its decision module does not give control back by itself."""
     shield: TypedExpr | None = None
     """Into how many cells each number that it publishes is cut, where commands are judged, too."""
 
@@ -621,6 +631,19 @@ class ModuleSymbol(Symbol):
     def own(self) -> tuple[NodeSymbol, ...]:
         """The controllers that belong to itself: not those of a module below it."""
         return (self.ac, self.sc) if self.over is None else (self.sc,)
+
+    @property
+    def acknowledgements(self) -> tuple[TopicSymbol, ...]:
+        """The topic that releases its latch, where there is one."""
+        topic = None if self.latch is None else self.latch.topic
+        return () if topic is None else (topic,)
+
+    @property
+    def stays(self) -> str:
+        """The clause by which SC may keep control for ever; "" where there is none."""
+        if self.latch is not None and self.latch.topic is None:
+            return "returns never"
+        return "recover never" if self.verify.stays is not None else ""
 
     @property
     def below(self) -> tuple[ModuleSymbol, ...]:
@@ -884,6 +907,8 @@ class TypedProgram:
     """Symbols whose declarations have errors: what they lack is no error of others."""
     system_sizes: dict[SystemSymbol, tuple[int, int]] = field(default_factory=dict)
     """Components and levels of a system, once counted (`measure.py`)."""
+    doubted: set[object] = field(default_factory=set)
+    """Nodes and plants whose steps were looked at for warnings, with the parameters they had."""
     costs: dict[NodeSymbol | ModuleSymbol, Cost] = field(default_factory=dict)
     """Of the step of every node that is not extern, and of every decision module whose predicates
     are known."""

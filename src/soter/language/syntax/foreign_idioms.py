@@ -15,14 +15,16 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import Edit, Fix
 from soter.diagnostics.span import Span
+from soter.language.syntax.foreign_declarations import DECLARATIONS
+from soter.language.syntax.foreign_expressions import EXPRESSIONS
 from soter.language.syntax.foreign_phrases import FUNCTION, IDIOMS, MODULE, NODE, PLANT, TOP
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection
 
     from soter.diagnostics.fix import Help
     from soter.diagnostics.source import Source
-    from soter.language.syntax.foreign_phrases import Idiom
+from soter.language.syntax.foreign_phrases import Idiom
 
 _FAR = 400
 """So many characters of a phrase that runs over several lines are looked at."""
@@ -41,10 +43,17 @@ class Phrase:
 _DIVISION = re.compile(r"[ \t]*(//)[ \t]*[\w.(-][\w.()+* -]*[])};][^\n]*")
 
 
-def find(source: Source, at: int, place: str, before: int) -> Phrase | None:
+def find(
+    source: Source,
+    at: int,
+    place: str,
+    before: int,
+    leads_on: Callable[[Fix], bool] = lambda _: True,
+) -> Phrase | None:
     """The phrase over the character offset `at`, None where no phrase is known.
 
     `place` is the kind of body that the offset stands in, `before` where the token before it ends.
+    A phrase counts only where its edit, if it has one, `leads_on`.
     """
     text = source.text
     division = _DIVISION.match(text, before)
@@ -55,7 +64,7 @@ def find(source: Source, at: int, place: str, before: int) -> Phrase | None:
     line = text.rfind("\n", 0, at) + 1
     end = text.find("\n", at)
     end = len(text) if end < 0 else end
-    for idiom in IDIOMS:
+    for idiom in (*DECLARATIONS, *EXPRESSIONS, *IDIOMS):
         if idiom.places and place not in idiom.places:
             continue
         far = len(text) if idiom.pattern.flags & re.DOTALL else end
@@ -63,8 +72,9 @@ def find(source: Source, at: int, place: str, before: int) -> Phrase | None:
             if not match.start() <= at <= match.end():
                 continue
             phrase = _phrase(source, idiom, match, place)
-            if phrase is not None:
-                return phrase
+            if phrase is None or (isinstance(phrase.help, Fix) and not leads_on(phrase.help)):
+                continue
+            return phrase
     return None
 
 
@@ -80,7 +90,9 @@ def _phrase(source: Source, idiom: Idiom, match: re.Match[str], place: str) -> P
             return None
         new = new.lstrip()
         shown = " ".join(new.split())
-        title = idiom.say or (f"write `{shown}`" if shown else f"leave `{match['at'].strip()}` out")
+        quoted = "`" in shown
+        written = shown if quoted else f"write `{shown}`"
+        title = idiom.say or (written if shown else f"leave `{match['at'].strip()}` out")
         help_ = Fix(title, (Edit(whole, new),)) if idiom.sure else title
     return Phrase(Span(source, start, end), message, help_, match.end())
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from soter.language.syntax.clause_words import PLACES
 from soter.language.syntax.foreign_words import LIBRARIES, function_meant, type_meant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+_SHOWN_MAX = 60
 _TYPE = r"(?:unsigned\s+|long\s+)?[A-Za-z_]\w*"
 _NO_TYPES = frozenset(
     ["return", "publish", "let", "var", "push", "else", "in", "void", "fun", "node", "rta", "plant",
@@ -197,3 +199,165 @@ def rewired(match: re.Match[str]) -> str | None:
 def designated(match: re.Match[str]) -> str | None:
     """`.x = e` as `x: e`."""
     return re.sub(r"\.\s*(\w+)\s*=\s*", r"\1: ", match[0])
+
+
+def together(match: re.Match[str]) -> str | None:
+    """The loop that a comprehension or a generator stands for."""
+    x, xs = match["x"], match["xs"]
+    if re.match(r"\[\s*-?[\d.]+\s+for\b", match["at"]):
+        return None  # `comprehension` writes the elements
+    if xs == "range":
+        return f"a loop stands before it: `for {x} in 0..4 {{ ... }}`"
+    if match["at"][0] == "[":
+        return f"before it stand `var ys: float[<=8];` and `for {x} in {xs} {{ push ys, ...; }}`"
+    name, start = {
+        "sum": ("sum", "0.0"), "any": ("found", "false"), "all": ("all", "true")
+    }.get(match["fun"] or "", ("best", f"{xs}[0]"))  # fmt: skip
+    return f"before it stand `var {name} = {start};` and `for {x} in {xs} {{ {name} = ...; }}`"
+
+
+def loop_over(match: re.Match[str]) -> str | None:
+    """`for (auto x : xs)` as `for x in xs`."""
+    return f"for {match['x']} in {match['xs']}"
+
+
+def loop_to(match: re.Match[str]) -> str | None:
+    """`for i = 1 to 4` and `for i in 1:4` as `for i in 1..5`."""
+    high = match["high"]
+    end = str(int(high) + 1) if high.isdigit() else f"{high} + 1"
+    return f"for {match['x']} in {match['low']}..{end}"
+
+
+def unpacked(match: re.Match[str]) -> str | None:
+    """`let (a, b) = e` as one `let` for each name, which take the parts of a pair or a field."""
+    names = [n.strip() for n in match["names"].split(",")]
+    what = match["what"].strip()
+    inner = what[1:-1] if what[:1] + what[-1:] in ("()", "[]") else what
+    parts = [p.strip() for p in inner.split(",")] if "(" not in inner else [what]
+    word = match["word"] if match["word"] in ("let", "var") else "let" if match["word"] else ""
+    if len(parts) != len(names):
+        if len(parts) > 1 or not re.fullmatch(r"[\w.]+(\([^()]*\))?", what):
+            return None
+        fields = "xyzw" if len(names) <= 4 else ""
+        parts = [f"{what}.{f}" for f, _ in zip(fields, names, strict=False)]
+    elif not word and set(names) & set(re.findall(r"\w+", " ".join(parts[1:]))):
+        return None  # each would see what was assigned before
+    return "; ".join(f"{word} {n} = {p}".strip() for n, p in zip(names, parts, strict=False))
+
+
+def one_by_one(match: re.Match[str]) -> str | None:
+    """`var a, b: float` as `var a: float; var b: float`."""
+    names = [n.strip() for n in match["names"].split(",")]
+    return "; ".join(f"{match['word']} {n}{match['rest']}" for n in names)
+
+
+def part_of_a_list(match: re.Match[str]) -> str | None:
+    """The loop over the part that a slice names."""
+    xs, low, high = match["xs"], match["low"] or "0", match["high"]
+    if low.startswith("-") or high.startswith("-") or not high:
+        high = "4"
+        low = "0" if low.startswith("-") else low
+    return f"count over its part, `for i in {low}..{high} {{ ... }}`, and read `{xs}[i]`"
+
+
+def record_value(match: re.Match[str]) -> str | None:
+    """`Pose(x=1.0, y=2.0)` as `{ x: 1.0, y: 2.0 }`."""
+    fields = re.sub(_NAMED, r"\1: ", match["fields"]).strip()
+    return f"{{ {fields} }}"
+
+
+def positional(match: re.Match[str]) -> str | None:
+    """`f(x=1.0)` as `f(1.0)`."""
+    return f"{match['name']}({re.sub(_NAMED, '', match['arguments'])})"
+
+
+_NAMED = r"\b(\w+)\s*=(?!=)\s*"
+
+
+def matrix(match: re.Match[str]) -> str | None:
+    """`[1 0; 0 1]` as `[[1.0, 0.0], [0.0, 1.0]]`, `[1 2]` as `[1.0, 2.0]`, `[0.0; 2]` in full.
+
+    Whole numbers become floats unless the line speaks of an int; a factor is no array.
+    """
+    line = match.string[match.string.rfind("\n", 0, match.start()) + 1 : match.start()]
+    around = line.rstrip()[-1:] + match.string[match.end() :].lstrip()[:1]
+    rows = [re.split(r"\s*,\s*|[ \t]+", row.strip()) for row in match["rows"].split(";")]
+    ragged = len({len(row) for row in rows}) > 1
+    if ragged or "*" in around or not re.match(r"-?[\d.]", rows[0][0]):
+        return None
+    columns = len(rows[0])
+    if len(rows) == 2 and columns == 1 and re.fullmatch(r"[2-9]|1[0-6]", rows[1][0]):
+        rows = rows[:1] * int(rows[1][0])
+    if not re.search(r"\bint\b", line):
+        rows = [[f"{e}.0" if re.fullmatch(r"-?\d+", e) else e for e in row] for row in rows]
+    if len(rows) == 1 or columns == 1:
+        return f"[{', '.join(e for row in rows for e in row)}]"
+    arrays = [f"[{', '.join(row)}]" for row in rows]
+    return f"[{', '.join(arrays)}]"
+
+
+_ENUM = re.compile(r"^type\s+(\w+)\s*=\s*enum\s*\{([^{}]*)\}", re.MULTILINE)
+
+
+def member(match: re.Match[str]) -> str | None:
+    """`"Drive"` as `Phase.Drive` where a type of the file has that case, `"SC"` as `Mode.SC`."""
+    wanted = match["member"].lower()
+    if wanted in ("ac", "sc"):
+        return f"Mode.{wanted.upper()}"
+    for name, members in _ENUM.findall(match.string):
+        for one in re.findall(r"\w+", members):
+            if one.lower() == wanted:
+                return f"{name}.{one}"
+    return None
+
+
+def function_of(match: re.Match[str]) -> str | None:
+    """`inside = lambda p: e` as the head of `fun inside(p: ...): bool { ... }`."""
+    groups = [g for g in ("a", "b", "c", "d", "e", "ps") if g in match.re.groupindex]
+    names = next((match[g] for g in groups if match[g] is not None), "")
+    params = [n.split()[-1] for n in names.split(",") if n.strip()]
+    result = "bool" if re.search(r"[<>!=]=?|&&|\|\||\band\b|\bor\b", match["what"]) else "float"
+    listed = ", ".join(f"{n}: ..." for n in params)
+    what = match["what"].strip("; }")
+    shown = what if what and len(what) < _SHOWN_MAX else "..."
+    return f"fun {match['name']}({listed}): {result} {{ return {shown}; }}"
+
+
+def one_of(match: re.Match[str]) -> str | None:
+    """`x in (A, B)` as `x == A || x == B`."""
+    values = [v.strip() for v in match["values"].split(",")]
+    sign, joint = ("!=", " && ") if match["at"].startswith("not") else ("==", " || ")
+    return f"({joint.join(' '.join((match['x'], sign, v)) for v in values)})"
+
+
+def typed_value(match: re.Match[str]) -> str | None:
+    """`state x = 0.0` as `state x: float = 0.0`."""
+    value = match["v"]
+    of = "bool" if value in ("true", "false") else "int" if value.lstrip("-").isdigit() else "float"
+    return f"{match['before']}: {of} = {value}{match['after']}"
+
+
+def cases(match: re.Match[str]) -> str | None:
+    """`type E = { A, B }` and `type E = A | B` as `type E = enum { A, B }`."""
+    names = ", ".join(re.findall(r"[A-Za-z_]\w*", match["cases"]))
+    return f"type {match['name']} = enum {{ {names} }}"
+
+
+def slope_of_a_state(match: re.Match[str]) -> str | None:
+    """`x_dot = e` and `dx = e` as `der x = e`, where the file has that state."""
+    name = match["name"] or match["other"] or match["third"]
+    declared = re.search(rf"\bstate\s+{name}\b", match.string)
+    return f"der {name} = {match['what']}" if declared else None
+
+
+_BETWEEN = frozenset(
+    ["in", "as", "to", "and", "or", "if", "else", "at", "by", "for", "per", "mod", "is", "not",
+     "open", "init", "with", "implies", "between", *PLACES]
+)  # fmt: skip
+
+
+def product(match: re.Match[str]) -> str | None:
+    """`2 x` as `2 * x`, unless the word is one of the language or a unit of time."""
+    word = match["x"]
+    unit = re.fullmatch(r"(?:[num]?s|min|h|hz|Hz|sec\w*|m|deg|rad)", word)
+    return None if unit or word in _BETWEEN else f"{match['n']} * {word}"

@@ -20,12 +20,13 @@ from soter.diagnostics.span import Span
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_idioms import place_of
 from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT
-from soter.language.syntax.parsing.bodies import BODY_WORDS
 from soter.language.syntax.parsing.functions import fun
+from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
 from soter.language.syntax.parsing.nodes import NodeParser
 from soter.language.syntax.parsing.plants import plant
 from soter.language.syntax.parsing.systems import system, test
 from soter.language.syntax.parsing.token_cursor import (
+    BODY_WORDS,
     ERRORS_MAX,
     STATEMENT_WORDS,
     Panic,
@@ -242,14 +243,16 @@ class Parser(NodeParser):
         message = f"expected a declaration, found {self.found()}"
         helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ()
-        if kind == NAME and self.kinds[i + 1] in (NAME, "fun", "node", "plant", "topic", STRING):
+        elsewhere = at_word_of_elsewhere(self) and self.kinds[i + 2] != "{"
+        names = kind == NAME and not elsewhere
+        if names and self.kinds[i + 1] in (NAME, "fun", "node", "plant", "topic", STRING):
             near = _SYNONYMS.get(word) or self.close_word(word, _DECLARATIONS)
             if near is not None and word not in _FOREIGN_DECLARATION:
                 helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
                 self.report("S009", message, helps=helps)
                 self.quiet = -1
                 return self._declaration(_DECLARATIONS[near])
-        if word in _FOREIGN_DECLARATION:
+        if word in _FOREIGN_DECLARATION and not elsewhere:
             helps = (_FOREIGN_DECLARATION[word],)
         elif kind in STATEMENT_WORDS:
             notes = ("statements stand inside `step { ... }` or a function",)

@@ -611,6 +611,14 @@ class Clause:
     span: Span
 
 
+@dataclass(frozen=True, slots=True)
+class Returns:
+    """`returns after topic;`, or `returns never;`: then there is no topic."""
+
+    topic: Ref | None
+    span: Span
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RtaDecl(Decl):
     """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
@@ -628,6 +636,7 @@ class RtaDecl(Decl):
     """The fail-safe law: `failsafe speed = 0.0;`."""
     wcet: SyntaxExpr | None = None
     jitter: SyntaxExpr | None = None
+    returns: Returns | None = None
     shield: SyntaxExpr | None = None
     """`shield 8;`: into how many cells each number that it publishes is cut."""
 

@@ -142,7 +142,7 @@ def run_chart(run: Run) -> Chart:
         name=run.system.name,
         title=run.system.name,
         time_s=time_s,
-        series=(*_margins(run, thin), *_series(run, trace))[:SERIES_MAX],
+        series=(*_margins(run, thin), *_latches(run, trace), *_series(run, trace))[:SERIES_MAX],
         modes=bands,
         decisions=tuple(_decision(d) for d in decisions.changes(run)),
         violations=tuple(
@@ -184,6 +184,14 @@ def _margins(run: Run, thin: int) -> Iterator[Series]:
             yield Series(
                 f"margin({m.name})", "s", run.margin(m.name)[::thin], panel=f"margin of {m.name}"
             )
+
+
+def _latches(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
+    """Where SC has control and no acknowledgement is in force: 1, else 0."""
+    for m in run.system.modules:
+        if m.latch is not None:
+            latched = decisions.latched(m, trace).astype(float)
+            yield Series(f"latched({m.name})", "", latched, panel=f"latch of {m.name}", held=True)
 
 
 def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:

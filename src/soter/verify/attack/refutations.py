@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from soter.language.elaborate.derived_systems import unlatched
 from soter.verify.attack.refute import refute, refute_return
 from soter.verify.claims.results import NO_CORE, PROVED, REFUTED, UNDECIDED
 
@@ -36,7 +37,7 @@ def refuted(problem: Problem, result: ModuleResult) -> None:
             _tell(findings, SAFETY, search)
     if findings["P2b"].verdict == UNDECIDED:
         began = time.perf_counter()
-        search = refute_return(problem.system, problem.module.name)
+        search = refute_return(unlatched(problem.system), problem.module.name)
         if search.found is not None:
             _enter(findings["P2b"], search.found, time.perf_counter() - began)
         else:

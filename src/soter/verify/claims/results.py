@@ -37,7 +37,8 @@ PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", 
 """In this order everywhere; `start` is that the declared initial states are among those proved,
 `failsafe` that the fail-safe law keeps C once the lease has ended (`failsafe_claim.py`),
 `DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
-STAYS = "not asked: `recover never`, SC may keep control for ever"
+STAYS = "not asked: `{}`, SC may keep control for ever"
+"""With the clause that says so."""
 UNCLAIMED = ("DM",)
 """What no certificate claims: that is about C."""
 
@@ -142,6 +143,8 @@ class Finding:
     counterexample: object | None = None
     causes: list[Cause] = field(default_factory=list)
     leaving: LeavingRun | None = None
+    tried: list[str] = field(default_factory=list)
+    """What of the remedies was verified, and what came of it (`tried_remedies.py`)."""
     saved: Path | None = None
     """The file of the counterexample."""
 

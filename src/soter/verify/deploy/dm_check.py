@@ -2,6 +2,7 @@
 
 Purpose: the emitted C of every DM against the switching logic of the paper's Figure:
 - its switch, on every mode and every truth value of the facts: exhaustively;
+- its latch, where it has one, in all that it may remember, with presses of every age;
 - its facts and its answer, on states of every class of input: NaN, infinities, the ends of the
   range and just beyond, breakpoints of a table, in between; fresh, at `max_age`, stale, never
   published; with and without a gate fault and clean outputs owed; in both modes.
@@ -15,6 +16,7 @@ from __future__ import annotations
 import itertools
 import random
 import struct
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -28,12 +30,14 @@ from soter.language.elaborate.shield_topics import NEVER_HELD
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.typed import AgeRead
 from soter.language.model.types import ArrayType, RecordType, leaves
 from soter.native.build import library
 from soter.native.cffi_interface import interface, opened
 from soter.verify.deploy.computed_predicates import put
-from soter.verify.deploy.dm_inputs import AC, SC, gates, values
+from soter.verify.deploy.dm_inputs import AC, SC, WRAPPER, gates, values
+from soter.verify.deploy.dm_latch import LatchBytes
 from soter.verify.proof_methods import pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable
 from soter.verify.tables.shield_tables import command_edges
@@ -62,31 +66,11 @@ NOW_NS = 10**15
 WHOLE = 24
 """For so many values every age is tried with every state of the gate; for the others some."""
 SOME = 5
+LATCHES = 2
+"""For so many values every state of the latch is tried, by `ttf` and `safer`."""
+ASKED_NS = tuple(10**k for k in range(6, 11))
+"""Ages of topics whose age a predicate asks for: 1 ms to 10 s."""
 FAILURES_MAX = 10
-WRAPPER = """
-#include <string.h>
-unsigned soter_check_decide(unsigned module, void *state);
-unsigned soter_check_switch(unsigned mode, unsigned facts);
-unsigned soter_check_decide(unsigned module, void *state) {{
-  return (unsigned){prefix}_program.module[module].decide(state);
-}}
-void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
-    const size_t *at, const double *points, size_t count, unsigned char *found);
-void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
-    const size_t *at, const double *points, size_t count, unsigned char *found) {{
-  for (size_t k = 0; k < count; k++) {{
-    for (size_t a = 0; a < axes; a++) {{
-      (void)memcpy(state + at[a], points + k * axes + a, sizeof(double));
-    }}
-    (void){prefix}_program.module[module].decide(state);
-    found[k] = state[facts[0]] != 0U ? 0U : state[facts[1]] != 0U ? 2U : 1U;
-  }}
-}}
-unsigned soter_check_switch(unsigned mode, unsigned facts) {{
-  return (unsigned){prefix}_switch((soter_mode)mode, (facts & 1U) != 0U, (facts & 2U) != 0U,
-      (facts & 4U) != 0U, (facts & 8U) != 0U, (facts & 16U) != 0U);
-}}
-"""
 
 
 @dataclass(eq=False)
@@ -288,6 +272,11 @@ class _Inputs:
         self.limits = [
             (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
         ]
+        self.latch = LatchBytes.of(system, layout, module)
+        self.tried = Counter[tuple[bool, bool]]()  # (ttf, safer) with which all latches were
+        symbol, scope = module.symbol, module.scope.topics
+        asked = [n.topic for n in nodes([symbol.ttf, symbol.safer]) if isinstance(n, AgeRead)]
+        self.asked = sorted({scope[topic] for topic in asked})
 
     def run(self, points: Points) -> None:
         """Try them all."""
@@ -301,11 +290,15 @@ class _Inputs:
             topics = [t.default for t in system.topics]
             for index, value in zip(read, chosen_values, strict=True):
                 topics[index] = value
-            ttf, safer = expected.truths(tuple(topics))
             state = expected.state(self.c.unit, tuple(topics))
             chosen = every if k < WHOLE else self.chance.sample(every, min(SOME, len(every)))
-            for stamps, gate in chosen:
-                self._one(state, stamps, gate, ttf=ttf, safer=safer)
+            fresh = truths = expected.truths(tuple(topics), {})
+            for ages, gate in chosen:
+                if expected.reads_ages:
+                    truths = expected.truths(tuple(topics), ages)
+                self._one(state, ages, gate, ttf=truths[0], safer=truths[1])
+            if k < WHOLE or fresh[1]:
+                self._latched(state, ttf=fresh[0], safer=fresh[1])
 
     def _fresh(
         self,
@@ -401,13 +394,19 @@ class _Inputs:
                 yield (place, value), when, tops[:, low] > high
 
     def _ages(self) -> Iterator[dict[int, int]]:
-        """Ages: all fresh; then each input at its limit, beyond it, never published."""
+        """Ages: all fresh; then each input at its limit, beyond it, never published.
+
+        Of topics whose age a predicate asks for some more.
+        """
         yield {}
         for index, limit in self.limits:
             for age in (limit, limit + 1, NOW_NS - NEVER):
                 yield {index: age}
         if self.limits:
             yield {i: self.chance.randrange(2 * a + 2) for i, a in self.limits}
+        for index in self.asked:
+            for age in ASKED_NS:
+                yield {index: age}
 
     def _one(
         self,
@@ -425,6 +424,8 @@ class _Inputs:
         struct.pack_into("<I", state, self.at["clean_needed"], clean)
         state[self.at["mode"]], state[self.at["gate_fault"]] = mode, gate_fault
         stale = any(ages.get(i, 0) > limit for i, limit in self.limits)
+        if self.latch is not None:
+            self.latch.release(state)
         got = self.c.decide(self.module.index, state)
         facts = {"stale": stale, "ttf": ttf, "safer": safer}
         wanted = decided(mode, **facts, gate_fault=gate_fault != 0, clean=clean == 0)
@@ -434,6 +435,28 @@ class _Inputs:
             self.check.differs(f"in {_name(mode)} it finds `{name}` {not facts[name]}")
         if got != wanted:
             self.check.differs(f"in {_name(mode)} on {facts}: {_name(got)}, not {_name(wanted)}")
+
+    def _latched(self, state: bytearray, *, ttf: bool, safer: bool) -> None:
+        """Fresh, clean, and with the latch in every state."""
+        if self.latch is None or self.tried[ttf, safer] >= LATCHES:
+            return
+        self.tried[ttf, safer] += 1
+        struct.pack_into("<q", state, 0, NOW_NS)
+        for i in range(len(self.system.topics)):
+            struct.pack_into("<q", state, self.stamps + 8 * i, NOW_NS)
+        struct.pack_into("<I", state, self.at["clean_needed"], 0)
+        state[self.at["gate_fault"]] = 0
+        for mode, seen in itertools.product((SC, AC), self.latch.every(NOW_NS)):
+            state[self.at["mode"]] = mode
+            self.latch.put(state, seen)
+            held, lets = self.latch.looked(seen, NOW_NS) if mode == SC else (seen.held, True)
+            wanted = decided(mode, stale=False, ttf=ttf, safer=safer, gate_fault=False, clean=lets)
+            after = self.latch.switched(wanted, NOW_NS) if wanted != mode else held
+            self.check.states += 1
+            if (got := self.c.decide(self.module.index, state)) != wanted:
+                self.check.differs(f"in {_name(mode)} on {seen}: {_name(got)}, not {_name(wanted)}")
+            elif (kept := self.latch.remembered(state)) != after:
+                self.check.differs(f"in {_name(mode)} on {seen}: it keeps {kept}, not {after}")
 
 
 def fields_size(system: System, layout: StateLayout) -> int:
@@ -451,12 +474,13 @@ class _Expected:
         self._ttf = None if symbol.ttf is None else evaluator.expression(symbol.ttf)
         self._safer = None if symbol.safer is None else evaluator.expression(symbol.safer)
         self.period_ns = module.period_ns
+        self.reads_ages = any(isinstance(n, AgeRead) for n in nodes([symbol.ttf, symbol.safer]))
 
-    def truths(self, topics: tuple[Value, ...]) -> tuple[bool, bool]:
-        """(ttf, safer); unknown is unsafe."""
+    def truths(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> tuple[bool, bool]:
+        """(ttf, safer); unknown is unsafe. `ages`: of topics that are not of now, in ns."""
         env = Environment(
             topics=topics,
-            stamps=tuple(NOW_NS for _ in topics),
+            stamps=tuple(NOW_NS - ages.get(i, 0) for i in range(len(topics))),
             time_ns=NOW_NS,
             period_ns=self.period_ns,
             in_control=True,

@@ -2,7 +2,7 @@
 
 Purpose: values of the topics that a DM reads, every class at least once: NaN, infinities, huge
 ones, zeros of both signs, the ends of each range and breakpoints with their neighbours, all members
-of enums, and points drawn at random; and every state of the gate.
+of enums, and points drawn at random; and every state of the gate. The C by which a DM is called.
 Non-goals: trying them (`dm_check.py`).
 """
 
@@ -36,6 +36,30 @@ if TYPE_CHECKING:
 SC, AC = 0, 1
 RANDOM_POINTS = 400
 SPECIAL = (float("nan"), float("inf"), float("-inf"), 1e308, -1e308, 0.0, -0.0, 5e-324)
+WRAPPER = """
+#include <string.h>
+unsigned soter_check_decide(unsigned module, void *state);
+unsigned soter_check_switch(unsigned mode, unsigned facts);
+unsigned soter_check_decide(unsigned module, void *state) {{
+  return (unsigned){prefix}_program.module[module].decide(state);
+}}
+void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
+    const size_t *at, const double *points, size_t count, unsigned char *found);
+void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
+    const size_t *at, const double *points, size_t count, unsigned char *found) {{
+  for (size_t k = 0; k < count; k++) {{
+    for (size_t a = 0; a < axes; a++) {{
+      (void)memcpy(state + at[a], points + k * axes + a, sizeof(double));
+    }}
+    (void){prefix}_program.module[module].decide(state);
+    found[k] = state[facts[0]] != 0U ? 0U : state[facts[1]] != 0U ? 2U : 1U;
+  }}
+}}
+unsigned soter_check_switch(unsigned mode, unsigned facts) {{
+  return (unsigned){prefix}_switch((soter_mode)mode, (facts & 1U) != 0U, (facts & 2U) != 0U,
+      (facts & 4U) != 0U, (facts & 8U) != 0U, (facts & 16U) != 0U);
+}}
+"""
 
 
 def gates(module: Module) -> Iterator[tuple[int, int, int]]:

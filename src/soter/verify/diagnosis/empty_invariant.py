@@ -64,6 +64,8 @@ NAMES = {
     "weak": "with nothing against SC, too",
 }
 """Causes, the first of which that was found is named in the table."""
+ENDS = ("one_sided", "drift")
+"""Causes beside which SC keeps nothing whatever stands against it: runs leave by that end."""
 HOPELESS = ("wrap_around", "drift_of_all")
 """Causes beside which cells and strength are not looked at."""
 EMPTY = "K is empty"
@@ -72,11 +74,11 @@ HELPS = 2
 
 
 def diagnose(done: Sequence[Case], result: ModuleResult) -> None:
-    """Enter causes and margins for what is undecided."""
+    """Enter causes and margins for what is undecided, or refuted where SC keeps nothing."""
     budget = CpuBudget(BUDGET_S)
     finding = result.findings["P2a"]
     case = next((c for c in done if c.failed("P2a")), None)
-    if finding.verdict == UNDECIDED and case is not None:
+    if finding.verdict in OPEN and case is not None:
         failure = case.failed("P2a")[0]
         _why_empty(case, failure, finding, budget)
         _named(done, case, finding)
@@ -140,10 +142,12 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget
         finding.causes = sorted(causes, key=lambda c: order.index(c.kind))
     main = next((c for c in finding.causes if c.kind in NAMES), None)
     if main is not None:
-        finding.text = f"{EMPTY}: {NAMES[main.kind]}"
+        if finding.verdict == UNDECIDED:  # a run that refutes it says more
+            finding.text = f"{EMPTY}: {NAMES[main.kind]}"
         finding.causes.remove(main)
         finding.causes.insert(0, main)
-        hints = [c.hint for c in finding.causes if c.hint and c.kind in NAMES]
+        told = [c for c in finding.causes if c is main or c.kind != "weak" or main.kind not in ENDS]
+        hints = [c.hint for c in told if c.hint and c.kind in NAMES]
         finding.hint = "; ".join(dict.fromkeys(hints[:HELPS])) or finding.hint
         if finding.counts.get("runs") and finding.verdict == UNDECIDED:
             finding.hint += f" ({finding.counts['runs']:,} runs under attack found nothing)"

@@ -34,6 +34,7 @@ SAME = 1e-9
 DIFFERENT = 1e-6
 POINTS = 12
 TURNS = (2 * math.pi, 360.0)
+SHORTER = "by the shorter way round: `clamp(k * wrap_angle(wanted - {}), low, high)`"
 
 
 def faces(
@@ -46,17 +47,29 @@ def faces(
         return
     axis = run.names.index(run.axis)
     end = float((model.low, model.high)[run.side > 0][axis])
-    if _wraps(model, axis):
-        width = float(model.high[axis] - model.low[axis])
-        yield Cause(
-            "wrap_around",
-            f"runs leave at {run.axis} = {end:.6g} and should come in at the other end: "
-            "an axis that wraps around is not supported yet",
-            f"a grid on which {run.axis} need not turn over, and a `safe` that says so",
-            (("end", end), ("width", width)),
-        )
+    width = float(model.high[axis] - model.low[axis])
+    turn = next((t for t in TURNS if _periodic(model, axis, t)), None)
+    if turn is not None or _wraps(model, axis):
+        yield _angle(run, end, width, turn, on=search.undisturbed_s is not None)
         return
     yield _wall(case, model, failure, run, axis, end, budget)
+
+
+def _angle(run: LeavingRun, end: float, width: float, turn: float | None, *, on: bool) -> Cause:
+    """An angle that leaves the grid; `on`: SC turns it further, with nothing against it, too."""
+    name = run.axis.rpartition(".")[2]
+    text = f"runs leave at {run.axis} = {end:.6g}, and {run.axis} is an angle: plant and `safe` "
+    text += "are the same one turn further. No clause makes an axis wrap around: beyond the grid "
+    text += "counts as unsafe"
+    numbers = (("end", end), ("width", width if turn is None else turn))
+    if not on:
+        hint = f"a grid of more than one turn, or an SC that keeps {run.axis} off {end:.6g}"
+        return Cause("wrap_around", text, f"{hint}, {SHORTER.format(name)}", numbers)
+    text += f"; SC itself turns {run.axis} on, so no grid holds it"
+    hint = f"an SC that comes to one heading, {SHORTER.format(name)}; where it has to circle, a "
+    hint += "plant in the distance from the centre and the heading against the bearing from there "
+    hint += "(`der r = V * cos(p); der p = turn - V * sin(p) / r;`), in which circling is rest"
+    return Cause("wrap_around", text, hint, numbers)
 
 
 def _wall(
@@ -149,6 +162,32 @@ def _moves(case: Case, box: Floats, n: int) -> Floats | None:
     out[range(n), range(4, 4 + n)] -= half[:n]
     spread = np.abs(out[:, 4:]).sum(axis=1) + out[:, 3]
     return np.stack([out[:, 2] - spread, out[:, 2] + spread], axis=1)
+
+
+def _periodic(model: PointModel, axis: int, turn: float) -> bool:
+    """Whether plant and `safe` are the same a turn further, and the plant not for every value."""
+    chance = np.random.default_rng(0)
+    depends = False
+    whole = model.forms.whole
+    for _ in range(POINTS):
+        point = chance.uniform(whole[:, 0], whole[:, 1])
+        u, w = point[model.controls], point[model.disturbances]
+        seen = []
+        for more in (0.0, turn, float(chance.uniform(0.1, 0.4)) * turn):
+            x = point[model.states].copy()
+            x[axis] += more
+            try:
+                rate = model.rate(x, u, w)
+            except StepFaultError:
+                return False
+            if model.is_map:
+                rate[axis] -= x[axis]
+            seen.append((rate, model.safe(x)))
+        size = 1e-12 + float(np.abs(seen[0][0]).max())
+        if np.abs(seen[0][0] - seen[1][0]).max() > SAME * size or seen[0][1] != seen[1][1]:
+            return False
+        depends |= bool(np.abs(seen[0][0] - seen[2][0]).max() > DIFFERENT * size)
+    return depends
 
 
 def _wraps(model: PointModel, axis: int) -> bool:

@@ -4,7 +4,8 @@ Purpose: runs of the model under SC, undisturbed and with every adversary held: 
 rest, for which values `safer` holds beside that place, and by how much it would have to be wider;
 whether finer cells, or less against SC, show the way back. Also beside a run that refutes P2b,
 which says where it ends and not why.
-Non-goals: verdicts; polytopes; predicates that are computed, whose sets follow from K.
+Non-goals: verdicts; polytopes; finer cells or fewer levels where predicates are computed
+(`tried_remedies.py`).
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ STILL = 1e-3
 SCANNED = 800
 """Points of an axis at which `safer` is asked."""
 DECLARED = "the declared start"
+OWN = "`ttf` and `safer` of your own: then the grid is refined where they fail"
 SIZES = ((1, "half"), (2, "a quarter of"), (3, "an eighth of"))
 
 
@@ -59,14 +61,8 @@ def recovery_causes(
     case: Case, failure: Failure, grid: GridProof, budget: CpuBudget
 ) -> Iterator[Cause]:
     """Why there is no set inside `safer` that SC keeps, or no way there."""
-    if case.problem.computed:
-        many = case.problem.levels
-        text = f"`safer` is computed: S_{many - 2} of {many} levels, on the grid as it is declared"
-        fewer = "`levels 2;`, " if many > 2 else ""
-        hint = f"more cells, {fewer}or `ttf` and `safer` of your own: then the grid is refined"
-        yield Cause("computed", text, f"{hint} where they fail")
-        return
     model, part = PointModel(case), grid.found
+    goal = _Goal(case, model, grid)
     start, whose = model.start, DECLARED
     if failure.stuck and failure.cells is not None:
         start, whose = _inside(model, grid, failure.cells), "one of them"
@@ -74,10 +70,15 @@ def recovery_causes(
         start, whose = _inside(model, grid, part.core > 0), "inside K"
     if part.target is not None and not part.target.any():
         text = "there is no cell all of whose estimates satisfy `safer`"
-        yield Cause("no_target", text, _wide_enough(case, grid))
+        yield Cause("no_target", text, "" if goal.computed else _wide_enough(case, grid))
         return
-    causes = list(_rests(case, model, start, whose, budget))
+    causes = list(_rests(goal, start, whose, budget))
     yield from causes
+    if goal.computed:
+        many = case.problem.levels
+        text = f"`safer` is computed: S_{many - 2} of {many} levels, on the grid as it is declared"
+        yield Cause("computed", text, OWN if not any(c.hint for c in causes) else "")
+        return
     if any(c.kind in ("stays_away", "leaves", "pushed_out") for c in causes):
         if not failure.stuck:
             yield from _wider(case, grid.engine, part)
@@ -92,10 +93,36 @@ def recovery_causes(
 
 
 def _in_core(grid: GridProof, x: Floats) -> bool:
+    return _in(grid, grid.found.core > 0, x)
+
+
+def _in(grid: GridProof, cells: Bools, x: Floats) -> bool:
+    """Whether all cells that hold a state, (states,), are in a set of the grid's shape."""
     pairs = zip(grid.engine.axes, grid.engine.edges, strict=True)
     at = [holding(edges, float(x[state]), float(x[state])) for state, edges in pairs]
     inside = tuple(b for b in at if b is not None)
-    return len(inside) == len(at) and bool((grid.found.core[inside] > 0).all())
+    return len(inside) == len(at) and bool(cells[inside].all())
+
+
+class _Goal:
+    """Where SC gives control back: by `safer`, or by the table of the DM where it is computed."""
+
+    def __init__(self, case: Case, model: PointModel, grid: GridProof) -> None:
+        self.case, self.model, self.grid = case, model, grid
+        self.computed = case.problem.computed
+
+    def holds(self, x: Floats) -> bool:
+        """On the exact estimate of a state, (states,)."""
+        return self.surely(x) if self.computed else self.model.safer(x)
+
+    def surely(self, x: Floats) -> bool:
+        """On every estimate of a state, (states,)."""
+        if self.computed:
+            target = self.grid.found.target
+            return target is not None and _in(self.grid, target, x)
+        box = self.case.forms.whole.copy()
+        box[self.model.states] = np.stack([x, x], axis=1)
+        return self.case.forms.truth(self.case.problem.returning, box) == TRUE
 
 
 def _inside(model: PointModel, grid: GridProof, of: Bools) -> Floats:
@@ -136,10 +163,9 @@ def _rest(model: PointModel, trace: ModelTrace) -> _Rest:
     return _Rest(low, high, still, states[-1], float(times[-1]))
 
 
-def _rests(
-    case: Case, model: PointModel, start: Floats, whose: str, budget: CpuBudget
-) -> Iterator[Cause]:
+def _rests(goal: _Goal, start: Floats, whose: str, budget: CpuBudget) -> Iterator[Cause]:
     """Whether the undisturbed run comes to `safer`; if so, whether those with an adversary do."""
+    model = goal.model
     holds = WALK_HOLDS * model.inputs.period_ns / 1e9
     every = iter(patterns(model))
     trace = run(model, start, next(every), holds, budget.goes_on)
@@ -149,11 +175,11 @@ def _rests(
         at = _told(model, trace.states[-1])
         yield Cause("leaves", f"{head} leaves C after {trace.times[-1]:.4g} s at {at}")
         return
-    inside = [model.safer(x) for x in trace.states]
+    inside = [goal.holds(x) for x in trace.states]
     if not inside[-1] or not (end.still or all(inside[-(len(inside) // 4 + 1) :])):
-        yield _away(case, model, head, end)
+        yield _away(goal, head, end)
         return
-    pushed = _pushed(case, model, start, list(every), budget.part(PUSHED_S))
+    pushed = _pushed(goal, start, list(every), budget.part(PUSHED_S))
     if pushed is not None:
         yield pushed
         return
@@ -163,9 +189,10 @@ def _rests(
     yield Cause("comes_back", text, "", (("back_s", when),))
 
 
-def _away(case: Case, model: PointModel, head: str, end: _Rest) -> Cause:
+def _away(goal: _Goal, head: str, end: _Rest) -> Cause:
     """SC brings the plant to where `safer` does not hold."""
-    asked = _asked(case, model, end.last)
+    model = goal.model
+    asked = _asked(goal, end.last)
     moves = "" if end.still else f", still between {_ranges(model, end)}"
     text = f"{head} {'comes to rest at' if end.still else 'is at'} {_told(model, end.last)} "
     text += f"after {end.time_s:.4g} s{moves}: `safer` does not hold there"
@@ -174,15 +201,15 @@ def _away(case: Case, model: PointModel, head: str, end: _Rest) -> Cause:
     name, at, low, high = asked
     text += f"; it holds there for {name} in [{low:.4g}, {high:.4g}]"
     hint = f"let SC bring {name} to {low / 2 + high / 2:.4g} instead of {at:.4g} (a law that only "
-    hint += "stops does not, and a proportional one stays behind a constant load), "
-    hint += f"or write a `safer` that holds around {name} = {at:.4g}"
+    hint += "stops does not, and a proportional one stays behind a constant load)"
+    if not goal.computed:
+        hint += f", or write a `safer` that holds around {name} = {at:.4g}"
     return Cause("stays_away", text, hint, (("low", low), ("high", high), ("at", at)))
 
 
-def _pushed(
-    case: Case, model: PointModel, start: Floats, rest: Sequence[Pattern], budget: CpuBudget
-) -> Cause | None:
+def _pushed(goal: _Goal, start: Floats, rest: Sequence[Pattern], budget: CpuBudget) -> Cause | None:
     """The run with an adversary that ends furthest outside `safer`; None where all are inside."""
+    model = goal.model
     holds = WALK_HOLDS * model.inputs.period_ns / 1e9
     worst: tuple[float, Pattern, _Rest] | None = None
     low, high = np.full(len(start), np.inf), np.full(len(start), -np.inf)
@@ -197,13 +224,13 @@ def _pushed(
         quarter = [
             x for t, x in zip(trace.times, trace.states, strict=True) if t >= 0.75 * end.time_s
         ]
-        outside = sum(not _surely(case, model, x) for x in quarter) / len(quarter)
+        outside = sum(not goal.surely(x) for x in quarter) / len(quarter)
         if outside and (worst is None or outside > worst[0]):
             worst = outside, pattern, end
     if worst is None:
         return None
     _, pattern, end = worst
-    asked = _asked(case, model, end.last)
+    asked = _asked(goal, end.last)
     what = ", ".join(pattern_text(model, pattern))
     at = (
         f"comes to rest at {_told(model, end.last)}"
@@ -212,43 +239,36 @@ def _pushed(
     )
     text = f"with {what} SC's run of the model {at}, where `safer` does not hold of every estimate"
     if asked is None:
-        return Cause("pushed_out", text, "a wider `safer`, smaller disturbances, or a stronger SC")
+        wider = "" if goal.computed else "a wider `safer`, "
+        return Cause("pushed_out", text, f"{wider}smaller disturbances, or a stronger SC")
     name, value, first, last = asked
     axis = model.names.index(name)
-    error = errors_of(case.problem).get(axis, 0.0)
+    error = errors_of(model.problem).get(axis, 0.0)
     ends = float(low[axis]) - error, float(high[axis]) + error
     text += (
         f": with everything else as it is there it holds for {name} in [{first:.4g}, {last:.4g}]"
     )
     wide = f"{name} from {ends[0]:.4g} to {ends[1]:.4g}"
-    hint = f"a `safer` that holds on estimates of {wide} and more, "
-    hint += (
-        f"or an SC that keeps {name} closer (a larger gain, an integral part), or smaller bounds"
-    )
+    hint = "" if goal.computed else f"a `safer` that holds on estimates of {wide} and more, or "
+    hint += f"an SC that keeps {name} closer (a larger gain, an integral part), or smaller bounds"
     return Cause("pushed_out", text, hint, (("at", value), ("low", ends[0]), ("high", ends[1])))
 
 
-def _surely(case: Case, model: PointModel, x: Floats) -> bool:
-    """Whether `safer` holds of every estimate of a state, (states,)."""
-    box = case.forms.whole.copy()
-    box[model.states] = np.stack([x, x], axis=1)
-    return case.forms.truth(case.problem.returning, box) == TRUE
-
-
-def _asked(case: Case, model: PointModel, x: Floats) -> tuple[str, float, float, float] | None:
+def _asked(goal: _Goal, x: Floats) -> tuple[str, float, float, float] | None:
     """The axis along which `safer` is nearest: its name, the value there, and where it holds.
 
     All other states stay as they are; of several ranges of one axis the nearest. None where moving
     one state alone does not bring it there.
     """
     best: tuple[float, int, float, float] | None = None
+    model = goal.model
     for axis in range(len(x)):
         points = np.linspace(model.low[axis], model.high[axis], SCANNED + 1)
         held = np.zeros(len(points) + 2, dtype=np.int8)
         for k, value in enumerate(points):
             y = x.copy()
             y[axis] = value
-            held[k + 1] = _surely(case, model, y)
+            held[k + 1] = goal.surely(y)
         turns = np.flatnonzero(np.diff(held))
         for a, b in zip(turns[::2], turns[1::2], strict=True):
             low, high = float(points[a]), float(points[b - 1])

@@ -24,6 +24,7 @@ from soter.verify.enclose.c_emitter import (
     names_in,
 )
 from soter.verify.enclose.enclosed_steps import Enclosed
+from soter.verify.problem.age_disjuncts import ttf_of_states
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -115,7 +116,8 @@ class _Unit:
         self._constraint(symbol.safe, parts)
         if hint is not None:
             self._truth("core", lambda e: e.predicate(hint, more, estimated=False))
-        for name, said in (("ttf", symbol.ttf), ("safer", symbol.safer), ("back", back)):
+        ttf = ttf_of_states(symbol.ttf)
+        for name, said in (("ttf", ttf), ("safer", symbol.safer), ("back", back)):
             if said is not None:
                 self._estimated(name, said)
         if symbol.verify.enters is not None:

@@ -21,7 +21,7 @@ from soter.language.model.system import Property
 from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
 from soter.timing.trusted_thread import in_thread
 from soter.verify.induction.calendar import ComponentCalendar
-from soter.verify.problem.assumption import FRESH, Assumption
+from soter.verify.problem.assumption import FRESH, Assumption, of_latch
 from soter.verify.problem.other_modes import NO_MODES
 from soter.verify.problem.problem import NODES, Problem, Times
 from soter.verify.problem.quantities import Quantities
@@ -457,7 +457,7 @@ def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumptio
         for n, w in problem.any_value.items()
         if n not in modes
     ]
-    assumptions.append(FRESH)
+    assumptions += [FRESH, *of_latch(problem.module.symbol)]
     if problem.heard:
         still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))
         text = f"for P2b alone: {still} stays as it is until SC gives control back"

@@ -63,13 +63,16 @@ def verify_by_induction(
     problem: InductionProblem,
     *,
     refute: bool = True,
+    explain: bool | None = None,
     progress: Callable[[float], None] | None = None,
     search: Search | None = None,
 ) -> InductionResult:
     """Everything about one module. `SoterError` D007 where the solver is not installed.
 
+    `explain`: as every method takes it; an induction says what it knows without it.
     `search`: finds runs that refute, where `refute`; None: nobody looks for one.
     """
+    del explain
     began = time.perf_counter()
     induction = induct(problem, progress)
     result = InductionResult(problem, {}, [])
@@ -158,12 +161,14 @@ def _safe(problem: InductionProblem, induction: Induction) -> Finding:
 
 def _returns(problem: InductionProblem, induction: Induction) -> Finding:
     returned = induction.proved and bool(induction.returns)
-    if not returned and problem.module.symbol.verify.stays is not None:
-        return Finding(ASSUMED, induction.returns_s, HOW, STAYS)
+    symbol = problem.module.symbol
+    if symbol.stays == "returns never" or (symbol.stays and not returned):
+        return Finding(ASSUMED, induction.returns_s, HOW, STAYS.format(symbol.stays))
     finding = Finding(PROVED if returned else UNDECIDED, induction.returns_s, HOW)
     finding.text = "there is no proof that `safe` is kept"
     if returned:
         finding.text = f"SC gives control back within {show_ns(induction.returns_ns)}"
+        finding.text += ", if it is acknowledged" if symbol.acknowledgements else ""
         granted = [*(["`progress` holds"] if problem.progress else [])]
         still = sorted(problem.system.topics[i].name for i in problem.heard)
         granted += [f"{_named(still, 'and')} stays as it is"] if still else []

@@ -1,7 +1,8 @@
 """What a proof takes for granted, as values.
 
-Purpose: `Assumption`; `remaining`: what is left of a problem's assumptions once a proof has shown
-some of them and added others. Nothing is ever taken out of a list, and nothing by its wording.
+Purpose: `Assumption`, and those that every proof says alike; `remaining`: what is left of a
+problem's assumptions once a proof has shown some of them and added others. Nothing is ever taken
+out of a list, and nothing by its wording.
 Non-goals: which assumptions there are (`assumptions.py`, `induction/problem.py`).
 """
 
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
+
+    from soter.language.model.typed import ModuleSymbol
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,18 @@ SCHEME = Assumption(
 )
 """Of a proof that is about the differential equation alone."""
 FRESH = Assumption("fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+
+
+def of_latch(module: ModuleSymbol) -> list[Assumption]:
+    """That the operator acknowledges, where only then the DM gives control back."""
+    return [
+        Assumption(
+            f"acknowledged {topic.name}",
+            f"P2b: the operator acknowledges: a press of {topic.name} is in force when `safer` "
+            "holds; without one SC keeps control",
+        )
+        for topic in module.acknowledgements
+    ]
 
 
 def remaining(

@@ -14,7 +14,7 @@ from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaves
 from soter.language.prelude.bounds import BOUNDS
 from soter.verify.induction.handover import handovers
-from soter.verify.problem.assumption import FRESH, SCHEME, Assumption
+from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, of_latch
 from soter.verify.problem.problem import Jumps
 from soter.verify.time.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
@@ -60,7 +60,7 @@ def assumptions_of(
     if kind == "flow":
         assumptions += _of_one_instant(place)
         assumptions.append(SCHEME)
-    assumptions.append(FRESH)
+    assumptions += [FRESH, *of_latch(place.module.symbol)]
     if inputs.parameters:
         names = ", ".join(p.name for p in inputs.parameters)
         text = (

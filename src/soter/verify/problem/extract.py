@@ -142,7 +142,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         parameter_start=tuple(inputs.parameter_start),
         schemes=_schemes(at, inputs) if kind == "flow" else (),
         still=frozenset(inputs.still),
-        stays=symbol.verify.stays is not None,
+        stays=bool(symbol.stays),
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
 

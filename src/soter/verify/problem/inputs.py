@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.verify.problem.age_disjuncts import ttf_of_states
 from soter.verify.problem.problem import DiscreteParameter, Interval
 from soter.verify.problem.quantities import Leaf, Quantities
 from soter.verify.problem.verification_system import sc_reads
@@ -232,7 +233,7 @@ def _read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]:
     spans = topic_reads(*place.sc.node.step)
     for topic in sc_reads(place.sc.node):
         reads.setdefault(place.sc.scope.topics[topic], spans.get(topic))
-    predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
+    predicates = [e for e in (ttf_of_states(symbol.ttf), symbol.safer) if e is not None]
     for topic, read in topic_reads(*predicates).items():
         reads.setdefault(module.scope.topics[topic], read)
     return reads

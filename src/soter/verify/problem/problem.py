@@ -255,7 +255,7 @@ class Problem:
     recover_ns: int | None = None
     """T of P2b where it is declared: `recover within d;`."""
     stays: bool = False
-    """`recover never;`: P2b is not asked, SC may keep control for ever."""
+    """`recover never;` or `returns never;`: P2b is not asked, SC may keep control for ever."""
     progress_texts: tuple[str, ...] = ()
     """What P2b takes for granted at all times, as it is written."""
     law: Problem | None = None

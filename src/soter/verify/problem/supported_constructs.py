@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, nodes, plant_code, topic_reads
 from soter.language.model.types import BoolType, EnumType, IntType, leaves
+from soter.verify.problem.age_disjuncts import ttf_of_states
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
@@ -207,7 +208,7 @@ def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
                     notes=("it is proved on the plant's true state",),
                     helps=("put the plant that drives it beside the module, or use `abstracts`",),
                 )
-    for what, e in (("ttf", symbol.ttf), ("safer", symbol.safer)):
+    for what, e in (("ttf", ttf_of_states(symbol.ttf)), ("safer", symbol.safer)):
         if e is not None:
             _facts([e], f"`{what}`", diagnostics)
 

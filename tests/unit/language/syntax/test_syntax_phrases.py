@@ -79,7 +79,84 @@ IN_A_FUNCTION = [
     ("let y = x\n  return y;", "let y = x;\n  return y;"),
 ]  # fmt: skip
 
+IN_A_FUNCTION += [
+    ("path.append(x);", "push path, x;"),
+    ("path.push_back(min(x, 1.0));", "push path, min(x, 1.0);"),
+    ("m.path.add(x);", "push m.path, x;"),
+    ("push(path, x);", "push path, x;"),
+    ("append(path, x + 1.0);", "push path, x + 1.0;"),
+    ("path.clear();", "path = [];"),
+    ("for (auto& r : path) { } return x;", "for r in path { } return x;"),
+    ("foreach r in path { } return x;", "for r in path { } return x;"),
+    ("for r of path { } return x;", "for r in path { } return x;"),
+    ("for k = 1 to 3 { } return x;", "for k in 1..4 { } return x;"),
+    ("for k in 0:7 { } return x;", "for k in 0..8 { } return x;"),
+    ("let (a, b) = (x, y); return a;", "let a = x; let b = y; return a;"),
+    ("let a, b = p.v; return a;", "let a = p.v.x; let b = p.v.y; return a;"),
+    ("var a, b: float; return a;", "var a: float; var b: float; return a;"),
+    ("let p = Pose(x=1.0, y=y); return p.x;", "let p = { x: 1.0, y: y }; return p.x;"),
+    ("let p = Pose { x: 1.0, y: y }; return p.x;", "let p = { x: 1.0, y: y }; return p.x;"),
+    ("return clamp(x, low=0.0, high=1.0);", "return clamp(x, 0.0, 1.0);"),
+    ("let a = [1 2 3]; return x;", "let a = [1.0, 2.0, 3.0]; return x;"),
+    ("let a = [1 2; 3 4]; return x;", "let a = [[1.0, 2.0], [3.0, 4.0]]; return x;"),
+    ("let a = [0.5; 3]; return x;", "let a = [0.5, 0.5, 0.5]; return x;"),
+    ("return x in [0.0, 1.0] ? x : y;", "return 0.0 <= x && x <= 1.0 ? x : y;"),
+    ("if k in (3, 4) { } return x;", "if (k == 3 || k == 4) { } return x;"),
+    ("if k not in (3, 4) { } return x;", "if (k != 3 && k != 4) { } return x;"),
+    ("if x between 0.0 and 1.0 { } return x;", "if 0.0 <= x && x <= 1.0 { } return x;"),
+    ("if x =< y { } return x;", "if x <= y { } return x;"),
+    ("x <- y; return x;", "x = y; return x;"),
+    ("++k; return x;", "k = k + 1; return x;"),
+    ("return 2 y;", "return 2 * y;"),
+    ("return x as int;", "return int(x);"),
+    ("return 1.0 + float k;", "return 1.0 + float(k);"),
+    ('assert(x > 0.0, "low"); return x;', 'assert x > 0.0, "low"; return x;'),
+    ("a: float = 2.0; return a;", "var a: float = 2.0; return a;"),
+    ("let a = choose [1, 2, 3]; return x;", "let a = choose { 1, 2, 3 }; return x;"),
+    ("let a = choose(1, 2); return x;", "let a = choose { 1, 2 }; return x;"),
+    ("let a = choose 1 | 2; return x;", "let a = choose { 1, 2 }; return x;"),
+    ('return m == "SC" ? x : y;', "return m == Mode.SC ? x : y;"),
+    ("var a float = 1.0; return a;", "var a: float = 1.0; return a;"),
+]
+TOP += [
+    ("type Cell = int[-3, 3];", "type Cell = int in [-3, 3];"),
+    ("type Cell = int(0..9);", "type Cell = int in [0, 9];"),
+    ("type E = { Up, Down };", "type E = enum { Up, Down };"),
+    ("type E = enum { Up = 1, Down = 2 };", "type E = enum { Up, Down };"),
+    ("topic t: float(0.0, 2.0);", "topic t: float in [0.0, 2.0];"),
+    ("topic t: float range 0.0 to 2.0;", "topic t: float in [0.0, 2.0];"),
+    ("topic t: float default 0.5;", "topic t: float = 0.5;"),
+    ("topic float t;", "topic t: float;"),
+    ("topic s, t: float;", "topic s: float; topic t: float;"),
+    ("param K = 0.5;", "param K: float = 0.5;"),
+    ("fun f(x: float): float = 2.0 * x;", "fun f(x: float): float { return 2.0 * x; }"),
+    ("fun f(x: float): float => x;", "fun f(x: float): float { return x; }"),
+    ("node N every 20ms { step { } }", "node N period 20ms { step { } }"),
+    ("node N(period = 20ms) { step { } }", "node N period 20ms { step { } }"),
+    ("system default S { }", "system S default { }"),
+    ("test T of S { }", "test T { system S; }"),
+    ("rta M(A, B) { }", "rta M { ac A; sc B; }"),
+    ("rta M period 50ms { }", "rta M { period 50ms; }"),
+    ("output topic t: float;", "topic t: float;"),
+]
+
+IN_A_SYSTEM = [
+    ("node A, B;", "node A; node B;"),
+    ("node a: A;", "node A;"),
+    ("input g in [0.0, 1.0] every 1s;", "input g in { 0.0, 1.0 } every 1s;"),
+    ("replace A with B;", "replace A by B;"),
+    ("[] (x < 1.0);", "always (x < 1.0);"),
+    ("always x > 0.0 -> y < 1.0;", "always !(x > 0.0) || y < 1.0;"),
+    ("always if x > 0.0 then y < 1.0;", "always !(x > 0.0) || y < 1.0;"),
+    ("never x > 0.0 implies y < 1.0;", "never !(x > 0.0) || y < 1.0;"),
+]
+
 IN_A_NODE = [
+    ("subscribes (a, b); step { }", "subscribes a, b; step { }"),
+    ("subscribes a as b; step { }", "subscribes a; step { }"),
+    ("publishes a = 0.0; step { }", "publishes a; step { }"),
+    ("def step(self): { }", "step { }"),
+    ("step(m: Motion) { }", "step { }"),
     ("float last = 0.0; step { }", "var last: float = 0.0; step { }"),
     ("uint8_t n; step { }", "var n: int in [0, 255]; step { }"),
     ("state n: int; step { }", "var n: int; step { }"),
@@ -90,6 +167,12 @@ IN_A_NODE = [
 ]
 
 IN_A_PLANT = [
+    ("state v: float; v_dot = 1.0;", "state v: float; der v = 1.0;"),
+    ("state v: float; v(k + 1) = v(k) + u;", "state v: float; next v = v + u;"),
+    ("state v: float; v += 1.0;", "state v: float; next v = v + 1.0;"),
+    ("state v = 0.5;", "state v: float = 0.5;"),
+    ("disturbance w: float +- 0.5;", "disturbance w: float in [-0.5, 0.5];"),
+    ("measured t by 0.1;", "measured t within 0.1;"),
     ("float v; der v = 1.0;", "state v: float; der v = 1.0;"),
     ("subscribes force; state v: float;", "reads force; state v: float;"),
     ("state v: float; v' = 1.0;", "state v: float; der v = 1.0;"),
@@ -102,6 +185,7 @@ CASES = [
     *(("{}", wrong, right) for wrong, right in TOP),
     *(("fun f(): float {{ {} }}", wrong, right) for wrong, right in IN_A_FUNCTION),
     *(("node N period 10ms {{ {} }}", wrong, right) for wrong, right in IN_A_NODE),
+    *(("system S {{ p: P; {} }}", wrong, right) for wrong, right in IN_A_SYSTEM),
     *(("plant P period 10ms {{ {} }}", wrong, right) for wrong, right in IN_A_PLANT),
 ]
 
@@ -121,6 +205,90 @@ def test_a_phrase_of_another_language_gets_the_edit_that_makes_it_soter(
     again = Diagnostics()
     parse(Source("t.soter", text), again)
     assert problem.message not in [d.message for d in again.items]
+
+
+ADVISED = [
+    ("fun f(): float {{ {} return x; }}", wrong, said)
+    for wrong, said in [
+        ("path.pop();", "push"),
+        ("rospy.sleep(0.1);", "leave it out"),
+        ("logger.info(x);", "publish"),
+        ("let a = min(r for r in path);", "for r in path"),
+        ("let a = [2.0 * r for r in path];", "push ys"),
+        ("let a = path[1:3];", "for i in 1..3"),
+        ("let a = path[:-1];", "for i in 0.."),
+        ("a, b = b, a;", "let old"),
+        ("let a = [1 0; 0 1] * v;", "components"),
+        ("let a = 0.0 -> b;", "a = b;"),
+        ("let g = lambda v: v + 1.0;", "fun name"),
+        ("let a = pre b;", "var last"),
+        ("let a = b << 2;", "operators"),
+        ("raise Fault(x);", "assert"),
+        ("unless x > 0.0 { }", "if !"),
+        ("static int n = 0;", "beside its step"),
+        ("if x > 0.0 then x = 1.0;", "{ ... }"),
+    ]
+]
+
+
+@pytest.mark.parametrize(("around", "wrong", "said"), ADVISED)
+def test_a_phrase_without_a_counterpart_is_told_what_to_do(
+    around: str, wrong: str, said: str
+) -> None:
+    diagnostics = Diagnostics()
+    parse(Source("t.soter", f"soter 1;\n{around.format(wrong)}\n"), diagnostics)
+    first, *_ = diagnostics.items
+    assert said in " ".join([*first.notes, *first.helps]), first
+    assert "missing" not in first.message
+
+
+def test_a_case_of_an_enum_is_named_for_its_text() -> None:
+    text = (
+        "soter 1;\ntype Light = enum { Red, Green };\n"
+        'fun f(l: Light): bool { return l == "green"; }\n'
+    )
+    source, diagnostics = Source("t.soter", text), Diagnostics()
+    parse(source, diagnostics)
+    (fix,) = diagnostics.items[0].fixes
+    assert "l == Light.Green;" in applied(fix)[source]
+
+
+@pytest.mark.parametrize(
+    ("text", "right"),
+    [
+        ("topic t float;", "topic t: float;"),
+        ("topic t: float max_age: 20ms;", "topic t: float max_age 20ms;"),
+        ("topic t: float, max_age 20ms;", "topic t: float max_age 20ms;"),
+        ("plant P period 10ms { state x: float; der x: 1.0; }",
+         "plant P period 10ms { state x: float; der x = 1.0; }"),
+        ("node N period 10ms: { step { } }", "node N period 10ms { step { } }"),
+        ("node N period 10ms { step { publish u 1.0; } }",
+         "node N period 10ms { step { publish u =  1.0; } }"),
+        ('node N period 10ms { subscribes "t"; step { } }',
+         "node N period 10ms { subscribes t; step { } }"),
+        ("fun f(a: float b: float): float { return a; }",
+         "fun f(a: float , b: float): float { return a; }"),
+    ],
+)  # fmt: skip
+def test_one_token_that_is_wrong_is_mended(text: str, right: str) -> None:
+    source, diagnostics = Source("t.soter", f"soter 1;\n{text}\n"), Diagnostics()
+    parse(source, diagnostics)
+    (first,) = diagnostics.items
+    (fix,) = first.fixes
+    again = applied(fix)[source]
+    mended = Diagnostics()
+    parse(Source("t.soter", again), mended)
+    assert not mended.items
+    assert again.split() == f"soter 1;\n{right}\n".split() or "".join(again.split()) == "".join(
+        f"soter 1;{right}".split()
+    )
+
+
+def test_an_edit_that_leads_to_another_error_is_not_offered() -> None:
+    diagnostics = Diagnostics()
+    text = "soter 1;\nfun f(): float { let a = 1.0 -> 2.0 + ; return a; }\n"
+    parse(Source("t.soter", text), diagnostics)
+    assert all(not d.fixes for d in diagnostics.items)
 
 
 def test_a_right_program_is_never_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -104,7 +104,7 @@ SLIPS = [
     ("    publish accel =", "    let a = choose; publish accel =", "S007"),
     ("    publish accel =", "    let a = choose int; publish accel =", "S007"),
     ("    publish accel =", "    let a = choose { 1 2 }; publish accel =", "S005"),
-    ("    publish accel =", "    let a = choose (1, 2); publish accel =", "S007"),
+    ("    publish accel =", "    let a = choose (1, 2); publish accel =", "S015"),
     ("    publish accel =", "    let a = choose [1; publish accel =", "S005"),
     ("    publish accel =", "    let choose = 1.0; publish accel =", "S006"),
     # tests
@@ -115,7 +115,7 @@ SLIPS = [
     ("skew 5ms;", "skip Fast at most 5", "S004"),
     ("skew 5ms;", "quantum 5;", "S019"),
     ("skew 5ms;", "quantum 5ms; quantum 1ms;", "S022"),
-    ("skew 5ms;", "input goal in [0, 1] every 1s;", "S005"),
+    ("skew 5ms;", "input goal in [0, 1] every 1s;", "S015"),
     ("skew 5ms;", "input goal in { 0 1 } every 1s;", "S005"),
     ("skew 5ms;", "until 5ms;", "S010"),
     ("skew 5ms;", "invariant(SafeCart);", "S010"),
@@ -154,7 +154,7 @@ SLIPS = [
     ("motion, goal", "motion goal", "S005"),
     # types and values
     ("A: float", "A float", "S015"),
-    ("A: float =", "A =", "S005"),
+    ("A: float =", "A =", "S015"),
     ("float = 3.0", "float := 3.0", "S015"),
     ("float = 3.0", "float == 3.0", "S015"),
     ("float = 3.0", "float 3.0", "S005"),
@@ -178,7 +178,7 @@ SLIPS = [
     ("): bool {", ") -> bool {", "S015"),
     ("): bool {", ") {", "S005"),
     ("in [-A, A] = 0.0", "= 0.0 in [-A, A]", "S005"),
-    ("state x: float", "state x", "S005"),
+    ("state x: float", "state x", "S015"),
     ("wind: float in [-0.2, 0.2]", "wind: float", "S005"),
     ("drives motion = { x: x, v: v }", "drives motion", "S024"),
     # expressions

@@ -71,3 +71,21 @@ def test_a_place_that_merely_moves_on_does_not_wrap() -> None:
     text = changed(("+ 0.1 * sin(a)", ""), ("3.14159265358979", "3.0"), text=ARM)
     text = changed(("sin(arm) < 2.0", "arm < 50.0"), text=text)
     assert "wrap_around" not in kinds(explained(text), "P2a")
+
+
+ENDS = ("[-3.14159265358979, 3.14159265358979]", "[-3.15, 3.15]")
+
+
+def test_an_angle_whose_grid_is_not_just_one_turn_is_told_with_what_to_do_about_a_heading() -> None:
+    finding = explained(changed(ENDS, text=ARM)).findings["P2a"]
+    assert finding.text == "K is empty: an axis that should wrap around"
+    assert dict(finding.causes[0].numbers)["width"] == pytest.approx(2 * math.pi)
+    assert "SC itself turns t.a on" in finding.causes[0].text
+    assert "clamp(k * wrap_angle(wanted - a), low, high)" in finding.hint
+    assert "cut" not in [c.kind for c in finding.causes]
+
+
+def test_an_angle_that_sc_brings_to_one_heading_as_advised_is_kept() -> None:
+    law = ("arm > 100.0 ? 0.0 : 0.2", "clamp(-0.5 + 2.0 * wrap_angle(0.0 - arm), -1.0, 1.0)")
+    module_result = explained(changed(ENDS, law, text=ARM))
+    assert module_result.findings["P2a"].verdict == "proved"

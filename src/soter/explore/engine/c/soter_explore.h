@@ -202,6 +202,7 @@ typedef struct {
   uint32_t threads;
   uint64_t memory;     /* bytes that tables, frontiers and remembered steps may take together */
   uint64_t max_states; /* 0: no bound */
+  uint64_t max_ran;    /* steps that are run and not combined of others; 0: no bound */
   uint64_t seed;
   uint64_t runs;       /* of the random strategies */
   uint32_t bug_depth;  /* PCT: d */
@@ -260,6 +261,7 @@ typedef struct {
   soter_explore_status status;
   soter_broken broken;
   uint64_t states, transitions, runs;
+  uint64_t combined; /* of the transitions: combinations of what groups do in an instant */
   uint64_t table_bytes, frontier_bytes;
   uint64_t memo_bytes;   /* of steps that are remembered, and of what one step leads to */
   uint64_t needed_bytes; /* SOTER_NO_MEMORY: to begin */

@@ -227,7 +227,8 @@ static void hand_on(worker* w) {
 
 static bool over(const worker* w) {
   const soter_search* const s = w->all->s;
-  return w->full || w->expander.place.too_many || stops(w->all) || (w->broke && !s->o->go_on);
+  return w->full || w->expander.place.too_many || stops(w->all) || (w->broke && !s->o->go_on) ||
+         soter_ran_enough(&w->expander);
 }
 
 /* What is told in the end is what it took when it took most. */
@@ -486,6 +487,9 @@ static soter_explore_status status_of(const layered* all, const worker* w) {
   if (w->full) {
     const bool many = s->o->max_states > 0U && s->progress->states >= s->o->max_states;
     return many ? SOTER_STATES : SOTER_MEMORY;
+  }
+  if (soter_ran_enough(&w->expander)) {
+    return SOTER_STATES;
   }
   return w->expander.place.too_many ? SOTER_CHOOSY : SOTER_EXHAUSTED;
 }
@@ -839,6 +843,7 @@ static void sum_up(layered* all, soter_explore_result* r) {
     worker* const w = &all->w[k];
     r->states += w->count;
     r->transitions += w->expander.transitions;
+    r->combined += w->expander.combined;
     weigh(w);
     if (w->expander.place.too_many) {
       r->chooser = w->expander.place.chooser;

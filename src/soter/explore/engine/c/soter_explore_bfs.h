@@ -30,6 +30,8 @@ typedef struct {
   int64_t anchored;          /* when; 0: none is; */
   int64_t again_ns;          /* the same is expected */
   int64_t closed_ns;         /* all that comes after was there before; 0: that is not known */
+  uint64_t calendar;         /* the bits that entries have of it; 0: none, */
+  soter_calendar counted;    /* else: steps until the last end of an instant that was looked for */
   uint64_t more; /* configurations of this layer that an earlier piece of the search expanded */
   soter_turn* turn;
   uint32_t turns, room;

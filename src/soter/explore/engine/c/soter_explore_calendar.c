@@ -5,9 +5,8 @@
  */
 #include "soter_explore_internal.h"
 
-bool soter_by_instants(const soter_model* m, const soter_explore_options* o) {
-  if ((o->reduce & SOTER_REDUCE_INSTANTS) == 0U || m->timely ||
-      (o->strategy != SOTER_BFS && o->strategy != SOTER_DFS)) {
+bool soter_has_instants(const soter_model* m) {
+  if (m->timely) {
     return false;
   }
   for (uint32_t i = 0; i < m->actors; i++) {
@@ -16,6 +15,11 @@ bool soter_by_instants(const soter_model* m, const soter_explore_options* o) {
     }
   }
   return true;
+}
+
+bool soter_by_instants(const soter_model* m, const soter_explore_options* o) {
+  return (o->reduce & SOTER_REDUCE_INSTANTS) != 0U &&
+         (o->strategy == SOTER_BFS || o->strategy == SOTER_DFS) && soter_has_instants(m);
 }
 
 /* The steps of the instant after `*now`, which is moved on to it. */

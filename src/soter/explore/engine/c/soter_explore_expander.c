@@ -56,6 +56,7 @@ bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore
   e->reduce = reductions(m, o);
   e->words = m->words;
   e->memory = memory;
+  e->max_ran = o->max_ran;
   e->go_on = o->go_on;
   e->most = MOST_BYTES / (m->words > 0U ? m->words * (uint32_t)sizeof(uint64_t) : 1U);
   e->most = e->most < FEWEST ? FEWEST : e->most;

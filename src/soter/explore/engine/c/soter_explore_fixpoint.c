@@ -5,8 +5,9 @@
  * the least common multiple of all periods. If the layer then has the same configurations as at an
  * earlier beginning, times aside, so have all that follow, whatever the horizon. Every layer of a
  * beginning has a number; where one comes again its table is kept, and compared with the one that
- * comes as much later, entry by entry. Non-goals: programs that read the time, and what no number
- * of instants repeats.
+ * comes as much later, entry by entry. Where what lies between is stored as well, the layers at
+ * ends of instants are those of as many steps. Non-goals: programs that read the time, and what no
+ * number of instants repeats.
  */
 #include "soter_explore_bfs.h"
 
@@ -25,7 +26,27 @@ static int64_t gcd(int64_t a, int64_t b) {
 static bool may_close(const layered* all) {
   const soter_explore_options* const o = all->s->o;
   const bool plain = o->noted == NULL && o->goal == NULL && !o->go_on && o->knowns == 0U;
-  return o->closes && all->tables && !o->keep && plain && all->w[0].expander.instant != NULL;
+  const bool ends = all->w[0].expander.instant != NULL || all->closing.calendar != 0U;
+  return o->closes && all->tables && !o->keep && plain && ends;
+}
+
+/* The bits of a place in the calendar, where entries have them and layers end with instants. */
+static uint64_t calendar_of(const layered* all) {
+  const soter_model* const m = all->s->m;
+  const soter_expander* const e = &all->w[0].expander;
+  const bool fine = e->instant == NULL && !soter_keeps_sleep(e) && soter_has_instants(m);
+  return fine && m->calendar > 0U && m->calendar < 63U ? ((UINT64_C(1) << m->calendar) - 1U) << 1U
+                                                       : 0U;
+}
+
+/* Whether the next layer is one of ends of instants. */
+static bool is_of_ends(layered* all) {
+  soter_closing* const c = &all->closing;
+  const uint32_t steps = all->depth + 1U;
+  while (c->calendar != 0U && c->counted.steps < steps && c->counted.now < SOTER_NO_DEADLINE) {
+    (void)soter_steps_until(all->s->m, all->s->o, &c->counted, c->counted.instants + 1U);
+  }
+  return c->calendar == 0U || c->counted.steps == steps;
 }
 
 /* One more actor has a beginning; false: there are no two before the end. */
@@ -44,6 +65,7 @@ void soter_closed_open(layered* all) {
   const soter_model* const m = all->s->m;
   const uint64_t actors = all->s->o->actors;
   soter_closing* const c = &all->closing;
+  c->calendar = calendar_of(all);
   c->on = c->may = may_close(all);
   c->every_ns = 1;
   c->last_ns = m->horizon_ns;
@@ -119,8 +141,8 @@ bool soter_closed_look(layered* all) {
   } else if (c->at) {
     look_back(all);
   }
-  c->at =
-      next_ns >= c->from_ns && next_ns <= c->last_ns && (next_ns - c->from_ns) % c->every_ns == 0;
+  c->at = next_ns >= c->from_ns && next_ns <= c->last_ns &&
+          (next_ns - c->from_ns) % c->every_ns == 0 && is_of_ends(all);
   c->at_ns = next_ns;
   c->more = 0U;
   c->compare = c->at && c->anchored != 0 && next_ns == c->again_ns;
@@ -141,11 +163,11 @@ bool soter_closed_turn(worker* w) {
     w->store.own = NULL;
   }
   if (c->compare) {
-    w->same = soter_store_same(&w->before, &w->anchor);
+    w->same = soter_store_same(&w->before, &w->anchor, c->calendar);
     soter_store_close(&w->anchor);
     (void)memset(&w->anchor, 0, sizeof w->anchor);
   } else if (c->at) {
-    w->digest = soter_store_digest(&w->before);
+    w->digest = soter_store_digest(&w->before, c->calendar);
   }
   return c->take;
 }
@@ -190,9 +212,9 @@ soter_turn* soter_closed_room(layered* all, uint64_t turns) {
 static void begin_again(worker* w) {
   const soter_closing* const c = &w->all->closing;
   if (c->compare) {
-    w->same = soter_store_same(&w->before, &w->anchor);
+    w->same = soter_store_same(&w->before, &w->anchor, c->calendar);
   } else if (c->at) {
-    w->digest = soter_store_digest(&w->before);
+    w->digest = soter_store_digest(&w->before, c->calendar);
   }
 }
 

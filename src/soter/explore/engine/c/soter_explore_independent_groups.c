@@ -456,6 +456,7 @@ static bool add_end(soter_expander* e, const uint64_t* packed, const instant* n,
     }
   }
   e->transitions++;
+  e->combined++;
   SOTER_CHECK(n->groups <= SOTER_ACTORS);
   const bool many = e->successors.count >= e->most && e->spill != NULL;
   return successor != NULL && (!many || e->spill(e->to));

@@ -305,9 +305,10 @@ uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uin
                           void* to);
 
 /* The sum of a number for every entry, and whether two tables have the same ones: of configurations
- * as they are but for what they have in common. */
-uint64_t soter_store_digest(const soter_store* s);
-bool soter_store_same(const soter_store* s, const soter_store* other);
+ * as they are but for what they have in common, and for these bits of the first word, which all of
+ * a table have in common though it keeps them (`calendar`; 0: none). */
+uint64_t soter_store_digest(const soter_store* s, uint64_t calendar);
+bool soter_store_same(const soter_store* s, const soter_store* other, uint64_t calendar);
 
 SOTER_INLINE uint64_t soter_scramble(uint64_t x) {
   x ^= x >> 32;
@@ -378,7 +379,9 @@ typedef struct {
   struct soter_instant* instant; /* NULL: all configurations are given to the search */
   struct soter_groups* groups;   /* NULL: not by groups */
   uint64_t transitions;
-  uint32_t begin; /* the first successor of the configuration last expanded */
+  uint64_t combined; /* of these: ends that are combinations of what groups do */
+  uint64_t max_ran;  /* of the others: no more are wanted then; 0: no bound */
+  uint32_t begin;    /* the first successor of the configuration last expanded */
   bool broke; /* a move of the configuration last expanded violates `broken`: no configuration comes
                  after it */
   soter_broken broken;
@@ -408,6 +411,8 @@ void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep
  * for it. */
 void soter_fold(const soter_explore_options* o, uint64_t* packed);
 
+/* Whether all windows are points: every execution goes from one end of an instant to the next. */
+bool soter_has_instants(const soter_model* m);
 /* Whether a search stores only ends of instants: it was asked to, and all windows are points. */
 bool soter_by_instants(const soter_model* m, const soter_explore_options* o);
 /* Steps in so many instants: the same in all executions. */
@@ -444,9 +449,14 @@ SOTER_INLINE bool soter_keeps_sleep(const soter_expander* e) {
   return (e->reduce & SOTER_REDUCE_SLEEP) != 0U && e->instant == NULL;
 }
 
+/* Whether so many steps were run as a search may run that only looks which reduction is quicker. */
+SOTER_INLINE bool soter_ran_enough(const soter_expander* e) {
+  return e->max_ran > 0U && e->transitions - e->combined >= e->max_ran;
+}
+
 /* Whether the search is to end: then successors are missing. */
 SOTER_INLINE bool soter_cuts(soter_expander* e) {
-  e->place.cut = e->place.cut || soter_is_stopped(&e->place);
+  e->place.cut = e->place.cut || soter_is_stopped(&e->place) || soter_ran_enough(e);
   return e->place.cut;
 }
 

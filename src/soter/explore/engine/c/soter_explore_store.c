@@ -684,9 +684,18 @@ static void key_of(const soter_store* s, const uint8_t* e, uint64_t* key) {
   (void)memcpy(key, e, s->key);
 }
 
-uint64_t soter_store_digest(const soter_store* s) {
+uint64_t soter_store_digest(const soter_store* s, uint64_t calendar) {
   uint64_t sum = 0U;
   uint64_t key[SOTER_WORDS];
+  soter_cursor at = {0U, 0U};
+  uint64_t sleep = 0U;
+  while (calendar != 0U && soter_store_next(s, &at, key, &sleep)) {
+    key[0] &= ~calendar;
+    sum += soter_fingerprint(key, s->packed);
+  }
+  if (calendar != 0U) {
+    return sum;
+  }
   for (uint32_t g = 0; g < s->segments; g++) {
     const uint8_t* e = s->segment[g].entry;
     for (uint64_t i = 0; i < s->segment[g].buckets * BUCKET; i++, e += s->bytes) {
@@ -699,9 +708,30 @@ uint64_t soter_store_digest(const soter_store* s) {
   return sum;
 }
 
-bool soter_store_same(const soter_store* s, const soter_store* other) {
+/* Whether all of it is in another table, at the other one's place in the calendar. */
+static bool is_in(const soter_store* s, const soter_store* other, uint64_t calendar) {
+  uint64_t packed[SOTER_WORDS];
+  uint64_t key[SOTER_WORDS];
+  uint64_t sleep = 0U;
+  soter_cursor at = {0U, 0U};
+  bool same = soter_store_next(other, &at, packed, &sleep);
+  const uint64_t then = packed[0] & calendar;
+  const soter_cursor begin = {0U, 0U};
+  at = begin;
+  while (same && soter_store_next(s, &at, packed, &sleep)) {
+    packed[0] = (packed[0] & ~calendar) | then;
+    soter_store_key(other, packed, key);
+    (void)place_of(other, segment_of(other, packed, key), key, &same);
+  }
+  return same;
+}
+
+bool soter_store_same(const soter_store* s, const soter_store* other, uint64_t calendar) {
   uint64_t key[SOTER_WORDS];
   bool same = s->count == other->count && s->bytes == other->bytes && s->layer && other->layer;
+  if (calendar != 0U) {
+    return same && is_in(s, other, calendar);
+  }
   for (uint32_t g = 0; same && g < s->segments; g++) {
     const uint8_t* e = s->segment[g].entry;
     for (uint64_t i = 0; same && i < s->segment[g].buckets * BUCKET; i++, e += s->bytes) {

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
+from soter.diagnostics.near import likely
 from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import (
     a_type,
@@ -18,8 +19,9 @@ from soter.language.check.expression_base import (
     is_error,
     unify_literals,
 )
+from soter.language.check.expression_context import SPECIALS
+from soter.language.check.expressions import call_hints
 from soter.language.check.expressions.field import FieldChecker, find_instance, flat_names
-from soter.language.check.scope import BUILTIN_FUNCTIONS
 from soter.language.model import typed
 from soter.language.model.types import (
     FLOAT,
@@ -29,6 +31,7 @@ from soter.language.model.types import (
     ErrorType,
     FloatType,
     IntType,
+    Type,
     is_vector,
 )
 from soter.language.syntax import tree
@@ -37,8 +40,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.fix import Help
+    from soter.diagnostics.span import Span
     from soter.language.check.expression_context import Context
-    from soter.language.model.types import Type
+    from soter.language.check.scope import Entry
 
 TAKES = {
     "sqrt": "a float",
@@ -67,6 +71,8 @@ class CallChecker(FieldChecker):
             if context.find_local(name) is not None:
                 return self._no_function("a variable", name, expr, context)
             entry = self.names.find(context.scope, name)
+            if entry is None and name in SPECIALS:
+                return self._no_function("a value", name, expr, context)
             if entry is None:
                 return self._builtin(name, expr, context, expected)
         elif isinstance(callee, tree.FieldExpr) and isinstance(callee.target, tree.NameExpr):
@@ -74,12 +80,19 @@ class CallChecker(FieldChecker):
             first = callee.target.name.text
             if context.find_local(first) is not None or first in context.scope.entries:
                 return self._no_function("a field", name, expr, context)
+            if first not in context.scope.imports and first in foreign_name_hints.LIBRARIES:
+                return self._of_a_library(expr, context, expected)
             entry = self.names.find_in_import(context.scope, callee.target.name, callee.field)
             if entry is None:
                 return self._failed(expr, context)
         else:
+            names = flat_names(callee)
             if isinstance(callee, tree.ErrorExpr):
                 self.names.losses += 1
+            elif names and names[0].text in foreign_name_hints.LIBRARIES:
+                return self._of_a_library(expr, context, expected)
+            elif isinstance(callee, tree.FieldExpr):
+                return self._no_function("a field", callee.span.text, expr, context)
             else:
                 self.diagnostics.error(
                     "T004",
@@ -88,6 +101,8 @@ class CallChecker(FieldChecker):
                     notes=("a call is the name of a function and its arguments",),
                 )
             return self._failed(expr, context)
+        if entry.kind == "type":
+            return self._type_called(entry, expr)
         if entry.kind != "function":
             return self._no_function(f"a {entry.kind}", name, expr, context)
         fun = self.shared.resolve(entry, callee.span)
@@ -101,17 +116,91 @@ class CallChecker(FieldChecker):
             self.check(argument, context)
         return error_expr(expr.span)
 
+    def _of_a_library(
+        self, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """N006 for `np.clip(...)` and `random.uniform(...)`."""
+        callee = expr.callee
+        assert isinstance(callee, tree.FieldExpr)
+        helps = self._meant(callee.field.text, callee.span, expr, context, expected)
+        self.diagnostics.error(
+            "N006",
+            f"there is no `{' '.join(callee.span.text.split())}`",
+            callee.span,
+            notes=("the functions and types of the prelude need no import",),
+            helps=helps,
+        )
+        return error_expr(expr.span) if helps else self._failed(expr, context)
+
+    def _meant(
+        self, name: str, span: Span, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> tuple[Help, ...]:
+        """What an unknown function was meant to be; `span` is what would be replaced."""
+        helps = (
+            call_hints.of_chance(name, expr, context)
+            or call_hints.of_another_language(name, expr)
+            or call_hints.of_a_literal(name, expr, expected)
+            or foreign_name_hints.a_function(expr, name, span)
+        )
+        if not helps and self._takes(name, context) == len(expr.arguments):
+            helps = (replace(span, name),)
+        return helps
+
+    def _near(self, name: str, context: Context) -> tuple[Help, ...]:
+        """The function of a similar name that takes another number of arguments."""
+        public = (n for n in (*context.scope.entries, *self.names.prelude) if n[0] != "_")
+        near = likely(name, [n for n in public if self._takes(n, context) is not None])
+        entry = context.scope.entries.get(near or "") or self.names.prelude.get(near or "")
+        if entry is None or not isinstance(entry.decl, tree.FunDecl):
+            return ()
+        parameters = ", ".join(p.text for p, _ in entry.decl.parameters)
+        return (f"there is `{near}({parameters})`",)
+
+    def _takes(self, name: str, context: Context) -> int | None:
+        """How many arguments the function of a name takes; None where there is none."""
+        if name in TAKES:
+            return ARITY.get(name, 1)
+        entry = context.scope.entries.get(name) or self.names.prelude.get(name)
+        decl = entry.decl if entry is not None else None
+        return len(decl.parameters) if isinstance(decl, tree.FunDecl) else None
+
     def _no_function(
         self, what: str, name: str, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
-        helps: tuple[Help, ...] = ()
+        """T004, with what can be done with a value or a type of that name."""
+        callee = expr.callee
         last = name.rpartition(".")[2]
-        if isinstance(expr.callee, tree.FieldExpr) and last in ("size", "length", "len", "count"):
-            length = f"{expr.callee.target.span.text}.len"
+        helps: tuple[Help, ...] = ()
+        if isinstance(callee, tree.FieldExpr) and last in ("size", "length", "len", "count"):
+            length = f"{callee.target.span.text}.len"
             helps = (replace(expr.span, length, f"its length is `{length}`"),)
-        message = f"`{name}` is {what}, not a function"
-        self.diagnostics.error("T004", message, expr.callee.span, helps=helps)
+        elif isinstance(callee, tree.FieldExpr) and (
+            self._takes(last, context) == len(expr.arguments) + 1
+        ):
+            helps = call_hints.as_function(last, expr, callee.target.span)
+        else:
+            helps = self._of_value(expr, context)
+        self.diagnostics.error(
+            "T004", f"`{name}` is {what}, not a function", callee.span, helps=helps
+        )
         return self._failed(expr, context)
+
+    def _type_called(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
+        """T004 for `Vec2(1.0, 2.0)`; its arguments are looked at where they stand in a literal."""
+        symbol = self.shared.resolve(entry, expr.callee.span)
+        self.diagnostics.error(
+            "T004",
+            f"`{expr.callee.span.text}` is a type, not a function",
+            expr.callee.span,
+            helps=call_hints.of_a_type(symbol, expr) if isinstance(symbol, Type) else (),
+        )
+        return error_expr(expr.span)
+
+    def _of_value(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
+        """The value alone, or an element of it; nothing where it is none at this place."""
+        with self.diagnostics.trial() as sound:
+            value = self.container(expr.callee, context)
+        return call_hints.of_a_value(value, expr) if sound() and not is_error(value) else ()
 
     def _call_fun(
         self, fun: typed.FunSymbol, expr: tree.CallExpr, context: Context
@@ -151,8 +240,19 @@ class CallChecker(FieldChecker):
             return self._mode_or_age(name, expr, context)
         if name not in TAKES:
             assert isinstance(expr.callee, tree.NameExpr)
-            helps = foreign_name_hints.a_function(expr, name, expr.callee.span)
-            self.unknown(expr.callee.name, context, BUILTIN_FUNCTIONS, helps=helps)
+            helps = self._meant(name, expr.callee.span, expr, context, expected)
+            fits = [
+                n
+                for n in (*TAKES, *context.scope.entries, *self.names.prelude)
+                if n[0] != "_" and self._takes(n, context) == len(expr.arguments)
+            ]
+            self.unknown(
+                expr.callee.name,
+                context,
+                helps=helps,
+                among=fits,
+                otherwise=self._near(name, context),
+            )
             return self._failed(expr, context)
         arity = ARITY.get(name, 1)
         if not self._counted(name, expr, arity):
@@ -183,12 +283,15 @@ class CallChecker(FieldChecker):
             return True
         takes = TAKES.get(name, "a topic" if name == "age" else "a module")
         a_range = name == "saturate" and len(expr.arguments) == 3
+        helps: tuple[Help, ...] = (replace(expr.callee.span, "clamp"),) if a_range else ()
+        if name in {"min", "max"} and len(expr.arguments) > wanted:
+            helps = (call_hints.nested(name, expr),)
         self.diagnostics.error(
             "T003",
             _count(name, wanted, len(expr.arguments)),
             expr.span,
             notes=(f"`{name}` takes {takes}",),
-            helps=(replace(expr.callee.span, "clamp"),) if a_range else (),
+            helps=helps,
         )
         return False
 
@@ -197,8 +300,10 @@ class CallChecker(FieldChecker):
     ) -> None:
         shown = " and ".join(f"`{a.type}`" for a in arguments)
         kinds = {type(a.type) for a in arguments}
-        helps: tuple[str, ...] = ()
-        if name in {"min", "max"} and kinds == {IntType, FloatType}:
+        helps: tuple[Help, ...] = ()
+        if name == "abs" and is_vector(arguments[0].type):
+            helps = (replace(expr.callee.span, "norm"),)
+        elif name in {"min", "max"} and kinds == {IntType, FloatType}:
             helps = ("convert the int: `float(...)`",)
         elif name in {"sqrt", "floor"} and kinds == {IntType}:
             helps = (f"convert the int: `{name}(float(...))`",)

@@ -239,12 +239,17 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         name = entry.decl.name.text
         helps: tuple[Help, ...] = ()
         if isinstance(symbol, typed.FunSymbol):
-            helps = (f"call it: `{name}(...)`",)
+            given = ", ".join(p.name for p in symbol.parameters)
+            helps = (f"call it: `{name}({given})`",)
+            if not given:
+                helps = (replace(span, f"{name}()", f"call it: `{name}()`"),)
         elif isinstance(symbol, typed.ModuleSymbol):
             helps = (f"its mode is `mode({name})`",)
         elif isinstance(symbol, typed.PlantSymbol) and context.instances is not None:
             mine = [i for i, s in context.instances.items() if s.what is symbol]
             helps = (f"its state is `{mine[0]}.truth`",) if mine else ()
+            if mine and span.source.text[span.end :].startswith(".truth"):
+                helps = (replace(span, mine[0]),)
         elif entry.kind in ("node", "plant") and not context.constant:
             helps = entry.instead("value", span)
         elif entry.kind == "type":

@@ -319,13 +319,14 @@ class FieldChecker(ExprBase):
                 expr.target.span,
                 f"this is `{target.type}`",
                 notes=("only arrays and lists have elements",),
+                helps=instead_of_index(target.type, expr, index),
             )
             return error_expr(expr.span)
-        self.constant_index(target.type, index)
+        self.constant_index(target.type, index, expr.target.span.text)
         return typed.Index(target.type.element, expr.span, target, index)
 
-    def constant_index(self, t: ArrayType | ListType, index: typed.TypedExpr) -> None:
-        """T017 for a literal index that can never be right."""
+    def constant_index(self, t: ArrayType | ListType, index: typed.TypedExpr, target: str) -> None:
+        """T017 for a literal index that can never be right; `target` is written before it."""
         if not isinstance(index, typed.Literal):
             return
         limit = t.size if isinstance(t, ArrayType) else t.capacity
@@ -335,7 +336,30 @@ class FieldChecker(ExprBase):
                 f"index {index.value} is outside `{t}`",
                 index.span,
                 f"0 to {limit - 1} are possible" if limit > 1 else "only 0 is possible",
+                helps=_from_the_end(t, index, target),
             )
+
+
+def instead_of_index(of: Type, expr: tree.IndexExpr, index: typed.TypedExpr) -> tuple[Help, ...]:
+    """`p.x` for `p[0]`."""
+    if not isinstance(of, RecordType):
+        return ()
+    names = [name for name, _ in of.fields]
+    if isinstance(index, typed.Literal) and 0 <= index.value < len(names):
+        return (replace(expr.span, f"{expr.target.span.text}.{names[index.value]}"),)
+    return (f"its fields are {listed(names)}",)
+
+
+def _from_the_end(of: ArrayType | ListType, index: typed.Literal, target: str) -> tuple[Help, ...]:
+    """`xs[xs.len - 1]` for `xs[-1]`; the last index for the first one beyond it."""
+    if index.value >= 0:
+        last = of.size - 1 if isinstance(of, ArrayType) else of.capacity - 1
+        title = f"indices begin at 0: the last one is `{last}`"
+        return (replace(index.span, f"{last}", title),) if index.value == last + 1 else ()
+    if isinstance(of, ListType):
+        return (replace(index.span, f"{target}.len - {-index.value}"),)
+    from_zero = of.size + index.value
+    return (replace(index.span, f"{from_zero}"),) if from_zero >= 0 else ()
 
 
 def find_instance(

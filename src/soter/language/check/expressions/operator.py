@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
+from soter.diagnostics.fix import replace, texts
 from soter.diagnostics.span import Span
 from soter.language.check.expression_base import (
     ExprBase,
     error_expr,
     float_literal,
     is_error,
+    of_a_case,
+    of_a_list,
     unify_literals,
 )
 from soter.language.model import typed
@@ -113,7 +115,7 @@ class OperatorChecker(ExprBase):
         if op not in COMPARISONS:
             result = _arithmetic(expr, left, right)
         if result is None:
-            self._does_not_apply(expr, left.type, right.type)
+            self._does_not_apply(expr, left, right, expected)
             return error_expr(expr.span)
         return result
 
@@ -128,13 +130,23 @@ class OperatorChecker(ExprBase):
             return typed.TypedBinary(BOOL, expr.span, expr.op, left, right)
         return None
 
-    def _does_not_apply(self, expr: tree.BinaryExpr, lt: Type, rt: Type) -> None:
+    def _does_not_apply(
+        self,
+        expr: tree.BinaryExpr,
+        left: typed.TypedExpr,
+        right: typed.TypedExpr,
+        expected: Type | None,
+    ) -> None:
+        lt, rt = left.type, right.type
         self.diagnostics.error(
             "T002",
             f"`{expr.op}` does not apply to `{lt}` and `{rt}`",
             expr.span,
             also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
-            helps=_operator_help(expr, lt, rt),
+            helps=of_a_list(left, rt)
+            or of_a_list(right, lt)
+            or _of_a_case(left, right, expected)
+            or _operator_help(expr, lt, rt, expected),
         )
 
     def conditional(
@@ -195,16 +207,57 @@ def _arithmetic(
     return None
 
 
-def _operator_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
+def _of_a_case(
+    left: typed.TypedExpr, right: typed.TypedExpr, expected: Type | None
+) -> tuple[Help, ...]:
+    """`Gear.Drive` where an enum is compared with 1; `b ? 1.0 : 0.0` where a bool is a number."""
+    for one, other in ((left, right), (right, left)):
+        if isinstance(one.type, EnumType) and isinstance(other.type, (IntType, FloatType)):
+            return of_a_case(one.type, other)
+        if isinstance(one.type, BoolType) and isinstance(other.type, (IntType, FloatType)):
+            values = "1.0 : 0.0" if isinstance(other.type, FloatType) else "1 : 0"
+            text = one.span.text
+            text = text if text.startswith("(") else f"({text})"
+            if isinstance(expected, BoolType):
+                return ()
+            return (replace(one.span, f"({text} ? {values})", f"as a number: `b ? {values}`"),)
+        if isinstance(one.type, RecordType) and isinstance(other.type, (IntType, FloatType)):
+            names = [n for n, t in one.type.fields if type(t) is type(other.type)]
+            if names and isinstance(one, (typed.TopicRead, typed.VarRead, typed.TypedField)):
+                return (f"name one of its fields: `{one.span.text}.{names[0]}`",)
+    return ()
+
+
+def _by_components(expr: tree.BinaryExpr, of: Type) -> Help:
+    """`{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
+    names = [name for name, _ in of.fields] if isinstance(of, RecordType) else []
+    a, b = expr.left, expr.right
+    plain = isinstance(a, (tree.NameExpr, tree.FieldExpr)) and isinstance(
+        b, (tree.NameExpr, tree.FieldExpr)
+    )
+    left, right = (a.span.text, b.span.text) if plain else ("a", "b")
+    fields = ", ".join(f"{n}: {left}.{n} {expr.op} {right}.{n}" for n in names)
+    whole = f"{{ {fields} }}" if names else f"[{left}[0] {expr.op} {right}[0], ...]"
+    title = f"by components: `{whole}`"
+    return replace(expr.span, whole, title) if plain and names else title
+
+
+def _operator_help(
+    expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
+) -> tuple[Help, ...]:
     op, left, right = expr.op, expr.left.span, expr.right.span
     kinds = {type(lt), type(rt)}
     if kinds == {IntType, FloatType}:
         of = left if isinstance(lt, IntType) else right
         return (replace(of, f"float({of.text})", "convert the int: `float(...)`"),)
     if is_vector(lt) and is_vector(rt):
-        if op == "*" and lt == rt:
-            dot = f"dot({left.text}, {right.text})"
-            return (replace(expr.span, dot, "for the scalar product write `dot(a, b)`"),)
+        if op in "*/" and expected is not None and lt == rt == expected:
+            return (_by_components(expr, lt),)
+        if op == "*" and lt == rt and (expected is None or isinstance(expected, FloatType)):
+            title = "for the scalar product write `dot(a, b)`"
+            if expected is None:
+                return (title, texts([_by_components(expr, lt)])[0])
+            return (replace(expr.span, f"dot({left.text}, {right.text})", title),)
         if op in {"+", "-"}:
             return ("both sides must be vectors of one type",)
     if op == "%" and kinds == {FloatType}:

@@ -15,7 +15,7 @@ from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import BOOL, DURATION, INT
+from soter.language.model.types import BOOL, DURATION, INT, ErrorType
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
@@ -98,18 +98,12 @@ class ModuleChecker:
         parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
         missing = [word for word, part in parts.items() if part is None]
         if missing and decl.name.text not in scope.broken:
-            examples = {
-                "ac": "ac Fast;",
-                "sc": "sc Careful;",
-                "period": "period 50ms;",
-                "safe": "safe motion.x < 10.0;",
-            }
             self.diagnostics.error(
                 "M006",
                 f"module `{decl.name.text}` has no " + " and no ".join(f"`{m}`" for m in missing),
                 decl.name.span,
                 notes=("a module is an advanced and a safe controller, a period and a property",),
-                helps=("add " + ", ".join(f"`{examples[m]}`" for m in missing),),
+                helps=(_parts(decl, scope, missing),),
             )
         number = self.shared.number
         ac, over = self._advanced(decl, scope)
@@ -199,8 +193,48 @@ class ModuleChecker:
             )
         module.contract = tuple(self._contract(module, decl, scope))
         module.failsafe = self._law(module, decl, scope)
+        if decl.returns is not None:
+            module.latch = self._latch(module, decl, decl.returns, scope)
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
+
+    def _latch(
+        self,
+        module: typed.ModuleSymbol,
+        decl: tree.RtaDecl,
+        returns: tree.Returns,
+        scope: FileScope,
+    ) -> typed.Latch | None:
+        """M028 where the topic is no button: a `bool` that may only be so old."""
+        if returns.topic is None:
+            if decl.verify is not None and decl.verify.recover is not None:
+                self.diagnostics.error(
+                    "M028",
+                    f"module `{module.name}` says `returns never`, and `recover within` a time",
+                    decl.verify.recover.span,
+                    also=((returns.span, "never"),),
+                    notes=("with `returns never` nothing is asked of the way back (P2b)",),
+                    helps=("leave `recover within` out",),
+                )
+            return typed.Latch(None, returns.span)
+        topic = self.shared.topic_ref(returns.topic, scope)
+        if topic is None:
+            return None
+        lacks: list[tuple[str, str]] = []
+        if topic.type != BOOL and not isinstance(topic.type, ErrorType):
+            lacks.append(("is no `bool`", "declare it a `bool`: true while the button is pressed"))
+        if topic.max_age is None:
+            lacks.append(("has no `max_age`", "say how old a press may be: `max_age 2s`"))
+        for what, help_ in lacks[:1]:
+            self.diagnostics.error(
+                "M028",
+                f"`{topic.name}` acknowledges for module `{module.name}`, but {what}",
+                returns.topic.span,
+                also=((topic.span, "declared here"),),
+                notes=("control comes back after a press that is new, and not older than said",),
+                helps=(help_,),
+            )
+        return None if lacks else typed.Latch(topic, returns.span)
 
     def _law(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
@@ -289,3 +323,22 @@ class ModuleChecker:
                 notes=("a module relies on others, and answers for its own outputs",),
                 helps=("write `guarantees`, or leave its outputs out",),
             )
+
+
+def _parts(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
+    """What to add: nodes that this file has, where they would do."""
+    known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
+    other = next((p.text for p in (decl.ac, decl.sc) if isinstance(p, tree.Ref)), "")
+    outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
+    alike = [
+        n
+        for n, topics in outputs.items()
+        if n != other and topics and topics == outputs.get(other, topics)
+    ]
+    examples = {"ac": "ac ...;", "sc": "sc ...;", "period": "period 50ms;", "safe": "safe ...;"}
+    if other and alike:
+        examples |= {"ac": f"ac {alike[0]};", "sc": f"sc {alike[0]};"}
+    added = "add " + ", ".join(f"`{examples[m]}`" for m in missing)
+    if other and not alike and {"ac", "sc"} & set(missing):
+        added += f": a node that publishes what `{other}` does"
+    return added

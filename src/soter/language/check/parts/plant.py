@@ -316,6 +316,10 @@ class PlantChecker:
         if not self.shared.names.first_miss(context.scope, name.text, context.where):
             return
         near = self.diagnostics.did_you_mean(name.text, [v.name for v in plant.states])
+        entry = context.scope.entries.get(name.text)
+        if entry is not None and entry.kind == "topic" and plant.states:
+            states = ", ".join(f"`{v.name}`" for v in plant.states)
+            near = (f"it is a topic: what moves is a state of the plant, {states}",)
         self.diagnostics.error(
             "N001",
             f"plant `{decl.name.text}` has no state `{name.text}`",

@@ -12,6 +12,7 @@ from soter.language.check.expression_base import a_type, is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.expressions.choose import MAX_CHOICES
 from soter.language.check.expressions.field import find_instance
+from soter.language.check.other_scopes import is_driven
 from soter.language.check.parts.campaign_items import campaigned, mentioned
 from soter.language.check.parts.external_topics import deployed_system, externals
 from soter.language.check.parts.instance_arrays import Unroller
@@ -198,9 +199,14 @@ class SystemChecker:
         """The wires of an instance, and where each inner topic is written."""
         renames, spans = symbol.renames, symbol.rename_spans
         for inner_ref, outer_ref in item.renames:
+            if self.wires.is_parameter(inner_ref, outer_ref, scope):
+                continue
             inner = self.shared.topic_ref(inner_ref, scope)
             outer = self.wires.end(outer_ref, instances, scope)
             if inner is None or outer is None:
+                continue
+            if self.wires.is_reversed(symbol.what, inner, outer):
+                self.wires.backwards(inner_ref, outer_ref, outer)
                 continue
             if inner.type != outer.type:
                 self.diagnostics.error(
@@ -246,9 +252,7 @@ class SystemChecker:
         self, expr: tree.SyntaxExpr | None, context: Context, what: str
     ) -> typed.TypedExpr | None:
         """A time, to be computed for each system."""
-        if expr is None:
-            return None
-        return sound(self.shared.number(expr, context, DURATION, what))
+        return sound(self.shared.number(expr, context, DURATION, what)) if expr else None
 
     def _forces(
         self,
@@ -386,7 +390,7 @@ class SystemChecker:
                 continue
             values = self._values(item, read, context)
             if not isinstance(read, typed.TopicRead) or not read.topic.input:
-                self._no_input(item, read)
+                self._no_input(item, read, context.scope)
             elif read.topic in input_by_topic:
                 first = input_by_topic[read.topic].span
                 self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
@@ -434,15 +438,19 @@ class SystemChecker:
             helps=("list its values, or leave `in { }` out: then they are those of the topic",),
         )
 
-    def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr) -> None:
+    def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr, scope: FileScope) -> None:
         topic = read.topic if isinstance(read, typed.TopicRead) else None
+        name = item.topic.parts[-1].text
+        help_ = f"declare it `input topic {name}`"
+        if topic and is_driven([e.decl for e in scope.entries.values()], name):
+            help_ = "leave this line out: a plant or a node of the program publishes it"
         self.diagnostics.error(
             "M011",
             f"`{item.topic.text}` is not an input topic",
             item.topic.span,
             also=((topic.span, "declared here"),) if topic else (),
             notes=("only topics of the environment are drawn",),
-            helps=(f"declare it `input topic {item.topic.parts[-1].text}`",) if topic else (),
+            helps=(help_,) if topic else (),
         )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import insert
 from soter.language.check.expressions.field import find_instance
 from soter.language.model import typed
 from soter.language.syntax import tree
@@ -48,6 +49,61 @@ class Wires:
             return None
         self._no_topic(path, what, depth)
         return None
+
+    def is_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
+        """Whether a parameter stands where a topic is wired: N003, as it is set."""
+        entry = scope.entries.get(inner.name.text) if inner.qualifier is None else None
+        if entry is None or entry.kind != "parameter":
+            return False
+        self.shared.diagnostics.error(
+            "N003",
+            f"`{inner.text}` is a parameter, not a topic",
+            inner.span,
+            also=((entry.decl.name.span, "declared here"),),
+            helps=(insert(inner.span, "set ", f"write `set {inner.text} = {outer.text}`"),),
+        )
+        return True
+
+    def backwards(
+        self,
+        inner: tree.Ref,
+        outer: tree.DottedPath,
+        topic: typed.TopicSymbol,
+    ) -> None:
+        """M011 for a wire from the publisher to the input of another instance."""
+        helps: tuple[Help, ...] = ("wire it to a topic that is declared without `input`",)
+        names = outer.span.text.rpartition(".")
+        if names[0]:
+            turned = f"{names[2]} = {names[0]}.{inner.text}"
+            helps = (f"a wire stands with the instance whose input it feeds: `{turned}`",)
+        self.shared.diagnostics.error(
+            "M011",
+            f"`{inner.text}` is driven by this instance, `{outer.span.text}` is an input topic",
+            inner.span.to(outer.span),
+            "an input topic is not driven through a wire of another instance",
+            also=((topic.span, "declared `input` here"),) if not names[0] else (),
+            helps=helps,
+        )
+
+    def is_reversed(self, what: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol) -> bool:
+        """Whether an instance of `what` would drive, through its topic `inner`, an input topic."""
+        return outer.input and not inner.input and self._drives(what, inner)
+
+    def _drives(self, what: object, topic: typed.TopicSymbol) -> bool:
+        if isinstance(what, typed.NodeSymbol):
+            return topic in what.publishes
+        if isinstance(what, typed.PlantSymbol):
+            return any(t is topic for t, _ in what.drives)
+        if isinstance(what, typed.ModuleSymbol):
+            return topic in what.sc.publishes
+        if not isinstance(what, typed.SystemSymbol):
+            return False
+        return any(
+            self._drives(i.what, inner)
+            for i in what.instances
+            for inner in (topic, *(k for k, outer in i.renames.items() if outer is topic))
+            if inner is not topic or topic not in i.renames
+        )
 
     def _beside(self, path: tree.DottedPath, scope: FileScope) -> typed.TopicSymbol | None:
         names = path.parts

@@ -1,8 +1,8 @@
 """Whether `ttf` and `safer`, as a program writes them, contradict each other or `safe`.
 
 Purpose: W013 with a witness: values of the topics, of their sets, at which `ttf` and `safer` both
-hold, or at which the two have exchanged their roles. A few hundred values are tried, the numbers of
-the predicates and what lies between them first.
+hold, or at which the two have exchanged their roles or one says the opposite. A few hundred values
+are tried, the numbers of the predicates and what lies between them first.
 Non-goals: a proof that there is no such state (`soter verify`: P3); predicates that read ages,
 times or modes; states that the plant never reaches.
 """
@@ -14,7 +14,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING, cast
 
-from soter.diagnostics.fix import exchange
+from soter.diagnostics.fix import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.conjuncts import conjuncts, disjuncts
 from soter.language.evaluate.environment import BudgetExceeded, Environment
@@ -36,12 +36,17 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.language.model.system import Module, System
     from soter.language.model.types import Type, Value
 
 TRIED = 300
 LEAVES_MAX = 24
 NUMBERS_MAX = 12
+LOST_MIN = 20
+"""So many of the values that were tried lose `safe`, before something is said of all of them."""
+TURNED = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
+ROLES = "`ttf` says when AC must not go on, `safer` when it may have control again"
 BUDGET = 400_000
 """Operations for all values of one module: about a tenth of a second."""
 
@@ -49,20 +54,28 @@ Trial = tuple[bool, bool, bool, list["Value"]]
 """`ttf`, `safer`, `safe` at values of the topics."""
 
 
-def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -> list[Trial]:
-    """W013 for a module whose program writes both predicates; what was tried where it has none."""
+def tried(system: System, module: Module) -> list[Trial]:
+    """Both predicates and `safe` at values of the topics; nothing where that cannot be done."""
     symbol = module.symbol
-    ttf, safer = symbol.ttf, symbol.safer
-    if ttf is None or safer is None:
+    if symbol.ttf is None or symbol.safer is None:
         return []
-    predicates = (ttf, safer, symbol.safe)
+    predicates = (symbol.ttf, symbol.safer, symbol.safe)
     if not of_topics_alone(predicates):
         return []
     indices = tried_topics(module)
     if sum(leaf_count(system.topics[i].type) for i in indices) > LEAVES_MAX:
         return []
-    trials = trials_of(system, module, predicates, indices)
-    both = next((t for t in trials if t[0] and t[1] and _alike(ttf, safer)), None)
+    return trials_of(system, module, predicates, indices)
+
+
+def doubt_predicates(
+    system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
+) -> bool:
+    """W013 for a module whose program writes both predicates; whether something was said."""
+    symbol = module.symbol
+    ttf, safer = symbol.ttf, symbol.safer
+    if ttf is None or safer is None or not trials:
+        return False
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
     if turned and any(f and not s for f, s, held, _ in trials if held):
@@ -72,22 +85,68 @@ def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -
             ttf.span,
             "false wherever `safe` is lost",
             also=((safer.span, "true wherever `safe` is lost"), (symbol.safe.span, "`safe`")),
-            notes=("`ttf` says when AC must not go on, `safer` when it may have control again",),
+            notes=(ROLES,),
             helps=(exchange(ttf.span, safer.span, "exchange the two conditions"),),
         )
-        return []
-    if both is not None:
+        return True
+    both = [t for t in trials if t[0] and t[1]]
+    if both and _turned_round(symbol, trials, diagnostics):
+        return True
+    if both and _alike(ttf, safer):
+        where = shown(system, tried_topics(module), both[0][3])
         diagnostics.warning(
             "W013",
             f"`ttf` and `safer` of module `{symbol.name}` can both hold",
             safer.span,
-            f"also where {shown(system, indices, both[3])}",
+            f"also where {where}",
             also=((ttf.span, "`ttf`, which holds there, too"),),
             notes=("control would go back to AC and be taken away at the next look",),
             helps=("leave a gap: let `safer` begin where `ttf` has long ended",),
         )
-        return []
-    return trials
+        return True
+    return False
+
+
+def _turned_round(
+    symbol: typed.ModuleSymbol, trials: Sequence[Trial], diagnostics: Diagnostics
+) -> bool:
+    """W013 where one of the two says the opposite: `ttf` of all is well, `safer` of danger."""
+    lost = [t for t in trials if not t[2]]
+    assert symbol.ttf is not None
+    assert symbol.safer is not None
+    if len(lost) < LOST_MIN:
+        return False
+    if not any(f for f, _, _, _ in lost) and not any(s for _, s, _, _ in lost):
+        name, predicate, label = "ttf", symbol.ttf, "false wherever `safe` is lost"
+        gap = all(f or not s for f, s, _, _ in trials)
+    elif all(f and s for f, s, _, _ in lost):
+        name, predicate, label = "safer", symbol.safer, "true wherever `safe` is lost"
+        gap = all(s or not f for f, s, _, _ in trials)
+    else:
+        return False
+    other = _opposite(predicate)
+    helps: tuple[Help, ...] = ("turn its comparison round",)
+    if gap:
+        helps = (replace(predicate.span, other, f"the other way round: `{name} {other};`"),)
+    diagnostics.warning(
+        "W013",
+        f"`{name}` of module `{symbol.name}` looks turned round",
+        predicate.span,
+        label,
+        also=((symbol.safe.span, "`safe`"),),
+        notes=(ROLES,),
+        helps=helps,
+    )
+    return True
+
+
+def _opposite(e: typed.TypedExpr) -> str:
+    """The text of what holds where `e` does not."""
+    if isinstance(e, typed.TypedUnary) and e.op == "!":
+        return e.operand.span.text
+    if isinstance(e, typed.TypedBinary) and e.op in TURNED:
+        return f"{e.left.span.text} {TURNED[e.op]} {e.right.span.text}"
+    return f"!({e.span.text})"
 
 
 def tried_topics(module: Module) -> list[int]:

@@ -11,14 +11,19 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import exchange
 from soter.language.check.parts.plant import unmoved
-from soter.language.elaborate.lints.contradictory_predicates import doubt_predicates
+from soter.language.elaborate.lints.contradictory_predicates import doubt_predicates, tried
 from soter.language.elaborate.lints.diverging_schemes import doubt_scheme
 from soter.language.elaborate.lints.refuted_at_once import (
+    doubt_ages,
+    doubt_constants,
+    doubt_first_publications,
+    doubt_properties,
     doubt_readers,
     doubt_start,
     doubt_trials,
 )
 from soter.language.elaborate.lints.silent_sc import doubt_publications
+from soter.language.elaborate.lints.step_ranges import doubt_steps
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
 
@@ -40,6 +45,9 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
         if component.plant is not None:
             _unmoved(component.plant, diagnostics)
             doubt_scheme(system, component, diagnostics)
+            doubt_first_publications(system, component, diagnostics)
+    doubt_steps(system, diagnostics)
+    doubt_properties(system, diagnostics)
     for number, module in enumerate(system.modules):
         symbol = module.symbol
         sc, ac = system.components[module.sc], system.components[module.ac]
@@ -50,10 +58,15 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
         _speaks_of_outputs(module, diagnostics)
         doubt_publications(system, module, diagnostics)
         doubt_readers(system, module, diagnostics)
+        doubt_ages(system, module, diagnostics)
         if number < TRIED_MAX:
             doubt_start(system, module, diagnostics)
-            trials = doubt_predicates(system, module, diagnostics)
-            doubt_trials(system, module, trials, diagnostics)
+            trials = tried(system, module)
+            if not (
+                doubt_constants(system, module, trials, diagnostics)
+                or doubt_predicates(system, module, trials, diagnostics)
+            ):
+                doubt_trials(system, module, trials, diagnostics)
 
 
 def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None:

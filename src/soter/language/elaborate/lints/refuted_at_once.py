@@ -2,16 +2,17 @@
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
 seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
-DM looks rarely beside its plant).
+DM looks rarely beside its plant), W027 (a property that the start violates), W028 (a topic that is
+too old between two publications), W015 (a plant that begins outside of the set of a topic).
 Non-goals: a proof; initial states between the ends of their sets; `ttf` and `safer` that exclude
 `safe` only in part.
 """
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
 from soter.language.elaborate.lints.contradictory_predicates import (
     Trial,
     flat,
@@ -25,23 +26,27 @@ from soter.language.elaborate.lints.contradictory_predicates import (
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.statements import Evaluator
+from soter.language.evaluate.topic_ranges import always
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.tree_walk import chooses, nodes, topic_reads
-from soter.language.model.types import FloatType, IntType
+from soter.language.model.types import FloatType, IntType, has_list, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.language.elaborate.lints.contradictory_predicates import Holds
-    from soter.language.model.system import Component, Module, System
+    from soter.language.model.system import Component, Module, Property, System
     from soter.language.model.types import Value
 
 BUDGET = 20_000
 RARELY = 1000
 """A DM that looks once in so many steps of its plant sees it too late; examples have 100."""
 OUTPUTS_SHOWN = 3
+PROPERTIES_MAX = 32
+"""So many properties of a system are tried, a part of a millisecond each."""
 BOTH_EXPECTED = 8.0
 """So many values of those tried would meet two conditions that have nothing to do with each other.
 Where none does, values between them are tried: they may meet in a band that is thin."""
@@ -78,6 +83,112 @@ def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> Non
                 else ("begin inside of it: `state x: float = ...;`",),
             )
             return
+
+
+def doubt_properties(system: System, diagnostics: Diagnostics) -> None:
+    """W027: a property of a system that is violated before anything has happened."""
+    for p in system.properties[:PROPERTIES_MAX]:
+        if p.component is None and p.kind in {"always", "never"}:
+            _doubt_property(system, p, diagnostics)
+
+
+def _doubt_property(system: System, p: Property, diagnostics: Diagnostics) -> None:
+    if not of_topics_alone([p.condition]):
+        return
+    indices = [p.scope.topics.get(t, -1) for t in topic_reads(p.condition)]
+    scope = p.scope
+    evaluator = Evaluator(scope.params, budget=BUDGET, topics=scope.topics, plants=scope.plants)
+    topics: list[Value] = []
+    for end, topics in enumerate(_starts(system, indices)):
+        states = [_first_state(c, end) for c in system.components]
+        env = Environment(topics=topics, stamps=[0] * len(topics), truth=states.__getitem__)
+        try:
+            holds = bool(evaluator.value(p.condition, env))
+        except (StepFault, BudgetExceeded, TypeError):
+            return  # an extern plant has no state that is known
+        if holds == (p.kind == "always"):
+            return
+    if not topics:
+        return
+    where = shown(system, indices, [topics[i] for i in indices])
+    other = "never" if p.kind == "always" else "always"
+    begins = "false" if p.kind == "always" else "true"
+    diagnostics.warning(
+        "W027",
+        f"`{p.kind} {p.text}` is violated at the start",
+        p.condition.span,
+        f"{begins} where {where}" if where else f"{begins} in the first state",
+        notes=("a property is judged from the first instant on",),
+        helps=(f"`{other}` says the opposite; or begin elsewhere: `state x: float = ...;`",),
+    )
+
+
+def _first_state(component: Component, end: int) -> Value | None:
+    """The states of a plant, each at one end of its set; None for what has none."""
+    if component.plant is None or component.plant.extern:
+        return None
+    ranges = component.initial_range or (None,) * len(component.initial)
+    pairs = zip(component.initial, ranges, strict=True)
+    return tuple(first if span is None else span[end] for first, span in pairs)
+
+
+def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W028: a topic that is too old before its driver publishes it again."""
+    drivers = {
+        c.scope.topics[topic]: c
+        for c in system.components
+        for topic in _publishes(c)
+        if topic in c.scope.topics
+    }
+    for index in module.inputs:
+        topic, driver = system.topics[index], drivers.get(index)
+        if topic.max_age_ns is None or driver is None or driver.period_ns <= topic.max_age_ns:
+            continue
+        own = driver.plant or driver.node
+        assert own is not None
+        age = write_ns(driver.period_ns)
+        helps: tuple[Help, ...] = (f"let it be as old as that: `max_age {age}`",)
+        if topic.symbol.max_age is not None:
+            helps = (replace(topic.symbol.max_age.span, age, f"let it be {age} old"),)
+        diagnostics.warning(
+            "W028",
+            f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",
+            own.period.span,
+            f"published every {show_ns(driver.period_ns)}",
+            also=((topic.symbol.span, f"no older than {show_ns(topic.max_age_ns)}"),),
+            notes=("a module that reads what is too old takes AC off",),
+            helps=helps,
+        )
+
+
+def _publishes(c: Component) -> list[typed.TopicSymbol]:
+    if c.plant is not None:
+        return [t for t, _ in c.plant.drives]
+    return list(c.node.publishes) if c.node is not None else []
+
+
+def doubt_first_publications(system: System, plant: Component, diagnostics: Diagnostics) -> None:
+    """W015 for what a plant publishes first, from constant states: outside of the set."""
+    assert plant.plant is not None
+    for topic, value in () if plant.plant.extern else plant.plant.drives:
+        placed = system.topics[plant.scope.topics[topic]]
+        first = _published_at_first(plant, value, 0)
+        if first is None or has_list(topic.type):
+            continue
+        for (path, _), x, bound in zip(leaves(topic.type), flat(first), placed.bounds, strict=True):
+            if bound is None or bound.low <= x <= bound.high:
+                continue
+            name = ".".join((topic.name, *path)).replace(".[", "[")
+            diagnostics.warning(
+                "W015",
+                f"{x!r} is outside of the set of `{name}`",
+                value.span,
+                f"the first value; [{bound.low!r}, {bound.high!r}] is allowed",
+                also=((topic.span, "declared here"),),
+                notes=("publishing it is a step fault: the plant stands still from then on",),
+                helps=("begin inside of it: `state x: float = ...;`", "or widen the set"),
+            )
+            break
 
 
 def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
@@ -135,48 +246,63 @@ def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> V
         return None  # a `let` of a disturbance, say: it is drawn
 
 
+def doubt_constants(
+    system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
+) -> bool:
+    """W022 for predicates that are the same everywhere; whether something was said."""
+    symbol = module.symbol
+    ttf, safer = symbol.ttf, symbol.safer
+    if ttf is None or safer is None or not trials or not topic_reads(symbol.safe):
+        return False  # nothing is to be kept, or W021 says so
+    ttf_always, safer_always = (
+        always(e, system, module.scope) if len({t[i] for t in trials}) == 1 else None
+        for i, e in enumerate((ttf, safer))
+    )
+    name = f"of module `{symbol.name}`"
+    if ttf_always is False:
+        message, at, label = f"`ttf` {name} never holds", ttf, "AC is never taken off"
+    elif ttf_always and safer_always is not False:
+        message, at, label = f"`ttf` {name} always holds", ttf, "AC never keeps control"
+    elif safer_always is False and not ttf_always:
+        message, at, label = f"`safer` {name} never holds", safer, "AC never has control"
+    else:
+        return False
+    _decides_nothing(module, message, at, label, diagnostics)
+    return True
+
+
 def doubt_trials(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> None:
-    """W022 for predicates that decide nothing."""
+    """W022 for predicates that hold only where `safe` does not."""
     symbol = module.symbol
-    ttf, safer, safe = symbol.ttf, symbol.safer, symbol.safe
-    if ttf is None or safer is None or not trials:
+    if symbol.ttf is None or symbol.safer is None or not trials:
         return
-    if _always(safe, trials[0][2]) is not None:
-        return  # nothing is to be kept, or W021 says so
-    ttf_always, safer_always = _always(ttf, trials[0][0]), _always(safer, trials[0][1])
-    name = f"of module `{symbol.name}`"
-    nothing = partial(_decides_nothing, induction=symbol.verify.induction is not None)
-    if ttf_always is False:
-        nothing(f"`ttf` {name} never holds", ttf, "AC is never taken off", diagnostics)
-    elif ttf_always and safer_always is not False:
-        nothing(f"`ttf` {name} always holds", ttf, "AC never keeps control", diagnostics)
-    elif safer_always is False and not ttf_always:
-        nothing(f"`safer` {name} never holds", safer, "AC never has control", diagnostics)
-    elif _exclude(system, module, trials, 0):
+    lost = f"of module `{symbol.name}` seems to hold only where `safe` is lost"
+    if _exclude(system, module, trials, 0):
         label = "AC would be taken off when it is too late"
-        message = f"`ttf` {name} seems to hold only where `safe` is lost"
-        nothing(message, ttf, label, diagnostics, safe)
+        _decides_nothing(module, f"`ttf` {lost}", symbol.ttf, label, diagnostics, symbol.safe)
     elif _exclude(system, module, trials, 1):
         label = "AC would get control where it must not be"
-        message = f"`safer` {name} seems to hold only where `safe` is lost"
-        nothing(message, safer, label, diagnostics, safe)
+        _decides_nothing(module, f"`safer` {lost}", symbol.safer, label, diagnostics, symbol.safe)
 
 
 def _decides_nothing(
+    module: Module,
     message: str,
     at: typed.TypedExpr,
     label: str,
     diagnostics: Diagnostics,
     safe: typed.TypedExpr | None = None,
-    *,
-    induction: bool,
 ) -> None:
-    helps = ("leave both out: then they are computed from `safe`",)
-    if induction:
-        helps = ("write them of states in which `safe` holds: induction computes neither",)
     sampled = ("no value that was tried meets both, which is no proof",) if safe else ()
+    early = f"two periods ({show_ns(2 * module.period_ns)}) of what AC can do"
+    if at is module.symbol.ttf:
+        helps = [f"let `ttf` hold while `safe` does and has less room than {early}"]
+    else:
+        helps = ["let `safer` hold where `safe` does, with more room than `ttf` leaves"]
+    if module.symbol.verify.groups and module.symbol.verify.induction is None:
+        helps.append("or leave both out: then they are computed from `safe`")
     diagnostics.warning(
         "W022",
         message,
@@ -188,13 +314,8 @@ def _decides_nothing(
             "both are for states where `safe` holds and can still be kept",
             *sampled,
         ),
-        helps=helps,
+        helps=tuple(helps),
     )
-
-
-def _always(predicate: typed.TypedExpr, tried: bool) -> bool | None:
-    """What a predicate that reads nothing is everywhere; None for one that reads something."""
-    return None if topic_reads(predicate) else tried
 
 
 def _exclude(system: System, module: Module, trials: Sequence[Trial], number: int) -> bool:

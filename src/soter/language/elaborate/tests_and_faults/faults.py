@@ -11,7 +11,6 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.check.expressions.field import listed
-from soter.language.elaborate.shield_topics import is_shielded
 from soter.language.elaborate.tests_and_faults.component_names import named, nobody
 from soter.language.elaborate.tests_and_faults.sc_waits_for_dm import waiting
 from soter.language.model.durations import show_ns
@@ -212,7 +211,7 @@ class _Places:
                 yield c, None, (), None
             return
         if item.kind == "overrun":
-            why = _why_no_overrun(self.system, c, rest)
+            why = _why_no_overrun(c, rest)
             if why is None:
                 yield c, None, (), None
             else:
@@ -385,7 +384,7 @@ def _read(system: System, c: Component) -> set[int]:
     return {t.index if t.queue_of is None else t.queue_of for t in own}
 
 
-def _why_no_overrun(system: System, c: Component, rest: Sequence[str]) -> str | None:
+def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
     """Why no step of a component can last longer; None: it can (as one that `takes`)."""
     if rest:
         return f"`{c.name}` has no `{'.'.join(rest)}` that steps"
@@ -397,8 +396,6 @@ def _why_no_overrun(system: System, c: Component, rest: Sequence[str]) -> str | 
         return "what SC publishes has to count when the decision module calls for it: say `late`"
     if c.node is None or not c.node.publishes:
         return f"`{c.name}` publishes nothing that could count later"
-    if is_shielded(system, c):
-        return f"a shield judges what `{c.name}` publishes when it is computed: say `late`"
     for topic in c.node.bursts:
         return f"a step publishes several messages on `{topic.name}`; one a topic can be held"
     return None

@@ -14,7 +14,7 @@ from soter.language.elaborate import derived_systems
 from soter.language.elaborate.deployment.deployed_systems import from_outside
 from soter.language.elaborate.elaborator import Elaborator
 from soter.language.elaborate.instantiate import expressions_of
-from soter.language.elaborate.shield_topics import refuses_overrun
+from soter.language.elaborate.shield_topics import refuse_overrun
 from soter.language.elaborate.tests_and_faults.component_names import named, nobody
 from soter.language.elaborate.wellformed import check_periods
 from soter.language.model.durations import show_ns
@@ -290,11 +290,11 @@ class _TestElaborator(Elaborator):
 
     def _overrun(self, system: System, c: Component, item: typed.FaultSymbol) -> None:
         assert c.node is not None
-        instead = f"let it be late instead: `late {item.path} by ...;`"
-        if refuses_overrun(system, c, item.span, instead, self.diagnostics):
-            return
+        refuse_overrun(system, c, f"overrun {item.path}", self.diagnostics)
         if c.takes_ns is None:
-            self._has_no_queue(system, c, item.span, instead)
+            self._has_no_queue(
+                system, c, item.span, f"let it be late instead: `late {item.path} by ...;`"
+            )
             return
         assert c.node.takes is not None
         self.diagnostics.error(

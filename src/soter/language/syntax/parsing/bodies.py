@@ -14,28 +14,34 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
+from soter.language.syntax.clause_words import INSTEAD, NODE, STATEMENTS, body_of
+from soter.language.syntax.foreign_items import item_advice, item_meant
+from soter.language.syntax.parsing.misplaced import (
+    assigned,
+    at_word_of_elsewhere,
+    item_end,
+    leads_on,
+    out_of_place,
+    repaired,
+)
 from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
-from soter.language.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
+from soter.language.syntax.parsing.token_cursor import BODY_WORDS, STATEMENT_WORDS, Panic
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.diagnostics.fix import Fix
+    from soter.diagnostics.codes import Code
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.diagnostics.fix import Fix, Help
     from soter.language.syntax.tokens import Tokens
 
 _Parts = TypeVar("_Parts")
 
-#: The words of every kind of body, for hints; filled by the modules that know them.
-HOMES: dict[str, frozenset[str]] = {}
-
 #: Items of a kind of body that no word leads, as lists of items name them.
 LEADERLESS: dict[str, tuple[str, ...]] = {}
-
-#: Words that only make sense inside a body.
-BODY_WORDS = ITEM_WORDS | {"period", "phase"}
 
 
 @dataclass(slots=True)
@@ -61,6 +67,20 @@ class BodyParser(StatementParser):
         self.declared = self.name(what)
         return self.declared
 
+    # ------------------------------------------------------------ what is tried
+
+    def _leads_on(self, fix: Fix) -> bool:
+        (edit,) = fix.edits
+        return leads_on(self, fix, edit.span.start, edit.span.end)
+
+    def _elsewhere(
+        self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
+    ) -> tuple[Diagnostic, int] | None:
+        return out_of_place(self, code, notes, helps)
+
+    def _repaired(self, code: Code, message: str) -> Fix | None:
+        return repaired(self, code, message)
+
     # ------------------------------------------------------------ items
 
     def _open_body(self, what: str, items: Mapping[str, object]) -> int:
@@ -70,7 +90,8 @@ class BodyParser(StatementParser):
             self.i += 1
             return self.i - 1
         self.report("S005", f"expected `{{` to begin the body of {what}, found {self.found()}")
-        if self.texts[self.i] not in items:
+        stop = item_end(self)
+        if self.texts[self.i] not in items or self.kinds[stop] == "{":
             self.damaged = True
             self.skip_expression(self.i, stop_at_brace=True)
             if self.kinds[self.i] == "{":
@@ -163,16 +184,18 @@ class BodyParser(StatementParser):
         if word == "period" and what == self.without_period:
             raise Panic  # that it stands before the body was told
         message = f"expected an item of {what}, found {self.found()}"
+        body = body_of(items, 0)
+        meant = INSTEAD.get((body, word)) or self._item_meant(body, word)
+        if meant is not None and self._reads_as(meant):
+            self._taken_for(meant, message, parts, items)
+            return
         if kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names()):
             self._loose_statements(message, items)
             return
-        near = self.close_word(word, items) if word.isidentifier() else None
+        elsewhere = at_word_of_elsewhere(self)
+        near = self.close_word(word, items) if word.isidentifier() and not elsewhere else None
         if near is not None:
-            helps = (replace(self.token_span(self.i), near, f"did you mean `{near}`?"),)
-            self.report("S010", message, helps=helps)
-            self.quiet = -1
-            self.texts[self.i] = near
-            items[near](self, parts)
+            self._taken_for(near, message, parts, items, f"did you mean `{near}`?")
             return
         if word in ("invariant", "invariants") and "always" in items:
             raise self.failure("S010", message, helps=(self._asked_with_always(items),))
@@ -180,17 +203,41 @@ class BodyParser(StatementParser):
             name = visible(word)
             said = f"write `node {name};`, `module {name};`, or `c: {name};` for a plant"
             raise self.failure("S010", message, helps=(said,))
-        homes = [home for home, words in HOMES.items() if word in words]
-        follows = self.kinds[self.i + 1]
-        if kind == NAME and follows in PLACE_FOLLOWS and not (homes and follows == "["):
+        if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS and not elsewhere:
             self._loose_statements(message, items)
             return
         sort = what.partition(" `")[0]
         known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
         notes = (f"the items of {sort} are {', '.join(known)}",)
-        if homes:
-            notes = (f"`{word}` belongs in {' or '.join(homes)}",)
-        raise self.failure("S010", message, notes=notes)
+        advice = item_advice(body, word)
+        raise self.failure("S010", message, notes=notes, helps=(advice,) if advice else ())
+
+    def _item_meant(self, body: str, word: str) -> str | None:
+        """The item of this body that a word of other languages stands for, if no `=` follows."""
+        follows = self.kinds[self.i + 1] in PLACE_FOLLOWS or self.kinds[self.i + 1] == "("
+        return None if follows else item_meant(body, word)
+
+    def _reads_as(self, word: str) -> bool:
+        """Whether the item at the cursor is one without a syntax error once `word` leads it."""
+        fix = replace(self.token_span(self.i), word)
+        return leads_on(self, fix, self.starts[self.i], self.ends[item_end(self)])
+
+    def _taken_for(
+        self,
+        word: str,
+        message: str,
+        parts: _Parts,
+        items: Mapping[str, Callable[[Any, _Parts], None]],
+        title: str | None = None,
+    ) -> None:
+        """Report the word at the cursor, and read the item as if `word` led it."""
+        token = self.token_span(self.i)
+        rest = " ".join(self.source.text[token.end : self.ends[item_end(self)]].split())
+        title = title or f"write `{word} {rest}`".replace("{`", "{ ... }`")
+        self.report("S010", message, helps=(replace(token, word, title),))
+        self.quiet = -1
+        self.texts[self.i] = word
+        items[word](self, parts)
 
     def _asked_with_always(self, items: Mapping[str, object]) -> str:
         """What to write for `invariant(M);`: a property like others."""
@@ -203,13 +250,24 @@ class BodyParser(StatementParser):
 
     def _loose_statements(self, message: str, items: Mapping[str, object]) -> None:
         """Statements without a `step {` around them: reported once, read, and left out."""
-        self.report("S010", message, notes=("statements stand inside a `step { ... }` block",))
+        body = body_of(items, 0)
+        helps: tuple[Help, ...] = ()
+        if self.kinds[self.i] == NAME:
+            helps = assigned(self, body)
+        self.report("S010", message, notes=(STATEMENTS[body],), helps=helps)
         self.damaged = True
+        while body != NODE and self._at_statement() and self.texts[self.i] not in items:
+            self.advance()
+            self.skip_statement()
         while self._at_statement() and self.texts[self.i] not in items:
             self.quiet = -1
             self._recovering([], self.kinds[self.i])
         after = self.i + 1
-        if self.kinds[self.i] == "}" and (self.kinds[after] == "}" or self.texts[after] in items):
+        if (
+            body == "node"
+            and self.kinds[self.i] == "}"
+            and (self.kinds[after] == "}" or self.texts[after] in items)
+        ):
             self.i += 1  # only the opening of the block was missing
 
     def _only_names(self) -> bool:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
 from soter.language.syntax.parsing import instance_arrays
-from soter.language.syntax.parsing.bodies import HOMES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -84,4 +83,3 @@ FAULT_ITEMS: dict[str, Callable[[BodyParser, FaultParts], None]] = {
     "order": _order,
     **dict.fromkeys(KINDS, _fault),
 }
-HOMES["the `faults` of a system"] = frozenset(FAULT_ITEMS) - {"order", *OF_TESTS}

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.bodies import HOMES, OnceParts, predicate
+from soter.language.syntax.parsing.bodies import OnceParts, predicate
 from soter.language.syntax.parsing.verification import VerifyParser
 from soter.language.syntax.tokens import ERROR, INT, NAME, visible
 
@@ -244,6 +244,7 @@ class NodeParser(VerifyParser):
             failsafe=tuple(parts.failsafe),
             wcet=once("wcet"),
             jitter=once("jitter"),
+            returns=once("returns"),
             shield=once("shield"),
         )
 
@@ -296,6 +297,18 @@ class NodeParser(VerifyParser):
         period = self.time_value("`period`")
         return tree.Synthesized(period, self.span_from(start))
 
+    def _returns(self, parts: OnceParts) -> None:
+        """`returns after button;`, or `returns never;`: the latch."""
+        at = self.i
+        self.i += 1
+        topic: tree.Ref | None = None
+        if not self.accept_word("never"):
+            self.expect_word("after", "or `never` after `returns`")
+            topic = self.ref("the name of a topic after `returns after`")
+        self.semicolon("`returns`")
+        returns = tree.Returns(topic, self.span_from(self.starts[at]))
+        self.keep_once(parts, "returns", returns, at)
+
     def _module_period(self, parts: OnceParts) -> None:
         at = self.i
         self.i += 1
@@ -325,11 +338,10 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, _RtaParts], None]] = {
     "safer": predicate("safer", "the safer condition"),
     "ttf": predicate("ttf", "the ttf condition"),
     "clean": predicate("clean", "the value of `clean`"),
+    "returns": NodeParser._returns,
     "shield": predicate("shield", "the value of `shield`"),
     "failsafe": NodeParser._failsafe,
     "assumes": NodeParser._clause,
     "guarantees": NodeParser._clause,
     "verify": NodeParser._verify,
 }
-HOMES["a node"] = frozenset(_NODE_ITEMS)
-HOMES["an `rta`"] = frozenset(_RTA_ITEMS)

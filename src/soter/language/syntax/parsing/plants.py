@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.bodies import HOMES, OnceParts
+from soter.language.syntax.parsing.bodies import OnceParts
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.schemes import SCHEMES
 from soter.language.syntax.tokens import NAME, visible
@@ -217,4 +217,3 @@ _PLANT_ITEMS: dict[str, Callable[[BodyParser, _PlantParts], None]] = {
     "integrate": _integrate,
     "measured": _measured,
 }
-HOMES["a plant"] = frozenset(_PLANT_ITEMS)

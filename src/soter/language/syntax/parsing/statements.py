@@ -11,10 +11,17 @@ from __future__ import annotations
 
 from soter.diagnostics.fix import replace
 from soter.language.syntax import tree
+from soter.language.syntax.foreign_items import NO_STATEMENT
 from soter.language.syntax.parsing.expressions import ExpressionParser
+from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
 from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.operators import c_style_loop
-from soter.language.syntax.parsing.token_cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
+from soter.language.syntax.parsing.token_cursor import (
+    BODY_WORDS,
+    ITEM_WORDS,
+    STATEMENT_WORDS,
+    Panic,
+)
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.tokens import (
     DURATION,
@@ -35,20 +42,6 @@ _ELSEIF = frozenset(["elif", "elsif", "else_if"])
 _VALUES = frozenset([INT, FLOAT, DURATION, "true", "false", "(", "-"])
 #: What may follow the name of a variable that is assigned.
 PLACE_FOLLOWS = frozenset(["=", ".", "[", ":="])
-_NO_STATEMENT = {
-    "break": "loops always run to their end: guard the body with `if`",
-    "continue": "loops always run to their end: guard the body with `if`",
-    "switch": "write `if ... elseif ... else`",
-    "match": "write `if ... elseif ... else`",
-    "print": "publish the value, or read it in the log: every topic is logged",
-    "printf": "publish the value, or read it in the log: every topic is logged",
-    "goto": "there are only `if` and `for`",
-    "do": "every loop has a constant bound: `for i in 0..10 { ... }`",
-    "loop": "every loop has a constant bound: `for i in 0..10 { ... }`",
-    "repeat": "every loop has a constant bound: `for i in 0..10 { ... }`",
-    "try": "a failing step publishes nothing and keeps its locals: no handlers are needed",
-    "pass": "an empty block is `{ }`",
-}
 
 
 class StatementParser(ExpressionParser):
@@ -94,7 +87,8 @@ class StatementParser(ExpressionParser):
                     continue
                 unclosed(self, opener, "this block")
                 break
-            if kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{"):
+            item = kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{")
+            if item and not self.closed_below(self.blocks + 1):
                 unclosed(self, opener, "this block")  # the body around goes on here
                 break
             self._recovering(statements, kind)
@@ -160,7 +154,9 @@ class StatementParser(ExpressionParser):
         if self.kinds[self.i] in ("{", "..") or self._at_statement():
             return result
         message = f"expected `{{` after {what}, found {self.found()}"
-        self.report("S005", message)
+        indented = self.kinds[self.i] == ":" and self.kinds[self.i + 1] != "{"
+        braces = ("a block stands in braces: `if x > 0.0 { ... }`",)
+        self.report("S005", message, helps=braces if indented else ())
         self.skip_expression(start, stop_at_brace=True)
         if self.kinds[self.i] != "{":
             raise Panic
@@ -266,11 +262,15 @@ class StatementParser(ExpressionParser):
         """A word that is nearly a statement word, or is one in other languages."""
         i = self.i
         word, following = self.texts[i], self.kinds[i + 1]
+        if following in PLACE_FOLLOWS and word != "takes":
+            return None
+        if at_word_of_elsewhere(self):
+            raise self.failure("S011", f"expected a statement, found `{visible(word)}`")
         if following in PLACE_FOLLOWS:
             return None
-        if word in _NO_STATEMENT:
+        if word in NO_STATEMENT:
             message = f"`{word}` is no statement of Soter"
-            raise self.failure("S011", message, helps=(_NO_STATEMENT[word],))
+            raise self.failure("S011", message, helps=(NO_STATEMENT[word],))
         if word in _ELSEIF:
             raise self.failure("S015", f"`{word}` is no word of Soter", helps=("write `elseif`",))
         if following in (NAME, INT) or following in RESERVED:
@@ -464,7 +464,7 @@ class StatementParser(ExpressionParser):
             return
         message = f"expected a statement, found {self.found()}"
         notes: tuple[str, ...] = ()
-        if kind in ("subscribes", "publishes", "step", "state", "der", "next", "period"):
+        if kind in BODY_WORDS and not self.closed_below(self.blocks + 1):
             notes = (f"`{kind}` belongs in the body around: is a `}}` missing before it?",)
         raise self.failure("S011", message, notes=notes)
 

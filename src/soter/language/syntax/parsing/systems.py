@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
+from soter.language.syntax.foreign_items import item_meant
 from soter.language.syntax.parsing import instance_arrays
-from soter.language.syntax.parsing.bodies import HOMES, LEADERLESS, OnceParts
+from soter.language.syntax.parsing.bodies import LEADERLESS, OnceParts
 from soter.language.syntax.parsing.faults import FAULT_ITEMS, FaultParts
+from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
 from soter.language.syntax.tokens import EOF, NAME, visible
 
 if TYPE_CHECKING:
@@ -112,6 +114,8 @@ def _instance_without_colon(parser: BodyParser, i: int) -> bool:
     if parser.kinds[i + 2] not in (";", "{", "."):
         return False
     word = parser.texts[i]
+    if at_word_of_elsewhere(parser) or item_meant("system", word):
+        return False
     return word not in _SYSTEM_ITEMS and parser.close_word(word, _SYSTEM_ITEMS) is None
 
 
@@ -436,5 +440,3 @@ _SYSTEM_ITEMS["external"] = _external
 _TEST_ITEMS["for"] = instance_arrays.loop(_TEST_ITEMS, _leads_to)
 LEADERLESS["test"] = ("`p leadsto q`",)
 LEADERLESS["system"] = ("`name: What`",)
-HOMES["a system"] = frozenset(_SYSTEM_ITEMS) - {"for"}
-HOMES["a test"] = frozenset(_TEST_ITEMS) - {"for"}

@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.fix import Fix, Help
     from soter.language.syntax.tokens import Tokens
+    from soter.language.syntax.tree import File
 
 #: So many errors of one file are shown.
 ERRORS_MAX = 100
@@ -47,12 +48,22 @@ STATEMENT_WORDS = frozenset(
 #: Reserved words that begin an item of a node or a plant.
 ITEM_WORDS = frozenset(["subscribes", "publishes", "step", "state", "der", "next"])
 
+#: Words that only make sense inside a body.
+BODY_WORDS = ITEM_WORDS | {"period", "phase"}
+
 _DECLARATION_WORDS = frozenset(
     ["type", "const", "param", "fun", "extern", "topic", "node", "rta", "plant", "system", "test",
      "import"]
 )  # fmt: skip
 
+#: Errors of one token, which may be one too many, or lack one before it.
+_REPAIRED = frozenset(["S004", "S005", "S006", "S007", "S008"])
+
 _LITERALS = frozenset([NAME, INT, FLOAT, DURATION, ERROR])
+
+
+_BETWEEN = "two values on a line have an operator between them, two items a `;`"
+_SECOND = "what follows the `,` is an item or a statement of its own, with a word of its own"
 
 
 class Panic(Exception):  # noqa: N818 - control flow inside the parser, never seen outside
@@ -87,6 +98,7 @@ class Cursor:
         "texts",
         "tight",
         "tokens",
+        "tried",
         "without_period",
     )
 
@@ -109,6 +121,7 @@ class Cursor:
         self.damaged = False  # the declaration at hand lost something
         self.without_period = ""  # "node `A`", whose head has no period: that was told
         self.misused: set[str] = set()  # reserved words the user takes for names
+        self.tried = 0  # characters that were read again to try edits
         # For the printer: braces that open a block, brackets and signs that cling, and the
         # colons of `? :`, which do not.
         self.opened: list[int] = []
@@ -174,13 +187,19 @@ class Cursor:
         if span is None:
             span = self.token_span(i)
         self._another_language(span)
+        if self._out_of_place(code, notes, helps):
+            return
+        if code in _REPAIRED and not helps:
+            fix = self._repaired(code, message)
+            helps = () if fix is None else (fix,)
         labels = tuple(Label(s, t) for s, t in also)
         self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
 
     def _another_language(self, span: Span) -> None:
         """Panic behind a phrase of another language, if one covers `span`, once it is told."""
         before = self.ends[self.i - 1] if self.i else 0
-        phrase = find(self.source, span.start, place_of(self.items, self.blocks), before)
+        place = place_of(self.items, self.blocks)
+        phrase = find(self.source, span.start, place, before, self._leads_on)
         if phrase is None:
             return
         label = Label(phrase.span)
@@ -191,6 +210,37 @@ class Cursor:
         self.damaged = True
         self.quiet = self.i
         raise Panic
+
+    def _leads_on(self, fix: Fix) -> bool:
+        """Whether an edit leaves no syntax error in what it writes."""
+        raise NotImplementedError
+
+    def _elsewhere(
+        self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
+    ) -> tuple[Diagnostic, int] | None:
+        """What is said of a word of Soter in a wrong place, and the token behind it."""
+        raise NotImplementedError
+
+    def _repaired(self, code: Code, message: str) -> Fix | None:
+        """The edit of one token that mends the item at the cursor."""
+        raise NotImplementedError
+
+    def _out_of_place(self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]) -> bool:
+        """Tell a word of Soter that does not belong here; Panic behind clauses in a wrong order."""
+        said = self._elsewhere(code, notes, helps)
+        if said is None:
+            return False
+        problem, after = said
+        self.problems.append(problem)
+        if after > self.i:
+            self.i = self.quiet = after
+            self.damaged = True
+            raise Panic
+        return True
+
+    def file(self) -> File:
+        """The whole file, read from its beginning."""
+        raise NotImplementedError
 
     def failure(
         self,
@@ -326,7 +376,13 @@ class Cursor:
         message = f"expected `;` after {after}, found {self.found()}"
         if not helps and self.new_line() and self.fresh_start():
             helps = (append(self.after_previous(), ";", "put `;` here"),)
-        self.report("S004", message, self.after_previous(), "`;` is missing here", helps=helps)
+        notes: tuple[str, ...] = ()
+        if self.new_line() or self.kinds[self.i] in ("}", EOF) or self.fresh_start():
+            label = "`;` is missing here"
+        else:
+            label = f"{after} ends here"
+            notes = (_SECOND if self.kinds[self.i] == "," else _BETWEEN,)
+        self.report("S004", message, self.after_previous(), label, notes=notes, helps=helps)
 
     def fresh_start(self) -> bool:
         """Whether what follows looks like the next statement, item or end: nothing to skip."""
@@ -497,6 +553,17 @@ class Cursor:
     def nested_declaration(self) -> bool:
         """Whether the declaration at the cursor is indented as if it belonged to this one."""
         return not self.inner and self.line_indent(self.i) > self.indent
+
+    def closed_below(self, levels: int) -> bool:
+        """Whether so many braces around the cursor are closed before the next declaration."""
+        for i in range(self.i, len(self.kinds)):
+            kind = self.kinds[i]
+            levels += (kind == "{") - (kind == "}")
+            if levels <= 0:
+                return True
+            if kind == EOF or (kind in _DECLARATION_WORDS and self.line_indent(i) <= self.indent):
+                break
+        return False
 
     def line_indent(self, index: int) -> int:
         """Characters before the first word of the line on which the token stands."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.bodies import HOMES, BodyParser, OnceParts, predicate
+from soter.language.syntax.parsing.bodies import BodyParser, OnceParts, predicate
 from soter.language.syntax.tokens import NAME
 
 if TYPE_CHECKING:
@@ -239,5 +239,3 @@ _VERIFY_ITEMS: dict[str, Callable[[VerifyParser, _VerifyParts], None]] = {
     "lemma": VerifyParser._lemma,
     "progress": VerifyParser._progress,
 }
-HOMES["a `verify` block"] = frozenset(_VERIFY_ITEMS)
-HOMES["a view of a `verify` block"] = frozenset(_VIEW_ITEMS)

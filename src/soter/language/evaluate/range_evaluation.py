@@ -12,9 +12,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.explore.vacuity import ranges
-from soter.explore.vacuity.ranges import ANY_FLOAT, ANY_INT, EITHER, FALSE, TRUE, Faults, Range
-from soter.explore.vacuity.same_expression import same_expression
+from soter.language.evaluate import ranges
+from soter.language.evaluate.ranges import ANY_FLOAT, ANY_INT, EITHER, FALSE, TRUE, Faults, Range
+from soter.language.evaluate.same_expression import same_expression
 from soter.language.model import typed as t
 from soter.language.model.types import (
     ArrayType,
@@ -94,19 +94,20 @@ class RangeEvaluator:
     """Evaluates in one scope. `read` gives the range of a scalar that is read."""
 
     def __init__(self, scope: Scope, period_ns: int, read: Callable[[ReadPlace], Range]) -> None:
-        self._scope = scope
+        self.scope = scope
         self._period_ns = period_ns
         self._read = read
-        self._left = BUDGET
+        self.left = BUDGET
         self.variables: dict[t.Variable, Known] = {}
         self.faults = Faults()
+        self._literals: dict[t.Literal, Known] = {}
 
     def evaluate(self, e: t.TypedExpr) -> Known:
         """What it may be; `faults` says whether it may fault. `TooHardError`."""
-        self._left -= 1
-        if self._left < 0:
+        self.left -= 1
+        if self.left < 0:
             raise TooHardError
-        made = self._EXPRESSIONS.get(type(e))
+        made = self.EXPRESSIONS.get(type(e))
         return anything(e.type) if made is None else made(self, e)
 
     def number(self, e: t.TypedExpr) -> Range:
@@ -132,32 +133,35 @@ class RangeEvaluator:
     # ------------------------------------------------------------ reads
 
     def _literal(self, e: t.Literal) -> Known:
-        return constant(e.type, e.value)
+        known = self._literals.get(e)
+        if known is None:
+            known = self._literals[e] = constant(e.type, e.value)
+        return known
 
     def _param_read(self, e: t.ParamRead) -> Known:
-        return constant(e.type, self._scope.params[e.param])
+        return constant(e.type, self.scope.params[e.param])
 
     def _var_read(self, e: t.VarRead) -> Known:
         known = self.variables.get(e.variable)
         return anything(e.type) if known is None else known
 
     def _topic_read(self, e: t.TopicRead) -> Known:
-        return ReadPlace("topic", self._scope.topics[e.topic], e.type)
+        return ReadPlace("topic", self.scope.topics[e.topic], e.type)
 
     def _truth_read(self, e: t.TruthRead) -> Known:
-        return ReadPlace("truth", self._scope.plants[e.instance], e.type)
+        return ReadPlace("truth", self.scope.plants[e.instance], e.type)
 
     def _mode_read(self, e: t.ModeRead) -> Known:
-        return ReadPlace("mode", self._scope.modules[e.module], e.type)
+        return ReadPlace("mode", self.scope.modules[e.module], e.type)
 
     def _margin_read(self, e: t.MarginRead) -> Known:
-        return ReadPlace("margin", self._scope.modules[e.module], e.type)
+        return ReadPlace("margin", self.scope.modules[e.module], e.type)
 
     def _time_read(self, e: t.TimeRead) -> Known:
         return ReadPlace("time", 0, e.type)
 
     def _age_read(self, e: t.AgeRead) -> Known:
-        return ReadPlace("age", self._scope.topics[e.topic], e.type)
+        return ReadPlace("age", self.scope.topics[e.topic], e.type)
 
     def _period_read(self, _: t.PeriodRead) -> Known:
         return Range(self._period_ns / 1e9, self._period_ns / 1e9)
@@ -292,7 +296,7 @@ class RangeEvaluator:
         self.faults.unless(at.low >= 0 and at.high < of.size)
         union: Known = None
         for i in range(max(int(at.low), 0), min(int(at.high), of.size - 1) + 1):
-            self._left -= 1
+            self.left -= 1
             part = self._part(target, i, e.type)
             union = part if union is None else self._joined(union, part, e.type)
         return anything(e.type) if union is None else union
@@ -332,7 +336,7 @@ class RangeEvaluator:
             types = [of.element] * of.size
         else:
             raise TooHardError
-        self._left -= len(types)
+        self.left -= len(types)
         return [(self._part(whole, i, part), part) for i, part in enumerate(types)]
 
     def _flat(self, whole: Known, of: Type) -> list[Range]:
@@ -370,8 +374,8 @@ class RangeEvaluator:
     def _run(self, body: tuple[t.TypedStmt, ...], returned: Known, of: Type) -> tuple[Known, bool]:
         """What may be returned (None: nothing so far), and whether the end may be reached."""
         for s in body:
-            self._left -= 1
-            if self._left < 0:
+            self.left -= 1
+            if self.left < 0:
                 raise TooHardError
             if isinstance(s, t.TypedReturn):
                 value = self.evaluate(s.value)
@@ -454,7 +458,7 @@ class RangeEvaluator:
                 return returned, False
         return returned, True
 
-    _EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[RangeEvaluator, Any], Known]]] = {
+    EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[RangeEvaluator, Any], Known]]] = {
         t.Literal: _literal,
         t.ParamRead: _param_read,
         t.VarRead: _var_read,

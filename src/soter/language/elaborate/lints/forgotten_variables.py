@@ -1,0 +1,68 @@
+"""Variables of a step that were meant to last longer than it.
+
+Purpose: W029, a variable that counts or collects, and begins anew with every step.
+Non-goals: variables that are never read (`check/unused.py`); functions, whose variables end with
+them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.diagnostic import Diagnostics
+
+_LOOPS = (typed.ForRange, typed.ForEach)
+
+
+def doubt_variables(node: typed.NodeSymbol, diagnostics: Diagnostics) -> None:
+    """W029 for the step of a node."""
+    for block in _blocks(node.step):
+        for s in block:
+            if isinstance(s, typed.TypedDeclare) and s.variable.kind == "var":
+                _begins_anew(s, block, diagnostics)
+
+
+def _blocks(block: tuple[typed.TypedStmt, ...]) -> Iterator[tuple[typed.TypedStmt, ...]]:
+    """A block, and those of its conditions: what stands in a loop lasts from round to round."""
+    yield block
+    for s in block:
+        if isinstance(s, typed.TypedIf):
+            for inner in (*(body for _, body in s.arms), s.otherwise):
+                yield from _blocks(inner)
+
+
+def _begins_anew(
+    declared: typed.TypedDeclare, block: tuple[typed.TypedStmt, ...], diagnostics: Diagnostics
+) -> None:
+    variable = declared.variable
+    reads = (typed.VarRead, typed.TopicRead, typed.TypedCall, typed.TypedChoose)
+    if any(isinstance(n, reads) for n in nodes([declared.value])):
+        return
+    in_loops = [n for s in nodes(block) if isinstance(s, _LOOPS) for n in nodes(s.body)]
+    written = [
+        n
+        for n in nodes(block)
+        if isinstance(n, (typed.TypedAssign, typed.TypedPush)) and n.place.variable is variable
+    ]
+    if len(written) != 1 or written[0] in in_loops or written[0].place.path:
+        return
+    (only,) = written
+    if isinstance(only, typed.TypedAssign) and not any(
+        isinstance(n, typed.VarRead) and n.variable is variable for n in nodes([only.value])
+    ):
+        return
+    diagnostics.warning(
+        "W029",
+        f"`{variable.name}` begins anew with every step",
+        variable.span,
+        "declared inside of the step",
+        also=((only.span, "changed once in a step"),),
+        notes=("what a node keeps from step to step is declared before `step`",),
+        helps=(f"declare it before the step: `{' '.join(declared.span.text.split())}`",),
+    )

@@ -1,0 +1,431 @@
+"""What the steps of nodes and plants do for certain, whatever they read.
+
+Purpose: `doubt_steps`: W015 (a value that lies outside of the set of its topic), W025 (an operation
+that faults, or gives no number, wherever it is reached), W026 (a condition that never holds, as
+the declared sets say). Every expression is evaluated once over the declared ranges.
+Non-goals: what may happen and need not: a search and a proof answer that; conditions inside of
+functions, which may be right for other calls.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from soter.diagnostics.fix import exchange, replace
+from soter.diagnostics.span import Span
+from soter.language.elaborate.lints.forgotten_variables import doubt_variables
+from soter.language.evaluate.range_evaluation import (
+    RangeEvaluator,
+    TooHardError,
+    anything,
+)
+from soter.language.evaluate.ranges import ANY_FLOAT, FALSE, TRUE, Range
+from soter.language.evaluate.topic_ranges import declared
+from soter.language.model import typed as t
+from soter.language.model.tree_walk import nodes
+from soter.language.model.types import (
+    BOOL,
+    ArrayType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    has_list,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
+    from soter.language.evaluate.range_evaluation import Known
+    from soter.language.model.system import Bound, Component, System, Topic
+    from soter.language.model.types import Type
+
+_COUNTED = re.compile(r"for\s+\w+\s+in\s+")
+SHOWN = 40
+"""Longer expressions are cut."""
+ROUNDS = 16
+"""Of longer loops not every round is looked at."""
+BUDGET = 2_000
+"""Expressions of one step: some milliseconds."""
+LEAVES_MAX = 64
+"""Larger publications are not compared leaf by leaf."""
+
+
+def doubt_steps(system: System, diagnostics: Diagnostics) -> None:
+    """Warn of what is certain in the steps of nodes and plants; of each declaration once."""
+    for c in system.components:
+        symbol = c.node if c.plant is None and c.role != "dm" else c.plant
+        if symbol is None or c.extern or c.stands_for is not None:
+            continue
+        key = (symbol, *(v for v in c.scope.params.values() if isinstance(v, (int, float))))
+        if key in system.program.doubted:
+            continue
+        system.program.doubted.add(key)
+        if c.node is not None:
+            doubt_variables(c.node, diagnostics)
+        _StepRanges(system, c, diagnostics).look()
+
+
+class _StepRanges(RangeEvaluator):
+    """Evaluates a step over the declared ranges, and reports what is certain as it goes."""
+
+    def __init__(self, system: System, component: Component, diagnostics: Diagnostics) -> None:
+        super().__init__(component.scope, component.period_ns, declared(system))
+        self.left = BUDGET
+        self.system = system
+        self.component = component
+        self.diagnostics = diagnostics
+        self.calls = 0
+        """How many functions deep the evaluation is."""
+        self.silent = 0
+        """In how many functions of the prelude it is: nothing is said of those."""
+        self.decided: dict[t.TypedExpr, Range | None] = {}
+        """Conditions of the step itself, and what they were in all rounds together."""
+        self.loops: dict[t.Variable, t.ForRange] = {}
+
+    def look(self) -> None:
+        """Through the whole step, or what a plant says of its states."""
+        node, plant = self.component.node, self.component.plant
+        try:
+            if plant is not None:
+                self._look_at_plant(plant)
+            elif node is not None:
+                arms = [n.arms for n in nodes(node.step) if isinstance(n, t.TypedIf)]
+                choices = [n.condition for n in nodes(node.step) if isinstance(n, t.Conditional)]
+                self.decided = dict.fromkeys([*(c for a in arms for c, _ in a), *choices])
+                self._run(node.takeover or (), None, BOOL)
+                self.variables = {}
+                self._run(node.step, None, BOOL)
+        except TooHardError:
+            return  # what was certain so far was said; a condition may hold further on
+        self._conditions()
+
+    def _look_at_plant(self, plant: t.PlantSymbol) -> None:
+        for d in self.component.disturbances:
+            if isinstance(d.variable.type, FloatType):
+                self.variables[d.variable] = Range(d.low, d.high)
+        for variable, value in plant.lets:
+            self.variables[variable] = self.evaluate(value)
+        for value in (*plant.der.values(), *plant.next.values()):
+            self.evaluate(value)
+        for topic, value in plant.drives:
+            self._publish(topic, value)
+
+    def evaluate(self, e: t.TypedExpr) -> Known:
+        """What it may be; what is too hard is anything, as long as the budget lasts."""
+        try:
+            return super().evaluate(e)
+        except TooHardError:
+            if self.left < 0:
+                raise
+            return anything(e.type)
+
+    # ------------------------------------------------------------ statements
+
+    def _plain(self, s: t.TypedStmt) -> bool:
+        if isinstance(s, t.TypedPublish):
+            self._publish(s.topic, s.value)
+            return True
+        if isinstance(s, (t.TypedAssign, t.TypedPush)):
+            self._assigned_place(s.place)
+        return super()._plain(s)
+
+    def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
+        """Round by round where they are few; else the first, the last, and one for all others."""
+        if isinstance(s, t.ForRange):
+            self.loops[s.variable] = s
+            few = s.high - s.low <= ROUNDS
+            rounds = [Range(s.low, s.low), Range(s.low, s.high - 1), Range(s.high - 1, s.high - 1)]
+        else:
+            of_all = s.sequence.type
+            few = isinstance(of_all, ArrayType) and of_all.size <= ROUNDS
+            rounds = [anything(s.variable.type)]
+        if few:
+            return super()._loop(s, returned, of)
+        self._forget(s.body)
+        for value in rounds:
+            self.variables[s.variable] = value
+            returned, _ = self._run(s.body, returned, of)
+            self._forget(s.body)
+        return returned, True
+
+    def _forget(self, body: tuple[t.TypedStmt, ...]) -> None:
+        """What is assigned there may be anything: nobody knows how often it happens."""
+        for n in nodes(body):
+            if isinstance(n, t.Place):
+                self.variables[n.variable] = anything(n.variable.type)
+
+    def _publish(self, topic: t.TopicSymbol, value: t.TypedExpr) -> None:
+        flat = self.system.topics[self.scope.topics[topic]]
+        if has_list(topic.type) or len(flat.bounds) > LEAVES_MAX:
+            self.evaluate(value)
+            return
+        self._compare(flat, value, (), topic)
+
+    def _compare(
+        self, topic: Topic, value: t.TypedExpr, path: tuple[str, ...], symbol: t.TopicSymbol
+    ) -> None:
+        """W015 for a published value, or a part of it, that no round of the step brings inside."""
+        if isinstance(value, t.Conditional):
+            held = self.number(value.condition)
+            if held != FALSE:
+                self._compare(topic, value.then, path, symbol)
+            if held != TRUE:
+                self._compare(topic, value.otherwise, path, symbol)
+            return
+        of = value.type
+        if isinstance(value, t.Aggregate) and isinstance(of, (RecordType, ArrayType)):
+            order = value.order or range(len(value.elements))
+            for part, index in zip(value.elements, order, strict=True):
+                name = of.fields[index][0] if isinstance(of, RecordType) else f"[{index}]"
+                self._compare(topic, part, (*path, name), symbol)
+            return
+        flat = self._flat(self.evaluate(value), of)
+        bounds = [
+            bound
+            for (leaf, _), bound in zip(leaves(topic.type), topic.bounds, strict=True)
+            if leaf[: len(path)] == path
+        ]
+        for known, bound in zip(flat, bounds, strict=True):
+            outside = bound is not None and (known.high < bound.low or known.low > bound.high)
+            if bound is not None and outside and not known.nan:
+                self._outside(symbol, value, known, bound)
+                return
+
+    def _outside(
+        self, topic: t.TopicSymbol, value: t.TypedExpr, known: Range, bound: Bound
+    ) -> None:
+        what = repr(known.low) if known.single else f"all of [{known.low!r}, {known.high!r}]"
+        nearest = repr(bound.low if known.high < bound.low else bound.high)
+        helps: tuple[Help, ...] = (f"or let the set of `{topic.name}` hold it",)
+        if isinstance(value.type, (FloatType, IntType)):
+            helps = (replace(value.span, nearest, f"the nearest value is `{nearest}`"), *helps)
+        why = {
+            "sc": "publishing it is a step fault, which a safe controller must never have",
+            "ac": "the gate stops it, and AC loses control",
+        }.get(self.component.role, "publishing it is a step fault")
+        self.diagnostics.warning(
+            "W015",
+            f"{what} is outside of the set of `{topic.name}`",
+            value.span,
+            f"[{bound.low!r}, {bound.high!r}] is allowed",
+            also=((topic.span, "declared here"),),
+            notes=(why,),
+            helps=helps,
+        )
+
+    # ------------------------------------------------------------ what faults for certain
+
+    def number(self, e: t.TypedExpr) -> Range:
+        """Of a scalar; of a condition of the step it is noted, too."""
+        known = super().number(e)
+        if e in self.decided and not self.calls:
+            before = self.decided[e]
+            self.decided[e] = known if before is None else before.joined(known)
+        return known
+
+    def _call(self, e: t.TypedCall) -> Known:
+        if e.fun.prelude:
+            for a in e.arguments:
+                self.evaluate(a)
+        if e.fun.prelude and e.fun.name.rpartition(".")[2] != "clamp":
+            return anything(e.type)
+        if e.fun.prelude and not self.silent:
+            _, low, high = e.arguments
+            self._reversed(low, high, "the bounds of `clamp` are the wrong way round")
+        self.calls += 1
+        self.silent += e.fun.prelude
+        try:
+            return super()._call(e)
+        finally:
+            self.calls -= 1
+            self.silent -= e.fun.prelude
+
+    def _reversed(self, low: t.TypedExpr, high: t.TypedExpr, message: str) -> None:
+        a, b = self.number(low), self.number(high)
+        if a.nan or b.nan or a.low <= b.high:
+            return
+        self._say(
+            message,
+            low.span.to(high.span),
+            f"{low.span.text} is above {high.span.text}",
+            "no number lies between them: the result is no number (NaN), and publishing it faults",
+            (exchange(low.span, high.span, f"write `{high.span.text}, {low.span.text}`"),),
+        )
+
+    def _binary(self, e: t.TypedBinary) -> Known:
+        known = super()._binary(e)
+        if e.op in {"/", "%"} and not self.silent:
+            divisor = self.number(e.right)
+            if divisor == Range(0, 0):
+                self._say(
+                    f"`{_short(e.right.span)}` is always 0",
+                    e.right.span,
+                    "the divisor",
+                    "dividing by zero is a step fault",
+                    ("divide by what can be something else than 0",),
+                )
+        return known
+
+    def _index(self, e: t.Index) -> Known:
+        self._inside(e.target.type, e.index)
+        return super()._index(e)
+
+    def _assigned_place(self, place: t.Place) -> None:
+        of: Type = place.variable.type
+        for step in place.path:
+            if isinstance(step, int):
+                of = of.fields[step][1] if isinstance(of, RecordType) else of
+                continue
+            self._inside(of, step)
+            of = of.element if isinstance(of, (ArrayType, ListType)) else of
+
+    def _inside(self, of: Type, index: t.TypedExpr) -> None:
+        """W025 for an index that is outside whenever it is reached, in this round at least."""
+        if not isinstance(of, (ArrayType, ListType)) or self.silent:
+            return
+        size = of.size if isinstance(of, ArrayType) else of.capacity
+        at = self.number(index)
+        if at.high >= 0 and at.low < size:
+            return
+        value = f"{at.low}" if at.single else f"from {at.low} to {at.high}"
+        helps: tuple[Help, ...] = (f"its elements are 0 to {size - 1}",)
+        loop = self.loops.get(index.variable) if isinstance(index, t.VarRead) else None
+        if loop is not None:
+            helps = (_counted_from_zero(loop, size),)
+        self._say(
+            f"`{_short(index.span)}` is outside of `{of}` where it is {value}",
+            index.span,
+            f"{_short(index.span)} is {value}, and 0 to {size - 1} are possible",
+            "reading or writing there is a step fault",
+            helps,
+        )
+
+    def _narrow(self, e: t.Narrow) -> Known:
+        assert isinstance(e.type, IntType)
+        if not self.silent:
+            a = self.number(e.operand)
+            if a.high < e.type.low or a.low > e.type.high:
+                value = f"{a.low}" if a.single else f"from {a.low} to {a.high}"
+                inside = f"min(max({e.span.text}, {e.type.low}), {e.type.high})"
+                self._say(
+                    f"`{_short(e.span)}` does not fit into `{e.type}`",
+                    e.span,
+                    f"it is {value}",
+                    "putting it there is a step fault",
+                    (replace(e.span, inside, f"keep it inside: `{inside}`"),),
+                )
+        return super()._narrow(e)
+
+    def _builtin(self, e: t.Builtin) -> Known:
+        known = super()._builtin(e)
+        if self.silent or e.name not in {"sqrt", "saturate", "min", "max"}:
+            return known
+        reads = any(isinstance(n, (t.TopicRead, t.VarRead)) for n in nodes(e.arguments[:1]))
+        if e.name == "sqrt" and reads and self.number(e.arguments[0]).high < 0:
+            of = e.arguments[0].span
+            self._say(
+                f"`{_short(of)}` is below 0",
+                of,
+                "",
+                "its root is no number (NaN), and publishing it faults",
+                (f"`sqrt(max({of.text}, 0.0))` where 0 is meant",),
+            )
+        elif e.name == "saturate" and self.number(e.arguments[1]).high < 0:
+            of = e.arguments[1].span
+            note = "the limit of `saturate` is an amount, for both directions"
+            helps = ("an amount above 0, as in `saturate(v, 1.0)`",)
+            self._say(f"`{_short(of)}` is below 0", of, "", note, helps)
+        elif e.name in {"min", "max"}:
+            self._always_the_bound(e)
+        return known
+
+    def _always_the_bound(self, e: t.Builtin) -> None:
+        """`min(max(x, 1.0), -1.0)`: x is never seen."""
+        inner, bound = e.arguments
+        other = "max" if e.name == "min" else "min"
+        if isinstance(bound, t.Builtin):
+            inner, bound = bound, inner
+        if not isinstance(inner, t.Builtin) or inner.name != other:
+            return
+        high = self.number(bound)
+        for given, low in (inner.arguments, inner.arguments[::-1]):
+            a = self.number(low)
+            crossed = a.low > high.high if e.name == "min" else a.high < high.low
+            if crossed and not a.nan and not high.nan and not self.number(given).single:
+                self._say(
+                    f"`{_short(e.span)}` is always `{_short(bound.span)}`",
+                    e.span,
+                    f"`{_short(low.span)}` and `{_short(bound.span)}` leave nothing between them",
+                    "a value is kept between two bounds by `min(max(x, low), high)`",
+                    (exchange(low.span, bound.span, "exchange the two bounds"),),
+                )
+                return
+
+    def _say(
+        self, message: str, span: Span, label: str, note: str, helps: tuple[Help, ...]
+    ) -> None:
+        self.diagnostics.warning("W025", message, span, label, notes=(note,), helps=helps)
+
+    # ------------------------------------------------------------ conditions
+
+    def _conditions(self) -> None:
+        """W026 for conditions that read what varies, and never hold all the same."""
+        for condition, known in self.decided.items():
+            if known != FALSE:
+                continue
+            label = self._why(condition)
+            if label:
+                self.diagnostics.warning(
+                    "W026",
+                    "this condition never holds",
+                    condition.span,
+                    label,
+                    notes=("the declared sets and types say so: its branch is never taken",),
+                )
+
+    def _why(self, condition: t.TypedExpr) -> str:
+        """The ranges of what it reads of topics, the first few."""
+        ranges: dict[str, str] = {}
+        inner: set[t.TypedExpr] = set()
+        for n in nodes([condition]):
+            if not isinstance(n, (t.TopicRead, t.TypedField)) or n in inner:
+                continue
+            top = n
+            while isinstance(n, t.TypedField):
+                inner.add(n := n.target)
+            if isinstance(n, t.TopicRead) and isinstance(top.type, (FloatType, IntType)):
+                r = super().number(top)
+                if not r.single and r != ANY_FLOAT:
+                    ranges[top.span.text] = f"`{top.span.text}` is in [{r.low!r}, {r.high!r}]"
+        return " and ".join(list(ranges.values())[:2])
+
+    EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any], Known]]] = {
+        **RangeEvaluator.EXPRESSIONS,
+        t.TypedBinary: _binary,
+        t.TypedCall: _call,
+        t.Builtin: _builtin,
+        t.Index: _index,
+        t.Narrow: _narrow,
+    }
+
+
+def _short(span: Span) -> str:
+    """What is written there, on one line."""
+    text = " ".join(span.text.split())
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 4]} ..."
+
+
+def _counted_from_zero(loop: t.ForRange, size: int) -> Help:
+    """A loop over all of it, where its range can be seen in the text."""
+    title = f"indices begin at 0: `for {loop.variable.name} in 0..{size} {{ ... }}`"
+    written = _COUNTED.match(loop.span.source.text, loop.span.start)
+    if written is None:
+        return title
+    end = loop.span.source.text.find("{", written.end())
+    whole = Span(loop.span.source, written.end(), end)
+    return replace(whole, f"0..{size} ", title)

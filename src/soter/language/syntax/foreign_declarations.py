@@ -1,0 +1,231 @@
+"""Declarations and items of other languages: the third table of `foreign_idioms.py`.
+
+Purpose: values, ranges, types and heads of declarations, and items of bodies, as people write them
+elsewhere.
+Non-goals: statements and expressions (`foreign_expressions.py`).
+"""
+
+from __future__ import annotations
+
+import re
+
+from soter.language.syntax.foreign_phrases import NODE, PLANT, TOP, idiom
+from soter.language.syntax.foreign_rewrites import (
+    cases,
+    function_of,
+    slope_of_a_state,
+    typed_value,
+)
+
+_STATEMENT = r"(?:^|(?<=[;{}]))[ \t]*"
+
+DECLARATIONS = (
+    # values of declarations
+    idiom(
+        r"(?P<before>\b(?:topic|state|var|param|const)\s+\w+\s*:[^;\n]*?)\s+"
+        r"(?P<at>default|init|initial|initially|start|value)\s*(?::|==?)?\s*(?P<v>-?[\w.\[{][^;\n]*)"
+        r"(?=;)",
+        "the first value stands behind `=`",
+        r"\g<before> = \g<v>",
+    ),
+    idiom(
+        r"(?P<before>\b(?:topic|state|disturbance|param)\b[^;\n]*?)"
+        r"(?P<at>\b(?:in\s+(?![\[({])|(?:range|limits|bounds|between|from)\s*[\[(]?\s*)"
+        r"(?P<low>-?[\dA-Z][\w.]*?)\s*(?:,|\.\.=?|\bto\b|\band\b)\s*(?P<high>-?[\dA-Z][\w.]*)"
+        r"\s*[\])]?)",
+        "a range is written `in [low, high]`",
+        r"\g<before>in [\g<low>, \g<high>]",
+    ),
+    idiom(
+        r"\b(?P<before>(?:var|let)\s+\w+)(?P<at>\s+)(?P<type>float|int|bool|duration)\b",
+        "the type stands behind the name and `:`",
+        r"\g<before>: \g<type>",
+    ),
+    idiom(
+        r"(?P<before>\bdisturbance\s+\w+)\s*(?::\s*float)?\s*(?P<at>(?:\+-|\+/-|=|\u00b1)\s*"
+        r"(?P<v>\d[\w.]*))(?=\s*;)",
+        "a disturbance has a range: the worst that it can be",
+        r"\g<before>: float in [-\g<v>, \g<v>]",
+    ),
+    idiom(
+        r"(?P<before>\bmeasured\s+[\w.]+)\s*(?P<at>\+-|\+/-|by|error|bias|noise)\s*(?=[\d.])",
+        "the bound of an error stands behind `within`",
+        r"\g<before> within ",
+    ),
+    idiom(
+        r"(?P<before>\b(?:const|param|state|topic|var)\s+\w+)(?P<at>)\s*=\s*(?P<v>-?\d[\d.]*|true|"
+        r"false)(?P<after>[^;\n]*)(?=;)",
+        "the type stands behind the name and `:`",
+        typed_value,
+    ),
+    idiom(
+        r"(?P<before>\b(?:topic|var|state|param))\s+(?P<at>(?P<type>float|int|bool|duration)\s+"
+        r"(?P<name>\w+))",
+        "the type stands behind the name and `:`",
+        r"\g<before> \g<name>: \g<type>",
+    ),
+    idiom(
+        r"^type\s+(?P<name>\w+)\s*(?P<at>=\s*(?:enum\b\s*)?[{(\[]?\s*(?P<cases>\w+(?:\s*[,|]\s*\w+)+)\s*"
+        r"[})\]]?)\s*(?=;)",
+        "the cases of a type stand behind `enum`, in braces",
+        cases,
+        places=(TOP,),
+    ),
+    idiom(
+        r"^type\s+\w+\s*=\s*enum\s*\{(?P<at>[^{}\n]*=[^{}\n]*)\}",
+        "the cases of an `enum` have no numbers",
+        lambda m: m[0].replace(m["at"], re.sub(r"\s*=\s*\w+", "", m["at"])),
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?P<head>fun\s+\w+\s*\([^()\n]*\)\s*:\s*[\w.]+)\s*(?P<at>=>?|->)\s*(?P<what>[^;{}\n]+);?",
+        "a function has a body in braces, and says `return`",
+        r"\g<head> { return \g<what>; }",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?P<at>(?:fun|def|function)?\s*(?P<name>[a-z]\w*)\s*\((?P<ps>[\w, ]*)\)\s*(?:=|=>|->)\s*"
+        r"(?P<what>[^;{}\n]+);?)",
+        "a function is declared by `fun`, with its types",
+        function_of,
+        sure=False,
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?P<kind>node|plant)\s+(?P<name>\w+)\s*(?P<at>[(:@]?\s*(?:period|every|at|rate|freq\w*|with)?"
+        r"\s*[=:(]?\s*(?P<t>\d+(?:ns|us|ms|s))(?:\s*\))?)(?=\s*\{)",
+        "the period stands behind the name",
+        r"\g<kind> \g<name> period \g<t>",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?:(?P<at>default|main)\s+system\s+(?P<a>\w+)|system\s+default\s+(?P<b>\w+))(?=\s*\{)",
+        "`default` stands behind the name of the system",
+        lambda m: f"system {m['a'] or m['b']} default",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^test\s+(?P<name>\w+)\s*(?P<at>(?:of|for|system|on|:|\()\s*(?P<system>\w+)\s*\)?)\s*\{",
+        "the system of a test is an item of it",
+        r"test \g<name> { system \g<system>;",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^rta\s+(?P<name>\w+)\s*(?P<at>[(:]\s*(?P<ac>\w+)\s*,\s*(?P<sc>\w+)\s*\)?)\s*\{",
+        "the controllers of a module are items of it",
+        r"rta \g<name> { ac \g<ac>; sc \g<sc>;",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^rta\s+(?P<name>\w+)\s*(?P<at>period\s+(?P<t>\w+))\s*\{",
+        "the period of a module is an item of it",
+        r"rta \g<name> { period \g<t>;",
+        places=(TOP,),
+    ),
+    idiom(
+        r"^(?P<at>output|internal|local|global)\s+(?=topic\b)",
+        "`{0}` is no word of Soter: only what the environment sets is marked, as `input`",
+        "",
+        places=(TOP,),
+    ),
+    # items
+    idiom(
+        r"\b(?P<kind>node|module)\s+(?P<at>(?P<names>\w+(?:\s*,\s*\w+)+))(?=\s*;)",
+        "each part of a system is an item of its own",
+        lambda m: "; ".join(f"{m['kind']} {n.strip()}" for n in m["names"].split(",")),
+    ),
+    idiom(
+        r"(?P<at>\bnode\s+(?P<name>\w+)\s*:\s*(?P<what>\w+))(?=\s*;)",
+        "a node of a system goes by the name that it is declared with",
+        r"node \g<what>",
+    ),
+    idiom(
+        r"\b(?P<word>subscribes|publishes|reads)\s*(?P<at>[\[({]\s*(?P<names>[\w.]+(?:\s*,\s*[\w.]+)*)\s*"
+        r"[\])}])(?=\s*;)",
+        "the names of topics stand between commas, without brackets",
+        r"\g<word> \g<names>",
+    ),
+    idiom(
+        r"\b(?P<word>subscribes|publishes|reads)\s+(?P<names>[\w.]+)(?P<at>\s*(?::|as|->)\s*[\w.]+)(?=\s*;)",
+        "a topic goes by its name, and has the type that it is declared with",
+        r"\g<word> \g<names>",
+    ),
+    idiom(
+        r"\bpublishes\s+(?P<name>\w+)(?P<at>\s*=\s*[^;\n]+)(?=;)",
+        "`publishes` says which topics; a step gives the values",
+        r"publishes \g<name>",
+        places=(NODE,),
+    ),
+    idiom(
+        r"\bstep\s*(?P<at>\([^()\n]*\)\s*(?::|->\s*\w+)?|->|:)\s*(?=\{)",
+        "a step has no arguments and no result",
+        "step ",
+        "leave them out: `step { ... }`",
+        places=(NODE,),
+    ),
+    idiom(
+        r"(?P<at>\b(?:def|void|function|fun|fn)\s+)step\s*(?:\([^()\n]*\))?\s*:?",
+        "a step begins with its own word",
+        "step",
+        places=(NODE,),
+    ),
+    idiom(
+        r"(?P<at>\b(?P<name>[a-zA-Z]\w*?)(?:_dot|dot|')|\bd(?P<other>\w+)|d/dt\s*(?P<third>\w+))\s*=(?!=)\s*"
+        r"(?P<what>[^;\n]+)(?=;)",
+        "a derivative is declared with `der`",
+        slope_of_a_state,
+        places=(PLANT,),
+    ),
+    idiom(
+        r"\b(?P<name>[A-Za-z]\w*)\s*(?P<at>[\[(]\s*\w+\s*\+\s*1\s*[\])])\s*=\s*(?P<what>[^;\n]+)(?=;)",
+        "the state after a period is declared with `next`",
+        lambda m: (
+            f"next {m['name']} = "
+            + re.sub(rf"\b({m['name']})\s*[\[(]\s*\w+\s*[\])]", r"\1", m["what"])
+        ),
+        places=(PLANT,),
+    ),
+    idiom(
+        r"\b(?P<name>[A-Za-z]\w*)\s*(?P<at>\+=)\s*(?P<what>[^;\n]+)(?=;)",
+        "a plant has equations: `der` for a derivative, `next` for the state after a period",
+        r"next \g<name> = \g<name> + \g<what>",
+        places=(PLANT,),
+    ),
+    idiom(
+        r"\b(?:always|never|safe|ttf|safer)\s+(?P<at>(?:forall|exists|all|any)\s+\w+\b[^;\n]*)(?=;)",
+        "there are no quantifiers",
+        None,
+        "ask for each element: `for i in 0..4 { always x[i] < 1.0; }` in a system",
+    ),
+    idiom(
+        _STATEMENT + r"(?P<at>\[\]|G|AG)\s*(?P<what>\([^;\n]+\))(?=;)",
+        "what holds all the time is asked with `always`",
+        r"always \g<what>",
+    ),
+    idiom(
+        _STATEMENT + r"(?P<at><>|F|AF|EF)\s*(?P<what>[^;\n]+)(?=;)",
+        "what holds at some time is asked in a test",
+        None,
+        "write `eventually x > 1.0 within 1s;` in a `test` block",
+    ),
+    idiom(
+        r"\binput\s+(?P<name>[\w.]+)\s+in\s*(?P<at>\[(?P<values>[^\[\]\n]+)\])",
+        "an input is given single values, in braces; all of its set without `in`",
+        r"input \g<name> in { \g<values> }",
+    ),
+    idiom(
+        r"\binput\s+(?P<name>\w+)\s*(?P<at>(?:at|@|rate|period)\s+)(?=\d)",
+        "how often an input changes stands behind `every`",
+        r"input \g<name> every ",
+    ),
+    idiom(
+        r"\breplace\s+(?P<a>[\w.]+)\s*(?P<at>with|=|->|to|for)\s*(?P<b>[\w.]+)(?=\s*;)",
+        "what takes the place stands behind `by`",
+        r"replace \g<a> by \g<b>",
+    ),
+    idiom(
+        _STATEMENT + r"(?P<at>--|%|;;|\(\*)\s*(?P<what>[^\n]*)$",
+        "a comment begins with `//`",
+        lambda m: f"// {m['what'].removesuffix('*)').strip()}",
+    ),
+)

@@ -1,0 +1,174 @@
+"""A problem as it would be had something else been written.
+
+Purpose: one `Problem` from another: fewer levels, smaller cells, `ttf` and `safer` left out, a
+smaller `max_age`, an axis without ends, AC and SC exchanged. None where that is no problem, or
+where the module cannot be read again from its verification system alone (views, `abstracts`,
+modes, a fail-safe law).
+Non-goals: which of them helps (`tried_remedies.py`); changing the program's text.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import Group, Interval
+
+if TYPE_CHECKING:
+    from soter.language.model.system import Component, Module, System
+    from soter.verify.problem.problem import Axis, Problem
+
+PUBLICATIONS = 2
+"""So many periods of its plant old is a read at most that is neither lost nor late."""
+
+
+def fewer_levels(problem: Problem) -> Problem | None:
+    """`levels 2;`."""
+    return replace(problem, levels=2) if problem.computed and problem.levels > 2 else None
+
+
+def smaller_cells(problem: Problem) -> Problem:
+    """Every cell of every grid halved along each axis."""
+    return replace(problem, groups=tuple(_halved(g) for g in problem.groups))
+
+
+def merged(problem: Problem, most: int) -> Problem:
+    """As many cells a step are merged along every axis as leave `most` of them in each group."""
+    return replace(problem, groups=tuple(_merged(g, most) for g in problem.groups))
+
+
+def cells_of(problem: Problem) -> int:
+    """Of all groups together."""
+    return sum(_size(g) for g in problem.groups if g.representation == "grid")
+
+
+def predicates_left_out(problem: Problem) -> Problem | None:
+    """Neither `ttf` nor `safer`."""
+    if problem.computed:
+        return None
+    symbol = replace(problem.module.symbol, ttf=None, safer=None, topics_read=())
+    return _read_again(problem, problem.system, replace(problem.module, symbol=symbol))
+
+
+def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
+    """`max_age` of what SC and the DM read of plants, as small as it can be, and what to write."""
+    told, topics = [], list(problem.system.topics)
+    paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
+    read = {p.topic for p in paths}
+    for index, topic in enumerate(topics):
+        period = next(
+            (
+                c.period_ns
+                for c in problem.system.components
+                if c.plant is not None
+                and any(c.scope.topics[t] == index for t, _ in c.plant.drives)
+            ),
+            None,
+        )
+        if topic.name not in read or period is None or topic.max_age_ns is None:
+            continue
+        least = PUBLICATIONS * period
+        if topic.max_age_ns > least:
+            topics[index] = replace(topic, max_age_ns=least)
+            told.append(f"`max_age {least / 1e6:g}ms` of `{topic.name}`")
+    if not told:
+        return None
+    system = replace(problem.system, topics=tuple(topics))
+    changed = _read_again(problem, system, problem.module)
+    return None if changed is None else (changed, tuple(told))
+
+
+def without_ends(problem: Problem, state: int) -> Problem | None:
+    """The axis of a state `open`; that nothing reads the state is seen when it is tried."""
+    if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
+        return None
+    group = problem.groups[0]
+    if any(a.open or a.unbounded for a in group.axes) or group.representation != "grid":
+        return None
+    axes = tuple(_unbounded(a) if a.state == state else a for a in group.axes)
+    states = list(problem.states)
+    edges = next(a.edges for a in axes if a.state == state)
+    states[state] = Interval(edges[0], edges[-1])
+    return replace(problem, groups=(replace(group, axes=axes),), states=tuple(states))
+
+
+def exchanged(problem: Problem) -> Problem | None:
+    """AC in the place of SC."""
+    m, components = problem.module, list(problem.system.components)
+    if m.over is not None:
+        return None
+    symbol = replace(m.symbol, ac=m.symbol.sc, sc=m.symbol.ac)
+    components[m.ac] = _as(components[m.ac], "sc")
+    components[m.sc] = _as(components[m.sc], "ac")
+    system = replace(problem.system, components=tuple(components))
+    return _read_again(problem, system, replace(m, ac=m.sc, sc=m.ac, symbol=symbol))
+
+
+def _as(c: Component, role: str) -> Component:
+    return replace(c, role=role)
+
+
+def _read_again(problem: Problem, system: System, module: Module) -> Problem | None:
+    """The problem of a module that was changed in its own verification system.
+
+    Grids and levels that were changed before stay so.
+    """
+    whole = problem.view or problem.modes or problem.influences or problem.law
+    if whole or problem.module.symbol.verify.abstracts:
+        return None
+    modules = tuple(module if m.index == module.index else m for m in system.modules)
+    try:
+        again = extract(replace(system, modules=modules), module)
+    except SoterError:
+        return None
+    if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):
+        return None  # R007
+    return replace(again, groups=problem.groups, states=problem.states, levels=problem.levels)
+
+
+# ---------------------------------------------------------------- grids
+
+
+def _size(group: Group) -> int:
+    return int(np.prod([len(a.edges) - 1 for a in group.axes], dtype=np.int64))
+
+
+def _halved(group: Group) -> Group:
+    if group.representation != "grid":
+        return group
+    return replace(group, axes=tuple(_split(a) for a in group.axes))
+
+
+def _split(axis: Axis) -> Axis:
+    """Every cell in two but those that an open end makes."""
+    edges: list[float] = []
+    last = len(axis.edges) - 2
+    outer = (0, last) if axis.unbounded else (last,) if axis.open else ()
+    for k, (low, high) in enumerate(pairwise(axis.edges)):
+        middle = low / 2 + high / 2
+        edges += [low, middle] if k not in outer and low < middle < high else [low]
+    return replace(axis, edges=(*edges, axis.edges[-1]))
+
+
+def _merged(group: Group, most: int) -> Group:
+    if group.representation != "grid" or _size(group) <= most:
+        return group
+    step = int(np.ceil((_size(group) / most) ** (1 / len(group.axes))))
+    return replace(group, axes=tuple(_every(a, step) for a in group.axes))
+
+
+def _every(axis: Axis, step: int) -> Axis:
+    edges = axis.edges[::step]
+    last = axis.edges[-1]
+    return replace(axis, edges=edges if edges[-1] == last else (*edges, last))
+
+
+def _unbounded(axis: Axis) -> Axis:
+    width = axis.edges[-1] - axis.edges[0]
+    ends = (axis.edges[0] - width, *axis.edges, axis.edges[-1] + width)
+    return replace(axis, edges=ends, unbounded=True)

@@ -1,0 +1,101 @@
+"""The default reduction: which of two it is, and that nobody can tell from what is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from generators.programs_in_instants import program_in_instants
+from generators.small_test_programs import small_program
+from long_tests import examples
+from soter.explore.engine import reduction_choice
+from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
+from soter.explore.engine.reduction_choice import between, explored, may_choose
+from soter.language.front_end import check_file, system_of_test
+
+ROOT = Path(__file__).resolve().parents[3]
+MODELS = ROOT / "bench" / "testing" / "spin_models"
+PROGRAMS = examples("SOTER_CHOICE_PROGRAMS", quick=12, long=200)
+DEFAULT = EngineSettings(closes=True)
+
+
+def engine_of(path: str, test: str) -> Engine:
+    return Engine(system_of_test(check_file(str(ROOT / path)), test))
+
+
+def said(s: Searched) -> tuple[str, int, int]:
+    """What a person is told; of what is violated first there may be several."""
+    return s.status, s.covered_ns if s.status == "exhausted" else 0, s.closed_ns
+
+
+def test_one_group_of_nodes_stores_what_lies_between() -> None:
+    engine = engine_of("bench/testing/spin_models/token_ring.soter", "SomebodyHasAToken")
+    found, ends = explored(engine, DEFAULT), engine.explore(DEFAULT)
+    assert said(found) == said(ends)
+    assert found.states > 10 * ends.states
+    assert found.transitions < ends.transitions
+
+
+def test_groups_that_share_nothing_are_combined() -> None:
+    engine = engine_of("examples/testing/two_modules.soter", "BothStayInside")
+    found, ends = explored(engine, DEFAULT), engine.explore(DEFAULT)
+    assert (found.states, found.transitions) == (ends.states, ends.transitions)
+    assert said(found) == said(ends)
+
+
+def test_steps_that_may_be_late_have_nobody_asleep() -> None:
+    engine = engine_of("bench/testing/spin_models/crossing.soter", "NeverOpen")
+    found, plain = explored(engine, DEFAULT), engine.explore(EngineSettings(reduction="ample"))
+    assert (found.states, found.transitions) == (plain.states, plain.transitions)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"reduction": "parts"},
+        {"strategy": "dfs"},
+        {"storage": "fingerprint"},
+        {"max_states": 1000},
+        {"known": ((0, 0),)},
+        {"keep": True},
+        {"plainly": True},
+    ],
+    ids=str,
+)
+def test_whoever_asks_for_something_gets_it(asked: dict[str, object]) -> None:
+    engine = engine_of("bench/testing/spin_models/token_ring.soter", "SomebodyHasAToken")
+    assert may_choose(engine, DEFAULT)
+    assert not may_choose(engine, replace(DEFAULT, **asked))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_change_nothing_of_the_choice(threads: int) -> None:
+    engine = engine_of("bench/testing/spin_models/tank.soter", "NeverFull")
+    settings = EngineSettings()
+    one, more = explored(engine, settings), explored(engine, replace(settings, threads=threads))
+    assert one.states == more.states
+
+
+@pytest.mark.parametrize("seed", range(PROGRAMS))
+def test_random_programs_are_told_the_same_either_way(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reduction_choice, "RUN", 1)  # nothing ends in the beginnings
+    make = program_in_instants if seed % 2 else small_program
+    checked = check_file("random.soter", make(seed))
+    assert checked.ok
+    engine = Engine(system_of_test(checked, next(iter(checked.tests))))
+    bound = replace(DEFAULT, memory=1 << 28)
+    ends = engine.explore(bound)
+    assert said(explored(engine, bound)) == said(ends)
+    assert said(engine.explore(between(engine, bound))) == said(ends)
+
+
+def test_where_memory_is_short_only_ends_are_stored_after_all() -> None:
+    engine = engine_of("examples/gallery/two_robots.soter", "OldBatteries")
+    little = replace(DEFAULT, memory=1800 << 10)
+    assert engine.explore(between(engine, little)).status == "memory"
+    assert engine.explore(little).status == "exhausted"
+    assert explored(engine, little).status == "exhausted"

@@ -1,0 +1,195 @@
+"""What `verify` advises was tried: done to the program it proves it; what did not help is told."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+import soter
+from soter.cli.main import main
+from soter.verify.diagnosis import changed_problems, tried_remedies
+from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.verify.claims.results import ModuleResult
+
+PREDICATES = (
+    ("  ttf level < 0.25 || level > 1.75;\n", ""),
+    ("  safer level > 0.4 && level < 1.6;\n", ""),
+)
+COARSE = (*PREDICATES, ("/ 320", "/ 16"))
+SWAPPED = ("ac Learned; sc Hold;", "ac Hold; sc Learned;")
+OLD = ("max_age 100ms", "max_age 4s")
+CART = """soter 1;
+topic m: { x: float, v: float } max_age 20ms;
+topic a: float in [-3.0, 3.0] = 0.0;
+plant Cart period 10ms {
+  reads a;
+  drives m = { x: x, v: v };
+  state x: float;
+  state v: float;
+  disturbance w: float in [-0.1, 0.1];
+  der x = v;
+  der v = a + w;
+}
+node Fast period 20ms {
+  subscribes m;
+  publishes a;
+  step { publish a = clamp(9.0 - m.x, -3.0, 3.0); }
+}
+node Park period 20ms {
+  subscribes m;
+  publishes a;
+  step { publish a = clamp(9.6 - m.x - 2.5 * m.v, -3.0, 3.0); }
+}
+rta SafeCart {
+  ac Fast; sc Park; period 200ms;
+  safe abs(m.x) < 10.0;
+  verify { grid m.x in [-10.0, 10.0] / 400, m.v in [-6.0, 6.0] / 240; }
+}
+system Track { c: Cart; module SafeCart; }
+"""
+
+CLIMB = """soter 1;
+topic flight: { h: float, climb: float } max_age 40ms;
+topic pull: float in [-2.0, 2.0] = 0.0;
+plant Aircraft period 20ms {
+  reads pull;
+  drives flight = { h: h, climb: climb };
+  state h: float = 100.0;
+  state climb: float;
+  der h = climb;
+  der climb = pull - 0.5 * climb;
+}
+node Dive period 40ms { subscribes flight; publishes pull; step { publish pull = -flight.h; } }
+node PullUp period 40ms {
+  subscribes flight;
+  publishes pull;
+  step { publish pull = clamp(4.0 * (1.0 - flight.climb), -2.0, 2.0); }
+}
+rta SafeHeight {
+  ac Dive; sc PullUp; period 80ms;
+  safe flight.h > 0.0;
+  ttf flight.h < 20.0;
+  safer flight.h > 30.0;
+  verify { grid flight.h in [0.0, 200.0] / 100, flight.climb in [-4.5, 4.5] / 90; }
+}
+system Range { a: Aircraft; module SafeHeight; until 10s; }
+"""
+
+
+def first_help(result: ModuleResult) -> str:
+    """What is advised first."""
+    return next(f.hint for n, f in result.findings.items() if not f.holds and f.hint)
+
+
+def test_fewer_levels_are_advised_where_they_prove_it_and_then_they_do() -> None:
+    result = explained(changed(*COARSE))
+    assert [n for n, f in result.findings.items() if not f.holds] == ["P2b"]
+    assert first_help(result).startswith("`levels 2;` (tried: every claim is proved)")
+    two = changed(*COARSE, ("/ 16;", "/ 16; levels 2;"))
+    assert explained(two).verdict == "proved"
+
+
+@pytest.fixture(scope="module")
+def parked() -> ModuleResult:
+    return explained(CART)
+
+
+def test_under_computed_predicates_an_sc_that_rests_elsewhere_is_told_so(
+    parked: ModuleResult,
+) -> None:
+    assert parked.findings["P2a"].verdict == "proved"
+    why = cause(parked, "P2b", "stays_away")
+    numbers = dict(why.numbers)
+    assert numbers["at"] == pytest.approx(9.6, abs=1e-3)
+    assert numbers["low"] < 0.0 < numbers["high"] < 9.6
+    assert first_help(parked).startswith("let SC bring c.x to ")
+
+
+def test_what_was_tried_in_vain_is_no_advice(parked: ModuleResult) -> None:
+    assert any("in vain: `levels 2;`" in text for text in parked.findings["P2b"].tried)
+    assert "levels" not in first_help(parked)
+    assert first_help(parked).endswith("(not tried)")
+
+
+def test_an_sc_that_rests_where_it_is_told_is_proved(parked: ModuleResult) -> None:
+    target = re.search(r"let SC bring c\.x to (-?[\d.]+) instead", first_help(parked))
+    assert target is not None
+    assert explained(changed(("9.6 -", f"{target[1]} -"), text=CART)).verdict == "proved"
+
+
+def test_several_changes_are_tried_together_and_told_together() -> None:
+    """Reads of four seconds leave no K; with young ones a bold `ttf` still has to go."""
+    bold = ("ttf level < 0.25 || level > 1.75", "ttf level < 0.21 || level > 1.79")
+    result = explained(changed(OLD, bold))
+    said = first_help(result)
+    assert "`max_age 100ms` of `level`" in said
+    assert said.count("neither `ttf` nor `safer`") == 1  # alone it was tried in vain
+    assert "(tried: every claim is proved)" in said
+    assert explained(changed(*PREDICATES)).verdict == "proved"
+
+
+def test_controllers_in_each_other_s_place_are_told_also_where_a_run_refutes_them(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "tank.soter").write_text(changed(SWAPPED))
+    (result,) = soter.load(tmp_path / "tank.soter").verify().modules
+    assert result.findings["P2a"].verdict == "refuted"
+    why = cause(result, "P2a", "exchanged")
+    assert "`Hold`, which is AC, keeps C from 9" in why.text
+    assert first_help(result) == "`ac Learned; sc Hold;`, if that is what was meant"
+
+
+def test_an_sc_that_keeps_nothing_beside_an_ac_that_does_not_either_is_not_exchanged() -> None:
+    neither = ("clamp(0.5 * (1.0 - level), -0.1, 0.1)", "-0.1")
+    assert "exchanged" not in kinds(explained(changed(neither)), "P2a")
+
+
+def test_what_there_was_no_time_for_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tried_remedies, "LEAST_S", 0.0)
+    monkeypatch.setattr(tried_remedies, "OF_PROOF", 0.0)
+    result = explained(changed(*COARSE))
+    assert any("not, for want of time: `levels 2;`" in t for t in result.findings["P2b"].tried)
+    assert "(tried" not in first_help(result)
+
+
+def test_no_refute_keeps_the_diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "tank.soter").write_text(changed(SWAPPED))
+    main(["verify", str(tmp_path / "tank.soter"), "--no-refute", "--json"])
+    found = json.loads(capsys.readouterr().out)["modules"]["SafeTank"]["properties"]["P2a"]
+    assert found["verdict"] == "undecided"
+    assert "exchanged" in [c["kind"] for c in found["causes"]]
+
+
+def test_what_is_proved_is_not_tried() -> None:
+    result = explained(TANK)
+    assert result.verdict == "proved"
+    assert not any(f.tried for f in result.findings.values())
+
+
+def test_an_axis_that_nothing_reads_is_opened_where_runs_leave() -> None:
+    """SC climbs for ever, at any height: K is empty on a grid that ends, and nowhere else."""
+    result = explained(CLIMB)
+    assert kinds(result, "P2a")[0] == "one_sided"
+    said = re.match(r"no ends where runs leave: `(grid [^`]*;)` \(tried: every", first_help(result))
+    assert said is not None
+    grid = re.search(r"grid [^;]*;", CLIMB)
+    assert grid is not None
+    assert explained(changed((grid[0], said[1]), text=CLIMB)).verdict == "proved"
+
+
+def test_changes_that_were_made_before_stay_in_a_problem_that_is_read_again() -> None:
+    result = explained(CART)
+    finer = changed_problems.smaller_cells(result.problem)
+    younger = changed_problems.younger_reads(changed_problems.fewer_levels(finer) or finer)
+    assert younger is None  # 20 ms are two periods of the plant
+    again = changed_problems.exchanged(changed_problems.fewer_levels(finer) or finer)
+    assert again is not None
+    assert (again.groups, again.levels) == (finer.groups, 2)
+    assert changed_problems.cells_of(again) == 4 * 400 * 240

@@ -1,0 +1,76 @@
+"""How long a proof will take is said where it is long, and only where somebody waits."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.cli.terminal.console import Console
+from soter.cli.terminal.progress import ProgressBar
+from soter.diagnostics.current_phase import listening_to_phases
+from soter.language.front_end import check_file
+from soter.verify.command import modules_of, problems_of
+from soter.verify.diagnosis.changed_problems import cells_of
+from soter.verify.work_estimate import announce_work
+from unit.verify.diagnosis.tank_modules import TANK, changed
+
+if TYPE_CHECKING:
+    from soter.verify.problem.problem import Problem
+
+SECONDS_A_CELL = 1e-3
+
+
+@pytest.fixture
+def problem() -> Problem:
+    checked = check_file("tank.soter", changed(("/ 320", "/ 60_000"), text=TANK))
+    (one,) = problems_of(modules_of(checked, None, None, {}))
+    return one
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """A clock that only `settle` moves: so much a cell."""
+    now = [0.0]
+    monkeypatch.setattr("soter.verify.work_estimate.time.perf_counter", lambda: now[0])
+    return now
+
+
+def announced(problem: Problem, clock: list[float], a_cell: float) -> list[str]:
+    lines: list[str] = []
+
+    def settle(small: Problem, _: tuple[int, ...]) -> None:
+        clock[0] += a_cell * cells_of(small)
+
+    with listening_to_phases(lambda *_: None, lines.append):
+        announce_work(problem, settle)
+    return lines
+
+
+def test_what_grows_with_the_cells_is_estimated_so(problem: Problem, clock: list[float]) -> None:
+    (line,) = announced(problem, clock, SECONDS_A_CELL)
+    assert line == "SafeTank: 1 axis of 60000 cells: about 60 s"
+    (line,) = announced(problem, clock, 4 * SECONDS_A_CELL)
+    assert line.endswith("about 4 min")
+
+
+def test_what_is_short_is_not_said(problem: Problem, clock: list[float]) -> None:
+    assert announced(problem, clock, SECONDS_A_CELL / 10) == []
+
+
+def test_nothing_is_tried_where_nobody_waits(problem: Problem) -> None:
+    tries: list[Problem] = []
+    announce_work(problem, lambda small, _: tries.append(small))
+    assert tries == []
+
+
+def test_a_log_has_the_line(problem: Problem, clock: list[float]) -> None:
+    console = Console(json=False)
+    console.err = err = io.StringIO()
+    with ProgressBar(console):
+        announce_work(
+            problem,
+            lambda small, _: clock.__setitem__(0, clock[0] + SECONDS_A_CELL * cells_of(small)),
+        )
+    assert "soter: SafeTank: 1 axis of 60000 cells: about 60 s\n" in err.getvalue()
