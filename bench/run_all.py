@@ -360,6 +360,13 @@ BENCHMARKS = (
         "was in control; `safe only`: everything but P2b is proved.",
     ),
     Benchmark(
+        "What a shield is worth",
+        ("bench/adversary/shield.py",),
+        "The same modules with `shield 8` and without it, under an AC that brakes as late as it "
+        "dares and under hostile ones, 1,000 flights each, disturbances and errors drawn within "
+        "their bounds. `SC` is its share of the time; a step of AC in C, the judgement in it.",
+    ),
+    Benchmark(
         "Holes put back into the prover",
         ("bench/adversary/against_proofs.py", "--holes"),
         "Each is patched in by hand; on a module that the prover then calls proved, and does not "

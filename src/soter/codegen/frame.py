@@ -167,6 +167,7 @@ class Frame:
         code: tuple[core.Stmt, ...],
         copies: tuple[core.LocalCopy, ...],
         outputs: tuple[core.Output, ...] = (),
+        read_later: tuple[str, ...] = (),
     ) -> PlannedBody:
         """What is to be planned of a step: its large locals, and outputs that nothing changes."""
         large = self.types.is_large
@@ -176,6 +177,7 @@ class Frame:
             given=tuple(x.name for x in copies if large(x.type) and not x.written),
             kept=tuple((x.name, x.type) for x in copies if large(x.type) and x.written),
             outputs=tuple((k, o.type) for k, o in enumerate(outputs) if large(o.type)),
+            read_later=read_later,
         )
 
     def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:

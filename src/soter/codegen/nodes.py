@@ -50,8 +50,11 @@ def _task(frame: Frame, component: Component, step: core.NodeStep) -> PlannedBod
     disturbed = any(f.component == component.index for f in frame.system.faults)
     bursts = any(o.burst for o in step.outputs)
     first = core.If(step.span, core.Const(BOOL, True), step.takeover, ())
-    code = (first, *step.body, *(step.shield.body if step.shield is not None else ()))
-    return frame.task(code, step.locals, () if disturbed or bursts else step.outputs)
+    outputs = () if disturbed or bursts else step.outputs
+    if step.shield is None:
+        return frame.task((first, *step.body), step.locals, outputs)
+    code = (first, *step.body, *step.shield.body)
+    return frame.task(code, step.locals, outputs, (step.shield.name,))
 
 
 def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:

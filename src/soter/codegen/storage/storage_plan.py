@@ -73,7 +73,8 @@ class PlannedBody:
 
     `given`: large parameters and cells that are read in place, and never change here; `kept`: large
     locals of a step, which are loaded first and stored last; `outputs`: numbers of large outputs
-    that may share a place; `result`: what a function returns; `leave`: its flag of having returned.
+    that may share a place; `result`: what a function returns; `leave`: its flag of having returned;
+    `read_later`: other temporaries that are read behind the body.
     """
 
     code: tuple[core.Stmt, ...]
@@ -83,6 +84,7 @@ class PlannedBody:
     outputs: tuple[tuple[int, Type], ...] = ()
     result: core.Expr | None = None
     leave: str | None = None
+    read_later: tuple[str, ...] = ()
 
 
 def is_place(e: core.Expr) -> bool:
@@ -282,6 +284,7 @@ class _Walker:
         """Fills what is found."""
         task = self.task
         live = {output_name(k) for k, _ in task.outputs} | {n for n, _ in task.kept}
+        live |= self.tracked & {*task.read_later}
         if task.result is not None:
             reads = self._reads(task.result)
             if RESULT in self.tracked:

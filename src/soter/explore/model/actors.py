@@ -351,7 +351,7 @@ def _texts(lowered: core.CoreSystem) -> Iterator[object]:
 
 def _body(step: core.NodeStep | core.PlantStep) -> tuple[core.Stmt, ...]:
     if isinstance(step, core.NodeStep):
-        return (*step.takeover, *step.body)
+        return (*step.takeover, *step.body, *(step.shield.body if step.shield else ()))
     return (*step.choose, *step.integrate, *step.publish)
 
 

@@ -267,7 +267,12 @@ def of_step(
     rename: Rename,
     topic: Mapping[int, int],
 ) -> Computed:
-    """What a step computes: locals or states, publications, faults, draws."""
+    """What a step computes: locals or states, publications, faults, draws.
+
+    What a shield makes of it is equal to nothing: such a step goes over into no other.
+    """
+    if isinstance(step, core.NodeStep) and step.shield is not None:
+        return "shield", object()
     reading = TermReading(terms, rename)
     kept = step.locals if isinstance(step, core.NodeStep) else step.states
     for x in kept:

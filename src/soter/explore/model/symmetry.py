@@ -299,7 +299,7 @@ class RenamingCheck:
         texts: list[object] = []
         resources: list[tuple[str, int]] = []
         if isinstance(step, core.NodeStep):
-            texts += [step.takeover, step.body]
+            texts += [step.takeover, step.body, step.shield.body if step.shield else ()]
         elif step is not None:
             texts += [step.choose, step.integrate, step.publish]
         if x.role == "dm":

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.language.model.system import Module, System
-    from soter.language.model.typed import TypedExpr
+    from soter.language.model.typed import TopicSymbol, TypedExpr
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
@@ -104,10 +104,24 @@ def _carry(here: System, there: System) -> None:
         dm, sc = here.components[m.dm], here.components[m.sc]
         scope = {**sc.scope.topics, **m.scope.topics}
         m.symbol, m.computed = proved.symbol, proved.computed
-        for topic in proved.symbol.topics_read:
+        for topic in (*proved.symbol.topics_read, *_carry_shield(m, proved, there, scope)):
             m.scope.topics.setdefault(topic, scope[topic])
             dm.scope.topics.setdefault(topic, scope[topic])
         m.inputs = tuple(scope[topic] for topic in proved.symbol.topics_read)
+
+
+def _carry_shield(
+    m: Module, proved: Module, there: System, scope: dict[TopicSymbol, int]
+) -> list[TopicSymbol]:
+    """Gives a module what its proved one permits, and the topics that this is said of.
+
+    `scope` learns which topic of here the shield's is.
+    """
+    if m.shield is None or proved.shield is None or proved.shield.held is None:
+        return []
+    m.shield.held, m.shield.permits = proved.shield.held, proved.shield.permits
+    scope[there.topics[proved.shield.topic].symbol] = m.shield.topic
+    return list(topic_reads(m.shield.held, m.shield.permits))
 
 
 def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:

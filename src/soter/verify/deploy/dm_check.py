@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.codegen.unit import generate
-from soter.core.layout import encode_into, size_of, state_dtype, struct_of
+from soter.core.layout import encode_into, state_dtype
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.shield_topics import NEVER_HELD
@@ -32,11 +32,10 @@ from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
-from soter.language.model.types import ArrayType, RecordType, leaves
 from soter.native.build import library
 from soter.native.cffi_interface import interface, opened
 from soter.verify.deploy.computed_predicates import put
-from soter.verify.deploy.dm_inputs import AC, SC, WRAPPER, gates, values
+from soter.verify.deploy.dm_inputs import AC, SC, WRAPPER, gates, leaf_offset, values
 from soter.verify.deploy.dm_latch import LatchBytes
 from soter.verify.proof_methods import pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable
@@ -51,7 +50,7 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem
     from soter.core.layout import StateLayout
     from soter.language.model.system import Module, System
-    from soter.language.model.types import Type, Value
+    from soter.language.model.types import Value
     from soter.verify.claims.results import ModuleResult
     from soter.verify.deploy.dm_inputs import Points
     from soter.verify.problem.problem import Problem
@@ -127,11 +126,13 @@ def check_decisions(
     level_tables: Sequence[LevelTable] = (),
     leaves_of: Mapping[int, tuple[int, int]] | None = None,
     change: Callable[[str], str] | None = None,
+    acted_ns: int = 0,
 ) -> list[DMCheck]:
     """Check the C of every decision module of a system.
 
     `found`: the tables of computed predicates (one module), every cell of which is tried;
-    `leaves_of`: state -> the (topic, leaf) that shows it; `change` edits the C first (for tests).
+    `leaves_of`: state -> the (topic, leaf) that shows it; `change` edits the C first (for tests);
+    `acted_ns`: W, for so long a command counts that a shield's module has replaced.
     """
     at = leaves_of or {}
     points = {at[s]: e for t in level_tables for s, e in zip(t.states, t.ends, strict=True)}
@@ -147,7 +148,7 @@ def check_decisions(
         inputs.run(points)
         for table in level_tables:
             others = [t for t in level_tables if t is not table]
-            inputs.levels(table, others, at)
+            inputs.levels(table, others, at, acted_ns)
         checks.append(check)
     return checks
 
@@ -170,7 +171,9 @@ def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMChe
     core = lower(system)
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)
-    return check_decisions(system, core, level_tables, problem.topic_leaf_of_state)[0]
+    leaves_of = problem.topic_leaf_of_state
+    acted_ns = 0 if module.shield is None else problem.times.acted
+    return check_decisions(system, core, level_tables, leaves_of, acted_ns=acted_ns)[0]
 
 
 class _Compiled:
@@ -217,20 +220,6 @@ class _Compiled:
     def decide(self, module: int, state: bytearray) -> int:
         """The DM's answer; it notes the facts in `state`."""
         return int(self.lib.soter_check_decide(module, self.ffi.from_buffer(state)))
-
-
-def _leaf_offset(t: Type, leaf: int) -> int:
-    """Byte offset of a scalar leaf inside a value."""
-    if isinstance(t, RecordType):
-        for member in struct_of(t).members:
-            count = sum(1 for _ in leaves(member.type))
-            before = sum(sum(1 for _ in leaves(f)) for _, f in t.fields[: member.index])
-            if before <= leaf < before + count:
-                return member.offset + _leaf_offset(member.type, leaf - before)
-    if isinstance(t, ArrayType):
-        count = sum(1 for _ in leaves(t.element))
-        return leaf // count * size_of(t.element) + _leaf_offset(t.element, leaf % count)
-    return 0
 
 
 def _all_facts(c: _Compiled, check: DMCheck) -> None:
@@ -313,7 +302,7 @@ class _Inputs:
 
         def offset(of: int) -> int:
             topic, leaf = leaves_of[of]
-            return layout.topic_offset(topic) + _leaf_offset(topics[topic].type, leaf)
+            return layout.topic_offset(topic) + leaf_offset(topics[topic].type, leaf)
 
         for other in others:
             full = other.full
@@ -328,13 +317,14 @@ class _Inputs:
         table: LevelTable,
         others: Sequence[LevelTable],
         leaves_of: Mapping[int, tuple[int, int]],
+        acted_ns: int,
     ) -> None:
         """The samples of a table; the other groups where they allow everything."""
         samples, fresh = table.samples, self._fresh(table, others, leaves_of)
         if samples is None or fresh is None:
             return
         state, at = fresh
-        judged = list(self._commands(table))
+        judged = list(self._commands(table, acted_ns))
         if not judged:
             self._tried(state, at, samples)
         else:
@@ -358,8 +348,8 @@ class _Inputs:
             where = points[k].tolist()
             self.check.differs(f"at {where} its level is {got[k]}, not {surely[k]}")
 
-    def _commands(self, table: LevelTable) -> Iterator[ActingCommands]:
-        """The command that is held and another one that may act, in each pair of cells.
+    def _commands(self, table: LevelTable, acted_ns: int) -> Iterator[ActingCommands]:
+        """The command that is held and another one that may just still act, in all pairs of cells.
 
         With where they lie in a state, and on which samples they are permitted.
         """
@@ -377,14 +367,15 @@ class _Inputs:
         topic, leaf, bound = numbers[table.commands.control]
         assert bound is not None
         edges = command_edges(bound.low, bound.high, n)
-        place = layout.topic_offset(topic) + _leaf_offset(topics[topic].type, leaf)
+        place = layout.topic_offset(topic) + leaf_offset(topics[topic].type, leaf)
         times = layout.topic_offset(shield.topic) + 8 * table.commands.control * n
         tops = table.commands.tops.reshape(-1, n)[table.wide]
         for held in range(n):
-            value = edges[held] / 2 + edges[held + 1] / 2
+            ends = (np.nextafter(edges[held], np.inf), np.nextafter(edges[held + 1], -np.inf))
             for acting in range(n):
+                value = float(ends[acting % 2])
                 low, high = min(held, acting), max(held, acting)
-                when = (times + 8 * acting, NOW_NS / 1e9)
+                when = (times + 8 * acting, (NOW_NS - acted_ns) / 1e9)
                 yield (place, value), when, tops[:, low] > high
 
     def _ages(self) -> Iterator[dict[int, int]]:

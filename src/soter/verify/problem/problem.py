@@ -93,6 +93,11 @@ class Times:
         return max(o.most for o in self.schedule.outputs)
 
     @property
+    def acted(self) -> int:
+        """W, of a shield."""
+        return self.schedule.acted
+
+    @property
     def phase_dm(self) -> int:
         """Of the DM's first release."""
         return self.schedule.dm.phase

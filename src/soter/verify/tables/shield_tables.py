@@ -8,8 +8,8 @@ Non-goals: which commands are permitted (`verify/grid/shields.py`), when they ar
 
 Cells are closed and their ends are compared exactly, so a command lies in the cell that was looked
 up. Of each cell the topic holds the time until which a command of it was held: what was held at
-t - W or later may act on the state behind an estimate that is A old, W = A + L. Times are floats of
-whole nanoseconds; a microsecond is added to W.
+t - W or later may act on the state behind an estimate (`verify/time/schedule.py`). Times are floats
+of whole nanoseconds; a microsecond is added to W.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class ShieldWriter(Writer):
             level = table.function(self, f"{self.name}_shield{number}")
             return self.op(">=", self.call(level, *estimate), self.number(1))
         control = table.commands.control
-        window = self.problem.times.age_dm + self.problem.times.acts + SLACK_NS
+        window = self.problem.times.acted + SLACK_NS
         back = t.Literal(FLOAT, self.span, window / 1e9)
         since = t.TypedBinary(FLOAT, self.span, "-", self.now, back)
         first = self.number(control * self.cells)

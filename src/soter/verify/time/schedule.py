@@ -275,6 +275,19 @@ class Schedule:
         """From a release of SC to its publication."""
         return self.start_of_sc + self.sc.response
 
+    # ------------------------------------------------------------ what may still act
+
+    @cached_property
+    def acted(self) -> int:
+        """W: a command that was replaced longer before a release acts on no state read there.
+
+        The state is A old at most, and a command acts up to L after the next one was published.
+        When that was is known by its release alone: it may have been published later, but before
+        the next step of SC began, as one thread runs instants in order.
+        """
+        untold = self.sc.period + self.start_of_sc
+        return self.age_dm + max(o.most for o in self.outputs) + untold
+
     # ------------------------------------------------------------ from verdict to actuator
 
     @cached_property
