@@ -282,7 +282,7 @@ class NodeChecker:
                     f"`{decl.name.text}` does not publish `{ref.text}`",
                     ref.span,
                     notes=("fail-safe values take the place of what a node publishes",),
-                    helps=(f"add `{ref.text}` to `publishes`",),
+                    helps=self._publisher_of(topic, ref.text),
                 )
             elif topic in spans:
                 self._twice(
