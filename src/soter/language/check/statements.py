@@ -362,7 +362,7 @@ class StmtChecker:
                 f"`return` has no meaning in {context.where}",
                 s.span,
                 notes=("only functions return a value; a step publishes, and runs to its end",),
-                helps=("to skip the rest of it, put the rest into `else { ... }`",),
+                helps=("to skip the rest of it, put the rest into an `else`",),
             )
             return None
         because = None

@@ -177,10 +177,14 @@ class ModuleChecker:
         check = self.shared.check_expr
         where = f"module `{decl.name.text}`"
         context = Context(scope, where, topics="any", has_modes=True)
-        module.safe = check(decl.safe, context, BOOL)
+        name = decl.name.span
+        safe = name, "`safe` is the condition that must hold all the time"
+        ttf = name, "`ttf` is the condition under which SC takes over, as in `ttf x > LIMIT;`"
+        safer = name, "`safer` is the condition under which AC returns, as in `safer x < LIMIT;`"
+        module.safe = check(decl.safe, context, BOOL, safe)
         context.topics_read = {}
-        module.ttf = check(decl.ttf, context, BOOL) if decl.ttf else None
-        module.safer = check(decl.safer, context, BOOL) if decl.safer else None
+        module.ttf = check(decl.ttf, context, BOOL, ttf) if decl.ttf else None
+        module.safer = check(decl.safer, context, BOOL, safer) if decl.safer else None
         module.topics_read = tuple(context.topics_read)
         if (decl.ttf is None) != (decl.safer is None) and decl.name.text not in scope.broken:
             what, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")
