@@ -112,7 +112,10 @@ class ModuleChecker:
         else:
             sc = self.node_ref(decl.sc, scope) if decl.sc else None
         period = number(decl.period, context, DURATION, "a period") if decl.period else None
-        clean = number(decl.clean, context, INT, "`clean`") if decl.clean else None
+        clean = None
+        if decl.clean:
+            counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
+            clean = number(decl.clean, context, INT, "`clean`", counts)
         shield = number(decl.shield, context, INT, "`shield`") if decl.shield else None
         wcet = number(decl.wcet, context, DURATION, "`wcet`") if decl.wcet else None
         jitter = number(decl.jitter, context, DURATION, "`jitter`") if decl.jitter else None
