@@ -128,11 +128,57 @@ def listed_too(word: str, name: str, owner: Span) -> Fix:
     `word` is `subscribes`, `publishes` or `reads`; where the body has none, it gets one.
     """
     text = owner.source.text
-    next_ = _DECLARATION.search(text, owner.end)
-    end = next_.start() if next_ else len(text)
-    item = re.compile(rf"\b{word}\b[^;{{}}]*(?=;)").search(text, owner.end, end)
+    item = _item(word, owner)
     title = f"add `{name}` to `{word}`"
     if item is not None:
         return Fix(title, (Edit(Span(owner.source, item.end(), item.end()), f", {name}"),))
     opener = text.find("{", owner.end) + 1
     return Fix(title, (Edit(Span(owner.source, opener, opener), f"\n  {word} {name};"),))
+
+
+def _item(word: str, owner: Span) -> re.Match[str] | None:
+    """The item that `word` begins in the body of the declaration called `owner`."""
+    text = owner.source.text
+    next_ = _DECLARATION.search(text, owner.end)
+    end = next_.start() if next_ else len(text)
+    return re.compile(rf"\b{word}\b[^;{{}}]*(?=;)").search(text, owner.end, end)
+
+
+def in_publishes(name: str, owner: Span) -> Span | None:
+    """Where the node called `owner` lists `name` among what it publishes; None where unseen."""
+    item = _item("publishes", owner)
+    word = item and re.compile(rf"\b{re.escape(name)}\b").search(
+        owner.source.text, item.start() + len("publishes"), item.end()
+    )
+    return Span(owner.source, word.start(), word.end()) if word else None
+
+
+def published_too(
+    declared: Iterable[tree.Decl], topic: str, owner: tree.Name | Span
+) -> tuple[Help, ...]:
+    """`topic` behind what the node called `owner` publishes, unless another one drives it.
+
+    The controllers of a module publish what it does, each of them.
+    """
+    span = owner if isinstance(owner, Span) else owner.span
+    own, declarations = span.text, list(declared)
+    module_of: dict[str, str] = {}
+    for d in declarations:
+        if isinstance(d, tree.RtaDecl):
+            refs = [r.text for r in (d.ac, d.sc) if isinstance(r, tree.Ref)]
+            module_of |= dict.fromkeys(refs, d.name.text)
+    others = [
+        d.name.text
+        for d in declarations
+        if isinstance(d, tree.NodeDecl)
+        and d.name.text != own
+        and any(p.topic.text == topic for p in d.publishes)
+    ]
+    if own in module_of or not others:
+        return (listed_too("publishes", topic, span),)
+    module = module_of.get(others[0])
+    who = f"module `{module}`" if module else f"node `{others[0]}`"
+    return (
+        f"leave it out: {who} drives `{topic}`, and a topic has one driver",
+        f"in the place of {who}, `{own}` has it in `publishes`, too",
+    )

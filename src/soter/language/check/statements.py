@@ -344,8 +344,10 @@ class StmtChecker:
                 f"{context.where} does not declare that it publishes `{topic.name}`",
                 s.topic.span,
                 also=((context.node.span, "the node"),),
-                helps=(
-                    foreign_name_hints.listed_too("publishes", s.topic.text, context.node.span),
+                helps=foreign_name_hints.published_too(
+                    (e.decl for e in context.scope.entries.values()),
+                    s.topic.text,
+                    context.node.span,
                 ),
             )
             return None
@@ -359,7 +361,8 @@ class StmtChecker:
                 "T013",
                 f"`return` has no meaning in {context.where}",
                 s.span,
-                notes=("only functions return a value; a step publishes",),
+                notes=("only functions return a value; a step publishes, and runs to its end",),
+                helps=("to skip the rest of it, put the rest into an `else`",),
             )
             return None
         because = None

@@ -11,13 +11,15 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import Edit, Fix, whole_lines
+from soter.diagnostics.fix import Edit, Fix, out_of_list, whole_lines
 from soter.diagnostics.span import Span
+from soter.language.check.foreign_name_hints import in_publishes
 from soter.language.elaborate.deployment.deployed_systems import check_external
 from soter.language.elaborate.undriven_topics import as_input, would_drive
 from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.typed import TypedPublish
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -172,6 +174,7 @@ class Composition:
         inner = topic.symbol.name.rpartition(".")[2]
         both_modules = first != second and all(who.startswith("module") for who, _ in drivers)
         by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
+        listed, unused = self._listed(topic, second[1])
         others = [(span, who) for who, span in drivers[2:DRIVERS_SHOWN]]
         self._report(
             "M004",
@@ -181,13 +184,36 @@ class Composition:
             also=(
                 *([(first[1], "first driver")] if first != second else []),
                 *others,
+                *([(listed, "listed here")] if listed is not None else []),
                 (topic.symbol.span, "the topic"),
             ),
             note="modules are composed only if their outputs are disjoint"
             if both_modules
             else "a topic has exactly one driver",
-            helps=(f"give one of them a topic of its own, or wire it: `{{ {inner} = other }}`",),
+            helps=(
+                *unused,
+                f"give one of them a topic of its own, or wire it: `{{ {inner} = other }}`",
+            ),
         )
+
+    def _listed(self, topic: Topic, place: Span) -> tuple[Span | None, tuple[Help, ...]]:
+        """Where the node that stands at `place` lists what it publishes, and the edit without it.
+
+        The edit is for a node with a step that never publishes it.
+        """
+        for c in self.system.components:
+            if c.span is not place or c.role != "node" or c.node is None or c.stands_for:
+                continue
+            for t in c.node.publishes:
+                listed = in_publishes(t.name.rpartition(".")[2], c.node.span)
+                if self.system.topics[c.scope.topics[t]] is not topic or listed is None:
+                    continue
+                published = {n.topic for n in nodes(c.node.step) if isinstance(n, TypedPublish)}
+                if c.node.extern or t in published:
+                    return listed, ()
+                title = f"leave it out there: `{c.name}` never publishes it"
+                return listed, (out_of_list(listed, title),)
+        return None, ()
 
     def _report(
         self,

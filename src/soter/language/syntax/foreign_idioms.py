@@ -82,6 +82,8 @@ def _phrase(source: Source, idiom: Idiom, match: re.Match[str], place: str) -> P
     blanks = len(match[0]) - len(match[0].lstrip())
     whole = Span(source, match.start() + blanks, match.end())
     start, end = match.span("at") if "at" in idiom.pattern.groupindex else match.span()
+    if start < 0:  # the group may be missing from the phrase
+        start, end = whole.start, whole.end
     message = idiom.message.format(*(g or "" for g in match.groups()), place=place)
     help_: Help = idiom.say
     if idiom.write is not None:

@@ -83,6 +83,16 @@ def idiom(
 
 
 IDIOMS: tuple[Idiom, ...] = (
+    idiom(
+        r"\b(?:[Tt]|TIME)#(?P<time>[0-9]+(?:\.[0-9]+)?(?:[num]?s|h))\b",
+        "a time is its number and its unit, with nothing before them",
+        r"\g<time>",
+    ),
+    idiom(
+        r"\b(?:[Tt]|TIME)#[0-9][\w.]*",
+        "a time is one number and one unit, with nothing before them",
+        say="`20ms`, `1.5s`, `2min`",
+    ),
     # declarations
     idiom(
         r"\b(?P<at>(?:property|invariant|spec|requirement)\s+\w+)\s*[=:]\s*(?=always\b|never\b)",

@@ -11,6 +11,7 @@ where (the parser asks by text).
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -91,7 +92,7 @@ _TOKEN = re.compile(
     r"|((?:[0-9]|\.[0-9])(?:[eE][+-][0-9]|\.(?!\.)|\w)*)"  # 8 malformed number
     r'|("[^\n]*)'  # 9 unterminated string
     r"|(/\*[\s\S]*)"  # 10 unterminated comment
-    r"|(#[^\n]*|'[^'\n]*')"  # 11 comment or string of another language
+    r"|(#(?!(?:(?<=\b[Tt]#)|(?<=\bTIME#))[0-9])[^\n]*|'[^'\n]*')"  # 11 comment or string elsewhere
     rf"|([&|{_OPERATOR_SIGNS}])"  # 12 an operator in disguise
     rf"|({_GARBAGE}+(?:[ \t\r\n]+{_GARBAGE}+)*|[\s\S])"  # 13 garbage, a run in one
     r")"
@@ -463,6 +464,8 @@ def _garbage(tokens: Tokens, token: str, start: int, end: int) -> None:
     phrase = find(tokens.source, start, "", start)
     if phrase is not None:
         where = phrase.span
+        for parallel in (tokens.kinds, tokens.texts, tokens.ends, tokens.starts):
+            del parallel[bisect_left(tokens.starts, where.start) :]
         tokens.report("S015", phrase.message, where.start, where.end, helps=(phrase.help,))
         return
     if len(token) == 1:

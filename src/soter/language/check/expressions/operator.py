@@ -117,7 +117,26 @@ class OperatorChecker(ExprBase):
         if result is None:
             self._does_not_apply(expr, left, right, expected)
             return error_expr(expr.span)
+        if op == "/":
+            self._nothing_left(expr, left, right)
         return result
+
+    def _nothing_left(
+        self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
+    ) -> None:
+        """W030 for `1 / 2` among ints: beside a float the two are floats, and it is 0.5."""
+        pair = [x.value for x in (left, right) if isinstance(x, typed.Literal) and x.name is None]
+        ints = isinstance(left.type, IntType) and isinstance(right.type, IntType)
+        if len(pair) != 2 or not ints or not 0 < abs(pair[0]) < abs(pair[1]):
+            return
+        a, b = float(pair[0]), float(pair[1])
+        self.diagnostics.warning(
+            "W030",
+            f"an integer division: `{expr.span.text}` is 0",
+            expr.span,
+            "two ints: what is behind the point is cut off",
+            helps=(f"two floats keep it: `{a!r} / {b!r}`",),
+        )
 
     def _compared(
         self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr

@@ -7,6 +7,7 @@ Non-goals: what the items mean (`system.py`, `test_block.py`); loops of steps (`
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -19,12 +20,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.codes import Code
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
 
     Values = Mapping[str, int]
 
+_VARIABLE = re.compile(r"[A-Za-z_]\w*")
 _Item = TypeVar("_Item")
 
 ITEMS_MAX = 10_000
@@ -206,7 +209,7 @@ class Unroller:
         numbers = [self._int(i, values, what) for i in name.indices]
         text = name.text + "".join(f"[{n}]" for n in numbers)
         if any(n < 0 for n in numbers):
-            self._no_element(text, name.span, ())
+            self._no_element(text, name.span, (), (), values)
         return tree.Name(text, name.span)
 
     def _path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
@@ -219,7 +222,8 @@ class Unroller:
             if isinstance(part, tree.ElementName):
                 inside = self._inside(names)
                 if inside is not None and name.text not in inside:
-                    self._no_element(name.text, name.span, _elements(inside, part.text))
+                    known = _elements(inside, part.text)
+                    self._no_element(name.text, name.span, known, part.indices, values)
             names.append(name)
         return tree.DottedPath(tuple(names), path.span)
 
@@ -241,7 +245,8 @@ class Unroller:
         numbers = [self._int(i, values, f"the index of `{names[-1].text}`") for i in indices[::-1]]
         text = names[-1].text + "".join(f"[{n}]" for n in numbers[:count])
         if text not in inside:
-            self._no_element(text, node.span, _elements(inside, names[-1].text))
+            known = _elements(inside, names[-1].text)
+            self._no_element(text, node.span, known, indices[::-1], values)
         name = tree.Name(text, node.span)
         result: tree.SyntaxExpr = tree.NameExpr(node.span, name)
         if isinstance(base, tree.FieldExpr):
@@ -269,14 +274,35 @@ class Unroller:
             }
         return known.get(array, 0)
 
-    def _no_element(self, text: str, span: Span, known: Sequence[str]) -> None:
+    def _no_element(
+        self,
+        text: str,
+        span: Span,
+        known: Sequence[str],
+        indices: Sequence[tree.SyntaxExpr],
+        values: Values,
+    ) -> None:
         notes: tuple[str, ...] = ()
         if known:
             last = f" to `{known[-1]}`" if len(known) > 1 else ""
             notes = (f"there is `{known[0]}`{last}",)
+        variables = dict.fromkeys(v for i in indices for v in _VARIABLE.findall(i.span.text))
+        at = " and ".join(f"`{v}` is {values[v]}" for v in variables if v in values)
+        helps: tuple[Help, ...] = ()
+        if known and len(indices) == 1 and isinstance(indices[0], tree.BinaryExpr) and at:
+            index = indices[0].span.text
+            below = "[-" in text
+            around = f"({index}{f' + {len(known)}' if below else ''}) % {len(known)}"
+            sooner = f"let the loop {'begin later' if below else 'end sooner'}"
+            helps = (sooner, f"or go around: `{around}`")
         array = text.partition("[")[0]
         self.shared.diagnostics.error(
-            "M020", f"the array of instances `{array}` has no `{text}`", span, notes=notes
+            "M020",
+            f"the array of instances `{array}` has no `{text}`",
+            span,
+            f"where {at}" if at else "",
+            notes=notes,
+            helps=helps,
         )
         raise _LostError
 

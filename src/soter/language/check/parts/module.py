@@ -112,7 +112,10 @@ class ModuleChecker:
         else:
             sc = self.node_ref(decl.sc, scope) if decl.sc else None
         period = number(decl.period, context, DURATION, "a period") if decl.period else None
-        clean = number(decl.clean, context, INT, "`clean`") if decl.clean else None
+        clean = None
+        if decl.clean:
+            counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
+            clean = number(decl.clean, context, INT, "`clean`", counts)
         shield = number(decl.shield, context, INT, "`shield`") if decl.shield else None
         wcet = number(decl.wcet, context, DURATION, "`wcet`") if decl.wcet else None
         jitter = number(decl.jitter, context, DURATION, "`jitter`") if decl.jitter else None
@@ -177,10 +180,14 @@ class ModuleChecker:
         check = self.shared.check_expr
         where = f"module `{decl.name.text}`"
         context = Context(scope, where, topics="any", has_modes=True)
-        module.safe = check(decl.safe, context, BOOL)
+        name = decl.name.span
+        safe = name, "`safe` is the condition that must hold all the time"
+        ttf = name, "`ttf` is the condition under which SC takes over, as in `ttf x > LIMIT;`"
+        safer = name, "`safer` is the condition under which AC returns, as in `safer x < LIMIT;`"
+        module.safe = check(decl.safe, context, BOOL, safe)
         context.topics_read = {}
-        module.ttf = check(decl.ttf, context, BOOL) if decl.ttf else None
-        module.safer = check(decl.safer, context, BOOL) if decl.safer else None
+        module.ttf = check(decl.ttf, context, BOOL, ttf) if decl.ttf else None
+        module.safer = check(decl.safer, context, BOOL, safer) if decl.safer else None
         module.topics_read = tuple(context.topics_read)
         if (decl.ttf is None) != (decl.safer is None) and decl.name.text not in scope.broken:
             what, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")

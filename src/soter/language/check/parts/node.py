@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import out_of_list
+from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.extern_bindings import check_binding, located
@@ -282,7 +283,9 @@ class NodeChecker:
                     f"`{decl.name.text}` does not publish `{ref.text}`",
                     ref.span,
                     notes=("fail-safe values take the place of what a node publishes",),
-                    helps=(f"add `{ref.text}` to `publishes`",),
+                    helps=foreign_name_hints.published_too(
+                        (e.decl for e in scope.entries.values()), ref.text, decl.name
+                    ),
                 )
             elif topic in spans:
                 self._twice(

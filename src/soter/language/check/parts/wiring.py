@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import insert
+from soter.diagnostics.fix import insert, replace
 from soter.language.check.expressions.field import find_instance
 from soter.language.model import typed
 from soter.language.syntax import tree
@@ -204,7 +204,8 @@ class SettingReader:
             "M013",
             f"there is no instance `{name.text}` whose parameter could be set",
             item.param.span,
-            helps=self.shared.diagnostics.did_you_mean(name.text, inside, name.span),
+            helps=_instances_of(name, inside)
+            or self.shared.diagnostics.did_you_mean(name.text, inside, name.span),
         )
 
     def _param(self, ref: tree.Ref, scope: FileScope) -> typed.ParamSymbol | None:
@@ -219,3 +220,13 @@ class SettingReader:
                 helps=("declare it with `param`",) if entry.kind == "constant" else (),
             )
         return symbol if isinstance(symbol, typed.ParamSymbol) else None
+
+
+def _instances_of(name: tree.Name, inside: Mapping[str, typed.InstanceSymbol]) -> tuple[Help, ...]:
+    """The instances of the plant, node or system `name`, which stands where one of them does."""
+    paths = [p for p, i in inside.items() if i.what.name.rpartition(".")[2] == name.text]
+    if not paths:
+        return ()
+    last = f" to `{paths[-1]}`" if len(paths) > 1 else ""
+    helps = replace(name.span, paths[0], f"name an instance of it: `{paths[0]}`{last}")
+    return (helps,)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.language.evaluate.same_expression import same_expression
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 
@@ -50,9 +51,10 @@ def _begins_anew(
         for n in nodes(block)
         if isinstance(n, (typed.TypedAssign, typed.TypedPush)) and n.place.variable is variable
     ]
-    if len(written) != 1 or written[0] in in_loops or written[0].place.path:
+    changes = [n for n in written if not _begins_again(n, declared.value)]
+    if len(changes) != 1 or changes[0] in in_loops or changes[0].place.path:
         return
-    (only,) = written
+    (only,) = changes
     if isinstance(only, typed.TypedAssign) and not any(
         isinstance(n, typed.VarRead) and n.variable is variable for n in nodes([only.value])
     ):
@@ -66,3 +68,8 @@ def _begins_anew(
         notes=("what a node keeps from step to step is declared before `step`",),
         helps=(f"declare it before the step: `{' '.join(declared.span.text.split())}`",),
     )
+
+
+def _begins_again(s: typed.TypedAssign | typed.TypedPush, first: typed.TypedExpr) -> bool:
+    """Whether it sets the variable to the constant it begins with: `else { ticks = 0; }`."""
+    return isinstance(s, typed.TypedAssign) and not s.place.path and same_expression(s.value, first)

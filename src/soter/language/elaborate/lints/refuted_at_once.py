@@ -147,9 +147,14 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
         own = driver.plant or driver.node
         assert own is not None
         age = write_ns(driver.period_ns)
-        helps: tuple[Help, ...] = (f"let it be as old as that: `max_age {age}`",)
+        often = write_ns(topic.max_age_ns)
+        older = f"or let it be {age} old, and let `ttf` look that much further ahead"
+        helps: tuple[Help, ...] = (
+            replace(own.period.span, often, f"publish it every {often} at least"),
+            older,
+        )
         if topic.symbol.max_age is not None:
-            helps = (replace(topic.symbol.max_age.span, age, f"let it be {age} old"),)
+            helps = (helps[0], replace(topic.symbol.max_age.span, age, older))
         diagnostics.warning(
             "W028",
             f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.fix import exchange, replace
+from soter.diagnostics.fix import Edit, Fix, exchange, replace
 from soter.diagnostics.span import Span
 from soter.language.elaborate.lints.forgotten_variables import doubt_variables
 from soter.language.evaluate.range_evaluation import (
@@ -26,6 +26,7 @@ from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import (
     BOOL,
+    INT_MAX,
     ArrayType,
     FloatType,
     IntType,
@@ -83,6 +84,8 @@ class _StepRanges(RangeEvaluator):
         """How many functions deep the evaluation is."""
         self.silent = 0
         """In how many functions of the prelude it is: nothing is said of those."""
+        self.longer = False
+        """Whether lists may be longer than their capacities."""
         self.decided: dict[t.TypedExpr, Range | None] = {}
         """Conditions of the step itself, and what they were in all rounds together."""
         self.loops: dict[t.Variable, t.ForRange] = {}
@@ -235,8 +238,9 @@ class _StepRanges(RangeEvaluator):
         if e.fun.prelude and e.fun.name.rpartition(".")[2] != "clamp":
             return anything(e.type)
         if e.fun.prelude and not self.silent:
-            _, low, high = e.arguments
+            value, low, high = e.arguments
             self._reversed(low, high, "the bounds of `clamp` are the wrong way round")
+            self._value_behind(value, low, high)
         self.calls += 1
         self.silent += e.fun.prelude
         try:
@@ -255,6 +259,28 @@ class _StepRanges(RangeEvaluator):
             f"{low.span.text} is above {high.span.text}",
             "no number lies between them: the result is no number (NaN), and publishing it faults",
             (exchange(low.span, high.span, f"write `{high.span.text}, {low.span.text}`"),),
+        )
+
+    def _value_behind(self, value: t.TypedExpr, low: t.TypedExpr, high: t.TypedExpr) -> None:
+        """`clamp(0.0, x, 1.0)`, `clamp(0.0, 1.0, x)`: what varies stands where a bound does."""
+        varies = [_reads(a) for a in (value, low, high)]
+        a, b, c = self.number(value), self.number(low), self.number(high)
+        if varies == [False, True, False] and b.high > c.low:
+            meant, order = low, (low, value, high)
+        elif varies == [False, False, True] and a.high <= b.low and b.high > c.low:
+            meant, order = high, (high, value, low)
+        else:
+            return
+        texts = [x.span.text for x in order]
+        places = (value.span, low.span, high.span)
+        edits = tuple(Edit(s, x) for s, x in zip(places, texts, strict=True) if s.text != x)
+        self._say(
+            f"`{_short(value.span)}` stands where `clamp` expects the value",
+            value.span,
+            "the value comes first, its bounds follow",
+            f"as a bound `{_short(meant.span)}` may leave no number between the two: the result is "
+            "no number (NaN) then, and publishing it faults",
+            (Fix(f"write `clamp({', '.join(texts)})`", edits),),
         )
 
     def _binary(self, e: t.TypedBinary) -> Known:
@@ -389,10 +415,15 @@ class _StepRanges(RangeEvaluator):
                 )
 
     def _why(self, condition: t.TypedExpr) -> str:
-        """The ranges of what it reads of topics, the first few."""
+        """The ranges of what it reads of topics and of the lengths of lists, the first few."""
         ranges: dict[str, str] = {}
         inner: set[t.TypedExpr] = set()
         for n in nodes([condition]):
+            if isinstance(n, t.TypedLength) and isinstance(n.target.type, ListType):
+                if self._holds_of_longer(condition):
+                    capacity = n.target.type.capacity
+                    ranges[n.span.text] = f"`{_short(n.span)}` is in [0, {capacity}]"
+                continue
             if not isinstance(n, (t.TopicRead, t.TypedField)) or n in inner:
                 continue
             top = n
@@ -404,14 +435,33 @@ class _StepRanges(RangeEvaluator):
                     ranges[top.span.text] = f"`{top.span.text}` is in [{r.low!r}, {r.high!r}]"
         return " and ".join(list(ranges.values())[:2])
 
+    def _holds_of_longer(self, condition: t.TypedExpr) -> bool:
+        """Whether it may hold were there no capacity: `xs.len < 0` is let be."""
+        self.longer = True
+        try:
+            return super().number(condition) != FALSE
+        except TooHardError:
+            return False
+        finally:
+            self.longer = False
+
+    def _length(self, e: t.TypedLength) -> Known:
+        return Range(0, INT_MAX) if self.longer else super()._length(e)
+
     EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any], Known]]] = {
         **RangeEvaluator.EXPRESSIONS,
         t.TypedBinary: _binary,
         t.TypedCall: _call,
         t.Builtin: _builtin,
         t.Index: _index,
+        t.TypedLength: _length,
         t.Narrow: _narrow,
     }
+
+
+def _reads(e: t.TypedExpr) -> bool:
+    """Whether it may vary while the program runs."""
+    return any(isinstance(n, (t.TopicRead, t.VarRead, t.TypedCall)) for n in nodes([e]))
 
 
 def _short(span: Span) -> str:

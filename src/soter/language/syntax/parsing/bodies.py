@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from soter.diagnostics.fix import replace
+from soter.diagnostics.fix import Fix, append, remove, replace
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
 from soter.language.syntax.clause_words import INSTEAD, NODE, STATEMENTS, body_of
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.fix import Fix, Help
+    from soter.diagnostics.fix import Help
     from soter.language.syntax.tokens import Tokens
 
 _Parts = TypeVar("_Parts")
@@ -315,12 +315,27 @@ class BodyParser(StatementParser):
         message = f"expected `period` after the name of the {what}, found {self.found()}"
         self.without_period = f"{what} `{name.text}`"
         span = self.after_previous() if self.kinds[self.i] == "{" else None
-        self.report("S005", message, span, helps=(example,))
+        self.report("S005", message, span, helps=(self._period_inside(what, name) or example,))
         if self.kinds[self.i] == NAME and self.kinds[self.i + 1] != "{" and word != "from":
             self.i += 1
             self.quiet = -1
             return self.time("`period`")
         return tree.ErrorExpr(self.after_previous())
+
+    def _period_inside(self, what: str, name: tree.Name) -> Fix | None:
+        """The `period 20ms;` that stands in the body, moved into the head."""
+        depth, i = 0, self.i
+        while self.kinds[i] != EOF and not (depth == 0 and i > self.i):
+            depth += (self.kinds[i] == "{") - (self.kinds[i] == "}")
+            begins = self.kinds[i - 1] in ("{", ";", "}")
+            if depth == 1 and begins and self.texts[i] == "period" and self.kinds[i + 2] == ";":
+                written = Span(self.source, self.starts[i], self.ends[i + 2])
+                head = f"period {self.texts[i + 1]}"
+                title = f"write `{what} {visible(name.text)} {head} {{ ... }}`"
+                moved = append(name.span, f" {head}", title)
+                return Fix(title, (*moved.edits, *remove(written, title).edits))
+            i += 1
+        return None
 
     # ------------------------------------------------------------ common parts
 

@@ -104,6 +104,11 @@ def named_fields(cursor: Cursor, opener: int) -> tuple[Help, ...]:
         i += 2
         if cursor.kinds[i - 1] == "}":
             break
+    mixed = names and cursor.kinds[i - 1] == "," and cursor.kinds[i + 1] == ":"
+    if mixed and cursor.kinds[i] == NAME:
+        last = cursor.token_span(i - 2)
+        first = Span(cursor.source, cursor.starts[opener + 1], last.end)
+        return (replace(first, ", ".join(f"{name}: {name}" for name in names)),)
     if not names or cursor.kinds[i - 1] != "}" or cursor.texts[opener - 1] == "in":
         return (in_brackets(cursor, opener),)
     whole = Span(cursor.source, cursor.starts[opener], cursor.ends[i - 1])

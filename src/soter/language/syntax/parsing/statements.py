@@ -353,6 +353,8 @@ class StatementParser(ExpressionParser):
     def _return(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         self.i += 1
+        if self.items and self.accept(";"):  # in a step, where `return` is the mistake
+            return tree.ReturnStmt(self.span_from(start), tree.ErrorExpr(self.after_previous()))
         value = self.value("the returned value")
         return tree.ReturnStmt(self.span_from(start), value)
 

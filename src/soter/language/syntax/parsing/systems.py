@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
+from soter.diagnostics.span import Span
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_items import item_meant
 from soter.language.syntax.parsing import instance_arrays
@@ -190,9 +192,22 @@ def _always(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     kind = "never" if parser.texts[parser.i] == "never" else "always"
     parser.i += 1
+    _no_name(parser)
     condition = parser.value("the property")
     span = parser.span_from(start)
     parts.properties.append(tree.PropertyItem(kind, None, condition, None, span))
+
+
+def _no_name(parser: BodyParser) -> None:
+    """S015 for `always calm: e;`; on with the property."""
+    i = parser.i
+    if parser.kinds[i] != NAME or parser.kinds[i + 1] != ":":
+        return
+    span = parser.token_span(i).to(parser.token_span(i + 1))
+    whole = Span(parser.source, span.start, parser.starts[i + 2])
+    helps = (replace(whole, "", f"leave `{span.text}` out"),)
+    parser.report("S015", "a property has no name", span, helps=helps)
+    parser.i += 2
 
 
 def _force(parser: BodyParser, parts: _SystemParts) -> None:
@@ -363,6 +378,7 @@ def _skip(parser: BodyParser, parts: _SystemParts) -> None:
 def _eventually(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     parser.i += 1
+    _no_name(parser)
     condition = parser.expr("the property")
     within = _within(parser)
     span = parser.span_from(start)
