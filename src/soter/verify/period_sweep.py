@@ -2,7 +2,8 @@
 
 Purpose: for multiples of the declared Delta the problem is derived again (H* follows; SC's period
 is kept, but where it is Delta, it is changed with it, too) and the sets recomputed: which share of
-the states is left to AC, whether P1c and P2b hold, and the largest Delta for which everything is proved.
+the states is left to AC, whether P1c and P2b hold, and the largest Delta for which everything is
+proved.
 Non-goals: changing a program; certificates. Verdicts are those of `verify.py` without refinement.
 
 The paper leaves the choice of Delta to future work. A short Delta leaves AC more room, a long one
