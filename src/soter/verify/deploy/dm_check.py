@@ -103,8 +103,7 @@ class DMCheck:
             f"the compiled DM switches as it should: all {self.facts} combinations of facts"
             + (f" and all {self.cells:,} cells" if self.cells else "")
             + f"; {self.states:,} inputs"
-            + (f" and {self.points:,} points at borders" if self.points else "")
-            + " tried"
+            + (f" and {self.points:,} points at borders tried" if self.points else " tried")
         )
 
     def differs(self, what: str) -> None:
