@@ -30,6 +30,8 @@ EXAMPLES = """\
   soter advise cart.soter --json | jq '.modules[].best_s'
 
 Nothing is changed: every row is the program's problem with another period of the decision module.
+SC's period stays as it is; where it is the decision module's, rows in which it is changed with that
+are tried, too. What is said of the largest period is said of those tried, on the declared grid.
 
 exit codes: 0 always when there was something to compute, 1 diagnostics, 2 usage
 """
@@ -131,6 +133,7 @@ def _fields(advice: Advice) -> dict[str, object]:
     return {
         "period_s": advice.delta_ns / 1e9,
         "levels": advice.levels,
+        "summary": advice.summary,
         "best_s": None if best is None else best / 1e9,
         "rows": [_row(advice, row) for row in advice.rows],
     }

@@ -1,8 +1,9 @@
 """What the period of a decision module costs: sweeps of Delta and m.
 
 Purpose: for multiples of the declared Delta the problem is derived again (H* follows; SC's period
-is scaled with it only where it is Delta) and the sets recomputed: which share of the states is left
-to AC, whether P1c and P2b hold, and the largest Delta for which everything is proved.
+is kept, but where it is Delta, it is changed with it, too) and the sets recomputed: which share of
+the states is left to AC, whether P1c and P2b hold, and the largest Delta for which everything is
+proved.
 Non-goals: changing a program; certificates. Verdicts are those of `verify.py` without refinement.
 
 The paper leaves the choice of Delta to future work. A short Delta leaves AC more room, a long one
@@ -70,6 +71,8 @@ class AdviceRow:
     written: bool | None = None
     why: str = ""
     """What stands in the way, where something does."""
+    covered: bool = True
+    """Whether the theorem is about such times; no set was computed where not."""
 
     @property
     def in_time(self) -> bool:
@@ -112,11 +115,24 @@ class Advice:
         best = self.best_ns
         if best is None:
             return (
-                "no period that was tried verifies on the grid as it is declared; `soter verify` "
-                "refines it where that may help"
+                f"no period that was tried ({self.tried}) verifies on the grid as it is declared; "
+                "`soter verify` refines it where that may help"
             )
-        more = ", the longest that was tried" if best == self.rows[-1].delta_ns else ""
-        return f"the largest period that verifies is {show_ns(best)}{more}"
+        more = ", the longest" if best == self.rows[-1].delta_ns else ""
+        return (
+            f"of the periods tried ({self.tried}) the largest that verifies on the grid as it is "
+            f"declared is {show_ns(best)}{more}"
+        )
+
+    @property
+    def tried(self) -> str:
+        """The periods of the DM that were tried, and what was done with SC's."""
+        deltas = ", ".join(show_ns(d) for d in sorted({r.delta_ns for r in self.rows}))
+        kept = sorted({r.sc_ns for r in self.rows if r.sc_ns != r.delta_ns})
+        says = [f"kept at {show_ns(ns)}" for ns in kept]
+        changes = len({r.sc_ns for r in self.rows}) > 1
+        says += ["changed with it"] * changes
+        return f"{deltas}; SC's period {' and '.join(says)}" if says else deltas
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """(head, rows) for people."""
@@ -133,17 +149,19 @@ class Advice:
             shares += [r.levels.get(m, 0.0) for m in tried]
             back = ", ".join(f"m\u00a0=\u00a0{m}" for m in tried if r.returns.get(m)) or "no"
             verifies = r.verifies(self.levels)
-            cells = [*times, *(f"{s:.1%}" for s in shares), "yes" if r.in_time else "no", back]
+            shown = [f"{s:.1%}" if r.covered else "-" for s in shares]
+            cells = [*times, *shown, "yes" if r.in_time else "no", back]
             rows.append([*cells, "yes" if verifies else "no", "" if verifies else r.why])
         return head, rows
 
     def page(self) -> AdvicePage:
         """What the figure shows."""
         tried = sorted({m for r in self.rows for m in r.levels})
-        curves = [Line("K", self._points(lambda r: r.core), tuple(r.core > 0 for r in self.rows))]
+        drawn = self._drawn
+        curves = [Line("K", self._points(lambda r: r.core), tuple(r.core > 0 for r in drawn))]
         for m in tried:
             name = "S_0 (m = 2)" if m == 2 else f"S_{m - 2} (m = {m})"
-            sure = tuple(r.in_time and r.starts and r.returns.get(m, False) for r in self.rows)
+            sure = tuple(r.in_time and r.starts and r.returns.get(m, False) for r in drawn)
             points = self._points(lambda r, m=m: r.levels.get(m, 0.0))  # type: ignore[misc]
             curves.append(Line(name, points, sure))
         head, rows = self.table()
@@ -154,12 +172,24 @@ class Advice:
             tuple(curves),
             tuple(head),
             tuple(tuple(r) for r in rows),
-            says=(f"{self.legend}.", "*: the period that the program says."),
+            says=(f"{self.legend}.", "*: the period that the program says.", *self._undrawn),
             best_ms=None if best is None else best / 1e6,
         )
 
     def _points(self, share_of: Callable[[AdviceRow], float]) -> tuple[tuple[float, float], ...]:
-        return tuple((r.delta_ns / 1e6, share_of(r)) for r in self.rows)
+        return tuple((r.delta_ns / 1e6, share_of(r)) for r in self._drawn)
+
+    @property
+    def _drawn(self) -> list[AdviceRow]:
+        """One row for each Delta of which sets were computed: the one with the longest SC."""
+        return list({r.delta_ns: r for r in self.rows if r.covered}.values())
+
+    @property
+    def _undrawn(self) -> tuple[str, ...]:
+        """What the figure leaves to the table."""
+        if sum(r.covered for r in self.rows) == len(self._drawn):
+            return ()
+        return ("Drawn where SC's period is changed with \u0394; the table has both.",)
 
 
 def advise(
@@ -183,14 +213,18 @@ def advise(
     every = _periods(problem, factors)
     advice = Advice(problem.name, problem.times.delta_dm, problem.levels, [])
     opened: dict[int, list[Case]] = {}
-    for i, delta in enumerate(every):
+    for i, (delta, sc) in enumerate(every):
         if progress is not None:
             phase(f"{problem.name}: a period of {show_ns(delta)}")
             progress(i / len(every))
-        changed = at_period(problem, delta)
+        changed = at_periods(problem, delta, sc)
         times = changed.times
         row = AdviceRow(delta, times.delta_sc, times.h_star, times.horizon_ns)
+        row.why = _uncovered(changed)
+        row.covered = not row.why
         advice.rows.append(row)
+        if not row.covered:
+            continue
         try:
             if times.delta_sc not in opened:
                 opened[times.delta_sc] = _opened(changed, library)
@@ -218,13 +252,20 @@ def advise_all(
     return advices
 
 
-def _periods(problem: Problem, factors: Sequence[float]) -> list[int]:
-    """Multiples of the declared Delta that are multiples of SC's period (a map: of its own)."""
+def _periods(problem: Problem, factors: Sequence[float]) -> list[tuple[int, int]]:
+    """(Delta, SC's period): multiples of the declared Delta, with SC's as `_scales` says.
+
+    With SC's period left as it is they are multiples of it (a map: of the map's own).
+    """
     times = problem.times
-    if _scales(problem):
-        return sorted({max(1, round(f * times.delta_dm)) for f in factors})
     unit = times.delta_sc if problem.kind == "flow" else problem.plant_period_ns
-    return sorted({max(1, round(f * times.delta_dm / unit)) * unit for f in factors})
+    every = {max(1, round(f * times.delta_dm / unit)) * unit for f in factors}
+    pairs = {(delta, times.delta_sc) for delta in every}
+    if _scales(problem):
+        scaled = {max(1, round(f * times.delta_dm)) for f in factors}
+        longer = {(delta, sc) for delta, sc in pairs if delta > sc}
+        pairs = longer | {(delta, delta) for delta in scaled}
+    return sorted(pairs)
 
 
 def _scales(problem: Problem) -> bool:
@@ -236,23 +277,47 @@ def _scales(problem: Problem) -> bool:
     return node is not None and not any(isinstance(n, typed.PeriodRead) for n in nodes(node.step))
 
 
-def at_period(problem: Problem, delta_ns: int) -> Problem:
-    """The problem with another Delta; nothing else changes but SC's period where that was Delta.
+def at_periods(problem: Problem, delta_ns: int, sc_ns: int) -> Problem:
+    """The problem with another Delta and period of SC; nothing else changes.
 
     Phases stay: they are those of the calendar. The scheme's error is that of the plant's step.
     """
     times = problem.times
     schedule = times.schedule
-    sc = delta_ns if _scales(problem) else times.delta_sc
     schedule = replace(
         schedule,
         dm=replace(schedule.dm, period=delta_ns),
-        sc=replace(schedule.sc, period=sc),
+        sc=replace(schedule.sc, period=sc_ns),
     )
     law = problem.law
     if law is not None:
         law = replace(law, times=replace(law.times, schedule=schedule))
     return replace(problem, times=replace(times, schedule=schedule), law=law)
+
+
+def _uncovered(problem: Problem) -> str:
+    """Why the theorem does not cover the times of a changed problem ("": it does).
+
+    The conditions of `check_times` that the periods of the DM and SC enter.
+    """
+    schedule, jitter = problem.times.schedule, problem.times.jitter_sc
+    dm, sc = schedule.dm, schedule.sc
+    ac = problem.system.components[problem.module.ac]
+    if ac.period_ns > dm.period:
+        return f"P1a: AC steps every {show_ns(ac.period_ns)}"
+    if dm.latest > dm.period:
+        return f"R015: the DM may take {show_ns(dm.latest)}, longer than its period"
+    if problem.kind == "map":
+        return ""
+    if not schedule.ordered:
+        return f"R015: SC may act {show_ns(jitter)} late, more than half of its period"
+    for path in schedule.read_by_sc:
+        oldest = schedule.stamp_age_sc(path)
+        if path.max_age is not None and oldest > path.max_age:
+            return f"R011: SC may read what is {show_ns(oldest)} old, longer than its `max_age`"
+    if any(o.loses(sc, schedule.published) is not None for o in schedule.outputs):
+        return "R018: a node may miss a command of SC"
+    return ""
 
 
 def _opened(problem: Problem, library: ReachLibrary) -> list[Case]:

@@ -52,7 +52,8 @@ MEANINGS = {
     "safer": "whenever `safer` may be true, the state lies in R(H)",
     "start": "the declared initial states are among those for which all this holds",
     "failsafe": "once the lease has ended the fail-safe law keeps the constraint C for ever",
-    "DM": "the generated C of the decision module switches as docs/semantics.md says",
+    "DM": "the generated C of the decision module switches as docs/semantics.md says: "
+    "checked for all facts, tried on inputs",
 }
 OF_SETS = "the enclosures and the set engine; `soter recheck` checks certificates without them"
 OF_INDUCTION = "z3, and how Core is read for it; `soter recheck` asks z3, too, but reads Core anew"

@@ -66,7 +66,7 @@ HOW = {
     "P1c": "worst case over all releases",
     "P3": "inclusions of `ttf` and `safer`",
     "failsafe": "K inside the core of the fail-safe law",
-    "DM": "the compiled DM on all facts and on every class of input",
+    "DM": "the compiled DM on all facts, and tried on every class of input",
 }
 """What is no matter of groups."""
 CASES, ATTACKED = 0.6, 0.9

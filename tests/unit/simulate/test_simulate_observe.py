@@ -77,7 +77,10 @@ def test_decisions_have_reasons(cart: Cart) -> None:
         "AC",
         "safer: far enough inside φ_safe",
     )
-    assert (second.after, second.reason) == ("SC", "ttf: φ_safe could be left within 2Δ")
+    assert (second.after, second.reason) == (
+        "SC",
+        "ttf: to hold where φ_safe could be left within 2Δ (checked by verify)",
+    )
     explainer = Explainer(run.system, run.layout)
     every = list(steps(run.system, run.require_trace(), None, explainer))
     assert len(every) == 101
@@ -89,7 +92,8 @@ def test_every_reason_is_said() -> None:
     assert reason("AC", "AC", calm) == ""
     bad = PredicateValues(ttf=True, safer=False, stale=True, gate_fault=True, clean_needed=2)
     assert reason("AC", "SC", bad) == (
-        "ttf: φ_safe could be left within 2Δ and stale: an input is older than its max_age "
+        "ttf: to hold where φ_safe could be left within 2Δ (checked by verify) "
+        "and stale: an input is older than its max_age "
         "and gate fault: an output of AC was refused"
     )
     assert reason("SC", "SC", bad) == (

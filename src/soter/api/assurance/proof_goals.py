@@ -201,7 +201,7 @@ def _compiled(
                 refuted.append(f"{name}: {why}")
         text = f"the generated C of the decision module of {name} switches as proved"
         child = case.add(CaseNode(f"{COMPILED}.{each.number}", "goal", text), under=goal)
-        text = "no evidence" if why else f"{said}: tried just now"
+        text = "no evidence" if why else f"{said}, just now"
         leaf = CaseNode(f"Sn.6.{each.number}", "solution", text, checked=not why, why=why)
         case.add(leaf, under=child)
     return case.status(goal) == "supported"

@@ -99,10 +99,10 @@ class DMCheck:
         if self.failures:
             return f"the C of the DM differs from the switching logic: {self.failures[0]}"
         return (
-            f"the compiled DM switches as it should: all {self.facts} combinations of facts, "
-            f"{self.states:,} inputs"
-            + (f", all {self.cells:,} cells" if self.cells else "")
-            + (f", {self.points:,} points at borders" if self.points else "")
+            f"the compiled DM switches as it should: all {self.facts} combinations of facts"
+            + (f" and all {self.cells:,} cells" if self.cells else "")
+            + f"; {self.states:,} inputs"
+            + (f" and {self.points:,} points at borders tried" if self.points else " tried")
         )
 
     def differs(self, what: str) -> None:

@@ -241,7 +241,7 @@ def _decision_module(result: ModuleResult) -> Finding:
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 
     began = time.perf_counter()
-    how = "the compiled DM on all facts and on every class of input"
+    how = "the compiled DM on all facts, and tried on every class of input"
     symbol = result.problem.module.symbol
     read = nodes([e for e in (symbol.ttf, symbol.safer) if e is not None])
     if any(isinstance(n, UNTRIED) for n in read):

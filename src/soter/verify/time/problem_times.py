@@ -203,5 +203,10 @@ def in_words(times: Times) -> str:
     """H and H* with the largest term, for people."""
     h, star = times.horizon_ns, times.h_star
     name, largest = max(terms(times).items(), key=lambda item: item[1])
+    if times.horizon is None:
+        return (
+            f"H = H* = {show_ns(h)}: what is needed (no `horizon` declared; "
+            f"largest: {name}, {show_ns(largest)})"
+        )
     slack = f"{show_ns(abs(h - star))} {'spare' if h >= star else 'missing'}"
     return f"H = {show_ns(h)}, H* = {show_ns(star)} ({slack}; largest: {name}, {show_ns(largest)})"

@@ -57,6 +57,42 @@ def test_what_it_says_of_the_declared_period_is_what_verify_says(
     assert module.core_share == pytest.approx(row.core)
 
 
+@pytest.fixture(scope="module")
+def one_period(tmp_path_factory: pytest.TempPathFactory, open_text: str) -> Advice:
+    """SC steps with the DM; at half the period it may act later than half of its own."""
+    text = open_text.replace("Careful period 10ms", "Careful period 50ms")
+    text = text.replace("acts within 1ms", "acts within 12ms")
+    assert text.count("50ms") > open_text.count("50ms")
+    assert "12ms" in text
+    path = tmp_path_factory.mktemp("one") / "one.soter"
+    path.write_text(text.replace("max_age 20ms", "max_age 80ms"), encoding="utf-8")
+    (advice,) = soter.load(path).advise(factors=(0.1, 0.5, 1, 2), levels=(2,))
+    return advice
+
+
+def test_a_longer_period_is_tried_with_the_period_of_sc_kept_and_changed(
+    one_period: Advice,
+) -> None:
+    pairs = [(r.delta_ns / 1e6, r.sc_ns / 1e6) for r in one_period.rows]
+    assert pairs == [(5, 5), (25, 25), (50, 50), (100, 50), (100, 100)]
+    before, kept, changed = one_period.rows[2:]
+    assert kept.core == before.core > changed.core, "a slower SC keeps less"
+    assert "5 ms, 25 ms, 50 ms, 100 ms; SC's period kept at 50 ms and changed" in one_period.summary
+    assert one_period.page().summary == one_period.summary
+
+
+def test_times_that_the_theorem_does_not_cover_are_a_row_that_says_why(
+    one_period: Advice,
+) -> None:
+    first, second, *rest = one_period.rows
+    assert first.why.startswith("P1a: AC steps every 10 ms")
+    assert second.why.startswith("R015: SC may act 15 ms late")
+    assert not first.verifies(2)
+    assert not second.verifies(2)
+    assert all(r.core > 0.0 for r in rest)
+    assert [x for x, _ in one_period.page().lines[0].points] == [50.0, 100.0]
+
+
 def test_the_command_prints_draws_and_documents(
     open_cart: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -66,6 +102,7 @@ def test_the_command_prints_draws_and_documents(
     document = json.loads(capsys.readouterr().out)
     assert problems_of(document) == []
     assert len(document["modules"]["SafeCart"]["rows"]) == 1
+    assert "2 s; SC's period kept at 10 ms" in document["modules"]["SafeCart"]["summary"]
     assert "<svg" in page.read_text(encoding="utf-8")
     assert main(arguments) == 0
     assert "no period" in capsys.readouterr().out

@@ -9,7 +9,7 @@ from soter.language.front_end import check_file, system_of
 from soter.language.model.system import System
 from soter.verify.command import verify
 from soter.verify.deploy.computed_predicates import complete, put
-from soter.verify.deploy.dm_check import check_decisions, check_module, decided
+from soter.verify.deploy.dm_check import DMCheck, check_decisions, check_module, decided
 from soter.verify.deploy.dm_inputs import AC, SC
 from soter.verify.proof_methods import tables
 from soter.verify.tables.grid_tables import GroupTable
@@ -46,6 +46,14 @@ def test_what_is_emitted_for_the_cart_is_the_switching_logic(cart: System) -> No
     assert check.verdict == "proved", check.failures
     assert check.facts == 64
     assert check.states > 2000
+
+
+def test_only_facts_and_cells_are_said_to_be_all_there_are() -> None:
+    text = DMCheck("M", facts=64, states=4360, cells=8000, points=12).text
+    every, tried = text.split("; ")
+    assert every.endswith("all 64 combinations of facts and all 8,000 cells")
+    assert tried == "4,360 inputs and 12 points at borders tried"
+    assert DMCheck("M", facts=64, states=7).text.endswith("combinations of facts; 7 inputs tried")
 
 
 def test_computed_predicates_are_checked_alike(open_cart: Path) -> None:
