@@ -31,7 +31,7 @@ def shielded(
 ) -> dict[int, Value]:
     """The shield's topic after a step of AC or SC that publishes this; nothing without a shield.
 
-    Raises a step fault where AC publishes a command that is not permitted, in control or not.
+    StepFault where AC publishes a command that is not permitted, in control or not.
     """
     code = machine.shields.get(component.index)
     if code is None or not published:

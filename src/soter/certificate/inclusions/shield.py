@@ -39,7 +39,10 @@ if TYPE_CHECKING:
 
 
 def cells_of(facts: Facts) -> int:
-    """Into how many cells each number of a command is cut; NotRecheckedError where no proof is."""
+    """Into how many cells each number of a command is cut.
+
+    NotRecheckedError where no proof of a shield is known here, RejectedError where none can be.
+    """
     assert facts.symbol.shield is not None
     if facts.kind == "map" or facts.view or any(e.nodes for e in facts.setting.effects):
         raise NotRecheckedError("a shield of a map, of a view, or with nodes behind the module")
@@ -61,7 +64,10 @@ def felt_by(model: CaseModel, group: GroupTables) -> list[int]:
 
 
 def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple[str, Show]]:
-    """What is to be shown of the table of a group, besides that S_0 is inside R(H)."""
+    """What is to be shown of the table of a group, besides that S_0 is inside R(H).
+
+    RejectedError where the table is not there, or is of another command.
+    """
     n, tops = cells_of(model.facts), group.tops
     if tops is None:
         raise RejectedError("the table of the shield is not there")
@@ -98,7 +104,10 @@ def cut(low: float, high: float, k: int, n: int) -> float:
 
 
 def tops_of(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
-    """`GroupTables.tops` of a file: cells of the grid in C order, a byte for each command cell."""
+    """`GroupTables.tops` of a file: cells of the grid in C order, a byte for each command cell.
+
+    RejectedError where it has another size, or names cells that there are not.
+    """
     shape = (*group.grid.shape, n)
     if len(data) != int(np.prod(shape)):
         raise RejectedError("the table of the shield has another size")

@@ -726,20 +726,26 @@ static bool is_in(const soter_store* s, const soter_store* other, uint64_t calen
   return same;
 }
 
-bool soter_store_same(const soter_store* s, const soter_store* other, uint64_t calendar) {
+static bool segment_is_in(const soter_store* s, uint32_t segment, const soter_store* other) {
   uint64_t key[SOTER_WORDS];
+  bool same = true;
+  const uint8_t* e = s->segment[segment].entry;
+  for (uint64_t i = 0; same && i < s->segment[segment].buckets * BUCKET; i++, e += s->bytes) {
+    if (!is_empty(s, e)) {
+      key_of(s, e, key); /* a layer's segments are told apart by keys alone */
+      (void)place_of(other, segment_of(other, key, key), key, &same);
+    }
+  }
+  return same;
+}
+
+bool soter_store_same(const soter_store* s, const soter_store* other, uint64_t calendar) {
   bool same = s->count == other->count && s->bytes == other->bytes && s->layer && other->layer;
   if (calendar != 0U) {
     return same && is_in(s, other, calendar);
   }
   for (uint32_t g = 0; same && g < s->segments; g++) {
-    const uint8_t* e = s->segment[g].entry;
-    for (uint64_t i = 0; same && i < s->segment[g].buckets * BUCKET; i++, e += s->bytes) {
-      if (!is_empty(s, e)) {
-        key_of(s, e, key); /* a layer's segments are told apart by keys alone */
-        (void)place_of(other, segment_of(other, key, key), key, &same);
-      }
-    }
+    same = segment_is_in(s, g, other);
   }
   return same;
 }
