@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from soter.report.proof.page import proof_body
 from soter.report.proof.record import R1, R3, R4, ModuleProof, ProofPage, RegionFigure
 from soter.report.proof.regions import region_svg

@@ -48,6 +48,10 @@ STYLE = """<style>
 .case a, .subtitle a { color: var(--sc); }
 @media print { .gsn { max-width: 100%; } }
 </style>"""
+SIDEWAYS = (
+    '<p class="note sideways">The pictures are wider than this window: they scroll sideways. The '
+    "tables below have every goal.</p>"
+)
 WORDS = (
     ("complex function", "the advanced controller, AC"),
     ("recovery function", "the safe controller, SC"),
@@ -131,7 +135,7 @@ def _argument(case: SafetyCase) -> str:
         (f"<h3>{escape(title)}</h3>" if title else "") + f'<div class="scroll">{svg}</div>'
         for title, svg in pictures(case)
     )
-    return f"<section><h2>The argument</h2>{drawn}</section>"
+    return f"<section><h2>The argument</h2>{SIDEWAYS}{drawn}</section>"
 
 
 def _open(case: SafetyCase) -> str:
