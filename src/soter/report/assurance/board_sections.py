@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from soter.report.assurance.traceability import OpenItem, TracedItem, TracedProperty
 
 STYLE = """<style>
-.board td { overflow-wrap: break-word; }
 .board code, .lead code, .case code, .for-file { overflow-wrap: anywhere; }
 .board .open, .board .good { color: var(--bad); font-weight: 600; white-space: nowrap; }
 .board .good { color: var(--good); }

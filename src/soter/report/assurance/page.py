@@ -40,8 +40,11 @@ STYLE = """<style>
 .state { white-space: nowrap; font-weight: 600; color: var(--bad); }
 .state-of { color: var(--bad); }
 .state.good { color: var(--good); }
-.case td { overflow-wrap: break-word; }
-.case:not(.wide) td:first-child { white-space: nowrap; }
+.case td { overflow-wrap: anywhere; }
+@media (min-width: 641px) {
+  .case td, .board td { overflow-wrap: break-word; }
+  .case:not(.wide) td:first-child { white-space: nowrap; }
+}
 .case td:first-child { font: 13px/1.6 var(--mono); }
 .case .hash { font: 13px/1.6 var(--mono); overflow-wrap: anywhere; }
 .case .why { display: block; color: var(--muted); font-size: 14px; }

@@ -97,8 +97,9 @@ def _together(page: ProofPage) -> str:
         '<section class="proof"><h2>All of them together '
         f'<span class="badge {escape(page.together)}">{SIGNS.get(page.together, "?")} '
         f"{escape(page.together)}</span></h2>"
-        '<p class="note lead">Theorem 4.1: where each keeps its own `safe` all are kept '
-        f"together; who keeps what a module takes for granted{_open(sum(t.open for t in page.taken))}</p>"
+        '<p class="note lead">Theorem 4.1: where each keeps its own <code>safe</code> all are kept '
+        "together; who keeps what a module takes for granted"
+        f"{_open(sum(t.open for t in page.taken))}</p>"
         '<div class="scroll"><table class="events proof stacked"><thead><tr>'
         '<th scope="col">module</th><th scope="col">takes for granted</th>'
         f'<th scope="col">because</th></tr></thead><tbody>{rows}</tbody></table></div></section>'
