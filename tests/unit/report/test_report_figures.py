@@ -18,12 +18,8 @@ from soter.report.run.figure import arm_group, decision_hover
 from soter.report.run.packed_json import numbers
 from soter.report.run.page import body
 from soter.report.run.record import Decision, ModeBand, Series, Threshold, Violation
-from soter.report.run.timeline import (
-    BAND_OPACITY,
-    DENSE_STEPS,
-    chart_timeline,
-    flight_timeline,
-)
+from soter.report.run.signal_thinning import DENSE_STEPS
+from soter.report.run.timeline import BAND_OPACITY, chart_timeline, flight_timeline
 
 if TYPE_CHECKING:
     from soter.report.run.record import Figure, Flight, ReportPage

@@ -128,7 +128,7 @@ def assure(
     return Assurance(case, _written(case, Path(output)), tuple(refuted))
 
 
-def _plants(flat: System) -> dict[str, str]:
+def _plants(flat: System) -> dict[str, tuple[str, ...]]:
     """The equations of each plant as they are written, by its instances."""
     names: dict[PlantSymbol, list[str]] = {}
     for c in flat.components:
