@@ -131,7 +131,7 @@ def worst(campaign: CampaignLike) -> Table:
 def modules(campaign: CampaignLike) -> Table:
     """Who was in control."""
     saves = campaign.horizon_s > 0
-    hourly = f"{an_hour(campaign.result)}, 95 %"
+    hourly = f"episodes {an_hour(campaign.result)}, 95 %"
     head = ("module", "AC share", "takeovers", "episodes", hourly, "gate faults")
     more = ("saves", "precautions") if saves else ()
     return (*head, *more), tuple(_module(m, saves=saves) for m in campaign.result.modules)

@@ -239,6 +239,7 @@ def _module(
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
     report = RecheckedModule(name, said, system=entry["system"])
     report.stays = bool(facts.symbol.stays)
+    report.safe = " ".join(facts.symbol.safe.span.text.split())
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
     cases = list(facts.cases())

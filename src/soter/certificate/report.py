@@ -28,6 +28,8 @@ class RecheckedModule:
     stays: bool = False
     """`recover never`: the program does not ask for P2b."""
     system: str = ""
+    safe: str = ""
+    """What `safe` of the module is, as the program writes it."""
     parameters: dict[str, str] = field(default_factory=dict)
     """Of the program, each with the value that was checked."""
     otherwise: dict[str, str] = field(default_factory=dict)
@@ -44,6 +46,11 @@ class RecheckedModule:
     def other(self) -> list[str]:
         """Properties that are not confirmed here, with what the certificate says."""
         return [f"{n} ({v})" for n, v in self.claims.items() if n not in self.confirmed]
+
+    @property
+    def law_untold(self) -> bool:
+        """Whether the certificate says nothing of the law of `failsafe`."""
+        return "failsafe" not in (*self.confirmed, *self.other)
 
     @property
     def missing(self) -> list[str]:

@@ -46,6 +46,7 @@ exit codes: 0 accepted: safety and the return of AC (P2b) are established, 3 rej
 
 
 ENDING = "-recheck.html"
+NO_LAW = "failsafe: nothing is said of what acts once the trusted part stops"
 
 
 def parser() -> CommandParser:
@@ -118,23 +119,29 @@ def _headline(report: Report, folder: str, console: Console) -> str:
 
 
 def _sections(report: Report) -> Iterator[PageSection]:
-    """All of it, for a page."""
+    """All of it, for a page: first what the verdict is of."""
+    yield from (_of_module(m, report) for m in report.modules)
     own = [f"Program {visible(report.program)}, SHA-256 {report.program_sha256}."]
     own += [f"Rechecked by soter {VERSION} in {report.seconds:.1f} s."]
     own += [visible(report.reason)] if report.reason else []
     yield PageSection("What was checked", tuple(own))
-    for m in report.modules:
-        title = f"{m.name} of system {m.system}"
-        values = ", ".join(_value(m, name) for name in m.parameters)
-        says = [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
-        says += [f"With {values}."] if values else []
-        says += [f"Not confirmed: {', '.join(m.other)}."] if m.other else []
-        says += [f"Confirmed: {said.text}" for said in m.shown]
-        yield PageSection(visible(title), tuple(map(visible, says)))
     texts = tuple(map(visible, report.assumptions))
     yield PageSection("Under these assumptions, derived from the program", texts)
     uncovered = tuple(visible(said.text) for said in report.not_covered)
     yield PageSection("Not covered", uncovered)
+
+
+def _of_module(m: RecheckedModule, report: Report) -> PageSection:
+    """What it keeps, what is confirmed of it, and what is not."""
+    safe = report.accepted and not m.missing
+    values = ", ".join(_value(m, name) for name in m.parameters)
+    says = [f"{'Keeps' if safe else 'Not shown: that it keeps'} `{m.safe}`."]
+    says += [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
+    says += [f"With {values}."] if values else []
+    says += [f"Not confirmed: {', '.join(m.other)}."] if m.other else []
+    says += [f"Not claimed: {NO_LAW}."] if m.law_untold else []
+    says += [f"Confirmed: {said.text}" for said in m.shown]
+    return PageSection(visible(f"{m.name} of system {m.system}"), tuple(map(visible, says)))
 
 
 def _say(report: Report, folder: str, console: Console) -> None:
@@ -156,9 +163,8 @@ def _say(report: Report, folder: str, console: Console) -> None:
             console.say(console.paint("muted", f"    with {visible(values)}"))
         for name in module.other:
             console.say(console.paint("muted", f"    not confirmed: {visible(name)}"))
-        if "failsafe" not in (*module.confirmed, *module.other):
-            text = "failsafe: nothing is said of what acts once the trusted part stops"
-            console.say(console.paint("muted", f"    not claimed: {text}"))
+        if module.law_untold:
+            console.say(console.paint("muted", f"    not claimed: {NO_LAW}"))
         for said in module.shown:
             console.say(console.paint("muted", f"    confirmed: {visible(said.text)}"))
     console.say("\nunder these assumptions, derived from the program")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from soter.report.sections import PageSection
 
-WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 520, 240, 58, 44, 12, 12
+WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 520, 240, 74, 44, 12, 12
 SIDE, ROW = 22, 46
 
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 LONG = 24
 """Cells of more letters keep a width that is read well, where the window is narrow."""
 
+PHONE_COLUMNS, PHONE_ROWS = 4, 8
+"""A table of more columns is cut on a phone; of more rows its list would be too long."""
+
 
 @dataclass(frozen=True)
 class PageSection:
@@ -54,8 +57,12 @@ def _section(section: PageSection) -> Iterator[str]:
 
 
 def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of text; one with long cells becomes a list of its rows on a phone."""
+    """A table of text; one too wide for a phone becomes a list of its rows there.
+
+    That is one with long cells, and one of a few rows with many columns.
+    """
     long = any(len(cell) > LONG for row in rows for cell in row)
+    long = long or (len(head) > PHONE_COLUMNS and len(rows) <= PHONE_ROWS)
     heads = "".join(f'<th scope="col">{prose(h)}</th>' for h in head)
     lines = "".join(f"<tr>{_cells(head, row)}</tr>" for row in rows)
     return (

@@ -33,6 +33,7 @@ from soter.verify.problem.assumption import texts
 from soter.verify.problem.problem import NODES
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from soter.verify.claims.results import (
@@ -66,6 +67,7 @@ BY_INDUCTION = {
     "safer": "whenever the DM gives AC control, `safe` goes on holding",
 }
 """What is said otherwise where there are no sets of states."""
+REGIONS_SHOWN = 3
 SHARES = {
     "core": "core K, of the grid's volume",
     "free": "R(H): AC may have control here",
@@ -154,28 +156,47 @@ def _module(m: ModuleResult) -> ModuleProof:
     )
     runs = [f.counterexample for f in m.findings.values() if f.counterexample is not None]
     told = dict.fromkeys(map(str, runs))  # one run may refute several
-    undecided = [
-        ": ".join(filter(None, (name, f.text, *map(str, f.regions[:3]), f.hint)))
-        for name, f in m.findings.items()
-        if f.verdict == "undecided" and f.text != NO_CORE
-    ]
-    undecided += [c.text for n, f in m.findings.items() if n != "P3" for c in f.causes]
     leaving = next((f.leaving for f in m.findings.values() if f.leaving is not None), None)
     return ModuleProof(
         name=m.name,
         verdict=m.verdict,
-        headline=f"keeps `{_safe(m)}`; {len(m.assumptions)} assumptions, {_cells(m)}"
+        headline=f"{_keeps(m)} `{_safe(m)}`; {len(m.assumptions)} assumptions, {_cells(m)}"
         f"{m.seconds:.1f} s" + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
         properties=rows,
         times=_times(m),
         shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
         figures=tuple(f for case in m.cases[:1] for f in _figures(m, case)),
         counterexample=tuple(line for run in told for line in run.splitlines()),
-        undecided=tuple(undecided),
+        open=tuple(_open(m)),
+        switches=all(m.findings[n].holds for n in ("ttf", "P3") if n in m.findings),
         but=m.vacuity.text if m.headline != m.verdict and m.vacuity is not None else "",
         leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
         leaving_text=str(leaving) if leaving is not None else "",
     )
+
+
+def _keeps(m: ModuleResult) -> str:
+    """What may be said of `safe`: P2b and the fail-safe law are about something else."""
+    shown = all(f.holds for n, f in m.findings.items() if n not in ("P2b", "failsafe"))
+    return "keeps" if shown else "not shown: that it keeps"
+
+
+def _open(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Of each property that is not shown what the terminal says: where, why, tried, help."""
+    told = [NO_CORE]
+    for name in ("P2a", "ttf", "safer", *m.findings):
+        f = m.findings[name]
+        if f.holds or f.text in told:
+            continue
+        told.append(f.text)  # P3 fails like one of `ttf` and `safer`
+        lines = [f"where: {region}" for region in f.regions[:REGIONS_SHOWN]]
+        rest = len(f.regions) - REGIONS_SHOWN
+        lines += [f"and {rest} more such places"] if rest > 0 else []
+        lines += [f"why: {c.text}" for c in f.causes]
+        lines += [f"tried: {text}" for text in f.tried]
+        lines += [f"help: {f.hint}"] if f.hint else []
+        if lines:
+            yield f"{name} is {f.verdict}: {f.text}", tuple(lines)
 
 
 def _safe(m: ModuleResult) -> str:

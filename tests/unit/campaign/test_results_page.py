@@ -97,6 +97,22 @@ def test_the_title_has_our_figures_beside_the_papers() -> None:
     assert page.startswith(f"# {results.title(result(0, 172.8, 1564.2), result(0, 173.1, 1563.8))}")
 
 
+@pytest.mark.parametrize(("crashed", "said"), [(0, "none of 60"), (3, "3 of 60")])
+def test_the_simulators_are_not_compared(
+    crashed: int, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    papers = SimpleNamespace(name="paper", result=SimpleNamespace(flights=60))
+    monkeypatch.setattr(results, "crashes", lambda _: crashed)
+    told = results.simulators(SimpleNamespace(arms=[papers]))  # type: ignore[arg-type]
+    assert f"{said} flights crashed in ours" in told
+    assert "arm" not in results.simulators(SimpleNamespace(arms=[]))  # type: ignore[arg-type]
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    row = next(line for line in page.splitlines() if line.startswith("| paper | "))
+    assert ("\n".join(results.prose(told)) in page) is (
+        row.split(" | ")[1:3] == ["60", f"{crashed}"]
+    )
+
+
 def test_the_flights_on_firmware_are_those_of_the_benchmarks() -> None:
     page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     assert page.endswith("\n".join(["", *results.on_firmware()]) + "\n")

@@ -140,6 +140,12 @@ def test_a_page_of_the_rechecker_has_all_that_it_says(
     for text in (*done.document["assumptions"], done.document["program_sha256"]):
         assert text in words
     assert all(said["text"] in words for said in done.document["not_covered"])
+    told = soter("recheck", "proof").out
+    line = next(line for line in told.splitlines() if "not claimed: " in line)
+    assert line.partition("not claimed: ")[2] in words, "as on the terminal"
+    safe = re.search(r"(?m)^ +safe (.*?);", (here / "tank.soter").read_text("utf-8"))
+    assert safe is not None
+    assert words.index(f"`{safe[1]}`") < words.index("What was checked")
     (certificate / "SEAL").write_text("0" * 64 + "\n")
     refused = soter("recheck", "proof", "--report", "r.html", "--json")
     assert refused.exit == 3

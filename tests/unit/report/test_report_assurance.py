@@ -110,13 +110,27 @@ def board_case() -> SafetyCase:
     case.provenance = {"Soter": f"1, SHA-256 {'ef' * 32}", "certificate": f"SHA-256 {'cd' * 32}"}
     item = TracedItem("hazard", "H<1>", "it strikes", ("M1.safe",), ("M1.safe",), "open")
     behind = TracedProperty("M1.safe", "proof", "undeveloped", "G1.1", hazards=("H<1>",))
+    said = f"always {long} > 0.0"
+    flown = TracedProperty(said, "flights", "not flown")
+    proved = TracedProperty("M2.safe", "proof", "supported", "G1.2")
+    shown = TracedItem("hazard", "H2", "it falls", (said,), ("M2.safe", said), "supported")
+    unowned = OpenItem("assumption", "A1", "no owner")
+    case.plants = {"m: Cart": (f"der x = {long} < v",), "w: Wind": ()}
+    case.refuted = ["the certificate is rejected: `SEAL` does not fit"]
     unclosed = OpenItem("hazard", "H<1>", "undeveloped: `M1.safe`")
-    case.traceability = Traceability("h.csv", "ab" * 32, (item,), (behind,), (unclosed,))
+    case.traceability = Traceability(
+        "h.csv", "ab" * 32, (item, shown), (behind, proved, flown), (unclosed, unowned)
+    )
     return case
 
 
 def test_what_a_board_asks_stands_on_the_page_and_its_links_lead_somewhere() -> None:
     page = body(board_case())
+    lead = page.partition("</header>")[0]
+    assert "the certificate is rejected: <code>SEAL</code> does not fit" in lead
+    assert page.count("with 1 assumption open; flights are missing") == 1, "H2 alone is supported"
+    assert "der x = distance_of_the_nearest_obstacle_ahead &lt; v" in page
+    assert page.count("extern: the program has no equations of it") == 1
     for text in ("H&lt;1&gt;", "undeveloped, by proof", "Need &lt; 0.0", "computes it", "1 hazard"):
         assert text in page
     anchors = set(re.findall(r'id="([^"]+)"', page))

@@ -18,7 +18,8 @@ from soter.report.run.figure import arm_group, decision_hover
 from soter.report.run.packed_json import numbers
 from soter.report.run.page import body
 from soter.report.run.record import Decision, ModeBand, Series, Threshold, Violation
-from soter.report.run.timeline import chart_timeline, flight_timeline
+from soter.report.run.signal_thinning import DENSE_STEPS
+from soter.report.run.timeline import BAND_OPACITY, chart_timeline, flight_timeline
 
 if TYPE_CHECKING:
     from soter.report.run.record import Figure, Flight, ReportPage
@@ -296,3 +297,16 @@ def _list(figure: Figure, name: str) -> list[dict[str, Any]]:
     items = figure.layout[name]
     assert isinstance(items, list)
     return items
+
+
+def test_steps_too_dense_to_tell_apart_are_a_pale_band(cart_page: ReportPage) -> None:
+    chart = cart_page.charts[0]
+    count = len(chart.time_s)
+    steps = np.arange(count) % 2 * 1.0
+    few = np.where(np.arange(count) < count // 2, 0.0, 1.0)
+    series = (Series("valve", "", steps, held=True), Series("door", "", few, held=True))
+    series = (*series, Series("speed", "", steps))
+    figure = chart_timeline(dataclasses.replace(chart, series=series), "c", end_s=15.0)
+    opacity = {t["name"]: t["opacity"] for t in figure.data if "name" in t}
+    assert opacity == {"valve": BAND_OPACITY, "door": 1.0, "speed": 1.0}
+    assert count > DENSE_STEPS

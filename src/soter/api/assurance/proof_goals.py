@@ -35,6 +35,10 @@ NO_LAW = (
     "(`failsafe` of `soter verify`) is assumed"
 )
 NOT_ASKED = "P2b of {name} is not asked: the program says `{clause}`"
+MODULES = (
+    "argument over every RTA module (ASTM F3269-21; Theorem 4.1: where each keeps its own "
+    "property, all of them together are kept)"
+)
 RECHECKED = "certificate, checked again just now by the independent re-checker"
 RETURNS, LAWS, COMPILED = "G4", "G5", "G6"
 """Ids of the goals beside the top goal."""
@@ -70,7 +74,7 @@ def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[s
     ]
     top = case.add(CaseNode("G1", "goal", _top(flat)))
     strategy = case.add(
-        CaseNode("S1", "strategy", "argument over every RTA module (ASTM F3269-21; Theorem 4.1)"),
+        CaseNode("S1", "strategy", MODULES),
         under=top,
     )
     for each in shown:

@@ -27,6 +27,8 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from soter.api.arguments import Progress
     from soter.api.assurance.replayed_flights import AssuredProgram
+    from soter.language.model.system import System
+    from soter.language.model.typed import PlantSymbol
 
 FILES = ("index.html", "case.json", "case.sdoc")
 FLOWN_AGAIN = 20
@@ -89,7 +91,8 @@ def assure(
         flat.name,
         parameters_of(flat),
     )
-    refuted: list[str] = []
+    case.plants = _plants(flat)
+    refuted = case.refuted
     evidence = Evidence.read(program, flat, params, test_report, campaign)
     tracing = Tracing.read(None if hazards is None else Path(hazards), flat)
     case.predicates = tuple(p for m in flat.modules for p in expanded(flat, m))
@@ -123,6 +126,26 @@ def assure(
     evidence.campaign(case, refuted, flights)
     tracing.enter(case)
     return Assurance(case, _written(case, Path(output)), tuple(refuted))
+
+
+def _plants(flat: System) -> dict[str, tuple[str, ...]]:
+    """The equations of each plant as they are written, by its instances."""
+    names: dict[PlantSymbol, list[str]] = {}
+    for c in flat.components:
+        if c.plant is not None:
+            names.setdefault(c.plant, []).append(c.name)
+    return {
+        f"{', '.join(instances)}: {plant.name}": _equations(plant)
+        for plant, instances in names.items()
+    }
+
+
+def _equations(plant: PlantSymbol) -> tuple[str, ...]:
+    """Of an extern plant: none."""
+    told = [("let", v, e) for v, e in plant.lets]
+    told += [("der", v, e) for v, e in plant.der.items()]
+    told += [("next", v, e) for v, e in plant.next.items()]
+    return tuple(f"{word} {v.name} = {' '.join(e.span.text.split())}" for word, v, e in told)
 
 
 # ---------------------------------------------------------------- files

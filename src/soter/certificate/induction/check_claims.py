@@ -69,6 +69,7 @@ def recheck_induction(
         _returns(facts, returns, entry["recover_ns"])
     report = RecheckedModule(entry["module"], said, system=flat.name)
     report.stays = bool(facts.symbol.stays)
+    report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.assumptions = _assumptions(facts)
     report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]

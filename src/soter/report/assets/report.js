@@ -81,8 +81,8 @@
     });
     const layout = themed(figure.layout, style);
     if (narrow.matches) {
-      layout.margin = { ...layout.margin, r: 6 };
-      const width = place.clientWidth - layout.margin.l - 10;
+      layout.margin = { ...layout.margin, r: 12 };
+      const width = place.clientWidth - layout.margin.l - layout.margin.r - 4;
       layout.annotations = (layout.annotations ?? []).map((note) => fitted(note, width));
     }
     if (layout.yaxis && layout.yaxis.scaleanchor) {

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
     from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
     from soter.report.assurance.safety_case import CaseNode, SafetyCase
-    from soter.report.assurance.traceability import OpenItem, TracedProperty
+    from soter.report.assurance.traceability import OpenItem, TracedItem, TracedProperty
 
 STYLE = """<style>
-.board td, .board code, .lead code, .case code { overflow-wrap: anywhere; }
+.board code, .lead code, .case code, .for-file { overflow-wrap: anywhere; }
 .board .open, .board .good { color: var(--bad); font-weight: 600; white-space: nowrap; }
 .board .good { color: var(--good); }
 .board .for-file { display: block; color: var(--muted); font: 12px/1.5 var(--mono); }
@@ -57,6 +57,11 @@ FAULTS = (
     "operations of the language and functions of its prelude (docs/prelude.md). Where an operation "
     "faults the predicate is unknown, which counts as unsafe."
 )
+WORLD = (
+    "The equations of the plants, which the world is assumed to behave like, as the program writes "
+    "them; constants and functions that they name stand in the program."
+)
+NO_EQUATIONS = "<p>extern: the program has no equations of it</p>"
 KINDS = {
     "hazard": "Hazards",
     "requirement": "Requirements",
@@ -124,6 +129,7 @@ def traced(case: SafetyCase) -> str:
             over = ", ".join(_code(t) if t in properties else _link_to_row(t) for t in i.traces_to)
             good = i.status == "supported"
             state = f'<span class="{"good" if good else "open"}">{escape(i.status)}</span>'
+            state += _provided(case, i, properties) if good else ""
             rows.append((ROW + i.id, escape(i.id), prose(i.text), over, "<br>".join(behind), state))
         heads = ("id", "what", "traces to", "rests on", "state")
         sections.append(f"<h3>{title}</h3>{_table(heads, rows)}" if rows else "")
@@ -139,6 +145,15 @@ def traced(case: SafetyCase) -> str:
         f'<section id="traceability"><h2>Hazards and requirements</h2>{source}'
         f"{''.join(sections)}{table}</section>"
     )
+
+
+def _provided(case: SafetyCase, i: TracedItem, properties: dict[str, TracedProperty]) -> str:
+    """What is open although a row is supported: assumptions of the proofs, flights."""
+    count = sum(item.kind == "assumption" for item in case.traceability.open)
+    said = [f"with {count} assumption{'s' if count > 1 else ''} open"] if count else []
+    if any(properties[name].status == "not flown" for name in i.properties):
+        said.append("flights are missing")
+    return f'<span class="why">{"; ".join(said)}</span>' if said else ""
 
 
 def _behind(p: TracedProperty) -> str:
@@ -174,7 +189,23 @@ def assumptions(case: SafetyCase) -> str:
     )
     heads = ("id", "what", "owner", "validation", "evidence")
     table = f'<p class="note lead">{note}</p>{_table(heads, rows)}' if rows else "<p>nothing</p>"
-    return f'<section id="assumptions"><h2>Rests on</h2>{table}</section>'
+    return f'<section id="assumptions"><h2>Rests on</h2>{table}{_plants(case)}</section>'
+
+
+def _lines(texts: Iterable[str]) -> str:
+    return "".join(f"<div>{escape(text)}</div>" for text in texts)
+
+
+def _plants(case: SafetyCase) -> str:
+    """The equations that the world is assumed to follow."""
+    if not case.plants:
+        return ""
+    texts = "".join(
+        f"<h3>{_code(names)}</h3>"
+        + (f'<div class="formula">{_lines(equations)}</div>' if equations else NO_EQUATIONS)
+        for names, equations in case.plants.items()
+    )
+    return f'<p class="note lead">{WORLD}</p>{texts}'
 
 
 def _answer(n: CaseNode, name: str) -> str:

@@ -38,16 +38,24 @@ STYLE = """<style>
   font: 600 16px/1.6 var(--font); color: var(--paper); background: var(--bad); }
 .badge.good { background: var(--good); }
 .state { white-space: nowrap; font-weight: 600; color: var(--bad); }
+.state-of { color: var(--bad); }
 .state.good { color: var(--good); }
 .case td { overflow-wrap: anywhere; }
-.case:not(.wide) td:first-child { white-space: nowrap; }
+@media (min-width: 641px) {
+  .case td, .board td { overflow-wrap: break-word; }
+  .case:not(.wide) td:first-child { white-space: nowrap; }
+}
 .case td:first-child { font: 13px/1.6 var(--mono); }
-.case .hash { font: 13px/1.6 var(--mono); }
+.case .hash { font: 13px/1.6 var(--mono); overflow-wrap: anywhere; }
 .case .why { display: block; color: var(--muted); font-size: 14px; }
 .case tr:target { background: var(--sc-shade); }
 .case a, .subtitle a { color: var(--sc); }
 @media print { .gsn { max-width: 100%; } }
 </style>"""
+SIDEWAYS = (
+    '<p class="note sideways">The pictures are wider than this window: they scroll sideways. The '
+    "tables below have every goal.</p>"
+)
 WORDS = (
     ("complex function", "the advanced controller, AC"),
     ("recovery function", "the safe controller, SC"),
@@ -99,9 +107,15 @@ def _header(case: SafetyCase) -> str:
         f'<header class="top"><p class="kicker">{escape(case.title)}</p>'
         f'<h1>{prose(goals[0].text)}</h1><p class="subtitle">'
         f'<span class="badge{kind}">{word}</span> '
-        f"{done} of {len(goals)} goals are supported. {said}{_beside(case)}"
+        f"{done} of {len(goals)} goals are supported. {said}{_refuted(case)}"
+        f"{_beside(case)}"
         f"{board_sections.open_count(case)}</p></header>"
     )
+
+
+def _refuted(case: SafetyCase) -> str:
+    """What was found to be false: it is no gap, so it stands first."""
+    return "".join(f'<br><strong class="state-of">{prose(t)}.</strong>' for t in case.refuted)
 
 
 def _beside(case: SafetyCase) -> str:
@@ -131,7 +145,7 @@ def _argument(case: SafetyCase) -> str:
         (f"<h3>{escape(title)}</h3>" if title else "") + f'<div class="scroll">{svg}</div>'
         for title, svg in pictures(case)
     )
-    return f"<section><h2>The argument</h2>{drawn}</section>"
+    return f"<section><h2>The argument</h2>{SIDEWAYS}{drawn}</section>"
 
 
 def _open(case: SafetyCase) -> str:

@@ -61,6 +61,10 @@ class SafetyCase:
     provenance: dict[str, str] = field(default_factory=dict)
     predicates: tuple[ExpandedPredicate, ...] = ()
     traceability: Traceability = field(default_factory=Traceability)
+    plants: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Of each plant of the system: its equations as the program writes them, by its instances."""
+    refuted: list[str] = field(default_factory=list)
+    """What was found to be false while the case was made, as a certificate that is rejected."""
 
     def add(
         self, node: CaseNode, *, under: CaseNode | None = None, beside: CaseNode | None = None

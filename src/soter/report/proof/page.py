@@ -22,10 +22,13 @@ if TYPE_CHECKING:
     from soter.report.proof.record import ModuleProof, ProofPage, PropertyRow, RegionFigure
 
 SIGNS = {"proved": "✓", "refuted": "✕", "undecided": "?", "assumed": "•"}
+KEEPS = "core K: SC keeps C"
+SWITCHED = "; the DM has switched to SC"
+"""Of R3 without R4, where `ttf` and P3 are proved."""
 REGIONS = (
     ("r1", "R1", "outside the constraint C (`safe`)"),
     ("r2", "R2", "inside C, but SC cannot keep it there"),
-    ("r3", "R3 \N{SET MINUS} R4", "core K: SC keeps C; the DM has switched to SC"),
+    ("r3", "R3 \N{SET MINUS} R4", KEEPS),
     (
         "r4",
         "R4 \N{SET MINUS} R5",
@@ -76,7 +79,7 @@ def _module(m: ModuleProof) -> str:
         f"{', but see below' if m.but else ''}</span></h2>{but}"
         f'<p class="note lead">{prose(m.headline)}</p>{_properties(m)}'
         f"{_lines('The run that leaves the safe set', m.counterexample)}"
-        f"{_lines('Where it is undecided, and what would help', m.undecided)}{_leaving(m)}"
+        f"{''.join(_lines(title, lines) for title, lines in m.open)}{_leaving(m)}"
         f'<div class="pair">{_times(m)}{_shares(m)}</div>{_figures(m)}</section>'
     )
 
@@ -94,8 +97,9 @@ def _together(page: ProofPage) -> str:
         '<section class="proof"><h2>All of them together '
         f'<span class="badge {escape(page.together)}">{SIGNS.get(page.together, "?")} '
         f"{escape(page.together)}</span></h2>"
-        '<p class="note lead">Theorem 4.1: the conjunction, and who keeps what a module takes for '
-        f"granted{_open(sum(t.open for t in page.taken))}</p>"
+        '<p class="note lead">Theorem 4.1: where each keeps its own <code>safe</code> all are kept '
+        "together; who keeps what a module takes for granted"
+        f"{_open(sum(t.open for t in page.taken))}</p>"
         '<div class="scroll"><table class="events proof stacked"><thead><tr>'
         '<th scope="col">module</th><th scope="col">takes for granted</th>'
         f'<th scope="col">because</th></tr></thead><tbody>{rows}</tbody></table></div></section>'
@@ -195,9 +199,15 @@ def _figures(m: ModuleProof) -> str:
     if not m.figures:
         return ""
     key = "".join(
-        f'<li><i class="region {code}"></i><span><strong>{name}</strong> {prose(text)}</span></li>'
+        f'<li><i class="region {code}"></i><span><strong>{name}</strong> '
+        f"{prose(text + (SWITCHED if text == KEEPS and m.switches else ''))}</span></li>"
         for code, name, text in REGIONS
     )
+    if any(f.lets_ac is not None for f in m.figures):
+        key += (
+            '<li><i class="stroke border"></i><span>border of <code>ttf</code>: on the side of R5 '
+            "the DM leaves AC in control</span></li>"
+        )
     drawn = "".join(_figure(f) for f in m.figures)
     return (
         f'<h3>Regions of operation</h3><ul class="key">{key}</ul><div class="figures">{drawn}</div>'

@@ -50,6 +50,7 @@ class RegionSlice:
 
     where: str
     regions: NDArray[np.uint8]
+    lets_ac: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,8 @@ class RegionFigure:
     across: str = ""
     slices: tuple[RegionSlice, ...] = ()
     shown: int = 0
+    lets_ac: NDArray[np.bool_] | None = None
+    """As `regions`: where `ttf` may be false; its border is drawn."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +94,10 @@ class ModuleProof:
     figures: tuple[RegionFigure, ...] = ()
     counterexample: tuple[str, ...] = ()
     """Lines that tell a refutation: from where, by what, when."""
-    undecided: tuple[str, ...] = ()
-    """Where, and what would help."""
+    open: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    """Of every property that is not shown: (heading, where, why, what was tried, what helps)."""
+    switches: bool = True
+    """Whether `ttf` and P3 hold: where AC must not act, the DM has switched."""
     but: str = ""
     """Why a proof says little: AC never, or hardly ever, has control."""
     leaving: tuple[RegionFigure, ...] = ()

@@ -35,7 +35,7 @@ def region_svg(figure: RegionFigure) -> str:
     x = _Scale(figure.x_edges, LEFT, WIDTH - RIGHT)
     y = _Scale(figure.y_edges, height - BOTTOM, TOP)
     parts = [_slice(s, k == figure.shown, x, y) for k, s in enumerate(figure.slices)]
-    parts = parts or _paths(figure.regions, x, y)
+    parts = parts or [*_paths(figure.regions, x, y), _border(figure.lets_ac, x, y)]
     parts += _axis_x(x, quantity(figure.x_name, figure.x_unit), height)
     if not flat:
         parts += _axis_y(y, quantity(figure.y_name, figure.y_unit), height)
@@ -76,7 +76,7 @@ class _Scale:
 def _slice(part: RegionSlice, shown: bool, x: _Scale, y: _Scale) -> str:
     """One slice of several: all but the one that is shown are there for the slider."""
     hidden = "" if shown else ' display="none"'
-    paths = "".join(_paths(part.regions, x, y))
+    paths = "".join((*_paths(part.regions, x, y), _border(part.lets_ac, x, y)))
     return f'<g class="slice"{hidden}><title>{escape(part.where)}</title>{paths}</g>'
 
 
@@ -103,6 +103,21 @@ def _region_path(inside: NDArray[np.bool_], x: _Scale, y: _Scale) -> str:
         for run in sorted(row):
             open_runs.setdefault(run, j)
     return "".join(pieces)
+
+
+def _border(inside: NDArray[np.bool_] | None, x: _Scale, y: _Scale) -> str:
+    """The line between cells of a set and others, without the frame."""
+    if inside is None:
+        return ""
+    pieces = [
+        f"M{x.places[i + 1]:g} {y.places[j]:g}V{y.places[j + 1]:g}"
+        for i, j in np.argwhere(inside[1:] != inside[:-1]).tolist()
+    ]
+    pieces += [
+        f"M{x.places[i]:g} {y.places[j + 1]:g}H{x.places[i + 1]:g}"
+        for i, j in np.argwhere(inside[:, 1:] != inside[:, :-1]).tolist()
+    ]
+    return f'<path class="border" d="{"".join(pieces)}"/>' if pieces else ""
 
 
 def _number(value: float) -> str:

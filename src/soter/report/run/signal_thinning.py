@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from soter.report.run.record import Decision, Flight, Vec3
 
+DENSE_STEPS = 300
+"""More of them touch each other in a drawing."""
 POINTS_MAX = 2500
 """Points of one trajectory on the page; four screens' worth of pixels."""
 
@@ -34,6 +36,11 @@ def runs(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
     return [
         (first, last, bool(in_control[first])) for first, last in zip(firsts, lasts, strict=True)
     ]
+
+
+def dense(values: NDArray[np.float64]) -> bool:
+    """Whether the steps of (N,) held values are so many that they would cover their panel."""
+    return int(np.count_nonzero(np.diff(values))) > DENSE_STEPS
 
 
 def by_controller(

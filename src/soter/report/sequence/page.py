@@ -105,7 +105,8 @@ def _drawing(view: SequenceView) -> str:
     width = GUTTER_PX + laid.width
     share = min(PAPER_PX / width, 1.0)
     return (
-        f"<section>{_key(view)}"
+        f'<section>{_key(view)}<p class="note sideways">Wider than this window: it scrolls '
+        f"sideways over {_lanes_told(view)}.</p>"
         f'<div class="frame" style="--need: {width:g}px; --paper-share: {share:.3f}">'
         '<div class="scroller" tabindex="0" role="group" '
         'aria-label="Sequence; the arrow keys go from step to step">'
@@ -116,6 +117,12 @@ def _drawing(view: SequenceView) -> str:
         "<kbd>↑</kbd> <kbd>↓</kbd> go from step to step, <kbd>Home</kbd> <kbd>End</kbd> to the "
         "first and the last, <kbd>v</kbd> to the violation, <kbd>Esc</kbd> clears.</p></section>"
     )
+
+
+def _lanes_told(view: SequenceView) -> str:
+    """The lanes from the left to the right, with their roles."""
+    names = (f"{_name(lane.name)} ({ROLES[lane.role]})" for lane in view.lanes)
+    return ", ".join(dict.fromkeys(names))
 
 
 def _head(view: SequenceView, laid: DrawingPlan) -> str:

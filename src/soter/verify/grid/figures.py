@@ -42,7 +42,7 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
     The third axis, where there is one, can be gone through: at most `SLICES_MAX` slices.
     """
     axes, drawn = sets.group.axes, drawn_edges(sets.group.axes)
-    cells = regions(sets)
+    cells, lets_ac = regions(sets), sets.lets_ac
     at = fullest(cells)
     fourth = [_place(a, i) for a, i in zip(axes[3:], at[1:], strict=True)]
     open_ends = [f"{a.name} goes on to {a.edges[-1]:g}" for a in axes[:2] if a.open]
@@ -50,9 +50,24 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
     x, unit = drawn[0], axes[0].unit
     if len(axes) == 1:
         y = np.array([0.0, 1.0])
-        return RegionFigure(axes[0].name, axes[0].name, "", x, y, cells[:, None], text, x_unit=unit)
+        return RegionFigure(
+            axes[0].name,
+            axes[0].name,
+            "",
+            x,
+            y,
+            cells[:, None],
+            text,
+            x_unit=unit,
+            lets_ac=None if lets_ac is None else lets_ac[:, None],
+        )
     cut: tuple[slice | int, ...] = (slice(None), slice(None), slice(None), *at[1:])
     through = cells[cut] if at else cells
+    ttf = None if lets_ac is None else lets_ac[cut] if at else lets_ac
+
+    def lets(i: int) -> NDArray[np.bool_] | None:
+        return None if ttf is None else ttf[:, :, i]
+
     indices = _sliced(cells.shape[2], at[0]) if at else []
     return RegionFigure(
         title=f"{axes[0].name} and {axes[1].name}",
@@ -65,8 +80,9 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
         x_unit=unit,
         y_unit=axes[1].unit,
         across=axes[2].name if at else "",
-        slices=tuple(RegionSlice(_place(axes[2], i), through[:, :, i]) for i in indices),
+        slices=tuple(RegionSlice(_place(axes[2], i), through[:, :, i], lets(i)) for i in indices),
         shown=indices.index(at[0]) if at else 0,
+        lets_ac=lets(at[0]) if at else ttf,
     )
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure
+from soter.report.proof.page import proof_body
+from soter.report.proof.record import R1, R2, R3, R4, R5, ModuleProof, ProofPage, RegionFigure
 from soter.report.proof.regions import LEFT, WIDTH, region_svg
 from soter.verify.grid.figures import SLICES_MAX, figure, fullest
 from soter.verify.problem.problem import Axis, Group
@@ -27,6 +29,7 @@ def sets_of(cells: Any, units: tuple[str, ...]) -> Any:
         core=(cells >= R3).astype(np.uint8),
         free=cells >= R4,
         gives_back=cells == R5,
+        lets_ac=cells >= R4,
     )
 
 
@@ -40,6 +43,9 @@ def test_of_three_axes_the_fullest_slice_is_shown_and_the_others_are_there() -> 
     assert drawn.across == "p.z"
     assert drawn.slices[5].where == "p.z in [0.7143, 0.8571] rad"
     assert [s.regions.tolist() for s in drawn.slices] == np.moveaxis(cells, 2, 0).tolist()
+    for part in drawn.slices:
+        assert part.lets_ac is not None
+        np.testing.assert_array_equal(part.lets_ac, part.regions >= R4)
     assert (drawn.x_unit, drawn.y_unit, drawn.note) == ("m", "m/s", "gear = 2")
 
 
@@ -101,3 +107,30 @@ def test_the_rectangles_of_a_drawing_are_its_cells(seed: int) -> None:
             assert not painted[columns, bottom:top].any()  # none twice
             painted[columns, bottom:top] = int(code)
     np.testing.assert_array_equal(painted, cells)
+
+
+# ---------------------------------------------------------------- the border of ttf
+
+EDGES = np.array([0.0, 1.0, 2.0, 3.0])
+THREE = np.repeat(np.array([[R1], [R3], [R4]], dtype=np.uint8), 3, axis=1)
+LETS_AC = np.array([[False] * 3, [False] * 3, [True] * 3])
+
+
+def with_border() -> RegionFigure:
+    return RegionFigure("x and y", "x", "y", EDGES, EDGES, THREE, lets_ac=LETS_AC)
+
+
+@pytest.mark.parametrize("switches", [True, False])
+def test_the_dm_has_switched_only_where_ttf_and_p3_hold(switches: bool) -> None:
+    m = ModuleProof("M", "proved", "", (), (), (), (with_border(),), switches=switches)
+    main = proof_body(ProofPage("p", "M: proved", "", (m,), (), ()))
+    assert "core K: SC keeps C" in main
+    assert ("the DM has switched to SC" in main) is switches
+
+
+def test_the_border_of_ttf_lies_between_cells_that_differ() -> None:
+    drawn = region_svg(with_border())
+    border = drawn.partition('class="border" d="')[2].partition('"')[0]
+    assert border.count("M") == 3, "one side of each of three cells"
+    assert len({piece.split(" ")[0] for piece in border.split("M")[1:]}) == 1, "at one x"
+    assert 'class="border"' not in region_svg(replace(with_border(), lets_ac=None))
