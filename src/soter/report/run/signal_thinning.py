@@ -38,9 +38,9 @@ def runs(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
     ]
 
 
-def dense(values: NDArray[np.float64]) -> bool:
-    """Whether the steps of (N,) held values are so many that they would cover their panel."""
-    return int(np.count_nonzero(np.diff(values))) > DENSE_STEPS
+def dense(series: Series) -> bool:
+    """Whether its steps are so many that they would cover their panel."""
+    return series.held and int(np.count_nonzero(np.diff(series.values))) > DENSE_STEPS
 
 
 def by_controller(
