@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.report.run.record import Decision, Flight, Vec3
+    from soter.report.run.record import Decision, Flight, Series, Vec3
 
 DENSE_STEPS = 300
 """More of them touch each other in a drawing."""
