@@ -302,10 +302,10 @@ def _list(figure: Figure, name: str) -> list[dict[str, Any]]:
 def test_steps_too_dense_to_tell_apart_are_a_pale_band(cart_page: ReportPage) -> None:
     chart = cart_page.charts[0]
     count = len(chart.time_s)
-    steps = np.arange(count) % 2 * 1.0
+    steps = (np.arange(count) % 2).astype(np.float64)
     few = np.where(np.arange(count) < count // 2, 0.0, 1.0)
-    series = (Series("valve", "", steps, held=True), Series("door", "", few, held=True))
-    series = (*series, Series("speed", "", steps))
+    held = (Series("valve", "", steps, held=True), Series("door", "", few, held=True))
+    series = (*held, Series("speed", "", steps))
     figure = chart_timeline(dataclasses.replace(chart, series=series), "c", end_s=15.0)
     opacity = {t["name"]: t["opacity"] for t in figure.data if "name" in t}
     assert opacity == {"valve": BAND_OPACITY, "door": 1.0, "speed": 1.0}

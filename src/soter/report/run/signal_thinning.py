@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.report.run.record import Decision, Flight, Vec3
+    from soter.report.run.record import Decision, Flight, Series, Vec3
 
 DENSE_STEPS = 300
 """More of them touch each other in a drawing."""
@@ -38,9 +38,9 @@ def runs(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
     ]
 
 
-def dense(values: NDArray[np.float64]) -> bool:
-    """Whether the steps of (N,) held values are so many that they would cover their panel."""
-    return int(np.count_nonzero(np.diff(values))) > DENSE_STEPS
+def dense(series: Series) -> bool:
+    """Whether its steps are so many that they would cover their panel."""
+    return series.held and int(np.count_nonzero(np.diff(series.values))) > DENSE_STEPS
 
 
 def by_controller(

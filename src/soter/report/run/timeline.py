@@ -62,7 +62,6 @@ MARKS_MAX = 80
 """More decisions than that cover each other: their density is drawn."""
 DENSITY_PX = 44
 BAND_OPACITY = 0.3
-"""Of steps that touch each other."""
 FEW = 4
 """Whole numbers that a panel has a tick for each of."""
 MINUS = "\N{MINUS SIGN}"
@@ -215,9 +214,7 @@ def _panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
 def _panel_title(name: str, members: Sequence[Series]) -> str:
     """Write a panel's name and unit, and what the lines drawn over the first one are."""
     title = quantity(name, members[0].unit)
-    title += (
-        ", steps too dense to tell apart" if members[0].held and dense(members[0].values) else ""
-    )
+    title += ", steps too dense to tell apart" if dense(members[0]) else ""
     overlays = [
         f"{DASH_NAMES[dash]}: {each.name}"
         for (_, dash), each in zip(OVERLAYS[1:], members[1:], strict=False)
@@ -275,7 +272,7 @@ def _panel(
                 "x": numbers(chart.time_s[chosen], 4),
                 "y": numbers(each.values[chosen], digits_of(each.values)),
                 "yaxis": stack.name(row),
-                "opacity": BAND_OPACITY if each.held and dense(each.values) else 1.0,
+                "opacity": BAND_OPACITY if dense(each) else 1.0,
                 "line": {
                     **line(colour, 1.8 if dash == "solid" else 1.3, dash),
                     "shape": "hv" if each.held else "linear",
