@@ -228,7 +228,7 @@ def test_a_campaign_tells_how_often_each_fault_was_there(
     once = sum(len(begins(late, c, seed, 10 * SECOND)) for seed in range(1, 21))
     assert times == {said: once, "late all by [0ms, 1us]": None, "order any": None}
     assert 20 < once < 80, "50 are expected"
-    assert f"<td>{once}</td>" in (folder / "report.html").read_text(encoding="utf-8")
+    assert f">{once}</td>" in (folder / "report.html").read_text(encoding="utf-8")
     main([*arguments, "--until", "10s", "-o", str(folder)])
     assert re.search(rf"{once} +{said} +outside", capsys.readouterr().out)
 

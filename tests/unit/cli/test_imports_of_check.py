@@ -45,6 +45,7 @@ PROGRAMS = (
         f"tests/static_error/{name}.soter"
         for name in (
             "C001_late_by_nothing",
+            "N001_drawn_in_a_step",
             "D004_nan",
             "E009_faults_unknown",
             "E015_several_messages",

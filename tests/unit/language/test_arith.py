@@ -197,7 +197,7 @@ def test_storing_changes_no_other_number(x: float) -> None:
 def test_fault_codes_are_those_of_the_table_in_the_specification() -> None:
     names = [
         *("overflow", "index", "divide", "convert", "assert"),
-        *("capacity", "nonfinite", "range", "extern"),
+        *("capacity", "nonfinite", "range", "extern", "shield"),
     ]
     assert [kind.name.lower() for kind in FaultKind] == names
-    assert [int(kind) for kind in FaultKind] == list(range(1, 10))
+    assert [int(kind) for kind in FaultKind] == list(range(1, 11))

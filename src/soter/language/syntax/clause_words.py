@@ -69,6 +69,7 @@ _IN_A_MODULE = _homes(
     safer motion.x < 0.2;
     clean true;
     shield 8;
+    returns after button;
     verify { ... }
     """,
 )

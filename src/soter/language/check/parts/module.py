@@ -221,7 +221,7 @@ class ModuleChecker:
                     decl.verify.recover.span,
                     also=((returns.span, "never"),),
                     notes=("with `returns never` nothing is asked of the way back (P2b)",),
-                    helps=("leave `recover within` out",),
+                    helps=("leave `recover` out",),
                 )
             return typed.Latch(None, returns.span)
         topic = self.shared.topic_ref(returns.topic, scope)
