@@ -289,8 +289,8 @@ class _PredicateReader:
             operands = tuple(
                 Operand(name, _leaf(topics[i].type, env.topics[i], path)) for name, i, path in named
             )
-            said = ", ".join(f"{o.text} = {_short(o.value)}" for o in operands)
-            text = f"{said}: a command that may still act is not permitted"
+            values = ", ".join(f"{o.text} = {_short(o.value)}" for o in operands)
+            text = f"{values}: a command that may still act is not permitted"
             return PredicatePart(text, bool(refused(env)), operands)
 
         return part

@@ -51,6 +51,23 @@ def test_steps_that_may_be_late_have_nobody_asleep() -> None:
     assert (found.states, found.transitions) == (plain.states, plain.transitions)
 
 
+@pytest.mark.parametrize("ending", ["violated", "exhausted", "stopped"])
+def test_what_ends_show_counts_though_the_larger_search_came_further(
+    ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ran out of memory; the search of ends comes to an answer, or is cut short earlier."""
+    engine = engine_of("examples/testing/two_modules.soter", "BothStayInside")
+    ended = engine.explore(DEFAULT)
+    answers = {
+        True: replace(ended, status="memory", covered_ns=103),
+        False: replace(ended, status=ending, covered_ns=100),
+    }
+    monkeypatch.setattr(reduction_choice, "_chosen", lambda _, s, __: replace(s, between=True))
+    monkeypatch.setattr(engine, "explore", lambda how, *_: answers[how.between])
+    cut = ending == "stopped"
+    assert explored(engine, DEFAULT).status == ("memory" if cut else ending)
+
+
 @pytest.mark.parametrize(
     "asked",
     [

@@ -30,6 +30,7 @@ PLACES = 6
 """Orders of equal instances from which on they change places: to put two into order takes longer
 than to search both."""
 SHORT_OF_MEMORY = ("memory", "no_memory")
+CUT_SHORT = (*SHORT_OF_MEMORY, "states", "stopped")
 
 
 def may_choose(engine: Engine, s: EngineSettings) -> bool:
@@ -64,11 +65,12 @@ def explored(
         return engine.explore(how, look, left())
 
     chosen = _chosen(engine, s, left_s) if may_choose(engine, s) else s
-    found = ran(chosen) if isinstance(chosen, EngineSettings) else chosen
-    if found.status in SHORT_OF_MEMORY and chosen != s:
+    result = ran(chosen) if isinstance(chosen, EngineSettings) else chosen
+    if result.status in SHORT_OF_MEMORY and chosen != s:
         ends = ran(s)
-        found = ends if ends.covered_ns >= found.covered_ns else found
-    return replace(found, seconds=time.perf_counter() - began)
+        if ends.status not in CUT_SHORT or ends.covered_ns >= result.covered_ns:
+            result = ends  # what it found counts, however far the other one came
+    return replace(result, seconds=time.perf_counter() - began)
 
 
 def _chosen(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:

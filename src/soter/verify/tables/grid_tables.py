@@ -177,19 +177,24 @@ def predicates(
     """(ttf, safer): some group below level 1, every group at level 2."""
     symbol = problem.module.symbol
     w = Writer(symbol.span)
-    shown = seen(problem)
     lows, highs = [], []
     for i, each in enumerate(level_tables):
         name = f"{symbol.name}_level{i if len(level_tables) > 1 else ''}"
         fun = each.function(w, name)
-        arguments = []
-        for state in each.states:
-            topic, leaf = problem.topic_leaf_of_state[state]
-            path = list(leaves(problem.system.topics[topic].type))[leaf][0]
-            arguments.append(w.leaf(shown[state], path))
+        arguments = estimate(w, problem, each)
         lows.append(w.op("<", w.call(fun, *arguments), w.number(1)))
         highs.append(w.op(">=", w.call(fun, *arguments), w.number(2)))
     return w.chain("||", lows), w.chain("&&", highs)
+
+
+def estimate(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr]:
+    """The leaves of topics that a table is read with."""
+    shown, arguments = seen(problem), []
+    for state in table.states:
+        topic, leaf = problem.topic_leaf_of_state[state]
+        path = list(leaves(problem.system.topics[topic].type))[leaf][0]
+        arguments.append(w.leaf(shown[state], path))
+    return arguments
 
 
 # ---------------------------------------------------------------- functions
@@ -215,13 +220,14 @@ def place_function(w: Writer, name: str, edges: Sequence[float]) -> t.FunSymbol:
     return w.function(name, (x,), [*begin, *([search] if rounds else []), w.give(answer)])
 
 
-def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
-    """`fun level(x0: float, ...): int`: 0, 1 or 2 for an estimate; 0 outside the grid."""
-    inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges)))
+def cell_of(
+    w: Writer, name: str, inputs: Sequence[t.Variable], edges_by_axis: Sequence[Sequence[float]]
+) -> tuple[list[t.TypedStmt], t.TypedExpr]:
+    """(statements, the number of the cell that holds the inputs); outside they return 0."""
     body: list[t.TypedStmt] = []
     cell: t.TypedExpr = w.number(0)
     outside = []
-    for k, (x, edges) in enumerate(zip(inputs, table.edges, strict=True)):
+    for k, (x, edges) in enumerate(zip(inputs, edges_by_axis, strict=True)):
         index = w.variable(f"i{k}", "let", INT)
         place = place_function(w, f"{name}_place{k}", edges)
         body.append(w.declare(index, w.call(place, w.read(x))))
@@ -229,6 +235,13 @@ def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
         outside.append(w.op("<", w.read(index), w.number(0)))
     if outside:
         body.append(t.TypedIf(w.span, ((w.chain("||", outside), (w.give(w.number(0)),)),), ()))
+    return body, cell
+
+
+def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
+    """`fun level(x0: float, ...): int`: 0, 1 or 2 for an estimate; 0 outside the grid."""
+    inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges)))
+    body, cell = cell_of(w, name, inputs, table.edges)
     at = w.variable("cell", "let", INT)
     body.append(w.declare(at, cell))
     packed = w.array(f"{name}_TABLE", IntType(0, 255), table.packed)

@@ -17,9 +17,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed as t
-from soter.language.model.types import BOOL, FLOAT, INT, IntType, leaves
+from soter.language.model.types import BOOL, FLOAT, INT, IntType
 from soter.verify.problem.estimates import seen
-from soter.verify.tables.grid_tables import GroupTable, place_function
+from soter.verify.tables.grid_tables import GroupTable, cell_of, estimate, place_function
 from soter.verify.tables.tree_writer import Writer
 
 if TYPE_CHECKING:
@@ -126,10 +126,10 @@ class ShieldWriter(Writer):
     def permitted(self, table: GroupTable, ends: t.FunSymbol, number: int) -> t.TypedExpr:
         """Whether the commands that may act are permitted at the estimate, of one group."""
         assert table.commands is not None
-        estimate = self.estimate(table)
+        arguments = estimate(self, self.problem, table)
         if table.commands.control is None:
             level = table.function(self, f"{self.name}_shield{number}")
-            return self.op(">=", self.call(level, *estimate), self.number(1))
+            return self.op(">=", self.call(level, *arguments), self.number(1))
         control = table.commands.control
         window = self.problem.times.acted + SLACK_NS
         back = t.Literal(FLOAT, self.span, window / 1e9)
@@ -139,35 +139,15 @@ class ShieldWriter(Writer):
         reach = self.reach(table, f"{self.name}_reach{number}")
         inside = self.op(">=", self.cell(control), self.number(0))
         return self.op(
-            "&&", inside, self.op("==", self.call(reach, *estimate, both), self.number(1))
+            "&&", inside, self.op("==", self.call(reach, *arguments, both), self.number(1))
         )
-
-    def estimate(self, table: GroupTable) -> list[t.TypedExpr]:
-        """The leaves that a table is read with."""
-        shown, arguments = seen(self.problem), []
-        for state in table.states:
-            topic, leaf = self.problem.topic_leaf_of_state[state]
-            path = list(leaves(self.problem.system.topics[topic].type))[leaf][0]
-            arguments.append(self.leaf(shown[state], path))
-        return arguments
 
     def reach(self, table: GroupTable, name: str) -> t.FunSymbol:
         """A function: 1 where commands of the cells `ends` are permitted at an estimate, else 0."""
         assert table.commands is not None
         inputs = [self.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges))]
         ends = self.variable("ends", "parameter", INT)
-        body: list[t.TypedStmt] = []
-        cell: t.TypedExpr = self.number(0)
-        outside = []
-        for k, (x, edges) in enumerate(zip(inputs, table.edges, strict=True)):
-            index = self.variable(f"i{k}", "let", INT)
-            place = place_function(self, f"{name}_place{k}", edges)
-            body.append(self.declare(index, self.call(place, self.read(x))))
-            cell = self.op("+", self.op("*", cell, self.number(len(edges) - 1)), self.read(index))
-            outside.append(self.op("<", self.read(index), self.number(0)))
-        if outside:
-            never = (self.give(self.number(0)),)
-            body.append(t.TypedIf(self.span, ((self.chain("||", outside), never),), ()))
+        body, cell = cell_of(self, name, inputs, table.edges)
         n = self.number(self.cells)
         low, high = (self.op(op, self.read(ends), n) for op in "%/")
         tops = tuple(int(v) for v in table.commands.tops.ravel())
