@@ -24,7 +24,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.build import NEVER_SHIPPED, RUNTIME
 from soter.native.cache import digest
-from soter.native.own_files import files_below
+from soter.native.package_sources import files_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
