@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.campaign.compiled_unit import Recipe
-    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.flight_outcome import FlightOutcome
     from soter.campaign.fly_campaign import FlightWorkers
 
 TRIES = 5
