@@ -15,7 +15,7 @@ from soter.simulate.outputs.run_assumptions import unproved
 from soter.verify import proof_cache
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from typing import Any
 
     Soter = Callable[..., Any]
@@ -116,6 +116,25 @@ def test_nothing_is_proved_where_nothing_was_verified(
 ) -> None:
     monkeypatch.setenv("SOTER_CACHE", str(cart.parent / "another"))
     assert ASSUMED in said(soter)
+
+
+def test_a_cache_that_knows_no_proof_of_it_is_not_listed(
+    soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed: list[Path] = []
+
+    def glob(folder: Path, pattern: str) -> Iterator[Path]:
+        listed.append(folder)
+        return paths(folder, pattern)
+
+    paths = Path.glob
+    monkeypatch.setattr(Path, "glob", glob)
+    assert PROVED in said(soter)
+    assert cache.cache_dir() in listed
+    listed.clear()
+    cart.write_text(cart.read_text() + " ")
+    assert ASSUMED in said(soter)
+    assert cache.cache_dir() not in listed
 
 
 def test_a_program_with_one_more_blank_is_another_one(soter: Soter, cart: Path) -> None:
