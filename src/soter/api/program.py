@@ -395,7 +395,7 @@ class Program:
         chosen = modules_of(self._checked, module, system, self._values(params))
         advice = advise_all(problems_of(chosen), factors, levels, progress)
         if report is not None and advice:
-            write_advice(advice, Path(report))
+            write_advice(advice, self.path, Path(report))
         return tuple(advice)
 
     @takes("soter.explore.search_options.SearchOptions")

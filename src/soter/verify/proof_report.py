@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
     from soter.verify.claims.results import (
         CaseSets,
+        Finding,
         ModuleResult,
         VerifyReport,
     )
@@ -103,9 +104,10 @@ def page(report: VerifyReport) -> ProofPage:
         f"{names}: {report.verdict}{_but(report)}{under}",
         f"system {report.system}, verified in {report.seconds:.1f} s",
         tuple(_module(m) for m in report.modules),
-        (*assumptions, *(f"not covered: {text}" for text in report.coverage.rest)),
+        assumptions,
         _trusted(report),
-        {
+        not_covered=tuple(report.coverage.rest),
+        provenance={
             "command": report.command,
             "program": report.path,
             "program sha256": report.program_sha256,
@@ -151,7 +153,7 @@ def _but(report: VerifyReport) -> str:
 def _module(m: ModuleResult) -> ModuleProof:
     meanings = {**MEANINGS, **(BY_INDUCTION if m.problem.kind == NODES else {})}
     rows = tuple(
-        PropertyRow(name, meanings.get(name, ""), f.verdict, f.method, f.seconds, f.text)
+        PropertyRow(name, meanings.get(name, ""), f.verdict, _method(f), f.seconds, f.text)
         for name, f in m.findings.items()
     )
     runs = [f.counterexample for f in m.findings.values() if f.counterexample is not None]
@@ -173,6 +175,11 @@ def _module(m: ModuleResult) -> ModuleProof:
         leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
         leaving_text=str(leaving) if leaving is not None else "",
     )
+
+
+def _method(f: Finding) -> str:
+    """How it was shown: what is assumed was not."""
+    return "none" if f.verdict == "assumed" else f.method
 
 
 def _keeps(m: ModuleResult) -> str:
@@ -235,4 +242,6 @@ def _times(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
 def _figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:
     names = [p.name for p in m.problem.parameters]
     note = ", ".join(f"{n} = {v}" for n, v in zip(names, case.parameter, strict=True))
+    if len(m.cases) > 1:
+        note += f", the first of {len(m.cases)} values of parameters; the others are not drawn"
     return [f for proof in case.proofs for f in proof.figures(note)]

@@ -125,6 +125,8 @@ class ProofPage:
     modules: tuple[ModuleProof, ...]
     assumptions: tuple[str, ...]
     trusted_base: tuple[str, ...]
+    not_covered: tuple[str, ...] = ()
+    """What the verdict says nothing about."""
     provenance: dict[str, str] = field(default_factory=dict)
     """Hashes, versions, commands."""
     together: str = ""

@@ -230,7 +230,7 @@ def _charts(page: ReportPage, drawn: list[Figure]) -> str:
 def _violations(arms: Sequence[Flight | Chart]) -> str:
     """List every violation with the property that failed."""
     rows = "".join(
-        f'<tr><td class="number"{data_head("t / s")}>{violation.time_s:.2f}</td>'
+        f'<tr><td class="number"{data_head("t / s")}>{violation.time_s:.3f}</td>'
         f"<td{data_head('arm')}>{escape(arm.title)}</td>"
         f"<td>{prose(violation.text)}{_often(violation)}</td>{_where(arm, violation)}</tr>"
         for arm in arms
@@ -306,7 +306,7 @@ def _decision_row(arm: Flight | Chart, decision: Decision, *, with_module: bool)
     seen = "<br>".join(escape(text) for text in predicates_text(decision.predicates))
     values = "".join(f"<br><code>{escape(text)}</code>" for text in decision.why)
     return (
-        f'<tr><td class="number"{data_head("t / s")}>{decision.time_s:.2f}</td>'
+        f'<tr><td class="number"{data_head("t / s")}>{decision.time_s:.3f}</td>'
         f'<td class="change"><i class="mark {kind}"></i>{change_text(decision)}</td>'
         f'<td class="why">{prose(decision.reason)}{values}</td><td class="seen">{seen}</td>'
         f"{_where(arm, decision)}{module}</tr>"

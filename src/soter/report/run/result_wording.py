@@ -20,7 +20,7 @@ CAPTIONS = {
     "lap_s": "a lap",
     "ac_share": "AC in control",
     "switches_to_sc": "SC took over",
-    "switches_to_ac": "AC came back",
+    "switches_to_ac": "AC was given control",
     "min_clearance_m": "closest approach",
 }
 CODE = re.compile(r"`([^`]+)`")

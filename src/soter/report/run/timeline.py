@@ -173,7 +173,7 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         data.append(_violation_row(stack, row, chart.violations))
         stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
         shapes += [_instant(violation.time_s) for violation in chart.violations]
-        notes.append(_panel_name(stack, row, "violations"))
+        notes.append(_panel_name(stack, row, _violations_title(chart.violations)))
     for row, (title, series) in enumerate(panels, first):
         if bands == 1:
             shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
@@ -193,6 +193,12 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         tuple(data),
         layout(height=stack.height_px, shapes=shapes, annotations=notes, **_frame(stack)),
     )
+
+
+def _violations_title(violations: Sequence[Violation]) -> str:
+    """A property that fails again and again has a mark where it failed first."""
+    again = any(violation.times > 1 for violation in violations)
+    return "violations, the first of each property" if again else "violations"
 
 
 def _frame(stack: _Stack) -> Json:

@@ -106,7 +106,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
-        notes=(*run.failures, *run.notes),
+        notes=(*run.failures, *run.notes, *_undrawn(run)),
         assumptions=tuple(of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
@@ -115,12 +115,16 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
 
 
 def _headline(run: Run) -> str:
-    """Where an extern never answered that comes first; "": as of any page."""
-    if not run.never_answered:
-        return ""
-    names = " and ".join(run.never_answered)
+    """Where an extern never answered that comes first.
+
+    That it is a system, and one run: a system may be called `Proved`.
+    """
     count = count_text(run.violations, "violation")
-    return f"{names} never answered: nothing of it was tried. {run.system.name}: {count}."
+    told = f"System {run.system.name}: {count} in this run."
+    if not run.never_answered:
+        return told
+    names = " and ".join(run.never_answered)
+    return f"{names} never answered: nothing of it was tried. {told}"
 
 
 def _thinned(run: Run) -> npt.NDArray[np.void]:
@@ -139,10 +143,10 @@ def run_chart(run: Run) -> Chart:
         for m in run.system.modules
     )
     return Chart(
-        name=run.system.name,
-        title=run.system.name,
+        name=f"System {run.system.name}",
+        title=f"System {run.system.name}",
         time_s=time_s,
-        series=(*_margins(run, thin), *_latches(run, trace), *_series(run, trace))[:SERIES_MAX],
+        series=_all_series(run, trace, thin)[:SERIES_MAX],
         modes=bands,
         decisions=tuple(_decision(d) for d in decisions.changes(run)),
         violations=tuple(
@@ -153,6 +157,21 @@ def run_chart(run: Run) -> Chart:
         summary=_summary(run),
         properties=tuple(f"{p.kind} {p.text}" for p in run.system.properties),
     )
+
+
+def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Series, ...]:
+    return (*_margins(run, thin), *_latches(run, trace), *_series(run, trace))
+
+
+def _undrawn(run: Run) -> Iterator[str]:
+    """That signals are left out, where there are too many."""
+    trace = run.require_trace()[:1]
+    count = len(_all_series(run, trace, len(run.require_trace())))
+    if count > SERIES_MAX:
+        yield (
+            f"of {count} signals {SERIES_MAX} are drawn over time; all are in a log of the run "
+            "(`soter run --log`)"
+        )
 
 
 def _share_told(run: Run, module: str) -> str:
@@ -215,7 +234,10 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
         levels = next(bounds, None)
         marks: tuple[Threshold, ...] = ()
         if isinstance(topic.type, (FloatType, IntType)) and levels is not None:
-            marks = (Threshold("least", levels.low), Threshold("greatest", levels.high))
+            marks = (
+                Threshold("least declared", levels.low),
+                Threshold("greatest declared", levels.high),
+            )
         for each in _signals(topic.name, topic.type, trace["topics"][topic.name], marks):
             truth = measured.get(each.name)
             held = replace(each, held=True, panel=each.panel if truth is None else truth)
