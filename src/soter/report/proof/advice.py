@@ -60,7 +60,7 @@ def advice_main(pages: Sequence[AdvicePage]) -> str:
 
 
 def _module(page: AdvicePage) -> Iterator[str]:
-    of = f" of {page.program}" if page.program else ""
+    of = f": {page.program}" if page.program else ""
     yield f'<p class="kicker">What the decision period costs{escape(of)}</p>'
     yield f'<h1>{escape(page.module)}</h1><p class="verdict">{prose(page.summary)}</p>'
     yield f'<div class="figures advice"><figure>{"".join(_figure(page))}'

@@ -236,7 +236,7 @@ def _undrawn(figures: tuple[RegionFigure, ...]) -> str:
             ends = f"{f.x_edges[0]:.4g}, {f.x_edges[-1]:.4g}".replace("-", "\N{MINUS SIGN}")
             axes.setdefault((region, f.note), []).append(f"{f.x_name} in [{ends}]{unit}")
     return "".join(
-        f'<p class="note">All of it {REGIONS[region - 1][1]}, so not drawn'
+        f'<p class="note">{REGIONS[region - 1][1]} from end to end, so without a figure'
         f"{f' ({prose(note)})' if note else ''}: {prose('; '.join(names))}.</p>"
         for (region, note), names in axes.items()
     )

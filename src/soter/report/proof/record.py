@@ -125,10 +125,10 @@ class ProofPage:
     modules: tuple[ModuleProof, ...]
     assumptions: tuple[str, ...]
     trusted_base: tuple[str, ...]
-    not_covered: tuple[str, ...] = ()
-    """What the verdict says nothing about."""
     provenance: dict[str, str] = field(default_factory=dict)
     """Hashes, versions, commands."""
     together: str = ""
     """Of several modules: the verdict of the conjunction."""
     taken: tuple[TakenRow, ...] = ()
+    not_covered: tuple[str, ...] = ()
+    """What the verdict says nothing about."""

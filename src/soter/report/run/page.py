@@ -270,9 +270,11 @@ def _decisions(arms: Sequence[Flight | Chart]) -> str:
     tables = [_decision_table(arm, several=len(arms) > 1) for arm in arms if arm.decisions]
     if not tables:
         return ""
+    count = count_text(sum(len(arm.decisions) for arm in arms), "step")
     return (
         "<section><h2>Decisions of the DM</h2>"
-        '<p class="note lead">Each step of a decision module that changed who is in control.</p>'
+        f'<p class="note lead">Each step of a decision module that changed who is in control: '
+        f"{count} in all.</p>"
         f"{''.join(tables)}</section>"
     )
 

@@ -106,7 +106,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
-        notes=(*run.failures, *run.notes, *_undrawn(run)),
+        notes=(*run.failures, *run.notes, *_of_signals(run)),
         assumptions=tuple(of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
@@ -163,13 +163,16 @@ def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Serie
     return (*_margins(run, thin), *_latches(run, trace), *_series(run, trace))
 
 
-def _undrawn(run: Run) -> Iterator[str]:
-    """That signals are left out, where there are too many."""
+def _of_signals(run: Run) -> Iterator[str]:
+    """What a margin is, where one is drawn, and that signals are left out, where there are many."""
+    for m in run.system.modules:
+        if m.looks > 1:
+            yield f"margin of {m.name}: for how long AC surely keeps control from then on"
     trace = run.require_trace()[:1]
     count = len(_all_series(run, trace, len(run.require_trace())))
     if count > SERIES_MAX:
         yield (
-            f"of {count} signals {SERIES_MAX} are drawn over time; all are in a log of the run "
+            f"of {count} signals {SERIES_MAX} are drawn over time; a log has every topic "
             "(`soter run --log`)"
         )
 
