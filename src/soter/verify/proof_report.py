@@ -104,7 +104,7 @@ def page(report: VerifyReport) -> ProofPage:
         f"{names}: {report.verdict}{_but(report)}{under}",
         f"system {report.system}, verified in {report.seconds:.1f} s",
         tuple(_module(m) for m in report.modules),
-        assumptions,
+        tuple(assumptions),
         _trusted(report),
         not_covered=tuple(report.coverage.rest),
         provenance={

@@ -170,7 +170,7 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
     parts += [line for row in rows for s in row for line in _shape(case, s)]
     parts += [line for k, (kind, ids) in enumerate(beside) for line in _side(root, kind, ids, k)]
     drawn = {part for row in rows for s in row for part in _parts_of(case, s.node)}
-    lines = _legend([*drawn, *(kind for kind, _ in beside)], width)
+    lines = _legend([*drawn, *(kind for kind, _ in beside)])
     parts += [
         f'<g transform="translate({MARGIN} {y - 10 + LEGEND_LINE * k:.0f})">{line}</g>'
         for k, line in enumerate(lines)
@@ -282,8 +282,8 @@ def _parts_of(case: SafetyCase, node: CaseNode) -> tuple[str, ...]:
     return node.kind, case.status(node), *(("diamond",) if undeveloped else ())
 
 
-def _legend(drawn: Sequence[str], width: float) -> list[str]:
-    """The symbols of the notation that are drawn, in lines that are not wider than the picture."""
+def _legend(drawn: Sequence[str]) -> list[str]:
+    """The symbols of the notation that are drawn, in lines that a phone shows whole."""
     shapes = {
         "goal": '<g class="goal"><path d="M0 0H26V14H0Z"/></g>',
         "strategy": '<g class="strategy"><path d="M4 0H30L26 14H0Z"/></g>',
@@ -299,7 +299,7 @@ def _legend(drawn: Sequence[str], width: float) -> list[str]:
         if kind not in drawn:
             continue
         long = 52 + 7 * len(text)
-        if x and x + long > width:
+        if x and x + long > PHONE_COLUMNS * COLUMN:
             lines.append("")
             x = 0
         lines[-1] += (

@@ -29,7 +29,7 @@ from soter.report.run.figure import (
 from soter.report.run.level_labels import Curves, level_names, levels_of, levels_range
 from soter.report.run.packed_json import numbers
 from soter.report.run.record import Figure, Json
-from soter.report.run.result_wording import quantity
+from soter.report.run.result_wording import quantity, violations_title
 from soter.report.run.signal_thinning import (
     POINTS_MAX,
     by_controller,
@@ -173,7 +173,7 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         data.append(_violation_row(stack, row, chart.violations))
         stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
         shapes += [_instant(violation.time_s) for violation in chart.violations]
-        notes.append(_panel_name(stack, row, _violations_title(chart.violations)))
+        notes.append(_panel_name(stack, row, violations_title(chart.violations)))
     for row, (title, series) in enumerate(panels, first):
         if bands == 1:
             shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
@@ -193,12 +193,6 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         tuple(data),
         layout(height=stack.height_px, shapes=shapes, annotations=notes, **_frame(stack)),
     )
-
-
-def _violations_title(violations: Sequence[Violation]) -> str:
-    """A property that fails again and again has a mark where it failed first."""
-    again = any(violation.times > 1 for violation in violations)
-    return "violations, the first of each property" if again else "violations"
 
 
 def _frame(stack: _Stack) -> Json:
