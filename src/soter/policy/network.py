@@ -82,11 +82,6 @@ class Network:
         return sizes[-1] if sizes else self.inputs
 
     @property
-    def activation(self) -> int:
-        """The most numbers that any layer has."""
-        return max(self.inputs, *(s for x in self.layers if (s := _size(x)) is not None))
-
-    @property
     def weights(self) -> int:
         """How many numbers its matrices have."""
         return sum(x.weight.size for x in self.layers if isinstance(x, Affine))
@@ -97,7 +92,8 @@ class Policy:
     """What a file says of a policy.
 
     `facts`: what was read, in words, by what it is. `assumed`: what the file does not say.
-    `per_frame`: what is done to each frame before frames are stacked.
+    `per_frame`: what is done to each frame before frames are stacked. `box`: the least and the
+    largest observation, (inputs,) each, where the file says finite ones.
     """
 
     path: str
@@ -105,6 +101,7 @@ class Policy:
     facts: dict[str, str] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
     per_frame: Standardised | None = None
+    box: tuple[Doubles, Doubles] | None = None
 
 
 def _size(layer: Layer) -> int | None:

@@ -14,6 +14,7 @@ import binascii
 import io
 import json
 import zipfile
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from soter.policy.network import Floats
+    from soter.policy.network import Doubles, Floats
 
 PART_MAX = 64 * 2**20
 """Bytes of a part of the file, unpacked."""
@@ -87,12 +88,10 @@ IGNORED = frozenset(
 
 def read_sb3(path: Path, statistics: Path | None = None) -> Policy:
     """The policy of a file; `statistics`: that of its VecNormalize. SoterError X003, X014."""
+    no_zip = "it is no zip, which is what Stable-Baselines3's `model.save` writes"
     try:
-        with zipfile.ZipFile(io.BytesIO(content_of(path))) as parts:
+        with _opened(path, content_of(path), no_zip) as parts:
             policy = _policy(path, parts)
-    except zipfile.BadZipFile as error:
-        why = "it is no zip, which is what Stable-Baselines3's `model.save` writes"
-        raise bad_policy(path, why) from error
     except (PickleError, RecursionError) as error:
         raise bad_policy(path, str(error)) from error
     return _normalised(policy, statistics)
@@ -124,10 +123,19 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
             "action": _shown(actions),
             "answer": _ended(kind, choice=choice),
         },
+        box=_box(path, observations),
     )
 
 
 # ---------------------------------------------------------------- the parts of the file
+
+
+def _opened(path: Path, data: bytes, otherwise: str) -> zipfile.ZipFile:
+    """The parts of a zip; X014 in the words of `otherwise` where Python reads none."""
+    try:
+        return zipfile.ZipFile(io.BytesIO(data))
+    except Exception as error:  # noqa: BLE001 - of a damaged directory any
+        raise bad_policy(path, otherwise) from error
 
 
 def _part(path: Path, parts: zipfile.ZipFile, name: str) -> bytes:
@@ -205,8 +213,16 @@ def _inputs(path: Path, observations: Made) -> int:
 def _bounds(path: Path, space: Made) -> tuple[Floats, Floats]:
     low, high = (array_of(space.state.get(k)).reshape(-1) for k in ("low", "high"))
     if low.shape != high.shape or low.dtype != np.float32 or high.dtype != np.float32:
-        raise bad_policy(path, "the bounds of its actions are no float32 numbers")
+        raise bad_policy(path, "the bounds of a Box are no float32 numbers")
     return low, high
+
+
+def _box(path: Path, observations: Made) -> tuple[Doubles, Doubles] | None:
+    """The hull of all numbers: of stacked frames the space's bounds stand in another order."""
+    low, high = (bound.astype(np.float64) for bound in _bounds(path, observations))
+    if low.size != _inputs(path, observations) or not (np.isfinite(low) & np.isfinite(high)).all():
+        return None
+    return np.full_like(low, low.min()), np.full_like(high, high.max())
 
 
 def _shown(space: Made) -> str:
@@ -304,25 +320,22 @@ def _require_fit(path: Path, network: Network, actions: Made) -> None:
 
 def _tensors(path: Path, data: bytes) -> dict[str, Floats]:
     """The float32 tensors of a `state_dict` that `torch.save` wrote, by name."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as parts:
-            names = [n for n in parts.namelist() if n.endswith("/data.pkl")]
-            if len(names) != 1:
-                raise bad_policy(path, "its part `policy.pth` is no file of `torch.save`")
-            folder = names[0].removesuffix("data.pkl")
-            order = f"{folder}byteorder"
-            if order in parts.namelist() and _part(path, parts, order) != b"little":
-                raise bad_policy(path, "its tensors are big-endian, which are not read here")
-            state = read_pickle(_part(path, parts, names[0]))
-            if not isinstance(state, Made):
-                raise bad_policy(path, "its part `policy.pth` holds no tensors by name")
-            return {
-                name: _tensor(path, parts, folder, made)
-                for name, made in state.items.items()
-                if isinstance(made, Made)
-            }
-    except zipfile.BadZipFile as error:
-        raise bad_policy(path, "its part `policy.pth` is no zip of `torch.save`") from error
+    with _opened(path, data, "its part `policy.pth` is no zip of `torch.save`") as parts:
+        names = [n for n in parts.namelist() if n.endswith("/data.pkl")]
+        if len(names) != 1:
+            raise bad_policy(path, "its part `policy.pth` is no file of `torch.save`")
+        folder = names[0].removesuffix("data.pkl")
+        order = f"{folder}byteorder"
+        if order in parts.namelist() and _part(path, parts, order) != b"little":
+            raise bad_policy(path, "its tensors are big-endian, which are not read here")
+        state = read_pickle(_part(path, parts, names[0]))
+        if not isinstance(state, Made):
+            raise bad_policy(path, "its part `policy.pth` holds no tensors by name")
+        return {
+            name: _tensor(path, parts, folder, made)
+            for name, made in state.items.items()
+            if isinstance(made, Made)
+        }
 
 
 def _tensor(path: Path, parts: zipfile.ZipFile, folder: str, made: Made) -> Floats:
@@ -354,22 +367,22 @@ def _normalised(policy: Policy, statistics: Path | None) -> Policy:
     facts = dict(policy.facts)
     if statistics is None:
         assumed = "observations are not normalised: no file of a VecNormalize is named"
-        return Policy(policy.path, policy.network, facts, (*policy.assumed, assumed))
+        return replace(policy, assumed=(*policy.assumed, assumed))
     try:
         layer = _statistics(statistics)
     except (PickleError, RecursionError) as error:
         raise bad_policy(statistics, str(error)) from error
     if layer is None:
         facts["normalised"] = f"`{statistics.name}` says that observations are not (norm_obs)"
-        return Policy(policy.path, policy.network, facts, policy.assumed)
+        return replace(policy, facts=facts)
     size, inputs = layer.mean.size, policy.network.inputs
     facts["normalised"] = f"by `{statistics.name}`, clipped to {layer.limit:g}"
     if size == inputs:
-        network = Network(inputs, (layer, *policy.network.layers), policy.network.choice)
-        return Policy(policy.path, network, facts, policy.assumed)
+        layers = (layer, *policy.network.layers)
+        return replace(policy, network=replace(policy.network, layers=layers), facts=facts)
     if size and inputs % size == 0:
         facts["normalised"] += f", each of {inputs // size} frames before they are stacked"
-        return Policy(policy.path, policy.network, facts, policy.assumed, layer)
+        return replace(policy, facts=facts, per_frame=layer)
     raise bad_policy(statistics, f"it is of {size} numbers, the policy takes {inputs}")
 
 
