@@ -13,6 +13,7 @@ from __future__ import annotations
 import tempfile
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -24,7 +25,7 @@ FORCE = 3.0
 LEFT_OUT = ("optimizer", "system_info", "critic")
 
 
-class Cart(gym.Env):
+class Cart(gym.Env[Any, Any]):
     """Place, speed and goal are seen; the goal is anywhere on the track."""
 
     def __init__(self) -> None:
@@ -33,14 +34,14 @@ class Cart(gym.Env):
         self.observation_space = gym.spaces.Box(-large, large)
         self.action_space = gym.spaces.Box(-FORCE, FORCE, (1,), np.float32)
 
-    def reset(self, *, seed=None, options=None):
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, Any]:  # noqa: ANN401
         """Start anywhere, at rest."""
-        super().reset(seed=seed)
+        super().reset(seed=seed, options=options)
         self.x, self.v, self.steps = self.np_random.uniform(-9.5, 9.5), 0.0, 0
         self.goal = self.np_random.uniform(-9.5, 9.5)
         return self._seen(), {}
 
-    def step(self, action):
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, Any]:  # noqa: ANN401
         """Move for a period."""
         self.v += PERIOD_S * float(action[0])
         self.x += PERIOD_S * self.v
@@ -48,7 +49,7 @@ class Cart(gym.Env):
         reward = -abs(self.x - self.goal) - 0.05 * abs(self.v)
         return self._seen(), reward / 10.0, abs(self.x) > 12.0, self.steps >= 200, {}
 
-    def _seen(self):
+    def _seen(self) -> Any:  # noqa: ANN401
         return np.clip(
             np.array([self.x, self.v, self.goal], np.float32),
             self.observation_space.low,

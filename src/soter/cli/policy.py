@@ -137,6 +137,7 @@ def _bound_told(box: tuple[Doubles, Doubles] | None, bound: float | None) -> str
 
 
 def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
+    from soter.api import format_text  # noqa: PLC0415 - as above
     from soter.policy.soter_source import soter_source  # noqa: PLC0415 - as above
     from soter.report.atomic_write import atomic_write  # noqa: PLC0415 - as above
 
@@ -149,6 +150,6 @@ def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
         *(f"assumed: {text}" for text in policy.assumed),
         "",
     ]
-    text = soter_source(policy, notes)
+    text = format_text(str(path), soter_source(policy, notes))
     with atomic_write(path) as stream:
         stream.write(text.encode())

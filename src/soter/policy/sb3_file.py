@@ -134,7 +134,7 @@ def _opened(path: Path, data: bytes, otherwise: str) -> zipfile.ZipFile:
     """The parts of a zip; X014 in the words of `otherwise` where Python reads none."""
     try:
         return zipfile.ZipFile(io.BytesIO(data))
-    except Exception as error:  # noqa: BLE001 - of a damaged directory any
+    except Exception as error:
         raise bad_policy(path, otherwise) from error
 
 

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import zipfile
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +75,7 @@ def onnx_of(
     layers: Sequence[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]],
     activation: str,
     ending: Sequence[tuple[str, dict[str, Any]]] = (),
-) -> Any:  # noqa: ANN401 - onnx has no types
+) -> Any:
     """A network as ONNX: Gemm layers, an activation between them, operators at the end."""
     from onnx import TensorProto, helper, numpy_helper
 
@@ -114,5 +115,5 @@ def random_layers(
             (rng.normal(size=(after, before)) / np.sqrt(before)).astype(np.float32),
             (0.3 * rng.normal(size=after)).astype(np.float32),
         )
-        for before, after in zip(sizes, sizes[1:], strict=False)
+        for before, after in pairwise(sizes)
     ]

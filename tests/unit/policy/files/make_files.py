@@ -11,6 +11,7 @@ import json
 import tempfile
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -24,11 +25,11 @@ COMMON = {"device": "cpu", "seed": 3}
 SHORT = {"buffer_size": 200, "learning_starts": 10}
 
 
-def env(name):
+def env(name: str) -> Any:
     return DummyVecEnv([lambda: gym.make(name)])
 
 
-def repacked(model, name):
+def repacked(model: Any, name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         model.save(Path(folder) / name)
         with (
@@ -42,7 +43,9 @@ def repacked(model, name):
                     new.writestr(info, old.read(part))
 
 
-def answers(model, venv, frames, normalise=None, *, stacked_first=True):
+def answers(
+    model: Any, venv: Any, frames: int, normalise: Any = None, *, stacked_first: bool = True
+) -> dict[str, Any]:
     """What a user of Stable-Baselines3 gets, observation by observation."""
     rng = np.random.default_rng(5)
     space = venv.observation_space
@@ -60,24 +63,34 @@ def answers(model, venv, frames, normalise=None, *, stacked_first=True):
     return {"observations": seen.tolist(), "actions": acted}
 
 
-def main():
+def main() -> None:
     expected = {}
     car = env("MountainCarContinuous-v0")
     normalised = VecNormalize(car)
     small = {"net_arch": [8, 8]}
     model = PPO(
-        "MlpPolicy", normalised, policy_kwargs={**small, "activation_fn": nn.ReLU}, n_steps=64, **COMMON
+        "MlpPolicy",
+        normalised,
+        policy_kwargs={**small, "activation_fn": nn.ReLU},
+        n_steps=64,
+        **COMMON,
     ).learn(64)
     repacked(model, "ppo.zip")
     normalised.save(HERE / "ppo_vecnormalize.pkl")
     expected["ppo.zip:ppo_vecnormalize.pkl"] = answers(model, car, 1, normalised.normalize_obs)
-    model = SAC("MlpPolicy", env("Pendulum-v1"), policy_kwargs=dict(small), **SHORT, **COMMON).learn(20)
+    model = SAC(
+        "MlpPolicy", env("Pendulum-v1"), policy_kwargs=dict(small), **SHORT, **COMMON
+    ).learn(20)
     repacked(model, "sac.zip")
     expected["sac.zip"] = answers(model, env("Pendulum-v1"), 1)
-    model = TD3("MlpPolicy", env("Pendulum-v1"), policy_kwargs=dict(small), **SHORT, **COMMON).learn(20)
+    model = TD3(
+        "MlpPolicy", env("Pendulum-v1"), policy_kwargs=dict(small), **SHORT, **COMMON
+    ).learn(20)
     repacked(model, "td3.zip")
     expected["td3.zip"] = answers(model, env("Pendulum-v1"), 1)
-    model = DQN("MlpPolicy", env("Acrobot-v1"), policy_kwargs=dict(small), **SHORT, **COMMON).learn(20)
+    model = DQN("MlpPolicy", env("Acrobot-v1"), policy_kwargs=dict(small), **SHORT, **COMMON).learn(
+        20
+    )
     repacked(model, "dqn.zip")
     expected["dqn.zip"] = answers(model, env("Acrobot-v1"), 1)
     inner = VecNormalize(env("Pendulum-v1"))
