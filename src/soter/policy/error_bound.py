@@ -82,8 +82,8 @@ def _passed(layer: Layer, x: _Numbers) -> _Numbers:
         return _Numbers(np.maximum(x.low, 0.0), np.maximum(x.high, 0.0), x.single, x.double)
     if isinstance(layer, Clipped):
         low, high = layer.low.astype(np.float64), layer.high.astype(np.float64)
-        ends = (np.clip(v, low, high) for v in (x.low, x.high))
-        return _Numbers(*ends, x.single, x.double)
+        ends = np.clip(x.low, low, high), np.clip(x.high, low, high)
+        return _Numbers(ends[0], ends[1], x.single, x.double)
     return _standardised(layer, x) if isinstance(layer, Standardised) else _elementwise(layer, x)
 
 

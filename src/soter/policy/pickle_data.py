@@ -191,21 +191,21 @@ def _constant(name: str, argument: Any) -> Any:  # noqa: ANN401 - as above
 def array_of(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it holds
     """The array that a pickle makes, little-endian; PickleError where it makes none."""
     made = value if isinstance(value, Made) else Made("", ())
+    shape: Any = ()
+    order: Any = "C"
     try:
         if made.name.endswith("._reconstruct"):
             _, shape, dtype, fortran, data = made.state
             order = "F" if fortran else "C"
         elif made.name.endswith("._frombuffer"):
             data, dtype, shape, order = made.arguments
-        elif made.name.endswith(".scalar"):
+        else:  # a scalar of NumPy's, or nothing of the kind
             dtype, data = made.arguments
-            shape, order = (), "C"
-        else:
-            raise PickleError("there is no array where one belongs")
-        flat = np.frombuffer(data, dtype_of(dtype))
-        return flat.reshape(shape, order=order)
+        flat: npt.NDArray[Any] = np.frombuffer(data, dtype_of(dtype))
+        shaped: npt.NDArray[Any] = flat.reshape(shape, order=order)
     except (TypeError, ValueError) as error:
         raise PickleError(f"there is no array where one belongs: {error}") from error
+    return shaped
 
 
 def dtype_of(value: Any) -> np.dtype[Any]:  # noqa: ANN401 - whatever it holds
@@ -213,6 +213,6 @@ def dtype_of(value: Any) -> np.dtype[Any]:  # noqa: ANN401 - whatever it holds
     if isinstance(value, Made) and value.name == "numpy.dtype" and value.arguments:
         text, state = value.arguments[0], value.state
         big = isinstance(state, tuple) and len(state) > 1 and state[1] == ">"
-        if text in DTYPES and not big:
+        if isinstance(text, str) and text in DTYPES and not big:
             return np.dtype(text)
-    raise PickleError("there is an array of a kind that is not read here")
+    raise PickleError("its numbers are of a kind that is not read here")

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import SoterError
 from soter.policy.network import (
     Affine,
     Clipped,
@@ -352,11 +351,10 @@ def _tensor(path: Path, parts: zipfile.ZipFile, folder: str, made: Made) -> Floa
         whole = [int(np.prod(size[i + 1 :], dtype=np.int64)) for i in range(len(size))]
         if list(stride) != whole or offset < 0 or offset + count > flat.size:
             raise bad_policy(path, "a tensor does not lie in its part row by row")
-        return flat[offset : offset + count].reshape(size)
+        tensor: Floats = flat[offset : offset + count].reshape(size)
     except (AssertionError, AttributeError, TypeError, ValueError, OverflowError) as error:
-        if isinstance(error, SoterError):
-            raise
         raise bad_policy(path, "its part `policy.pth` holds what is no tensor") from error
+    return tensor
 
 
 # ---------------------------------------------------------------- VecNormalize

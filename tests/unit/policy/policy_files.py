@@ -58,9 +58,10 @@ def changed(
 
 def renamed(pickled: bytes, old: str, new: str) -> bytes:
     """A pickle with a short text that stands in it replaced; it has to be there."""
-    texts = [b"\x8c" + bytes([len(t)]) + t.encode() for t in (old, new)]
-    longer = [b"X" + len(t).to_bytes(4, "little") + t.encode() for t in (old, new)]
-    made = pickled.replace(*texts).replace(*longer)
+    made = pickled
+    for size in (lambda n: b"\x8c" + bytes([n]), lambda n: b"X" + n.to_bytes(4, "little")):
+        before, after = (size(len(t)) + t.encode() for t in (old, new))
+        made = made.replace(before, after)
     assert made != pickled, f"{old} does not stand in it"
     return made
 
@@ -94,7 +95,7 @@ def onnx_of(
         at = f"e{number}"
         kind = TensorProto.INT64 if operator == "ArgMax" else kind
     width = None if kind == TensorProto.INT64 else len(layers[-1][1])
-    shape = ["batch"] if width is None else ["batch", width]
+    shape: list[str | int | None] = ["batch"] if width is None else ["batch", width]
     graph = helper.make_graph(
         nodes,
         "policy",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from policy_files import FILES, random_layers
+from policy_files import FILES, random_layers  # type: ignore[import-not-found]
 
 from soter.policy.error_bound import error_bound
 from soter.policy.network import (

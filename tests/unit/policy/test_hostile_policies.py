@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from policy_files import FILES, change_pickle, changed, onnx_of, random_layers, renamed, zipped
+from policy_files import FILES, change_pickle, changed, onnx_of, random_layers, renamed, zipped  # type: ignore[import-not-found]
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.policy.sb3_file import read_sb3
@@ -31,12 +31,18 @@ class Hostile:
         return os.mkdir, (MARK,)
 
 
+def _ppo(**how: object) -> bytes:
+    """The file with settings, tensors or parts changed."""
+    made: bytes = changed("ppo.zip", **how)
+    return made
+
+
 def _pickled(which: str, change: Callable[[bytes], bytes]) -> bytes:
-    return changed("ppo.zip", lambda said: change_pickle(said, which, change))
+    return _ppo(settings=lambda said: change_pickle(said, which, change))
 
 
 def _tensors(change: Callable[[dict[str, bytes]], object]) -> bytes:
-    return changed("ppo.zip", tensors=change)
+    return _ppo(tensors=change)
 
 
 def _pickle_of_tensors(change: Callable[[bytes], bytes]) -> bytes:
@@ -47,14 +53,15 @@ def _pickle_of_tensors(change: Callable[[bytes], bytes]) -> bytes:
 
 
 def _kwargs(**more: object) -> bytes:
-    return changed("ppo.zip", lambda said: said.update(policy_kwargs=more))
+    return _ppo(settings=lambda said: said.update(policy_kwargs=more))
 
 
 def _large() -> bytes:
     """A part of 65 MiB in a few kilobytes."""
     parts = zipfile.ZipFile(io.BytesIO(PPO))
     data = {n: parts.read(n) for n in parts.namelist()}
-    return zipped({**data, "policy.pth": bytes(65 * 2**20)}, zipfile.ZIP_DEFLATED)
+    made: bytes = zipped({**data, "policy.pth": bytes(65 * 2**20)}, zipfile.ZIP_DEFLATED)
+    return made
 
 
 def _nan() -> bytes:

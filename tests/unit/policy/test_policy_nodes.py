@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from policy_files import FILES, onnx_of, random_layers
+from policy_files import FILES, onnx_of, random_layers  # type: ignore[import-not-found]
 
 import soter
 from soter.diagnostics.diagnostic import SoterError

@@ -6,7 +6,7 @@ import json
 from types import SimpleNamespace
 
 import pytest
-from policy_files import FILES
+from policy_files import FILES  # type: ignore[import-not-found]
 
 from soter.language.model.binding_text import binding_of
 from soter.language.model.types import FloatType, IntType

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from policy_files import FILES
-from test_error_bound import in_declared_order, network_of
+from policy_files import FILES  # type: ignore[import-not-found]
+from test_error_bound import in_declared_order, network_of  # type: ignore[import-not-found]
 
 import soter
 from soter.diagnostics.diagnostic import SoterError
