@@ -7,10 +7,14 @@ Non-goals: files (`sb3_file.py`, `onnx_graph.py`), convolutions, memory, trainin
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
@@ -141,21 +145,56 @@ def standardised(layer: Standardised, x: Doubles) -> Floats:
     return np.clip(scaled, -layer.limit, layer.limit).astype(np.float32)
 
 
-def answer(network: Network, observation: Floats) -> Floats:
-    """What the last layer says in float32, (outputs,), of an observation (inputs,)."""
-    x = observation
+def answering(network: Network) -> tuple[Floats, Callable[[], Floats]]:
+    """Where an observation is written, (inputs,), and what asks the network about it.
+
+    The answer is what the last layer says in float32, (outputs,); the next call overwrites it.
+    """
+    steps: list[Callable[[], object]] = []
+    before = _with_one(network.inputs)
+    observation = before[:-1]
     for layer in network.layers:
-        if isinstance(layer, Affine):
-            x = layer.weight.dot(x)
-            x += layer.bias
-        elif isinstance(layer, Tanh):
-            x = np.tanh(x)
-        elif isinstance(layer, Relu):
-            x = np.maximum(x, np.float32(0.0))
-        elif isinstance(layer, Clipped):
-            x = np.minimum(np.maximum(x, layer.low), layer.high)
-        elif isinstance(layer, Elementwise):
-            x = OPERATIONS[layer.operation](x, layer.operand)
+        if isinstance(
+            layer, Affine
+        ):  # the bias is the weight of a one that stands after the numbers
+            after = _with_one(len(layer.bias))
+            weight = np.hstack([layer.weight, layer.bias[:, None]])
+            steps.append(partial(weight.dot, before, after[:-1]))
         else:
-            x = standardised(layer, x.astype(np.float64))
-    return x
+            after = before if steps else _with_one(network.inputs)
+            steps += _in_place(layer, before[:-1], after[:-1])
+        before = after
+    answer = before[:-1]
+
+    def run() -> Floats:
+        for step in steps:
+            step()
+        return answer
+
+    return observation, run
+
+
+def _with_one(size: int) -> Floats:
+    return np.append(np.zeros(size, np.float32), np.float32(1.0))
+
+
+def _in_place(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]]:
+    """The steps of a layer that keeps the count of numbers."""
+    if isinstance(layer, Tanh):
+        return [partial(np.tanh, x, out=out)]
+    if isinstance(layer, Relu):
+        return [partial(np.maximum, x, np.zeros_like(x), out=out)]
+    if isinstance(layer, Clipped):
+        clipped = partial(np.minimum, out, layer.high, out=out)
+        return [partial(np.maximum, x, layer.low, out=out), clipped]
+    if isinstance(layer, Elementwise):
+        return [partial(OPERATIONS[layer.operation], x, layer.operand, out=out)]
+    assert isinstance(layer, Standardised)
+    return [lambda: np.copyto(out, standardised(layer, x.astype(np.float64)))]
+
+
+def answer(network: Network, observation: Floats) -> Floats:
+    """What the last layer says in float32, (outputs,), of one observation (inputs,)."""
+    given, run = answering(network)
+    given[:] = observation
+    return run()

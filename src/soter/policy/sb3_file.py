@@ -284,9 +284,9 @@ def _ending(path: Path, kind: _Kind, actions: Made, *, choice: bool) -> list[Lay
         return [Clipped(low, high)]
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise bad_policy(path, "its actions have no bounds, which it scales its answer to")
-    one, half = np.ones_like(low), np.full_like(low, 0.5)
-    scaled: list[Layer] = [Elementwise("+", one), Elementwise("*", half)]
-    return [Tanh(), *scaled, Elementwise("*", high - low), Elementwise("+", low)]
+    half = np.float32(0.5) * (high - low)  # exact: a power of two
+    scaled: list[Layer] = [Elementwise("+", np.ones_like(low)), Elementwise("*", half)]
+    return [Tanh(), *scaled, Elementwise("+", low)]
 
 
 def _whole(space: Made, which: str, default: int = -1) -> int:

@@ -22,7 +22,7 @@ from soter.language.model.types import (
     IntType,
     RecordType,
 )
-from soter.policy.network import answer, standardised
+from soter.policy.network import answering, standardised
 from soter.policy.problems import bad_policy
 from soter.semantics.externs import Converted
 
@@ -50,7 +50,7 @@ class PolicyExtern:
         places = [p for name, t in reads for p in _places(path, name, t)]
         count = sum(n for _, n in places)
         self._get = attrgetter(*(p for p, _ in places)) if places else None
-        self._blocks = any(n != 1 for _, n in places) or len(places) == 1
+        self._blocks = any(n != 1 for _, n in places)
         self._build = [_builder(path, name, t) for name, t in answers]
         asked, self._run, assumed = _asked(binding, path)
         self._observation = asked
@@ -62,7 +62,8 @@ class PolicyExtern:
             raise bad_policy(
                 path, why, "what a node `subscribes` is its observation, in this order"
             )
-        self._newest = asked.size - count
+        self._older = asked.size - count
+        self._frame = asked[self._older :]
         order = ", ".join(p if n == 1 else f"{p} ({n} numbers)" for p, n in places)
         told = [f"its observation is {order}", *assumed.texts]
         if frames > 1:
@@ -80,23 +81,22 @@ class PolicyExtern:
 
     def step(self, inputs: Any) -> Converted:  # noqa: ANN401 - a namespace of what is read
         """The answer to what the node reads."""
-        x = self._observation
-        if self._newest:
-            x[: self._newest] = x[x.size - self._newest :]
-        frame = x[self._newest :]
-        frame[:] = self._frame(inputs)
+        if self._older:
+            x = self._observation
+            x[: self._older] = x[x.size - self._older :]
+        assert self._get is not None
+        given = self._get(inputs)
+        self._frame[:] = _joined(given) if self._blocks else given
         if self._per_frame is not None:
-            frame[:] = standardised(self._per_frame, frame.astype(np.float64))
+            self._frame[:] = standardised(self._per_frame, self._frame.astype(np.float64))
         numbers = iter(self._run())
         return Converted([build(numbers) for build in self._build])
 
-    def _frame(self, inputs: Any) -> Any:  # noqa: ANN401 - numbers
-        assert self._get is not None
-        given = self._get(inputs)
-        if not self._blocks:
-            return given
-        parts = given if isinstance(given, tuple) else (given,)
-        return np.concatenate([np.ravel(part) for part in parts])
+
+def _joined(given: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
+    """The numbers of several values, or of one."""
+    parts = given if isinstance(given, tuple) else (given,)
+    return np.concatenate([np.ravel(part) for part in parts])
 
 
 class _Assumed:
@@ -121,12 +121,12 @@ def _asked(
     from soter.policy.sb3_file import read_sb3  # noqa: PLC0415 - only then
 
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
-    network, given = policy.network, np.zeros(policy.network.inputs, np.float32)
+    network = policy.network
     outputs = 1 if network.choice else network.outputs
+    given, ask = answering(network)
 
     def run() -> list[float]:
-        last = answer(network, given)
-        numbers: list[float] = [int(last.argmax())] if network.choice else last.tolist()
+        numbers: list[float] = [int(ask().argmax())] if network.choice else ask().tolist()
         return numbers
 
     return given, run, _Assumed(policy.assumed, outputs, policy)
