@@ -3,7 +3,7 @@
     python bench/running/policies.py [-n 100000] [--json FILE]
 
 Purpose: five policies, two ONNX files and three of Stable-Baselines3; of the latter onnxruntime is
-given the same network as ONNX. In us an observation, the quickest of 50 parts: onnxruntime's own
+given the same network as ONNX. In us an observation, the quickest of 500 parts: onnxruntime's own
 `session.run`, the node in the process of the engine and in one of its own, and the function in C
 that `soter policy -o` writes. Then the largest distance of that C's answers from onnxruntime's
 float32 ones over all observations, and the bound that is computed for the box that they are drawn
@@ -44,13 +44,13 @@ from soter.simulate.externs.policy_extern import load_policy
 from soter.simulate.interrupt import StopRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     import numpy.typing as npt
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = ROOT / "tests" / "unit" / "policy" / "files"
-PARTS = 50
+PARTS = 500
 """Parts that are timed: the quickest says what is done, the others who else was at it."""
 REPEATS = 7
 """Runs that are timed with and without the function, in turn."""
@@ -152,17 +152,22 @@ def as_onnx(network: Network) -> bytes:
 # ---------------------------------------------------------------- times
 
 
-def quickest_us(ways: dict[str, tuple[Callable[[Any], object], Sequence[Any]]]) -> dict[str, float]:
-    """Times in us a call of each way: the quickest of `PARTS` parts, those of all ways in turn."""
+def quickest_us(
+    ways: dict[str, tuple[Callable[[Any], object], Callable[[Any], list[Any]]]],
+    seen: npt.NDArray[np.float64],
+) -> dict[str, float]:
+    """Times in us a call of each way: the quickest of `PARTS` parts, those of all ways in turn.
+
+    A way is what is called, and what makes its arguments of the observations of a part.
+    """
     best = dict.fromkeys(ways, float("inf"))
-    for part in range(PARTS):
-        for name, (step, given) in ways.items():
-            size = len(given) // PARTS
-            some = given[part * size : (part + 1) * size]
+    for part in np.array_split(seen, PARTS):
+        for name, (step, made_of) in ways.items():
+            given = made_of(part)
             begin = time.perf_counter()
-            for x in some:
+            for x in given:
                 step(x)
-            best[name] = min(best[name], (time.perf_counter() - begin) / size * 1e6)
+            best[name] = min(best[name], (time.perf_counter() - begin) / len(given) * 1e6)
     return best
 
 
@@ -188,15 +193,21 @@ def asked(subject: Subject, seen: npt.NDArray[np.float64]) -> dict[str, float]:
     workers = [ProcessExtern("Learned", x, answers, nowhere, StopRequest()) for x in loads]
     for worker in workers:
         worker.reset(1)
-    inputs = [SimpleNamespace(**dict(zip(names, x, strict=True))) for x in seen.tolist()]
-    rows = seen.astype(np.float32)[:, None, :]
+
+    def rows(part: npt.NDArray[np.float64]) -> list[Any]:
+        return list(part.astype(np.float32)[:, None, :])
+
+    def inputs(part: npt.NDArray[np.float64]) -> list[Any]:
+        return [SimpleNamespace(**dict(zip(names, x, strict=True))) for x in part.tolist()]
+
     times = quickest_us(
         {
             "onnxruntime": (lambda x: session.run(None, {"obs": x}), rows),
             "in_process": (loads[0]().step, inputs),
             "worker": (workers[0].step, inputs),
             "round_trip": (workers[1].step, inputs),
-        }
+        },
+        seen,
     )
     for worker in workers:
         worker.close()
