@@ -112,6 +112,7 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
         ((BUDGET_S, 0.1), 2, 1),
         ((BUDGET_S - 0.1, 0.1, 0.1), 3, 2),
         ((2 * BUDGET_S,), 1, 1),
+        ((2 * BUDGET_S, 0.0, 0.0, 0.1, 0.0), 5, 3),
         ((0.1, 0.1, None), 9, 2),
         ((0.1, 0.1), 3, 3),
         ((None,), 1, 1),
