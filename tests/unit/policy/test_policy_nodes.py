@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import shutil
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,12 @@ import pytest
 from policy_files import FILES, onnx_of, random_layers  # type: ignore[import-not-found]
 
 import soter
+from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
+from soter.policy.network import answering
+from soter.policy.sb3_file import read_sb3
+from soter.simulate.externs.extern_server import ExternServer, write_spec
+from soter.workers.exchange_layout import exchange_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -147,6 +153,31 @@ def test_frames_are_stacked_where_the_policy_takes_a_multiple(tmp_path: Path) ->
     assert note.endswith("3 frames are stacked, the oldest first, zeros before the first")
     assert run.extern_failures == {}
     assert len(set(run.array("push").tolist())) > 3
+
+
+def test_the_process_of_real_time_answers_what_the_engine_would(tmp_path: Path) -> None:
+    shutil.copy(FILES / "sac.zip", tmp_path)
+    program = loaded(tmp_path, "sb3:sac.zip", reads="motion")
+    system = program.simulate(until="10ms").system
+    (node,) = [x for x in system.components if x.extern]
+    write_spec(system, node, 1, tmp_path / "spec")
+    server = ExternServer(pickle.loads((tmp_path / "spec").read_bytes()))  # noqa: S301 - ours
+    exchange = exchange_of(system, node)
+    request = bytearray(exchange.request.size)
+    (member,) = exchange.request.members
+    encode_into(request, member.offset, member.type, ((0.5, -0.25), 3.0))
+    answer = server.step(bytes(request))
+    assert answer is not None
+    (sent,) = [m for m in exchange.answer.members if m.name == "push"]
+    given, run = answering(read_sb3(tmp_path / "sac.zip").network)
+    given[:] = 0.5, -0.25, 3.0
+    assert decode_from(bytearray(answer), sent.offset, sent.type) == float(run()[0])
+
+
+def test_a_package_in_c_says_how_a_policy_gets_into_it(tmp_path: Path) -> None:
+    shutil.copy(FILES / "sac.zip", tmp_path)
+    package = loaded(tmp_path, "sb3:sac.zip", reads="motion").build("c", tmp_path / "out")
+    assert any("its policy is left out" in note and "-o` writes" in note for note in package.notes)
 
 
 def test_what_a_binding_may_say(tmp_path: Path) -> None:
