@@ -34,7 +34,11 @@ if TYPE_CHECKING:
 
     Constants = Mapping[str, npt.NDArray[Any]]
 
-READ = "Gemm, MatMul, Add, Sub, Mul, Div, Relu, Tanh, Clip, Identity, Flatten, Reshape, ArgMax"
+READ = (
+    "Gemm, MatMul, Add, Sub, Mul, Div, Relu, Tanh, Clip, Identity, Cast, Flatten, Reshape, ArgMax"
+)
+FLOAT = 1
+"""Float32 in ONNX's TensorProto.DataType."""
 ARITHMETIC: dict[str, Operation] = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "/"}
 
 
@@ -119,6 +123,8 @@ def _constants(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
             if len(values) != 1 or len(node.output) != 1:
                 raise _UnreadError("it has a Constant that is no tensor")
             constants[node.output[0]] = _array(values[0])
+        elif node.op_type == "Identity" and node.input[0] in constants:
+            constants[node.output[0]] = constants[node.input[0]]  # a weight that is used twice
     return constants
 
 
@@ -220,6 +226,8 @@ def _shaped(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa:
     """No layer: the numbers of one observation stay in one row."""
     if node.op_type == "Flatten" and _attributes(node).get("axis", 1) not in (0, 1):
         raise _UnreadError("its Flatten makes several rows of one observation")
+    if node.op_type == "Cast" and _attributes(node).get("to") != FLOAT:
+        raise _UnreadError("its Cast is not to float32")
     if node.op_type == "Reshape":
         *axes, last = constants[node.input[1]].reshape(-1).tolist()
         axes[:1] = [1 if x == 0 else x for x in axes[:1]]  # 0 is that of the input
@@ -243,7 +251,7 @@ def _maker_of(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noq
     if name in simple:
         return lambda *_: [simple[name]]
     known = {"Gemm": _gemm, "MatMul": _matmul, "Clip": _clip}
-    known |= dict.fromkeys(("Identity", "Flatten", "Reshape"), _shaped)
+    known |= dict.fromkeys(("Identity", "Cast", "Flatten", "Reshape"), _shaped)
     if name not in known:
         raise _UnreadError(f"it has the operator {name[:40]}")
     return known[name]
