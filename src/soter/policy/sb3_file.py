@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    import numpy.typing as npt
+
     from soter.policy.network import Doubles, Floats
 
 PART_MAX = 64 * 2**20
@@ -118,8 +120,8 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
         network,
         {
             "file": f"Stable-Baselines3 {version}, {name.rpartition('.')[2]} ({kind.algorithms})",
-            "observation": _shown(observations),
-            "action": _shown(actions),
+            "observation": _shown(path, observations),
+            "action": _shown(path, actions),
             "answer": _ended(kind, choice=choice),
         },
         box=_box(path, observations),
@@ -209,10 +211,11 @@ def _inputs(path: Path, observations: Made) -> int:
     return shape[0]
 
 
-def _bounds(path: Path, space: Made) -> tuple[Floats, Floats]:
+def _bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """The least and the largest number of each, of a Box of any numbers."""
     low, high = (array_of(space.state.get(k)).reshape(-1) for k in ("low", "high"))
-    if low.shape != high.shape or low.dtype != np.float32 or high.dtype != np.float32:
-        raise bad_policy(path, "the bounds of a Box are no float32 numbers")
+    if low.shape != high.shape or not low.size:
+        raise bad_policy(path, "the bounds of a Box are not one for each number")
     return low, high
 
 
@@ -224,10 +227,10 @@ def _box(path: Path, observations: Made) -> tuple[Doubles, Doubles] | None:
     return np.full_like(low, low.min()), np.full_like(high, high.max())
 
 
-def _shown(space: Made) -> str:
+def _shown(path: Path, space: Made) -> str:
     if space.name.endswith(".Discrete"):
         return f"Discrete({_whole(space, 'n')})"
-    low, high = (array_of(space.state.get(k)).reshape(-1) for k in ("low", "high"))
+    low, high = _bounds(path, space)
     limits = ", ".join(f"[{a:g}, {b:g}]" for a, b in zip(low[:8], high[:8], strict=False))
     return f"Box of {low.size}: {limits}{', ...' if low.size > 8 else ''}"
 
@@ -280,6 +283,8 @@ def _ending(path: Path, kind: _Kind, actions: Made, *, choice: bool) -> list[Lay
     if kind.choice:
         raise bad_policy(path, "it chooses one of several actions, but its action space is a Box")
     low, high = _bounds(path, actions)
+    if low.dtype != np.float32 or high.dtype != np.float32:
+        raise bad_policy(path, "the bounds of its actions are no float32 numbers")
     if not kind.squashed:
         return [Clipped(low, high)]
     if not (np.isfinite(low).all() and np.isfinite(high).all()):

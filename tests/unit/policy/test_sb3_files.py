@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import json
+import pickle
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
-from policy_files import FILES  # type: ignore[import-not-found]
+from gymnasium import spaces
+from policy_files import FILES, change_pickle, changed  # type: ignore[import-not-found]
 
 from soter.language.model.binding_text import binding_of
 from soter.language.model.types import FloatType, IntType
 from soter.policy.sb3_file import read_sb3
 from soter.simulate.externs.policy_extern import load_policy
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 PREDICTED = json.loads((FILES / "predicted.json").read_text(encoding="utf-8"))
 
@@ -40,6 +47,22 @@ def test_what_the_file_does_not_say_is_named() -> None:
     read = read_sb3(FILES / "ppo.zip", FILES / "ppo_vecnormalize.pkl")
     assert read.assumed == ()
     assert read.facts["normalised"] == "by `ppo_vecnormalize.pkl`, clipped to 10"
+
+
+def test_observations_in_double_precision_are_rounded_as_torch_does(tmp_path: Path) -> None:
+    """As MuJoCo's environments have them."""
+    space = spaces.Box(-3.0, 2.0, (2,), np.float64)
+    path = tmp_path / "p.zip"
+    path.write_bytes(
+        changed(
+            "ppo.zip",
+            lambda s: change_pickle(s, "observation_space", lambda _: pickle.dumps(space)),
+        )
+    )
+    read = read_sb3(path)
+    assert read.facts["observation"] == "Box of 2: [-3, 2], [-3, 2]"
+    assert read.box is not None
+    assert [ends.tolist() for ends in read.box] == [[-3.0, -3.0], [2.0, 2.0]]
 
 
 def test_statistics_of_one_frame_normalise_each() -> None:
