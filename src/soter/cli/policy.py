@@ -70,7 +70,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     policy = _read(Path(args.file), args.statistics)
     box = _box(policy, args.within)
     bound = None if box is None else float(error_bound(policy.network, *box).max())
-    told = {**policy.facts, "layers": _layers(policy), "float64": _bound_told(box, bound)}
+    told = {**policy.facts, "layers": _layers(policy), "float64": _bound_told(policy, box, bound)}
     for name, text in [*told.items(), *(("assumed", text) for text in policy.assumed)]:
         console.say(f"{console.paint('muted', name.ljust(WIDTH))}  {text}")
     fields: dict[str, object] = {
@@ -125,7 +125,9 @@ def _layers(policy: Policy) -> str:
     return f"{policy.network.inputs} numbers, {', '.join(names)}"
 
 
-def _bound_told(box: tuple[Doubles, Doubles] | None, bound: float | None) -> str:
+def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: float | None) -> str:
+    from soter.policy.network import Tanh  # noqa: PLC0415 - as above
+
     if box is None or bound is None:
         return "no bound: the file does not say how large observations are (--within)"
     if not math.isfinite(bound):
@@ -133,7 +135,9 @@ def _bound_told(box: tuple[Doubles, Doubles] | None, bound: float | None) -> str
     ends = [f"[{a:g}, {b:g}]" for a, b in zip(*box, strict=True)]
     inside = ends[0] if len(set(ends)) == 1 else ", ".join(ends[:8] + ["..."] * (len(ends) > 8))
     above = Decimal(bound).normalize(Context(prec=3, rounding=ROUND_CEILING))
-    return f"within {float(above):.3g} of float32, for observations in {inside}"
+    has_tanh = any(isinstance(layer, Tanh) for layer in policy.network.layers)
+    given = " whose tanh is within 2^-21" if has_tanh else ""
+    return f"within {float(above):.3g} of float32{given}, for observations in {inside}"
 
 
 def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
