@@ -6,6 +6,7 @@ Non-goals: values (`parameter_values.py`); plain settings of a system, which are
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed
@@ -90,11 +91,12 @@ def params_read(*roots: object) -> Reads:
             todo.extend(node.values())
         elif isinstance(node, typed.ParamRead):
             params.add(node.param)
-        elif _is_code(node) and id(node) not in seen:
+        elif _is_code(type(node)) and id(node) not in seen:
             seen.add(id(node))
             todo.extend(vars(node).values())
     return frozenset(params)
 
 
-def _is_code(node: object) -> bool:
-    return type(node).__module__ == typed.__name__ and not isinstance(node, typed.TopicSymbol)
+@cache
+def _is_code(kind: type) -> bool:
+    return kind.__module__ == typed.__name__ and not issubclass(kind, typed.TopicSymbol)
