@@ -170,7 +170,7 @@ def test_what_is_measured_is_entered_and_nothing_else_is_lost() -> None:
     assert json.loads(text(found)) == found
 
 
-@pytest.mark.parametrize("more", [(), ("-n", "2", "--dist", "loadfile")])
+@pytest.mark.parametrize("more", [("-n", "2", "--dist", "loadfile"), ()])
 def test_a_run_writes_down_what_its_tests_take(tmp_path: Path, more: tuple[str, ...]) -> None:
     shutil.copy(TESTS / "durations.py", tmp_path)
     shutil.copy(TESTS / "long_tests.py", tmp_path)

@@ -35,13 +35,14 @@ def _fields(kind: type) -> tuple[tuple[str, type | tuple[type, ...]], ...] | Non
 
 def walk(root: object) -> Iterator[object]:
     """Every Core expression and statement below `root`, in order."""
-    stack: list[Any] = [root]
+    stack = [root]
     while stack:
         node = stack.pop()
         if isinstance(node, tuple):
             stack.extend(reversed(node))
             continue
-        parts = _fields(type(node))
+        kind: Any = type(node)
+        parts = _fields(kind)
         if parts is None:
             continue
         yield node
