@@ -125,7 +125,7 @@ def test_a_quick_run_takes_a_first_line_and_what_fits(
 
 
 def test_a_table_has_as_many_lines_in_a_quick_run_as_were_measured_to_fit() -> None:
-    name = "correct/test_corner_programs.py"
+    name = "unit/monitor/test_hostile_logs.py"
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", f"tests/{name}"]
     done = [
         processes.run([*command, *more], cwd=ROOT, capture_output=True, text=True).stdout
