@@ -18,7 +18,7 @@ from soter.api.rechecking import recheck
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.load.loader import load
 from soter.mapping.read_mapping import mapping_of, read_mapping
-from soter.simulate.outputs.run_assumptions import unproved
+from soter.simulate.outputs.result_assumptions import unproved
 from soter.targets.package import PackageFile
 from soter.targets.target_table import build_package, require_mapping
 from soter.verify.proof_cache import stored_verdicts

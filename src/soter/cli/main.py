@@ -167,7 +167,7 @@ def _explained(rest: list[str], console: Console) -> CommandOutcome:
 
 
 def _unknown(name: str) -> UsageError:
-    from soter.diagnostics.near import closest  # noqa: PLC0415 - only then
+    from soter.diagnostics.similar_names import closest  # noqa: PLC0415 - only then
 
     near = closest(name, list(COMMANDS))
     hint = f"; did you mean `{near[0]}`?" if near else ""

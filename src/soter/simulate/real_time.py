@@ -27,7 +27,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
 from soter.simulate.externs.extern_server import write_spec
-from soter.simulate.own_safe import InterpretedSafe
+from soter.simulate.module_safe_check import InterpretedSafe
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer
 from soter.simulate.trace_selection import TraceParts, names_of, wanted

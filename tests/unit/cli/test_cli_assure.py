@@ -20,7 +20,7 @@ from soter.certificate.assumptions import RecheckAssumption
 from soter.certificate.format.folder import canonical
 from soter.certificate.report import RecheckedModule, Report
 from soter.native.compiler import find, told_version
-from soter.native.own_files import soter_sha256
+from soter.native.package_sources import soter_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Callable

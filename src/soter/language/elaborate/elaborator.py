@@ -16,7 +16,7 @@ from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
 from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics, refuse_overrun
-from soter.language.elaborate.size import TooLargeError
+from soter.language.elaborate.system_size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
 from soter.language.elaborate.tests_and_faults.faults import place_faults
 from soter.language.elaborate.topics import Topics, beyond, first_outside

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.similar_names import nearest_or_all
 from soter.simulate.externs.python_extern import PythonExtern, instantiated, load_python
 from soter.simulate.run_settings import usage_error
 

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.diagnostics.near import closest
 from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.similar_names import closest
 from soter.language.load.bounded_read import read_bytes
 from soter.semantics.externs import Stop, step_of
 from soter.simulate.externs.misuse_messages import hint
-from soter.simulate.externs.process_surroundings import outside
+from soter.simulate.externs.process_state_guard import outside
 from soter.simulate.externs.python_answers import MisuseError, PlainError, described
 
 if TYPE_CHECKING:
