@@ -48,6 +48,7 @@ COMMANDS = {
     "test": "explore every schedule, find the shortest counterexample",
     "assure": "a safety case whose leaves are checked as it is made",
     "replay": "run a trace again, step by step",
+    "policy": "what the file of a learned policy says",
     "measure": "time the steps on this machine",
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",

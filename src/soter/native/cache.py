@@ -236,7 +236,7 @@ def entries() -> list[tuple[float, int, Path]]:
     SoterError X006 where the folder cannot be read.
     """
     try:
-        return sorted(_used(cache_dir()))
+        return [(at, size, Path(entry)) for at, size, entry in sorted(_used(cache_dir()))]
     except FileNotFoundError:
         return []
     except OSError as error:
@@ -270,7 +270,7 @@ def _make_room(folder: Path, most: int) -> None:
     for at, n, entry in used:
         if size <= most or now - at < YOUNG_S:
             return
-        if entry not in _ours:
+        if Path(entry) not in _ours:
             size -= n
             shutil.rmtree(entry, ignore_errors=True)
 
@@ -285,7 +285,7 @@ def _looked_lately(folder: Path, most: int, now: float) -> bool:
         return False
 
 
-def _used(folder: Path) -> list[tuple[float, int, Path]]:
+def _used(folder: Path) -> list[tuple[float, int, str]]:
     """When each entry was used last, its bytes, its folder; what else lies there is not ours."""
     used = []
     with os.scandir(folder.absolute()) as listed:
@@ -296,7 +296,7 @@ def _used(folder: Path) -> list[tuple[float, int, Path]]:
                 names, size = _listed(entry.path)
                 if entry.name.startswith(MAKING) or SEALS in names:
                     last = entry.stat(follow_symlinks=False).st_mtime
-                    used.append((last, size, Path(entry.path)))
+                    used.append((last, size, entry.path))
             except OSError:
                 continue  # another process removes it
     return used

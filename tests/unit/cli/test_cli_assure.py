@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import csv
 import hashlib
 import json
@@ -17,18 +16,14 @@ import pytest
 from json_documents import SCHEMAS, _check
 from soter.api import load
 from soter.api.assurance.provenance import rechecker_sha256
-from soter.certificate import rechecker
 from soter.certificate.assumptions import RecheckAssumption
 from soter.certificate.format.folder import canonical
 from soter.certificate.report import RecheckedModule, Report
-from soter.native.cache import digest
 from soter.native.compiler import find, told_version
 from soter.native.package_sources import soter_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from soter.api.arguments import Progress
 
     Soter = Callable[..., Any]
 
@@ -62,6 +57,7 @@ system Spoken { node Say; node Hear; until 1s; }
 test Undriven { system Told; horizon 30ms; always w < 3; }
 test Rests { system Spoken; replace Say by contract; horizon 30ms; always w < 3; }
 """
+pytestmark = pytest.mark.usefixtures("equal_certificates_are_checked_once")
 PROOF = ["P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start"]
 
 
@@ -81,28 +77,9 @@ def proved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def reports() -> dict[str, Report]:
-    """What the re-checker said of a certificate, by each of its bytes."""
-    return {}
-
-
 @pytest.fixture
-def cart(
-    proved: Path, here: Path, reports: dict[str, Report], monkeypatch: pytest.MonkeyPatch
-) -> Path:
-    """A copy of that folder to work in; equal certificates are checked once."""
+def cart(proved: Path, here: Path) -> Path:
     shutil.copytree(proved, here, dirs_exist_ok=True)
-    recheck = rechecker.recheck
-
-    def once(folder: Path, progress: Progress | None = None) -> Report:
-        files = sorted(p for p in folder.rglob("*") if p.is_file())
-        content = digest(f"{p.relative_to(folder)} {p.read_bytes().hex()}" for p in files)
-        if content not in reports:
-            reports[content] = recheck(folder, progress)
-        return copy.deepcopy(reports[content])
-
-    monkeypatch.setattr(rechecker, "recheck", once)
     return here
 
 

@@ -88,6 +88,7 @@ SMALL = [  # every, delayed of both; after of the second
 ]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("first", "second", "after"), SMALL)
 def test_no_pattern_of_arrivals_makes_the_topic_older_and_one_makes_it_so_old(
     first: tuple[int, int], second: tuple[int, int], after: int

@@ -637,10 +637,12 @@ class Elaborator(Topics):
                 node = component.node
                 contracts = (*node.assumes, *node.guarantees)
                 code = (*node.step, *(node.takeover or ()), *contracts)
-                wanted, margins = mode_reads(*code), margin_reads(*code)
+                wanted = mode_reads(*code)
+                margins = margin_reads(*code) if wanted else set()
             elif component.role == "dm" and component.module is not None:
                 own = modules[component.module].symbol
-                wanted, margins = mode_reads(*own.expressions), margin_reads(*own.expressions)
+                wanted = mode_reads(*own.expressions)
+                margins = margin_reads(*own.expressions) if wanted else set()
             for symbol, read in wanted.items():
                 candidates = beside.get((prefixes[home], symbol), [])
                 if len(candidates) == 1:
