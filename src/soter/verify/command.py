@@ -16,7 +16,7 @@ from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
 from soter.verify.claims.results import VerifyReport
 from soter.verify.problem.assumption import Assumption
-from soter.verify.problem.extract import extract
+from soter.verify.problem.extract import claims_nothing, extract
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
 
@@ -162,6 +162,8 @@ def modules_of(
         here: set[object] = set()
         for m in flat.modules:
             known.append(m.name)
+            if module is None and claims_nothing(flat, m):
+                continue
             here.add(m.symbol)
             if m.symbol not in seen and (module is None or module in _names(m)):
                 modules.append((flat, m))

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
-from soter.verify.problem.extract import extract
+from soter.language.model.system import modules_above
+from soter.verify.problem.extract import claims_nothing, extract
 from soter.verify.scope_data import ScopeGuarantee, VerificationScope
 from soter.verify.topic_contracts import publisher_of, topic_contract_of
 
@@ -63,6 +64,9 @@ def _same(
     flat: System, module: Module, problems: list[Problem], chosen: Chosen
 ) -> tuple[bool, str]:
     symbols = {p.module.symbol.name for p in problems}
+    if claims_nothing(flat, module):
+        above = modules_above(flat, module.index)[0].name
+        return False, f"no `verify` block: {above}, above it, is proved whatever it does"
     if module.forced is not None:
         return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
     try:

@@ -107,7 +107,7 @@ def verify_module(
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages),
+        notes=(*_whatever_is_below(problem), *refinement_note(done), *small_cores(done), *entered.values(), *ages),
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
     )
@@ -295,6 +295,15 @@ def _decision_module(result: ModuleResult) -> Finding:
 def _prelude(functions: tuple[str, ...]) -> list[Assumption]:
     text = "error bounds of the prelude's functions: tested, not proved"
     return [Assumption("prelude enclosed", text)] * bool(functions)
+
+
+def _whatever_is_below(problem: Problem) -> list[str]:
+    if not problem.below:
+        return []
+    return [
+        f"{problem.below[0]} stands in the place of AC: nothing is assumed of it, its controllers "
+        "and its DM, but that what they publish lies in the declared sets, which each step checks"
+    ]
 
 
 def _together(problem: Problem, done: list[Case]) -> list[Assumption]:

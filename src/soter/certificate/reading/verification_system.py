@@ -90,9 +90,9 @@ def _own_parameters(
 def _with_controllers(
     symbol: typed.ModuleSymbol, ac: typed.NodeSymbol, sc: typed.NodeSymbol
 ) -> typed.ModuleSymbol:
-    if symbol.ac is ac and symbol.sc is sc:
+    if symbol.ac is ac and symbol.sc is sc and symbol.over is None:
         return symbol
-    values = {**vars(symbol), "ac": ac, "sc": sc}
+    values = {**vars(symbol), "ac": ac, "sc": sc, "over": None}
     return typed.ModuleSymbol(**values)
 
 

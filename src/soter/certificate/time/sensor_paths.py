@@ -9,8 +9,10 @@ assumption, and named (`Ways.notes`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
+from soter.certificate.reading.tower import tower_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import (
     Clock,
@@ -47,6 +49,11 @@ class ModulePaths:
     """Nodes on the paths whose times are not declared."""
     looked: int = 0
     """How often a topic was looked at."""
+
+    @cached_property
+    def own(self) -> set[int]:
+        """The module, and those above and below it: what they publish is a command."""
+        return {m.index for m in tower_of(self.system, self.module)}
 
     # ------------------------------------------------------------ towards the module
 
@@ -199,7 +206,7 @@ class ModulePaths:
         for c in self.system.components:
             if c.plant is not None:
                 written = [t for t, _ in c.plant.drives]
-            elif c.node is not None and c.module != self.module.index:
+            elif c.node is not None and c.module not in self.own:
                 written = list(c.node.publishes)
             else:
                 continue

@@ -473,3 +473,11 @@ def modules_above(system: System, module: int) -> tuple[Module, ...]:
     """The modules in which this one stands in the place of AC, the next one first."""
     above = next((m for m in system.modules if m.over == module), None)
     return () if above is None else (above, *modules_above(system, above.index))
+
+
+def tower_of(system: System, module: int) -> tuple[Module, ...]:
+    """A module with those above and below it, the topmost first; itself where it stands alone."""
+    tower = [*reversed(modules_above(system, module)), system.modules[module]]
+    while (below := tower[-1].over) is not None:
+        tower.append(system.modules[below])
+    return tuple(tower)

@@ -14,7 +14,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants import Calculator
 from soter.language.elaborate.views import refuse_views
-from soter.language.model.system import modules_above
+from soter.language.model.system import tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.verify.enclose.scheme_error import NS, ORDER
@@ -53,12 +53,20 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     problem = _extract(flat, module, synthesize=synthesize)
     if module.law and module.symbol.verify.induction is None:
         try:
-            problem.law_unread = behind(flat, module) or _beyond_the_law(problem)
+            problem.law_unread = (
+                _in_the_tower(flat, module) or behind(flat, module) or _beyond_the_law(problem)
+            )
             if not problem.law_unread:
                 problem.law = _extract(*under_law(flat, module))
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
     return problem
+
+
+def _in_the_tower(flat: System, module: Module) -> str:
+    """Why nothing is claimed of the law of a module above or below another one."""
+    others = [m.name for m in tower_of(flat, module.index) if m.index != module.index]
+    return f"{others[0]} commands the same actuators: no lease is given there" if others else ""
 
 
 def _beyond_the_law(problem: Problem) -> str:
@@ -78,8 +86,9 @@ def _beyond_the_law(problem: Problem) -> str:
 def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     diagnostics = Diagnostics()
     refuse_views(module)
-    _stands_alone(flat, module, diagnostics)
+    _in_tower(flat, module, diagnostics)
     diagnostics.raise_errors()
+    home = flat
     flat, module, modes = modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
@@ -143,6 +152,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         schemes=_schemes(at, inputs) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),
+        below=tuple(m.name for m in tower_of(home, module.index)[1:]),
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
 
@@ -216,24 +226,38 @@ def _unbounded(
                 )
 
 
-def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> None:
-    """R020 for a module above another one, and for one below."""
-    above = modules_above(flat, module.index)
-    if module.over is None and not above:
+def claims_nothing(flat: System, module: Module) -> bool:
+    """Whether a module is there for comfort: another one is above it, and it says no `verify`."""
+    return module.symbol.verify.span is None and tower_of(flat, module.index)[0].name != module.name
+
+
+def _in_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+    """R020 for what no proof follows of modules above each other."""
+    tower = tower_of(flat, module.index)
+    if len(tower) == 1:
         return
-    other = above[0] if above else flat.modules[module.over or 0]
-    side = "below" if above else "above"
+    at = tower.index(flat.modules[module.index])
+    verify = module.symbol.verify
+    if at and claims_nothing(flat, module):
+        why = f"it has no `verify` block: nothing is claimed of it, and `{tower[0].name}` is proved"
+        why += " whatever it does"
+        how = "verify that one"
+    elif at:
+        why = f"its SC has control only while `{tower[0].name}` is in AC"
+        how = "verify it in a system of its own, with nodes as its controllers"
+    elif verify.induction is not None:
+        why, how = "an induction follows an AC that is one node", "prove it over sets: `grid ...;`"
+    else:
+        return
+    other = tower[at - 1 if at else 1]
     diagnostics.error(
         "R020",
-        f"module `{module.name}` stands {side} module `{other.name}`, and is not proved there",
+        f"module `{module.name}` stands {'below' if at else 'above'} module `{other.name}`, and is "
+        "not proved there",
         module.symbol.span,
         also=((other.symbol.span, f"`{other.symbol.name}`"),),
-        notes=(
-            f"its SC has control only while `{other.name}` is in AC"
-            if above
-            else "what may act after its DM said SC is a whole module, which no proof follows yet",
-        ),
-        helps=("verify it in a system of its own, with nodes as its controllers", "or test it"),
+        notes=(why,),
+        helps=(how, "or test it"),
     )
 
 
