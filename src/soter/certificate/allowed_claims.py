@@ -62,6 +62,8 @@ def static_claims(facts: Facts, given: dict[str, str]) -> dict[str, str]:
     gives_back(facts.symbol, given)
     if given.get("failsafe") == PROVED and len(tower_of(system, module)) > 1:
         raise RejectedError("failsafe: other modules of a tower command the same actuators")
+    if given.get("P2b") == PROVED and facts.above is not None:
+        raise RejectedError(f"P2b: SC has control only while {facts.above.name} is in AC")
     if given.get("P1a") == PROVED and slowest_below(system, module) > module.period_ns:
         raise RejectedError("P1a: a controller is slower than the DM")
     if given.get("P1b") == PROVED:

@@ -73,10 +73,12 @@ def verify(
     results = []
     for i, problem in enumerate(problems):
         share = _part(progress, i, len(problems))
-        # a run of a view, or of a plant that others move as they like, is none of the vehicle
-        attack = refute and not problem.view and not problem.influences
+        # a run of a view, or of a plant that others move as they like, is none of the vehicle; one
+        # of another AC, or of an SC that nobody takes control from, is none of a tower
+        whole = not (problem.view or problem.influences)
+        attack = refute and whole and not (problem.above or problem.below)
         prove = module_method(problem).verify
-        why = attack if explain is None else explain
+        why = (refute and whole) if explain is None else explain
         results.append(prove(problem, refute=attack, explain=why, progress=share, search=search))
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
-from soter.language.model.system import modules_above
+from soter.language.model.system import holder_of, modules_above
 from soter.verify.problem.extract import claims_nothing, extract
 from soter.verify.scope_data import ScopeGuarantee, VerificationScope
 from soter.verify.topic_contracts import publisher_of, topic_contract_of
@@ -191,7 +191,7 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarante
     for leaf in dict.fromkeys(o.owner for o in problem.quantities.others):
         topic = problem.system.topics[leaf]
         there = [t for t in flat.topics if t.symbol is topic.symbol]
-        there.sort(key=lambda t: not t.name.startswith(module.name.rpartition(".")[0]))
+        there.sort(key=lambda t: not t.name.startswith(holder_of(flat, module)))
         by = (there[0] if there else topic).driver or "nobody (its default)"
         what = f"{topic.name} lies in its declared set"
         guarantees.append(ScopeGuarantee(problem.name, what, by, "enforced"))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.language.model.durations import show_ns
-from soter.verify.claims import claims
+from soter.verify.claims import claims, handback_claim
 from soter.verify.claims.case import Case, ClaimTimer
 from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
@@ -107,7 +107,13 @@ def verify_module(
         problem,
         {},
         [c.sets for c in done],
-        notes=(*_whatever_is_below(problem), *refinement_note(done), *small_cores(done), *entered.values(), *ages),
+        notes=(
+            *_whatever_is_below(problem),
+            *refinement_note(done),
+            *small_cores(done),
+            *entered.values(),
+            *ages,
+        ),
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
     )
@@ -120,6 +126,9 @@ def verify_module(
     for claim in ("P2a", "P3") if why else ():
         _only_if_proved(result.findings[claim], why, NOT_ENTERED)
     _waits(problem, result.findings["P2b"])
+    if problem.above and result.findings["P2b"].verdict == PROVED:
+        text = f"{result.findings['P2b'].text} while {problem.above} is in AC: not proved"
+        result.findings["P2b"].rest_on(ASSUMED, text)
     result.findings["failsafe"] = _failsafe(problem, result, done)
     if result.findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
@@ -298,12 +307,9 @@ def _prelude(functions: tuple[str, ...]) -> list[Assumption]:
 
 
 def _whatever_is_below(problem: Problem) -> list[str]:
-    if not problem.below:
-        return []
-    return [
-        f"{problem.below[0]} stands in the place of AC: nothing is assumed of it, its controllers "
-        "and its DM, but that what they publish lies in the declared sets, which each step checks"
-    ]
+    text = "{} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
+    text += "but that what they publish lies in the declared sets, which each step checks"
+    return [text.format(name) for name in problem.below[:1]]
 
 
 def _together(problem: Problem, done: list[Case]) -> list[Assumption]:
@@ -437,6 +443,8 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
         if problem.module.symbol.acknowledgements:
             many += ", if it is acknowledged"
         return f"SC gives control back within {show_ns(seconds)}{many}"
+    if problem.above:
+        return handback_claim.shown(problem)
     return f"initial states lie in R({show_ns(problem.times.start)})"
 
 

@@ -104,6 +104,8 @@ def check_supported(facts: Facts) -> None:
     for expr in facts.symbol.predicates:
         read = ttf_of_states(expr) if expr is facts.symbol.ttf else expr
         _code(read, "the predicates of the module")
+    if facts.above is not None:
+        _code(facts.above.safer, f"`safer` of `{facts.above.name}`")
     for c in facts.plants:
         _plant(c)
     for c in facts.flying.components:

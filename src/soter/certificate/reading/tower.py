@@ -1,7 +1,7 @@
 """Modules above each other: who has control through whom, read off the running system.
 
-Purpose: `tower_of`, `refuse_unproved_towers`: which module of a tower is followed here, and that
-all that stands in the place of its AC publishes what it publishes, as often as P1a asks.
+Purpose: `tower_of`, `above_of`, `refuse_unproved_towers`: which module of a tower is followed here,
+and that all of its controllers publish what it publishes, as often as P1a asks.
 Non-goals: sharing code with `verify/problem/extract.py`, which the prover goes by.
 
 To the theorem an AC is anything that publishes values of the declared sets, and what it publishes
@@ -32,14 +32,27 @@ def tower_of(system: System, module: Module) -> list[Module]:
 
 def refuse_unproved_towers(system: System, module: Module) -> None:
     """`NotRecheckedError` for a module of a tower that no theorem here is about."""
-    if any(m.over == module.index for m in system.modules):
-        raise NotRecheckedError(f"`{module.name}` stands below another module")
-    if module.over is None:
+    if len(tower_of(system, module)) == 1:
         return
     for c in commanding(system, module):
         assert c.node is not None
         if {c.scope.topics[t] for t in c.node.publishes} != set(module.outputs):
             raise NotRecheckedError(f"`{c.name}` does not publish what `{module.name}` does")
+    above = above_of(system, module)
+    if above is None:
+        return
+    name, symbol = module.name, module.symbol
+    if above_of(system, above) is not None:
+        raise NotRecheckedError(f"`{name}` stands below two other modules")
+    if above.forced is not None:
+        raise NotRecheckedError(f"`{above.name}`, above `{name}`, is forced to {above.forced}")
+    if symbol.verify.views or symbol.shield is not None or symbol.verify.enters is not None:
+        raise NotRecheckedError(f"`{name}` stands below another module, and has views or a shield")
+
+
+def above_of(system: System, module: Module) -> Module | None:
+    """The module whose AC is this one; None: nobody's is."""
+    return next((m for m in system.modules if m.over == module.index), None)
 
 
 def commanding(system: System, module: Module) -> list[Component]:

@@ -22,6 +22,7 @@ from soter.certificate.time.derived_times import (
     TopicReading,
 )
 from soter.language.model import typed
+from soter.language.model.system import holder_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -192,7 +193,7 @@ class ModulePaths:
 
     def _names(self, c: Component) -> list[str]:
         """How the `verify` block may call a node."""
-        home = self.module.name.rpartition(".")[0]
+        home = holder_of(self.system, self.module)
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
     def _of_the_proof(self, c: Component) -> bool:

@@ -481,3 +481,8 @@ def tower_of(system: System, module: int) -> tuple[Module, ...]:
     while (below := tower[-1].over) is not None:
         tower.append(system.modules[below])
     return tuple(tower)
+
+
+def holder_of(system: System, module: Module) -> str:
+    """The name of the sub-system that holds a module, or its tower; "" where no other one does."""
+    return tower_of(system, module.index)[0].name.rpartition(".")[0]

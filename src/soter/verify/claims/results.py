@@ -340,11 +340,17 @@ class ModuleResult:
         return [*names, *(["scheme"] if SCHEME in self.assumptions else [])]
 
     @property
+    def whilst(self) -> str:
+        """Of a module below another one: when its `safe` is claimed; "" at all times."""
+        return f" while {self.problem.above} is in AC" if self.problem.above else ""
+
+    @property
     def headline(self) -> str:
         """The verdict and, where it says little, that: no proof of nothing reads like one."""
-        if self.vacuity is None or self.verdict not in (PROVED, ASSUMED):
+        if self.verdict not in (PROVED, ASSUMED):
             return self.verdict
-        return f"{self.verdict}, but {self.vacuity.text}"
+        verdict = self.verdict + self.whilst
+        return verdict if self.vacuity is None else f"{verdict}, but {self.vacuity.text}"
 
     @property
     def cells(self) -> int:

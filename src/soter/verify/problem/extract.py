@@ -7,6 +7,7 @@ Non-goals: computing sets (`verify/grid/sets.py`), verdicts (`verify.py`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
 from soter.verify.problem.failsafe_problem import behind, under_law
 from soter.verify.problem.inputs import Inputs, inputs_of
+from soter.verify.problem.module_above import Above, above_of, entered_from
 from soter.verify.problem.other_modes import modes_as_topics
 from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
@@ -32,7 +34,7 @@ from soter.verify.time.cause_effect_chains import side_inputs
 from soter.verify.time.problem_times import times_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from soter.language.model.system import Module, System
     from soter.verify.problem.problem import Group, ProblemKind
@@ -97,12 +99,19 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     at = place(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
+    above = above_of(home, at, diagnostics)
+    diagnostics.raise_errors()
+    if above is not None:
+        at = entered_from(at, above)
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
     groups = Axes(at, inputs, diagnostics)
     axis_groups = groups.groups()
     _unbounded(at, axis_groups, kind, diagnostics)
+    _no_map_below(at, above, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
+    if above is not None:
+        times = _handed_back(times, above)
     _shield(at, axis_groups, kind, times, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
@@ -139,6 +148,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
             *assumptions_of(at, inputs, times, chains, kind, jumps),
             *_open(axis_groups),
             *modes.assumptions,
+            *([] if above is None else above.assumptions),
         ),
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=side_inputs(at),
@@ -152,8 +162,18 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         schemes=_schemes(at, inputs) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),
-        below=tuple(m.name for m in tower_of(home, module.index)[1:]),
+        above="" if above is None else above.name,
+        below=_below(home, module),
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
+    )
+
+
+def _handed_back(times: Times, above: Above) -> Times:
+    """With what a hand-back of the module above asks of H; P1c rests on its times, too."""
+    return replace(
+        times,
+        schedule=replace(times.schedule, back=above.back_ns),
+        declared=times.declared if above.declared else times.declared - {"nodes"},
     )
 
 
@@ -203,6 +223,20 @@ def _shield(
         )
 
 
+def _no_map_below(
+    at: VerificationSystem, above: Above | None, kind: ProblemKind, diagnostics: Diagnostics
+) -> None:
+    """R020 where what a hand-back does within one instant is not settled."""
+    if above is not None and kind != "flow":
+        diagnostics.error(
+            "R020",
+            f"module `{at.home.name}` stands below module `{above.name}`, and is not proved there",
+            at.home.symbol.span,
+            notes=("its plants move in steps (`next`): two DMs and two SCs share an instant",),
+            helps=("write the plant with `der`", "or test it: `soter test`"),
+        )
+
+
 def _unbounded(
     at: VerificationSystem, groups: tuple[Group, ...], kind: ProblemKind, diagnostics: Diagnostics
 ) -> None:
@@ -231,25 +265,22 @@ def claims_nothing(flat: System, module: Module) -> bool:
     return module.symbol.verify.span is None and tower_of(flat, module.index)[0].name != module.name
 
 
+def _below(flat: System, module: Module) -> tuple[str, ...]:
+    """The module in the place of AC, the one in the place of its AC, and so on."""
+    names = [m.name for m in tower_of(flat, module.index)]
+    return tuple(names[names.index(module.name) + 1 :])
+
+
 def _in_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     """R020 for what no proof follows of modules above each other."""
     tower = tower_of(flat, module.index)
     if len(tower) == 1:
         return
     at = tower.index(flat.modules[module.index])
-    verify = module.symbol.verify
-    if at and claims_nothing(flat, module):
-        why = f"it has no `verify` block: nothing is claimed of it, and `{tower[0].name}` is proved"
-        why += " whatever it does"
-        how = "verify that one"
-    elif at:
-        why = f"its SC has control only while `{tower[0].name}` is in AC"
-        how = "verify it in a system of its own, with nodes as its controllers"
-    elif verify.induction is not None:
-        why, how = "an induction follows an AC that is one node", "prove it over sets: `grid ...;`"
-    else:
-        return
     other = tower[at - 1 if at else 1]
+    why = _why_not(flat, module, tower[:at])
+    if not why:
+        return
     diagnostics.error(
         "R020",
         f"module `{module.name}` stands {'below' if at else 'above'} module `{other.name}`, and is "
@@ -257,8 +288,37 @@ def _in_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
         module.symbol.span,
         also=((other.symbol.span, f"`{other.symbol.name}`"),),
         notes=(why,),
-        helps=(how, "or test it"),
+        helps=("verify it in a system of its own, with nodes as its controllers", "or test it"),
     )
+
+
+def _why_not(flat: System, module: Module, above: Sequence[Module]) -> str:
+    """What of a module of a tower no proof follows; "": nothing."""
+    symbol, verify = module.symbol, module.symbol.verify
+    if verify.induction is not None:
+        return "an induction follows an AC that is one node, and an SC whose DM alone gives control"
+    if not above:
+        return ""
+    over = above[-1].name
+    if claims_nothing(flat, module):
+        return f"it has no `verify` block: nothing is claimed, and `{over}` is proved anyhow"
+    sc = flat.components[module.sc].node
+    assert sc is not None
+    there = {
+        "two modules are above it, and both give control back": len(above) > 1,
+        f"`{over}` is forced to a mode, and never gives control back": above[-1].forced is not None,
+        "it has views: where control is given back is asked of one set of plants": bool(
+            verify.views or module.view
+        ),
+        "it has a `shield`, which counts commands that its own controllers gave": symbol.shield
+        is not None,
+        f"`{sc.name}` has `on takeover`, which runs whenever `{over}` gives control back": (
+            sc.takeover is not None
+        ),
+        "its SC is still to be found": symbol.synthesized,
+        "`enters` is what the module above says here": verify.enters is not None,
+    }
+    return next((why for why, is_so in there.items() if is_so), "")
 
 
 def extract_sets(flat: System, module: Module) -> Problem:
