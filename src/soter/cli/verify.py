@@ -292,7 +292,8 @@ def _headline(module: ModuleResult, console: Console) -> str:
     verdict = console.paint(PAINTS[module.verdict], module.verdict.upper())
     verdict += module.whilst if held else ""
     if held and module.vacuity is not None:  # proved, but of next to nothing
-        verdict = f"{console.paint('yellow', module.verdict.upper())}{module.whilst}, but {module.vacuity.text},"
+        little = console.paint("yellow", module.verdict.upper())
+        verdict = f"{little}{module.whilst}, but {module.vacuity.text},"
     count = len(module.assumptions)
     under = f" under {count} assumption{'' if count == 1 else 's'}"
     if module.assumed:

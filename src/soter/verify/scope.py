@@ -210,6 +210,7 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarante
     plants = [c.name for c in problem.system.components if c.plant is not None]
     if plants and not module.symbol.verify.abstracts:
         moved = " and what is said of others" if problem.influences else ""
+        moved += f" while {problem.above} is in AC" * bool(problem.above)
         what = f"{', '.join(plants)} moved by {module.name}, the declared disturbances{moved} alone"
         guarantees.append(ScopeGuarantee(problem.name, what, "the equations", "enforced"))
     if problem.quantities.disturbances:
