@@ -56,9 +56,9 @@ def test_the_module_below_is_proved_while_the_one_above_is_in_ac(tmp_path: Path)
 
 def test_what_a_hand_back_asks_of_h_counts_where_it_is_more(tmp_path: Path) -> None:
     late = changed(WRONG_BELOW["a verdict that comes late is not counted"][0])
-    long = late.replace("horizon 34ms", "horizon 40ms")
+    long = late.replace("horizon 34ms", "horizon 45ms")
     times = _verified(tmp_path, long, "Inner").problem.times
-    assert times.h_star == 40_000_000 > times.schedule.h_star
+    assert times.h_star == 45_000_000 > times.schedule.h_star
     assert _why(tmp_path, long, "Inner") == ""
 
 

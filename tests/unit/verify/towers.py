@@ -93,7 +93,7 @@ WRONG_BELOW = {
     "a verdict that comes late is not counted": (
         [
             (GRID, f"{GRID} horizon 34ms;"),
-            (OUTER_TIMES, OUTER_TIMES.replace("dm 1ms", "dm 15ms")),
+            (OUTER_TIMES, OUTER_TIMES.replace("dm 1ms", "dm 20ms")),
             ("node Back period 10ms", "node Back period 50ms"),
         ],
         "a hand-back of the module above",
