@@ -3,11 +3,11 @@
     .venv/bin/python bench/adversary/towers.py [--towers 60] [--flights 20] [--json FILE]
 
 Purpose: each tower has a cart, thresholds, periods, delays and strengths of its own, many of them
-wrong. What `soter verify` proves of the outer module, and of the inner one while the outer one is in
-AC, is flown against: an AC that pushes at the border, one that flips at every release, one that lures
-the state out and waits; DMs as late as declared; wind that is held. A flight that violates what is
-proved is a defect (exit code 1). Of the claims that are not proved those are counted that a flight
-violates: if none were, these adversaries would be no test.
+wrong. What `soter verify` proves of the outer module, and of the inner one while the outer one is
+in AC, is flown against: an AC that pushes at the border, one that flips at every release, one that
+lures the state out and waits; DMs as late as declared; wind that is held. A flight that violates
+what is proved is a defect (exit code 1). Of the claims that are not proved those are counted that a
+flight violates: if none were, these adversaries would be no test.
 Non-goals: errors and disturbances at their ends in every step (`against_proofs.py`).
 """
 
@@ -190,10 +190,12 @@ def main() -> int:
         held = [t for t, proved, _ in of if proved]
         bad = [t.number for t, proved, violated in of if proved and violated]
         bite = sum(1 for _, proved, violated in of if not proved and violated)
+        flights = sum(t.flights for t in held)
+        backs = sum(t.given_back for t in held)
         print(
-            f"{name}: {len(held)} of {len(towers)} proved, flown {sum(t.flights for t in held):,} "
-            f"times with {sum(t.given_back for t in held):,} hand-backs, violated in {bad or 'none'}; "
-            f"of {len(towers) - len(held)} not proved {bite} were violated"
+            f"{name}: {len(held)} of {len(towers)} proved, flown {flights:,} times with {backs:,} "
+            f"hand-backs, violated in {bad or 'none'}; of {len(towers) - len(held)} not proved "
+            f"{bite} were violated"
         )
     print(f"{time.perf_counter() - began:.0f} s")
     if options.json is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.assumptions import p1c_of
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.reading.tower import slowest_below, tower_of
+from soter.certificate.tower import slowest_below, tower_of
 
 if TYPE_CHECKING:
     from soter.certificate.reading.facts import Facts

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 from soter.certificate.reading.facts import ModuleAbove
 from soter.certificate.reading.module_views import said_of
 from soter.certificate.reading.problem import read_facts
-from soter.certificate.reading.tower import above_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.hand_back import handed_back
 from soter.certificate.time.module_times import read_by
+from soter.certificate.tower import above_of
 
 if TYPE_CHECKING:
     from soter.certificate.reading.facts import Facts

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
+from soter.language.model.system import claims_nothing
 from soter.verify.claims.results import VerifyReport
 from soter.verify.problem.assumption import Assumption
-from soter.verify.problem.extract import claims_nothing, extract
+from soter.verify.problem.extract import extract
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
 

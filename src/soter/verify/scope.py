@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
-from soter.language.model.system import holder_of, modules_above
-from soter.verify.problem.extract import claims_nothing, extract
+from soter.language.model.system import claims_nothing, holder_of, modules_above
+from soter.verify.problem.extract import extract
 from soter.verify.scope_data import ScopeGuarantee, VerificationScope
 from soter.verify.topic_contracts import publisher_of, topic_contract_of
 

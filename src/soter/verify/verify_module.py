@@ -20,7 +20,7 @@ from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
 from soter.verify.claims.levels import deploy, levels
 from soter.verify.claims.plant_publications import say_narrowed
-from soter.verify.claims.recovery import in_time, recover
+from soter.verify.claims.recovery import in_time, recover, waits
 from soter.verify.claims.results import (
     ASSUMED,
     NO_CORE,
@@ -40,7 +40,6 @@ from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.age_disjuncts import said_of_ages
 from soter.verify.problem.assumption import SCHEME, Assumption
 from soter.verify.problem.extract import cases
-from soter.verify.problem.other_modes import said
 from soter.verify.proof_methods import in_order, method_of
 from soter.verify.time.problem_times import DELAYS, in_words
 from soter.verify.work_estimate import announce_work
@@ -78,7 +77,6 @@ NOT_ENTERED = (
     "a guard that lets less in, over what the view's plants drive; or leave `enters` out: then "
     "every change is an assumption"
 )
-GIVE_BACK = "let one of them give control back whatever the other one does"
 
 
 def verify_module(
@@ -102,18 +100,12 @@ def verify_module(
     done = _all_cases(problem, library, _upto(progress, CASES))
     cpu = time.process_time() - cpu
     entered, why = _handed_over(problem, done)
-    ages = said_of_ages(problem.module.symbol.ttf)
+    ages = (*said_of_ages(problem.module.symbol.ttf), *handback_claim.notes(problem))
     result = ModuleResult(
         problem,
         {},
         [c.sets for c in done],
-        notes=(
-            *_whatever_is_below(problem),
-            *refinement_note(done),
-            *small_cores(done),
-            *entered.values(),
-            *ages,
-        ),
+        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages),
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
     )
@@ -125,10 +117,8 @@ def verify_module(
         _only_if_proved(result.findings["P2a"], diverges, STIFF_HINT)
     for claim in ("P2a", "P3") if why else ():
         _only_if_proved(result.findings[claim], why, NOT_ENTERED)
-    _waits(problem, result.findings["P2b"])
-    if problem.above and result.findings["P2b"].verdict == PROVED:
-        text = f"{result.findings['P2b'].text} while {problem.above} is in AC: not proved"
-        result.findings["P2b"].rest_on(ASSUMED, text)
+    waits(problem, result.findings["P2b"])
+    handback_claim.while_in_ac(problem, result.findings["P2b"])
     result.findings["failsafe"] = _failsafe(problem, result, done)
     if result.findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
@@ -306,12 +296,6 @@ def _prelude(functions: tuple[str, ...]) -> list[Assumption]:
     return [Assumption("prelude enclosed", text)] * bool(functions)
 
 
-def _whatever_is_below(problem: Problem) -> list[str]:
-    text = "{} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
-    text += "but that what they publish lies in the declared sets, which each step checks"
-    return [text.format(name) for name in problem.below[:1]]
-
-
 def _together(problem: Problem, done: list[Case]) -> list[Assumption]:
     """A proof may have one acting time for all commands that move its group: an assumption."""
     if problem.times.jitter_sc == 0:
@@ -342,17 +326,6 @@ def _only_if_proved(finding: Finding, why: str, hint: str) -> None:
     """A claim that is proved but for this; one that is not has its own reasons, which are told."""
     if finding.verdict == PROVED:
         finding.rest_on(UNDECIDED, why, hint)
-
-
-def _waits(problem: Problem, finding: Finding) -> None:
-    """P2b of a module that waits for others is about times at which these are in AC."""
-    modes = problem.modes
-    if modes is None or not modes.waits or finding.verdict != PROVED:
-        return
-    if modes.never:
-        finding.rest_on(UNDECIDED, modes.never, GIVE_BACK)
-    else:
-        finding.rest_on(ASSUMED, f"{finding.text} while {said(modes.waits)} in AC: not proved")
 
 
 def _lease_holds(problem: Problem) -> Assumption:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.module_views import ttf_of_states
 from soter.certificate.reading.other_modes import only_modes_of_others
-from soter.certificate.reading.tower import commanding, refuse_unproved_towers
 from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.tower import commanding, refuse_unproved_towers
 from soter.language.model import typed as t
 
 if TYPE_CHECKING:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.tower import tower_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import (
     Clock,
@@ -21,6 +20,7 @@ from soter.certificate.time.derived_times import (
     TopicPath,
     TopicReading,
 )
+from soter.certificate.tower import tower_of
 from soter.language.model import typed
 from soter.language.model.system import holder_of
 

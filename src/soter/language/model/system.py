@@ -486,3 +486,8 @@ def tower_of(system: System, module: int) -> tuple[Module, ...]:
 def holder_of(system: System, module: Module) -> str:
     """The name of the sub-system that holds a module, or its tower; "" where no other one does."""
     return tower_of(system, module.index)[0].name.rpartition(".")[0]
+
+
+def claims_nothing(system: System, module: Module) -> bool:
+    """Whether a module is there for comfort: another one is above it, and it says no `verify`."""
+    return module.symbol.verify.span is None and bool(modules_above(system, module.index))

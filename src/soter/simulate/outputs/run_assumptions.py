@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.elaborator import show_ns
-from soter.language.model.system import modules_above
+from soter.language.model.system import claims_nothing, modules_above
 from soter.language.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
@@ -45,15 +45,10 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
         if m.name in proofs
     ]
     for m in free:
-        above = modules_above(system, m.index)
-        if above and m.symbol.verify.span is None and m.name not in proofs:
-            assumptions.append(f"{m.name}: nothing is claimed of it; {above[0].name} is above it")
-    rest = [
-        m
-        for m in free
-        if m.name not in proofs
-        and not (m.symbol.verify.span is None and modules_above(system, m.index))
-    ]
+        if claims_nothing(system, m) and m.name not in proofs:
+            above = modules_above(system, m.index)[0].name
+            assumptions.append(f"{m.name}: nothing is claimed of it; {above} is above it")
+    rest = [m for m in free if m.name not in proofs and not claims_nothing(system, m)]
     if rest:
         which = ", ".join(m.name + _whilst(system, m) for m in rest)
         assumptions.append(

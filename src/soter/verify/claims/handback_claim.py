@@ -14,10 +14,12 @@ import numpy as np
 from soter.language.model.durations import show_ns
 from soter.verify.claims.handover_claim import not_entered, reach_of
 from soter.verify.claims.product_sets import law_within
+from soter.verify.claims.results import ASSUMED, PROVED
 from soter.verify.time.sc_before_publication import fault_on_defaults
 
 if TYPE_CHECKING:
     from soter.verify.claims.case import Case
+    from soter.verify.claims.results import Finding
     from soter.verify.problem.problem import Problem
 
 NARROWER = "a `safer` above that gives control back at fewer states, or a wider grid"
@@ -50,3 +52,17 @@ def shown(problem: Problem) -> str:
         f"wherever {problem.above} may give control back the state lies in "
         f"R({show_ns(problem.times.horizon_ns)}); SC answers all that may be published before"
     )
+
+
+def while_in_ac(problem: Problem, finding: Finding) -> None:
+    """P2b of a module below another one is about times at which that one stays in AC."""
+    if problem.above and finding.verdict == PROVED:
+        text = f"{finding.text} while {problem.above} is in AC: not proved"
+        finding.rest_on(ASSUMED, text)
+
+
+def notes(problem: Problem) -> list[str]:
+    """Of a module above another one what is assumed of that one: next to nothing."""
+    text = "{} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
+    text += "but that what they publish lies in the declared sets, which each step checks"
+    return [text.format(name) for name in problem.below[:1]]

@@ -7,7 +7,6 @@ Non-goals: computing sets (`verify/grid/sets.py`), verdicts (`verify.py`).
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants import Calculator
 from soter.language.elaborate.views import refuse_views
-from soter.language.model.system import tower_of
+from soter.language.model.system import claims_nothing, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.verify.enclose.scheme_error import NS, ORDER
@@ -25,7 +24,7 @@ from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
 from soter.verify.problem.failsafe_problem import behind, under_law
 from soter.verify.problem.inputs import Inputs, inputs_of
-from soter.verify.problem.module_above import Above, above_of, entered_from
+from soter.verify.problem.module_above import handed_back, under
 from soter.verify.problem.other_modes import modes_as_topics
 from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
@@ -37,6 +36,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.language.model.system import Module, System
+    from soter.verify.problem.module_above import Above
+    from soter.verify.problem.other_modes import Modes
     from soter.verify.problem.problem import Group, ProblemKind
 
 LEVELS_DEFAULT = 3
@@ -53,6 +54,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     With that of its fail-safe law, where one is declared.
     """
     problem = _extract(flat, module, synthesize=synthesize)
+    problem.below = _below(flat, module)
     if module.law and module.symbol.verify.induction is None:
         try:
             problem.law_unread = (
@@ -99,28 +101,20 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     at = place(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
-    above = above_of(home, at, diagnostics)
-    diagnostics.raise_errors()
-    if above is not None:
-        at = entered_from(at, above)
+    at, above = under(home, at, kind, diagnostics)
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
     groups = Axes(at, inputs, diagnostics)
     axis_groups = groups.groups()
     _unbounded(at, axis_groups, kind, diagnostics)
-    _no_map_below(at, above, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
-    if above is not None:
-        times = _handed_back(times, above)
     _shield(at, axis_groups, kind, times, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
     calculator = Calculator(diagnostics, at.module.scope.params)
-    symbol = at.module.symbol
-    levels = symbol.verify.levels
-    recover = symbol.verify.recover
-    jumps = jumps_of(at)
+    symbol, jumps = at.module.symbol, jumps_of(at)
+    levels, recover = symbol.verify.levels, symbol.verify.recover
     return Problem(
         system=at.system,
         core=lower(at.system),
@@ -136,7 +130,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         others=tuple(inputs.other_ranges),
         parameters=tuple(inputs.parameters),
         groups=axis_groups,
-        times=times,
+        times=handed_back(times, above),
         levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
         has_core_hint=symbol.verify.core is not None,
         computed=symbol.ttf is None,
@@ -144,11 +138,8 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()} | groups.shown,
         state_of_leaf=groups.topic_leaves,
         assumptions=(
-            *_forced(flat, module),
             *assumptions_of(at, inputs, times, chains, kind, jumps),
-            *_open(axis_groups),
-            *modes.assumptions,
-            *([] if above is None else above.assumptions),
+            *_beside(at, axis_groups, modes, above),
         ),
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=side_inputs(at),
@@ -162,19 +153,17 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         schemes=_schemes(at, inputs) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),
-        above="" if above is None else above.name,
-        below=_below(home, module),
+        above=above.name if above else "",
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
 
 
-def _handed_back(times: Times, above: Above) -> Times:
-    """With what a hand-back of the module above asks of H; P1c rests on its times, too."""
-    return replace(
-        times,
-        schedule=replace(times.schedule, back=above.back_ns),
-        declared=times.declared if above.declared else times.declared - {"nodes"},
-    )
+def _beside(
+    at: VerificationSystem, groups: tuple[Group, ...], modes: Modes, above: Above | None
+) -> list[Assumption]:
+    """What is assumed beside what every problem assumes."""
+    of_above = [] if above is None else above.assumptions
+    return [*_forced(at.flat, at.home), *_open(groups), *modes.assumptions, *of_above]
 
 
 def _forced(flat: System, module: Module) -> list[Assumption]:
@@ -223,20 +212,6 @@ def _shield(
         )
 
 
-def _no_map_below(
-    at: VerificationSystem, above: Above | None, kind: ProblemKind, diagnostics: Diagnostics
-) -> None:
-    """R020 where what a hand-back does within one instant is not settled."""
-    if above is not None and kind != "flow":
-        diagnostics.error(
-            "R020",
-            f"module `{at.home.name}` stands below module `{above.name}`, and is not proved there",
-            at.home.symbol.span,
-            notes=("its plants move in steps (`next`): two DMs and two SCs share an instant",),
-            helps=("write the plant with `der`", "or test it: `soter test`"),
-        )
-
-
 def _unbounded(
     at: VerificationSystem, groups: tuple[Group, ...], kind: ProblemKind, diagnostics: Diagnostics
 ) -> None:
@@ -258,11 +233,6 @@ def _unbounded(
                     group.span or symbol.span,
                     helps=(f"`{axis.name} in [l, u] / n`, with an end on either side",),
                 )
-
-
-def claims_nothing(flat: System, module: Module) -> bool:
-    """Whether a module is there for comfort: another one is above it, and it says no `verify`."""
-    return module.symbol.verify.span is None and tower_of(flat, module.index)[0].name != module.name
 
 
 def _below(flat: System, module: Module) -> tuple[str, ...]:

@@ -1,7 +1,8 @@
 """A module below another one: what its proof takes from that one (docs/proof.md, Towers).
 
-Purpose: `above_of`: where the module above gives control back, as a predicate over what the plants
-of the proof drive, and how old the state behind that verdict may be once it is in force.
+Purpose: `under`: where the module above gives control back, as a predicate over what the plants of
+the proof drive, and how old the state behind that verdict may be once it is in force;
+`handed_back`: times that count it.
 Non-goals: that the state is then in R(H) (`claims/handback_claim.py`), what H has to be
 (`time/schedule.py`).
 """
@@ -28,7 +29,7 @@ from soter.verify.time.problem_times import read_by_dm, read_by_sc, times_of
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.model.system import Module, System
-    from soter.verify.problem.problem import Times
+    from soter.verify.problem.problem import ProblemKind, Times
     from soter.verify.problem.verification_system import VerificationSystem
 
 DECLARED = {"late_dm", "response_dm", "nodes"}
@@ -70,21 +71,56 @@ class Above:
         ]
 
 
-def above_of(flat: System, at: VerificationSystem, diagnostics: Diagnostics) -> Above | None:
-    """The module above the one of a verification system; None, or a diagnostic R020: none."""
-    above = modules_above(flat, at.home.index)
-    if not above:
-        return None
-    module = above[0]
+def under(
+    flat: System, at: VerificationSystem, kind: ProblemKind, diagnostics: Diagnostics
+) -> tuple[VerificationSystem, Above | None]:
+    """The module above the one of a verification system, with its hand-backs as `enters`.
+
+    None where there is none above, or, with a diagnostic R020, where it is not followed.
+    """
+    modules = modules_above(flat, at.home.index)
+    if not modules:
+        return at, None
+    above = _above(flat, at, modules[0], kind, diagnostics)
+    if above is None:
+        return at, None
+    symbol = at.module.symbol
+    verify = replace(symbol.verify, enters=above.safer)
+    module = replace(at.module, symbol=replace(symbol, verify=verify))
+    return replace(at, system=with_module(at.system, module), module=module), above
+
+
+def handed_back(times: Times, above: Above | None) -> Times:
+    """With what a hand-back of the module above asks of H; P1c rests on its times, too."""
+    if above is None:
+        return times
+    return replace(
+        times,
+        schedule=replace(times.schedule, back=above.back_ns),
+        declared=times.declared if above.declared else times.declared - {"nodes"},
+    )
+
+
+def _above(
+    flat: System,
+    at: VerificationSystem,
+    module: Module,
+    kind: ProblemKind,
+    diagnostics: Diagnostics,
+) -> Above | None:
     params = [{p: repr(v) for p, v in m.scope.params.items()} for m in (module, at.module)]
-    if params[0] != params[1]:
-        _refuse(at, module, f"`{module.name}` has other values of its parameters", diagnostics)
-        return None
     parts = [e for e in conjuncts(_safer(module)) if _shown(e, module, at)]
+    wrong = {
+        "its plants move in steps (`next`): two DMs and two SCs share an instant": kind != "flow",
+        f"`{module.name}` has other values of its parameters": params[0] != params[1],
+        f"`safer` of `{module.name}` says nothing of its plants": not parts,
+    }
+    why = next((why for why, is_so in wrong.items() if is_so), "")
+    if why:
+        _refuse(at, module, why, diagnostics)
+        return None
     times = _times(flat, module, diagnostics)
-    if not parts:
-        _refuse(at, module, f"`safer` of `{module.name}` says nothing of its plants", diagnostics)
-    if not parts or not times:
+    if not times:
         return None
     return Above(
         module.name,
@@ -92,14 +128,6 @@ def above_of(flat: System, at: VerificationSystem, diagnostics: Diagnostics) -> 
         max(t.age_dm + t.late_dm + t.response_dm for t in times),
         all(t.declared >= DECLARED for t in times),
     )
-
-
-def entered_from(at: VerificationSystem, above: Above) -> VerificationSystem:
-    """With the hand-back as what its states are entered by."""
-    symbol = at.module.symbol
-    verify = replace(symbol.verify, enters=above.safer)
-    module = replace(at.module, symbol=replace(symbol, verify=verify))
-    return replace(at, system=with_module(at.system, module), module=module)
 
 
 def _safer(module: Module) -> typed.TypedExpr:
@@ -140,5 +168,8 @@ def _refuse(at: VerificationSystem, module: Module, why: str, diagnostics: Diagn
         at.home.symbol.span,
         also=((module.symbol.span, f"`{module.symbol.name}`"),),
         notes=(why,),
-        helps=(f"let `safer` of `{module.symbol.name}` say where it gives control back",),
+        helps=(
+            f"let `safer` of `{module.symbol.name}` say where it gives control back",
+            "or leave `verify` out: then nothing is claimed of it",
+        ),
     )
