@@ -144,6 +144,10 @@ PROGRAMS = {
         [("safer abs(x) < 1.6", "safer mode(Inner) == Mode.AC")],
         "says nothing of the plants",
     ),
+    "given back by a mode, or by what plants show": (
+        [("safer abs(x) < 1.6", "safer abs(x) < 1.6 || mode(Inner) == Mode.SC")],
+        "says nothing of the plants",
+    ),
     "a verdict that comes late": (
         [
             ("/ 320;\n    late dm 1ms", "/ 320;\n    late dm 20ms"),

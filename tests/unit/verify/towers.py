@@ -90,6 +90,10 @@ WRONG_BELOW = {
         [("safer abs(x) < 1.6", "safer mode(Inner) == Mode.AC")],
         "says nothing of its plants",
     ),
+    "given back by a mode, or by what plants show": (
+        [("safer abs(x) < 1.6", "safer abs(x) < 1.6 || mode(Inner) == Mode.SC")],
+        "says nothing of its plants",
+    ),
     "a verdict that comes late is not counted": (
         [
             (GRID, f"{GRID} horizon 34ms;"),
