@@ -108,14 +108,12 @@ def test_a_safety_case_says_while_which_module_is_in_ac(tmp_path: Path) -> None:
 
 
 def test_what_goes_wrong_in_a_module_that_claims_nothing_is_inside(tmp_path: Path) -> None:
-    faults = (
-        "faults { saturated Outer.Inner.Near at 60 per 1h for 1s; late Outer.Inner.dm by 3ms; }"
-    )
+    wrong = "saturated Outer.Inner.Near at 60 per 1h for 1s; late Outer.Inner.dm by 3ms;"
     quiet = TOWER[: TOWER.index("  verify")] + TOWER[TOWER.index("}\nrta Outer") :]
     inside = {}
     for name, text in (("claims", TOWER), ("comfort", quiet)):
         path = tmp_path / f"{name}.soter"
-        path.write_text(text.replace("until 20s;", f"until 20s; {faults}"))
+        path.write_text(text.replace("until 20s;", f"until 20s; faults {{ {wrong} }}"))
         inside[name] = [f.inside for f in load(path).flat().faults]
     assert inside["comfort"] == ["nothing is claimed of its module"] * 2
     assert inside["claims"] == [None, None]
