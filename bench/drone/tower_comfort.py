@@ -15,6 +15,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,20 +29,25 @@ ARMS = {
 FINE_S = 0.02
 """Jerk is looked at so often: the shaping filter moves on in 5 ms."""
 
+Flight = dict[str, Any]
+
 
 def interruptions(in_control: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     """Lengths in s of the times at which AC had no control; the first one is the start."""
     edges = np.diff(in_control.astype(np.int8), prepend=1, append=1)
     begins, ends = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
     last = np.append(time_s, time_s[-1])
-    return last[ends] - time_s[begins]
+    return np.asarray(last[ends] - time_s[begins], dtype=np.float64)
 
 
 def _length(of: np.ndarray) -> np.ndarray:
-    return np.sqrt(sum(np.asarray(of[a], dtype=np.float64) ** 2 for a in ("x", "y", "z")))
+    parts = np.array([of[a] for a in ("x", "y", "z")], dtype=np.float64)
+    return np.asarray(np.sqrt((parts**2).sum(axis=0)))
 
 
-def measured(program: soter.Program, system: str, modules: tuple[str, ...], seed: int) -> dict:
+def measured(
+    program: soter.Program, system: str, modules: tuple[str, ...], seed: int
+) -> dict[str, Any]:
     """Of one flight."""
     run = program.simulate(system, seed=seed, trace=True)
     trace = run.require_trace()
