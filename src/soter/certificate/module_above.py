@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.facts import ModuleAbove
+from soter.certificate.reading.module_facts import ModuleAbove
 from soter.certificate.reading.module_views import said_of
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.terms.terms import NotRecheckedError
@@ -19,7 +19,7 @@ from soter.certificate.time.module_times import read_by
 from soter.certificate.tower import above_of
 
 if TYPE_CHECKING:
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Module
 
 OWN = ("late_dm", "response_dm")
