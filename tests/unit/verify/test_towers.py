@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -11,9 +12,9 @@ from soter.diagnostics.diagnostic import SoterError
 from unit.verify.towers import GRID, TOWER, WRONG_ABOVE, WRONG_BELOW, changed
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from soter.verify.claims.results import ModuleResult
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def _verified(folder: Path, text: str, module: str) -> ModuleResult:
@@ -146,3 +147,10 @@ system Lane"""
 def test_the_grid_of_the_module_below_is_read(tmp_path: Path) -> None:
     """A grid on which R(H) does not reach where control is given back proves nothing."""
     assert _why(tmp_path, TOWER.replace(GRID, "grid x in [-2.2, 2.2] / 2;"), "Inner")
+
+
+@pytest.mark.long
+def test_both_modules_of_the_example_are_proved() -> None:
+    report = load(ROOT / "examples/wall/tower.soter").verify(refute=False)
+    assert [m.headline for m in report.modules] == ["proved", "proved while SafeCart is in AC"]
+    assert report.said["SafeCart.Comfort"] == "abs(motion.x) < MIDDLE while SafeCart is in AC"
