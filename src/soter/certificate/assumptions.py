@@ -57,6 +57,7 @@ def p1c_of(facts: Facts) -> str:
     """P1c rests on declared times or on assumed ones; H >= H* itself is checked elsewhere."""
     verify = facts.symbol.verify
     declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
+    declared = declared and (facts.above is None or facts.above.declared)
     return "proved" if declared and not facts.ways.undeclared else "assumed"
 
 
@@ -70,7 +71,30 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
         *_machine(facts),
         *_judged(facts),
         *_open(facts),
+        *_while(facts),
     ]
+
+
+def _while(facts: Facts) -> Iterator[RecheckAssumption]:
+    """What a claim of a module below another one is about, and what it rests on."""
+    if facts.above is None:
+        return
+    name = facts.above.name
+    yield RecheckAssumption(
+        f"while {name}",
+        f"`safe` is kept while {name} is in AC, from each time on at which it gives control back; "
+        "not before the first, and not while it is in SC",
+    )
+    yield RecheckAssumption(
+        f"verdict of {name}",
+        f"a verdict of {name} by which it gives control back is in force at most "
+        f"{show_ns(facts.above.back_ns)} after the state that it is about",
+    )
+    yield RecheckAssumption(
+        f"sets while {name}",
+        f"while {name} is in SC, too, what plants publish lies in the declared sets (else they "
+        "stop)",
+    )
 
 
 # ---------------------------------------------------------------- the world

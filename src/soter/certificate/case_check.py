@@ -28,6 +28,7 @@ from soter.certificate.inclusions.group_claims import (
     ranked,
     witnessed,
 )
+from soter.certificate.inclusions.handover_claim import not_entered
 from soter.certificate.inclusions.inward_flow import led_out_by_scheme, points_inwards
 from soter.certificate.inclusions.predicates import (
     AdmitCheck,
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.polytope.certificate_tables import PolytopeTables
+    from soter.certificate.reading.module_facts import ModuleAbove
     from soter.certificate.reading.problem import Facts
 
 BLOCKS = 24
@@ -341,6 +343,9 @@ class CaseCheck:
     def _start(self) -> None:
         """The declared initial states stay in K until SC acts, whatever acts before."""
         facts = self.model.facts
+        if facts.above is not None:
+            self._handed_back(facts.above)
+            return
         if not _is_initial(facts, self.model.parameter):
             return
         for polytope in self.half_spaces:
@@ -364,6 +369,14 @@ class CaseCheck:
             ):
                 if not c.low <= value <= c.high:
                     raise RejectedError(f"the default of `{c.name}` is outside its set")
+
+    def _handed_back(self, above: ModuleAbove) -> None:
+        """Below another module: wherever that one may give control back, the state is in R(H)."""
+        if not self.claims & {"P3", "ttf", "safer"} or self.polytopes:
+            raise RejectedError("start: nothing is claimed with which R(H) is confirmed on cells")
+        why = not_entered(self.model, self.groups, above.safer)
+        if why:
+            raise RejectedError(f"start: `{above.name}` may give control back elsewhere: {why}")
 
     def _start_in_sets(self) -> None:
         """What is published of the initial states lies in its set: K says so only of grids."""

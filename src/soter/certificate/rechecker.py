@@ -28,6 +28,7 @@ from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.inclusions.dm_tables import compare_tables
 from soter.certificate.inclusions.group_claims import GroupTables
 from soter.certificate.induction.check_claims import recheck_induction
+from soter.certificate.module_above import read_above
 from soter.certificate.polytope.certificate_tables import PolytopeTables, read_polytope
 from soter.certificate.polytope.dm_half_spaces import compare_half_spaces
 from soter.certificate.polytope.predicates import narrowed
@@ -39,7 +40,7 @@ from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.sc_before_publication import survives_the_start
+from soter.certificate.time.sc_before_publication import answers_all, survives_the_start
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
@@ -208,8 +209,11 @@ def _facts(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any
             raise RejectedError(f"the program has no system `{entry['system']}`")
         flat = system_to_prove(checked, entry["system"], overrides, exact=False)
         facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
+    read_above(facts)
     check_supported(facts)
     survives_the_start(facts)
+    if facts.above is not None:
+        answers_all(facts)
     return facts
 
 
@@ -239,6 +243,7 @@ def _module(
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
     report = RecheckedModule(name, said, system=entry["system"])
     report.stays = bool(facts.symbol.stays)
+    report.whilst = "" if facts.above is None else f" while {facts.above.name} is in AC"
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")

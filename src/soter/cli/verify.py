@@ -288,10 +288,12 @@ def _save_runs(report: VerifyReport) -> None:
 
 
 def _headline(module: ModuleResult, console: Console) -> str:
+    held = module.verdict in ("proved", "assumed")
     verdict = console.paint(PAINTS[module.verdict], module.verdict.upper())
-    if module.headline != module.verdict:  # proved, but of next to nothing
-        assert module.vacuity is not None
-        verdict = f"{console.paint('yellow', module.verdict.upper())}, but {module.vacuity.text},"
+    verdict += module.whilst if held else ""
+    if held and module.vacuity is not None:  # proved, but of next to nothing
+        little = console.paint("yellow", module.verdict.upper())
+        verdict = f"{little}{module.whilst}, but {module.vacuity.text},"
     count = len(module.assumptions)
     under = f" under {count} assumption{'' if count == 1 else 's'}"
     if module.assumed:

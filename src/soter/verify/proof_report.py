@@ -26,7 +26,7 @@ from soter.report.proof.record import (
     RegionFigure,
     TakenRow,
 )
-from soter.verify.claims.results import NO_CORE
+from soter.verify.claims.results import ASSUMED, NO_CORE, PROVED
 from soter.verify.composition import rows_of
 from soter.verify.diagnosis.counterexample_figures import leaving_figures
 from soter.verify.problem.assumption import texts
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         VerifyReport,
     )
 
+HOLDING = (PROVED, ASSUMED)
 MEANINGS = {
     "P1a": "AC and SC step at least as often as the decision module",
     "P1b": "AC and SC publish the same topics",
@@ -52,7 +53,8 @@ MEANINGS = {
     "P3": "when AC has control, the state stays in K for H, whatever is published",
     "ttf": "whenever `ttf` may be false, the state lies in R(H)",
     "safer": "whenever `safer` may be true, the state lies in R(H)",
-    "start": "the declared initial states are among those for which all this holds",
+    "start": "the declared initial states, of a module below another one the states at which that "
+    "one gives control back, are among those for which all this holds",
     "failsafe": "once the lease has ended the fail-safe law keeps the constraint C for ever",
     "DM": "the generated C of the decision module switches as docs/semantics.md says: "
     "checked for all facts, tried on inputs",
@@ -140,7 +142,8 @@ def _trusted(report: VerifyReport) -> tuple[str, ...]:
 
 def _but(report: VerifyReport) -> str:
     """What the headline of a proof must not leave out."""
-    little = [m for m in report.modules if m.headline != m.verdict and m.vacuity is not None]
+    held = [m for m in report.modules if m.verdict in HOLDING]
+    little = [m for m in held if m.vacuity is not None]
     if report.verdict not in ("proved", "assumed") or not little:
         return ""
     several = len(report.modules) > 1
@@ -162,8 +165,9 @@ def _module(m: ModuleResult) -> ModuleProof:
     return ModuleProof(
         name=m.name,
         verdict=m.verdict,
-        headline=f"{_keeps(m)} `{_safe(m)}`; {len(m.assumptions)} assumptions, {_cells(m)}"
-        f"{m.seconds:.1f} s" + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
+        headline=f"{_keeps(m)} `{_safe(m)}`{m.whilst}; {len(m.assumptions)} assumptions, "
+        f"{_cells(m)}{m.seconds:.1f} s"
+        + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
         properties=rows,
         times=_times(m),
         shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
@@ -171,7 +175,7 @@ def _module(m: ModuleResult) -> ModuleProof:
         counterexample=tuple(line for run in told for line in run.splitlines()),
         open=tuple(_open(m)),
         switches=all(m.findings[n].holds for n in ("ttf", "P3") if n in m.findings),
-        but=m.vacuity.text if m.headline != m.verdict and m.vacuity is not None else "",
+        but=m.vacuity.text if m.verdict in HOLDING and m.vacuity is not None else "",
         leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
         leaving_text=str(leaving) if leaving is not None else "",
     )

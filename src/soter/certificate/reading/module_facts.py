@@ -57,6 +57,21 @@ class StateParameter:
     values: tuple[int, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class ModuleAbove:
+    """The module in whose place of AC another one stands, as that one's claims need it.
+
+    `safer`: the parts of it that speak of the plants of the claims; `back_ns`: from the state that
+    it gives control back on until that verdict is in force, at most; `declared`: whether no time
+    in that is taken for zero.
+    """
+
+    name: str
+    safer: typed.TypedExpr
+    back_ns: int
+    declared: bool
+
+
 @dataclass(eq=False)
 class Facts:
     """What the program says about one module. States have the range of their initial values."""
@@ -100,6 +115,8 @@ class Facts:
     none before P2a is shown."""
     running: dict[int, int] = field(default_factory=dict)
     """Topic of the module -> the same in the system that runs."""
+    above: ModuleAbove | None = None
+    """Claims are about times at which this one is in AC; None: about all times."""
 
     @property
     def delay_ns(self) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.elaborator import show_ns
+from soter.language.model.system import claims_nothing, modules_above
 from soter.language.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
@@ -39,22 +40,20 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     proofs = proofs or {}
     free = [m for m in system.modules if m.forced is None]
     assumptions = [
-        _proved(m.name, proofs[m.name]) + _outside(system) for m in free if m.name in proofs
+        _proved(m.name, proofs[m.name], _whilst(system, m)) + _outside(system)
+        for m in free
+        if m.name in proofs
     ]
-    stacked = {i for m in free if m.over is not None for i in (m.index, m.over)}
-    assumed = f"{' '.join(ASSUMED)} assumed, not checked"
-    for which, why in (
-        (
-            [m for m in free if m.index not in stacked and m.name not in proofs],
-            _who_checks(system),
-        ),
-        (
-            [m for m in free if m.index in stacked and m.name not in proofs],
-            "(modules above each other are not proved)",
-        ),
-    ):
-        if which:
-            assumptions.append(f"{', '.join(m.name for m in which)}: {assumed} {why}")
+    for m in free:
+        if claims_nothing(system, m) and m.name not in proofs:
+            above = modules_above(system, m.index)[0].name
+            assumptions.append(f"{m.name}: nothing is claimed of it; {above} is above it")
+    rest = [m for m in free if m.name not in proofs and not claims_nothing(system, m)]
+    if rest:
+        which = ", ".join(m.name + _whilst(system, m) for m in rest)
+        assumptions.append(
+            f"{which}: {' '.join(ASSUMED)} assumed, not checked {_who_checks(system)}"
+        )
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:
         assumptions.append(
@@ -71,7 +70,13 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     return assumptions
 
 
-def _proved(name: str, proof: Proof) -> str:
+def _whilst(system: System, m: Module) -> str:
+    """Of a module below others: when what is said of it holds."""
+    names = " and ".join(x.name for x in modules_above(system, m.index))
+    return f" (while {names} is in AC)" if names else ""
+
+
+def _proved(name: str, proof: Proof, whilst: str) -> str:
     """What is known of a module, and what is still taken for granted."""
     count = len(proof.assumptions)
     parts = []
@@ -83,7 +88,7 @@ def _proved(name: str, proof: Proof) -> str:
     open_ = [(verdict, proof.of(verdict)) for verdict in ("undecided", "refuted")]
     parts += [f"{' '.join(missing)} {verdict}" for verdict, missing in open_ if missing]
     safe = ": not a proof of safety" if proof.open else ""
-    return f"{name}: {', '.join(parts)}{safe}"
+    return f"{name}{whilst}: {', '.join(parts)}{safe}"
 
 
 def _outside(system: System) -> str:

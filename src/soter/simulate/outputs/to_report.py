@@ -33,6 +33,7 @@ from soter.report.run.record import (
 )
 from soter.report.run.result_wording import count_text
 from soter.simulate import decisions
+from soter.simulate.outputs import tower_control
 from soter.simulate.outputs.live_diagram import live_of_run
 from soter.simulate.outputs.result_assumptions import of_run
 
@@ -106,7 +107,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
-        notes=(*run.failures, *run.notes, *_of_signals(run)),
+        notes=(*run.failures, *run.notes, *tower_control.told(run), *_of_signals(run)),
         assumptions=tuple(of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
@@ -160,7 +161,12 @@ def run_chart(run: Run) -> Chart:
 
 
 def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Series, ...]:
-    return (*_margins(run, thin), *_latches(run, trace), *_series(run, trace))
+    return (
+        *_held(run, trace),
+        *_margins(run, thin),
+        *_latches(run, trace),
+        *_series(run, trace),
+    )
 
 
 def _of_signals(run: Run) -> Iterator[str]:
@@ -197,6 +203,16 @@ def _summary(run: Run) -> dict[str, float | int | str]:
         summary["switches_to_sc"] = modules[0].switches_to_sc
         summary["switches_to_ac"] = modules[0].switches_to_ac
     return summary
+
+
+def _held(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
+    """Who has control in each tower, by number: 0 is the SC of the topmost module."""
+    for tower in tower_control.towers(run.system):
+        names = tower_control.controllers(run.system, tower)
+        who = ", ".join(f"{k}: {name}" for k, name in enumerate(names))
+        held = tower_control.levels_of(tower, trace).astype(float)
+        name = f"control({tower[0].name})"
+        yield Series(name, "", held, panel=f"who has control ({who})", held=True)
 
 
 def _margins(run: Run, thin: int) -> Iterator[Series]:

@@ -29,6 +29,7 @@ from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import chooses, nodes, topic_reads
 from soter.language.model.types import FloatType, IntType, has_list, leaves
 
@@ -57,8 +58,8 @@ PAIRS, HALVINGS = 24, 40
 def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """W021: from the start on, nothing that SC does keeps `safe`."""
     safe = module.symbol.safe
-    if not of_topics_alone([safe]):
-        return
+    if not of_topics_alone([safe]) or modules_above(system, module.index):
+        return  # below another module it is kept from a hand-back on
     indices = [module.scope.topics.get(t, -1) for t in topic_reads(safe)]
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
     for topics in _starts(system, indices):
