@@ -17,6 +17,7 @@ from soter.language.elaborate.views import refuse_views
 from soter.language.model.system import modules_above
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
+from soter.timing.trusted_thread import in_thread
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumption import Assumption
@@ -32,10 +33,11 @@ from soter.verify.time.cause_effect_chains import side_inputs
 from soter.verify.time.problem_times import times_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from soter.language.model.system import Module, System
     from soter.verify.problem.problem import Group, ProblemKind
+    from soter.verify.time.downstream_paths import DownstreamPath
 
 LEVELS_DEFAULT = 3
 CASES_MAX = 4096
@@ -94,7 +96,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     axis_groups = groups.groups()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
-    _shield(at, axis_groups, kind, times, diagnostics)
+    _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
@@ -166,13 +168,19 @@ def _shield(
     groups: tuple[Group, ...],
     kind: ProblemKind,
     times: Times | None,
+    ways: Sequence[DownstreamPath],
     diagnostics: Diagnostics,
 ) -> None:
-    """R007 for a shield where its meaning is not settled."""
+    """R007 for a shield where its meaning is not settled.
+
+    A node that runs in SC's instant passes a command of AC on by SC's next release at the latest,
+    which W covers; one that reads sensors, too, or runs elsewhere may be as late as it likes.
+    """
     symbol = at.module.symbol
     if symbol.shield is None:
         return
     behind = times is not None and any(o.nodes for o in times.schedule.outputs)
+    behind = behind or any(w.inner or not all(map(in_thread, w.in_step)) for w in ways)
     more = times is not None and times.schedule.reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,
