@@ -260,6 +260,61 @@ def test_a_topic_without_an_age_is_not_proved(tmp_path: Path) -> None:
         soter.load(path).verify(refute=False)
 
 
+# ---------------------------------------------------------------- with a latch
+
+LATCHED = (
+    SMALL.replace("node Any", "input topic button: bool max_age 400ms;\nnode Any")
+    .replace("shield 4;", "shield 4;\n  returns after button;")
+    .replace("until 5s;", "input button every 70ms;\n  until 20s;")
+    .replace("sin(5.0 * time)", "1.0")
+)
+
+
+def test_a_shield_with_a_latch_is_proved_and_rechecked(tmp_path: Path) -> None:
+    path = tmp_path / "latched.soter"
+    path.write_text(LATCHED, "utf-8")
+    report = soter.load(path).verify(cert=tmp_path / "cert")
+    assert report["Keep"].verdict == "proved", report["Keep"]
+    assert soter.recheck(tmp_path / "cert").accepted
+    path.write_text(LATCHED.replace("returns after button", "returns never"), "utf-8")
+    findings = soter.load(path).verify(refute=False)["Keep"].findings
+    assert findings["DM"].verdict == findings["ttf"].verdict == "proved"
+    assert findings["P2b"].verdict == "assumed"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_shield_refused_stays_refused_until_somebody_acknowledges(
+    seed: int, tmp_path: Path
+) -> None:
+    """AC pushes at the wall: each refusal costs it control, and only a new press gives it back."""
+    path = tmp_path / "latched.soter"
+    path.write_text(LATCHED, "utf-8")
+    program = soter.load(path)
+    runs = [program.simulate(seed=seed, engine=e) for e in ("interp", "native")]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    run = runs[1]
+    assert not run.violations
+    assert run.modules["Keep"].gate_faults
+    button, in_ac = run.array("button"), run.mode("Keep")
+    starts = np.flatnonzero(in_ac[1:] & ~in_ac[:-1]) + 1
+    ends = np.flatnonzero(~in_ac[1:] & in_ac[:-1]) + 1
+    assert len(starts) > 2
+    for start, taken in zip(starts, (0, *ends), strict=False):
+        edges = np.flatnonzero(button[taken + 1 : start + 1] > button[taken:start])
+        assert len(edges), "nobody pressed since control was taken"
+    alone = tmp_path / "alone.soter"
+    alone.write_text(LATCHED.replace("\n  returns after button;", ""), "utf-8")
+    free = soter.load(alone).simulate(seed=seed)
+    assert free.modules["Keep"].ac_share > run.modules["Keep"].ac_share
+
+
+def test_a_shield_with_a_latch_that_nobody_opens_never_lets_ac_begin(tmp_path: Path) -> None:
+    path = tmp_path / "latched.soter"
+    path.write_text(LATCHED.replace("input button every 70ms;", ""), "utf-8")
+    run = soter.load(path).simulate(seed=1)
+    assert run.modules["Keep"].ac_share == 0.0
+
+
 @pytest.mark.long
 def test_random_drivers_hit_nothing(tmp_path: Path) -> None:
     """Commands for random times, silence, nonsense: 60 drivers, 60 s each."""
