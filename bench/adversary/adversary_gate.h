@@ -31,12 +31,13 @@ static int fresh(const state *s, const value *read, int64_t release) {
   return read->stamp != NEVER && release - read->stamp <= s->m->max_age;
 }
 
-/* The cells of V: of `u`, of what it replaces, and of all that may still act at this release. */
+/* The cells of V: of `u`, of what it replaces, and of all that may still act at this release. Of a
+ * map it is `u` alone, which moves the state that was read. */
 static int hull(const state *s, int k, double u, int64_t release, int *low, int *high) {
   const loop *m = s->m;
   int before = command_cell(m, k, s->published[k]);
   *low = *high = command_cell(m, k, u);
-  for (int c = 0; c < m->shield && m->slip != ALONE; c++) {
+  for (int c = 0; c < m->shield && m->slip != ALONE && !m->is_map; c++) {
     if (c == before || s->until[k][c] >= release - m->acted) {
       *low = c < *low ? c : *low;
       *high = c > *high ? c : *high;
@@ -87,7 +88,7 @@ int adversary_permitted(const loop *m, const double *y, const double *u) {
 static int forgotten(const state *s, const queue *q, const double *u, int64_t since,
     int64_t release) {
   const loop *m = s->m;
-  for (int k = 0; k < m->m; k++) {
+  for (int k = 0; k < m->m && !m->is_map; k++) {
     int low, high, lost = 0;
     (void)hull(s, k, u[k], release, &low, &high);
     for (int64_t t = since > s->t - PAST ? since : s->t - PAST + 1; t < s->t; t++) {

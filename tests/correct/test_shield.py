@@ -17,6 +17,7 @@ import pytest
 import soter
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.verify.grid import shields
+from soter.verify.problem import extract
 from soter.verify.tables import shield_tables
 
 if TYPE_CHECKING:
@@ -258,6 +259,68 @@ def test_a_topic_without_an_age_is_not_proved(tmp_path: Path) -> None:
     path.write_text(SMALL.replace("topic at: float max_age 20ms;", "topic at: float;"), "utf-8")
     with pytest.raises(soter.SoterError, match="R011"):
         soter.load(path).verify(refute=False)
+
+
+# ---------------------------------------------------------------- plants that move in steps
+
+STEPS = (
+    SMALL.replace("period 10ms", "period 100ms")
+    .replace("period 50ms", "period 100ms")
+    .replace("plant Cart period 5ms", "plant Cart period 100ms")
+    .replace("max_age 20ms", "max_age 50ms")
+    .replace("in [-0.1, 0.1]", "in [-0.005, 0.005]")
+    .replace("der x = speed + slip", "next x = x + 0.1 * speed + slip")
+    .replace(" late dm 1ms, sc 1ms; acts within 2ms;", "")
+)
+
+
+def test_a_shield_of_a_map_is_proved_and_rechecked_and_judges_one_command(tmp_path: Path) -> None:
+    """A command that was replaced in this instant moves the plant no more."""
+    path = tmp_path / "steps.soter"
+    late = "speed = clamp(4.0 * (1.88 - at), -0.4, 0.4)"  # to the wall, but it brakes
+    text = STEPS.replace("{ publishes speed;", "{ subscribes at; publishes speed;")
+    path.write_text(text.replace("speed = sin(5.0 * time)", late), "utf-8")
+    program = soter.load(path)
+    report = program.verify(cert=tmp_path / "cert")
+    assert report["Keep"].verdict == "proved", report["Keep"]
+    assert soter.recheck(tmp_path / "cert").accepted
+    runs = [program.simulate(seed=1, until="60s", engine=e) for e in ("interp", "native")]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    assert not runs[1].violations
+    share = runs[1].modules["Keep"].ac_share
+    assert share > 0.99
+    path.write_text(path.read_text("utf-8").replace("shield 4;", ""), "utf-8")
+    assert soter.load(path).simulate(seed=1, until="60s").modules["Keep"].ac_share < share
+
+
+@pytest.mark.parametrize("wrong", [everywhere, moved])
+def test_a_table_of_a_map_that_permits_too_much_is_rejected(
+    wrong: Callable[[Any, int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = shields.find
+
+    def damaged(case: Any, proof: Any, engine: Any, part: Any, anywhere: Any) -> None:
+        find(case, proof, engine, part, anywhere)
+        wrong(part.tops, part.tops.shape[-1])
+
+    path = tmp_path / "steps.soter"
+    path.write_text(STEPS, "utf-8")
+    monkeypatch.setattr(shields, "find", damaged)
+    soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert not soter.recheck(tmp_path / "cert").accepted
+
+
+def test_an_ac_between_the_steps_of_its_plant_is_refused_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which of the commands of a step moves the plant nobody says."""
+    path = tmp_path / "between.soter"
+    path.write_text(STEPS.replace("node Any period 100ms", "node Any period 50ms"), "utf-8")
+    with pytest.raises(soter.SoterError, match="R007"):
+        soter.load(path).verify(refute=False)
+    monkeypatch.setattr(extract, "_between", lambda _: False)
+    assert soter.load(path).verify(cert=tmp_path / "cert", refute=False)["Keep"].verdict == "proved"
+    assert not soter.recheck(tmp_path / "cert").accepted
 
 
 # ---------------------------------------------------------------- with a latch

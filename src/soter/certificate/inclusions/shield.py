@@ -44,14 +44,23 @@ def cells_of(facts: Facts) -> int:
     NotRecheckedError where no proof of a shield is known here, RejectedError where none can be.
     """
     assert facts.symbol.shield is not None
-    if facts.kind == "map" or facts.view or any(e.nodes for e in facts.setting.effects):
-        raise NotRecheckedError("a shield of a map, of a view, or with nodes behind the module")
+    if facts.view or any(e.nodes for e in facts.setting.effects):
+        raise NotRecheckedError("a shield of a view, or with nodes behind the module")
+    if facts.kind == "map" and not _in_the_instants(facts):
+        raise NotRecheckedError("a shield of an AC that runs between the steps of its plant")
     if {r.name for r in facts.setting.by_sc} - {r.name for r in facts.setting.by_dm}:
         raise NotRecheckedError("a shield of an SC that reads what the DM does not")
     topics = {topic for topic, _ in facts.leaves.values()}
     if any(facts.system.topics[i].max_age_ns is None for i in topics):
         raise RejectedError("a shield reads a topic without a `max_age`")
     return int(number_of(facts, facts.symbol.shield))
+
+
+def _in_the_instants(facts: Facts) -> bool:
+    """Whether AC steps only when the plants, which move in steps, do."""
+    step = facts.plants[0].period_ns
+    ac = facts.system.components[facts.module.ac]
+    return ac.period_ns % step == 0 and ac.phase_ns % step == 0
 
 
 def felt_by(model: CaseModel, group: GroupTables) -> list[int]:

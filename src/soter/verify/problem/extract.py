@@ -188,7 +188,7 @@ def _shield(
         "an SC that reads what the DM does not": more,
         "views": bool(at.module.view),
         "groups that are no grids": any(g.representation != "grid" for g in groups),
-        "a plant that moves in steps (`next`)": kind != "flow",
+        "an AC that runs between the steps of its plant": kind == "map" and _between(at),
         "an axis without ends": any(a.unbounded for g in groups for a in g.axes),
     }
     for what in (what for what, there in wrong.items() if there):
@@ -199,6 +199,12 @@ def _shield(
             "is not proved",
             helps=("leave `shield` out: `ttf` looks at the state alone",),
         )
+
+
+def _between(at: VerificationSystem) -> bool:
+    """Whether AC publishes at times that are no instants of a plant that moves in steps."""
+    ac, step = at.system.components[at.module.ac], at.plants[0].period_ns
+    return ac.period_ns % step != 0 or ac.phase_ns % step != 0
 
 
 def _unbounded(
