@@ -291,7 +291,7 @@ REFUSED: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
         (
             ("reads speed;", "reads slow;"),
             ("der x = speed", "der x = slow"),
-            ("grid at", "abstracts c by q: Model = { x: c.truth.x };\n  grid q.x"),
+            ("grid at", "abstracts c by q: Model = { x: c.truth.x };\n  grid at"),
             ("rta Keep", MODEL + "rta Keep"),
             ("plant Cart", LIMIT + "plant Cart"),
             ("module Keep;", "module Keep; node Limit;"),

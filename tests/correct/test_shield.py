@@ -320,7 +320,7 @@ def test_an_ac_between_the_steps_of_its_plant_is_refused_twice(
         soter.load(path).verify(refute=False)
     monkeypatch.setattr(extract, "_between", lambda _: False)
     assert soter.load(path).verify(cert=tmp_path / "cert", refute=False)["Keep"].verdict == "proved"
-    assert not soter.recheck(tmp_path / "cert").accepted
+    assert "between the steps" in soter.recheck(tmp_path / "cert").reason
 
 
 # ---------------------------------------------------------------- with a latch
@@ -394,3 +394,62 @@ def test_random_drivers_hit_nothing(tmp_path: Path) -> None:
         path.write_text(text.replace("@", step), "utf-8")
         run = soter.load(path).simulate(system="Track", seed=k, until="60s")
         assert not run.violations, step
+
+
+PASSED_ON = (
+    SMALL.replace("reads speed;", "reads passed;")
+    .replace("der x = speed", "der x = passed")
+    .replace("grid at", "abstracts c by q: Model = { x: c.truth.x };\n  grid at")
+    .replace("late dm 1ms, sc 1ms;", "late dm 1ms, sc 1ms; response sc 2ms;")
+    .replace(
+        "rta Keep",
+        """plant Model period 5ms {
+  reads speed;
+  drives at = x;
+  state x: float;
+  disturbance slip: float in [-0.1, 0.1];
+  der x = speed + slip;
+  measured at within 0.01;
+}
+rta Keep""",
+    )
+    .replace(
+        "plant Cart",
+        """topic passed: float in [-1.0, 1.0];
+node Pass period 5ms {
+  subscribes speed;
+  publishes passed;
+  step { publish passed = speed; }
+}
+plant Cart""",
+    )
+    .replace("module Keep;", "module Keep; node Pass;")
+)
+
+
+def test_what_a_node_in_the_instant_of_sc_holds_back_still_counts(tmp_path: Path) -> None:
+    """It passes a command on once that step of SC has published: W has R_sc in it."""
+    path = tmp_path / "passed.soter"
+    path.write_text(PASSED_ON, "utf-8")
+    report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert report["Keep"].verdict == "proved", report["Keep"]
+    assert soter.recheck(tmp_path / "cert").accepted
+    times = report["Keep"].problem.times
+    late, period = times.schedule.start_of_sc, times.delta_sc
+    assert times.acted == times.schedule.age_dm + times.acts + period + late + 2_000_000
+
+
+def test_a_controller_between_module_and_plants_is_refused_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that listens to sensors, too, is no part of the instant of SC."""
+    path = tmp_path / "inner.soter"
+    text = PASSED_ON.replace(
+        "subscribes speed;\n  publishes passed;", "subscribes speed, at;\n  publishes passed;"
+    )
+    path.write_text(text.replace("passed = speed;", "passed = at > 9.0 ? 0.0 : speed;"), "utf-8")
+    with pytest.raises(soter.SoterError, match="R007"):
+        soter.load(path).verify(refute=False)
+    monkeypatch.setattr(extract, "_shield", lambda *_: None)
+    soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert "nodes behind the module" in soter.recheck(tmp_path / "cert").reason

@@ -44,7 +44,7 @@ def cells_of(facts: Facts) -> int:
     NotRecheckedError where no proof of a shield is known here, RejectedError where none can be.
     """
     assert facts.symbol.shield is not None
-    if facts.view or any(e.nodes for e in facts.setting.effects):
+    if facts.view or any(e.nodes for e in facts.setting.effects) or not _passed_on(facts):
         raise NotRecheckedError("a shield of a view, or with nodes behind the module")
     if facts.kind == "map" and not _in_the_instants(facts):
         raise NotRecheckedError("a shield of an AC that runs between the steps of its plant")
@@ -61,6 +61,18 @@ def _in_the_instants(facts: Facts) -> bool:
     step = facts.plants[0].period_ns
     ac = facts.system.components[facts.module.ac]
     return ac.period_ns % step == 0 and ac.phase_ns % step == 0
+
+
+def _passed_on(facts: Facts) -> bool:
+    """Whether what runs behind SC in its instant runs in its thread and reads commands alone."""
+    system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
+    nodes = [c for c in system.components if c.node is not None and c.name in names]
+    told = set(facts.flying_module.outputs)
+    for c in nodes:
+        assert c.node is not None
+        told |= {c.scope.topics[t] for t in c.node.publishes}
+    heard = {c.scope.topics[s.topic] for c in nodes if c.node for s in c.node.subscribes}
+    return heard <= told and not any(c.extern and not c.inline for c in nodes)
 
 
 def felt_by(model: CaseModel, group: GroupTables) -> list[int]:
