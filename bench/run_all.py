@@ -374,7 +374,7 @@ BENCHMARKS = (
     Benchmark(
         "A closed-loop adversary against shields",
         ("bench/adversary/against_shields.py",),
-        "Ten modules with a shield that are proved, 10,000 runs each: AC publishes any command at "
+        "Modules with a shield that are proved, 10,000 runs each: AC publishes any command at "
         "any tick, or nothing, with every lateness, latency, error and disturbance at its bound. "
         "`closest` is the largest |x| relative to the border of C; a violation is a state outside "
         "of C, or a command that acted and was not among those judged.",

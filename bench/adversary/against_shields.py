@@ -3,8 +3,9 @@
     .venv/bin/python bench/adversary/against_shields.py [--runs N]
     .venv/bin/python bench/adversary/against_shields.py --wrong
 
-Purpose: ten modules whose commands are judged, actuators that are late and one that two commands
-move among them, each attacked with so many runs: AC may publish anything in its set at any tick, or
+Purpose: modules of ten kinds whose commands are judged, with actuators that are late, one that two
+commands move and one that moves in steps among them, and one that is all border, each attacked with
+so many runs: AC may publish anything in its set at any tick, or
 nothing; errors, disturbances, lateness, responses and latencies are at their bounds. A true state
 outside C is a violation, and so is a command that acts on the state behind a judgement, or later,
 and was not among those judged. `--wrong`: every wrong shield must get no proof, be rejected by the
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from bench.adversary.proofs import Proof
     from bench.adversary.random_modules import Module
 
-KINDS = ("tank", "integrator", "lag", "mode", "drag", "swing", "pair", "behind", "silent")
+KINDS = ("tank", "integrator", "lag", "mode", "drag", "swing", "pair", "behind", "silent", "map2")
 TRIES = 40
 RUNS = 10_000
 STEPS = 20_000_000
@@ -60,7 +61,7 @@ def modules() -> Iterator[Proof]:
         for seed in range(TRIES):
             rng = np.random.default_rng([4, seed])
             drawn = of_commands(FAMILIES[kind](seed, rng), rng)
-            if drawn.times.acts == 0:
+            if drawn.times.acts == 0 and not drawn.is_map:
                 continue
             first = prove(drawn, whole=False)
             if not first.safe:

@@ -62,8 +62,8 @@ class Run:
         """Run it."""
         shown = None if self.shown is None else np.array(self.shown)
         held = None if self.held is None else np.array(self.held)
-        more = {"t0": self.t0, "shown": shown, "held": held}
-        return machine.run(self.policy, self.seed, self.ticks, np.array(self.x0), log=log, **more)
+        told = (self.policy, self.seed, self.ticks, np.array(self.x0))
+        return machine.run(*told, t0=self.t0, shown=shown, held=held, log=log)
 
     @classmethod
     def of_json(cls, told: dict[str, Any]) -> Run:

@@ -23,6 +23,7 @@ from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
 from soter.verify.deploy import computed_predicates
 from soter.verify.grid import shields
+from soter.verify.grid.sets import GridGroup
 from soter.verify.tables import shield_tables
 from soter.verify.time.schedule import Schedule
 
@@ -159,7 +160,7 @@ def _a_cell_lower(engine: Any, control: int, low: float, high: float) -> Any:  #
 def _calm(engine: Any, control: int, low: float, high: float) -> Any:  # noqa: ANN401
     still = tuple((0.0, 0.0) for _ in engine.inputs.disturbances)
     group = _between(engine, control, low, high)
-    return shields.GridGroup(
+    return GridGroup(
         group.library,
         replace(group.inputs, disturbances=still),
         list(zip(group.axes, group.edges, strict=True)),
