@@ -286,6 +286,9 @@ def _timing(facts: Facts) -> Iterator[RecheckAssumption]:
             "one instant",
             "plant, DM and SC run in the same instant, in this order, and commands act in it",
         )
+        if facts.symbol.shield is not None:
+            text = "AC runs in that instant, too: no command that it replaces there acts any more"
+            yield RecheckAssumption("one instant of AC", text)
     if facts.jitter_ns and len(facts.controls) > 1:
         names = ", ".join(c.name for c in facts.controls)
         text = f"what SC publishes begins to act in all of these at one instant: {names}"

@@ -303,7 +303,11 @@ def _timing(
         assumptions.append(NO_DROPOUT)
     if kind == "map":
         words = "plant, DM and SC run in the same instant, in this order, and commands act in it"
-        return [*assumptions, Assumption("one instant", words)]
+        assumptions.append(Assumption("one instant", words))
+        if place.module.symbol.shield is not None:
+            text = "AC runs in that instant, too: no command that it replaces there acts any more"
+            assumptions.append(Assumption("one instant of AC", text))
+        return assumptions
     if times.schedule.dropout:
         text = (
             f"a sensor is silent for at most {show_ns(times.schedule.dropout)} longer than its "

@@ -17,6 +17,7 @@ from soter.language.elaborate.views import refuse_views
 from soter.language.model.system import claims_nothing, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
+from soter.timing.trusted_thread import in_thread
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumption import Assumption
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from soter.verify.problem.module_above import Above
     from soter.verify.problem.other_modes import Modes
     from soter.verify.problem.problem import Group, ProblemKind
+    from soter.verify.time.downstream_paths import DownstreamPath
 
 LEVELS_DEFAULT = 3
 CASES_MAX = 4096
@@ -108,7 +110,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     axis_groups = groups.groups()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
-    _shield(at, axis_groups, kind, times, diagnostics)
+    _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
@@ -185,13 +187,19 @@ def _shield(
     groups: tuple[Group, ...],
     kind: ProblemKind,
     times: Times | None,
+    ways: Sequence[DownstreamPath],
     diagnostics: Diagnostics,
 ) -> None:
-    """R007 for a shield where its meaning is not settled."""
+    """R007 for a shield where its meaning is not settled.
+
+    A node that runs in SC's instant passes a command of AC on by SC's next release at the latest,
+    which W covers; one that reads sensors, too, or runs elsewhere may be as late as it likes.
+    """
     symbol = at.module.symbol
     if symbol.shield is None:
         return
     behind = times is not None and any(o.nodes for o in times.schedule.outputs)
+    behind = behind or any(w.inner or not all(map(in_thread, w.in_step)) for w in ways)
     more = times is not None and times.schedule.reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,
@@ -199,7 +207,7 @@ def _shield(
         "an SC that reads what the DM does not": more,
         "views": bool(at.module.view),
         "groups that are no grids": any(g.representation != "grid" for g in groups),
-        "a plant that moves in steps (`next`)": kind != "flow",
+        "an AC that runs between the steps of its plant": kind == "map" and _between(at),
         "an axis without ends": any(a.unbounded for g in groups for a in g.axes),
     }
     for what in (what for what, there in wrong.items() if there):
@@ -210,6 +218,12 @@ def _shield(
             "is not proved",
             helps=("leave `shield` out: `ttf` looks at the state alone",),
         )
+
+
+def _between(at: VerificationSystem) -> bool:
+    """Whether AC publishes at times that are no instants of a plant that moves in steps."""
+    ac, step = at.system.components[at.module.ac], at.plants[0].period_ns
+    return ac.period_ns % step != 0 or ac.phase_ns % step != 0
 
 
 def _unbounded(

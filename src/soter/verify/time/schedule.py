@@ -286,9 +286,10 @@ class Schedule:
 
         The state is A old at most, and a command acts up to L after the next one was published.
         When that was is known by its release alone: it may have been published later, but before
-        the next step of SC began, as one thread runs instants in order.
+        the next step of SC began, as one thread runs instants in order. A node behind the module
+        that runs in SC's instant may pass it on only when that step of SC has published.
         """
-        untold = self.sc.period + self.start_of_sc
+        untold = self.sc.period + self.start_of_sc + self.sc.response
         return self.age_dm + max(o.most for o in self.outputs) + untold
 
     # ------------------------------------------------------------ from verdict to actuator
