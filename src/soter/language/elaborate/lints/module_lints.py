@@ -13,8 +13,12 @@ from soter.diagnostics.fix import exchange
 from soter.language.check.parts.plant import unmoved
 from soter.language.elaborate.lints.contradictory_predicates import doubt_predicates, tried
 from soter.language.elaborate.lints.diverging_schemes import doubt_scheme
-from soter.language.elaborate.lints.refuted_at_once import (
+from soter.language.elaborate.lints.doubtful_times import (
     doubt_ages,
+    doubt_holds,
+    doubt_property_times,
+)
+from soter.language.elaborate.lints.refuted_at_once import (
     doubt_constants,
     doubt_first_publications,
     doubt_properties,
@@ -46,8 +50,10 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
             _unmoved(component.plant, diagnostics)
             doubt_scheme(system, component, diagnostics)
             doubt_first_publications(system, component, diagnostics)
+            doubt_holds(component, diagnostics)
     doubt_steps(system, diagnostics)
     doubt_properties(system, diagnostics)
+    doubt_property_times(system, diagnostics)
     for number, module in enumerate(system.modules):
         symbol = module.symbol
         sc, ac = system.components[module.sc], system.components[module.ac]

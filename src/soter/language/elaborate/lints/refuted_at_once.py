@@ -2,8 +2,8 @@
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
 seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
-DM looks rarely beside its plant), W027 (a property that the start violates), W028 (a topic that is
-too old between two publications), W015 (a plant that begins outside of the set of a topic).
+DM looks rarely beside its plant), W027 (a property that the start violates), W015 (a plant that
+begins outside of the set of a topic).
 Non-goals: a proof; initial states between the ends of their sets; `ttf` and `safer` that exclude
 `safe` only in part.
 """
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
 from soter.language.elaborate.lints.contradictory_predicates import (
     Trial,
     flat,
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
     from soter.language.elaborate.lints.contradictory_predicates import Holds
     from soter.language.model.system import Component, Module, Property, System
     from soter.language.model.types import Value
@@ -130,46 +128,6 @@ def _first_state(component: Component, end: int) -> Value | None:
     ranges = component.initial_range or (None,) * len(component.initial)
     pairs = zip(component.initial, ranges, strict=True)
     return tuple(first if span is None else span[end] for first, span in pairs)
-
-
-def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W028: a topic that is too old before its driver publishes it again."""
-    drivers = {
-        c.scope.topics[topic]: c
-        for c in system.components
-        for topic in _publishes(c)
-        if topic in c.scope.topics
-    }
-    for index in module.inputs:
-        topic, driver = system.topics[index], drivers.get(index)
-        if topic.max_age_ns is None or driver is None or driver.period_ns <= topic.max_age_ns:
-            continue
-        own = driver.plant or driver.node
-        assert own is not None
-        age = write_ns(driver.period_ns)
-        often = write_ns(topic.max_age_ns)
-        older = f"or let it be {age} old, and let `ttf` look that much further ahead"
-        helps: tuple[Help, ...] = (
-            replace(own.period.span, often, f"publish it every {often} at least"),
-            older,
-        )
-        if topic.symbol.max_age is not None:
-            helps = (helps[0], replace(topic.symbol.max_age.span, age, older))
-        diagnostics.warning(
-            "W028",
-            f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",
-            own.period.span,
-            f"published every {show_ns(driver.period_ns)}",
-            also=((topic.symbol.span, f"no older than {show_ns(topic.max_age_ns)}"),),
-            notes=("a module that reads what is too old takes AC off",),
-            helps=helps,
-        )
-
-
-def _publishes(c: Component) -> list[typed.TopicSymbol]:
-    if c.plant is not None:
-        return [t for t, _ in c.plant.drives]
-    return list(c.node.publishes) if c.node is not None else []
 
 
 def doubt_first_publications(system: System, plant: Component, diagnostics: Diagnostics) -> None:

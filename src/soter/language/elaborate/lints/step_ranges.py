@@ -316,6 +316,9 @@ class _StepRanges(RangeEvaluator):
             return
         size = of.size if isinstance(of, ArrayType) else of.capacity
         at = self.number(index)
+        read = index.operand if isinstance(index, t.Narrow) else index
+        if at == Range(1, size) and isinstance(read, t.VarRead):
+            self._counts_from_one(read, of, size)
         if at.high >= 0 and at.low < size:
             return
         value = f"{at.low}" if at.single else f"from {at.low} to {at.high}"
@@ -329,6 +332,23 @@ class _StepRanges(RangeEvaluator):
             f"{_short(index.span)} is {value}, and 0 to {size - 1} are possible",
             "reading or writing there is a step fault",
             helps,
+        )
+
+    def _counts_from_one(self, index: t.VarRead, of: Type, size: int) -> None:
+        """W025 for `var k: int in [1, 4]` as the index of four elements, whatever else it is."""
+        conditions = nodes(list(self.decided))
+        declared_so = index.variable.type == IntType(1, size)
+        if not declared_so or any(
+            isinstance(n, t.VarRead) and n.variable is index.variable for n in conditions
+        ):
+            return  # it may be looked at before
+        name = index.variable.name
+        self._say(
+            f"`{name}` counts from 1, the elements of `{of}` from 0",
+            index.span,
+            f"{name} is 1 to {size}, and 0 to {size - 1} are possible",
+            f"reading or writing element {size} is a step fault",
+            (f"declare it with `int in [0, {size - 1}]`",),
         )
 
     def _narrow(self, e: t.Narrow) -> Known:

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from soter.diagnostics.fix import Fix, append, remove, replace
+from soter.diagnostics.fix import Edit, Fix, append, remove, replace
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
 from soter.language.syntax.clause_words import INSTEAD, NODE, STATEMENTS, body_of
@@ -394,6 +394,18 @@ class BodyParser(StatementParser):
             return None, None
         self.i += 1
         return string_value(self.texts[i]), self.token_span(i)
+
+    def not_extern(self, start: int, origin: Span | None) -> Fix:
+        """`extern`, at `start`, left out, and with it `from "..."`, of which `origin` is a part."""
+        text = self.source.text
+        end = start + len("extern")
+        end += len(text[end:]) - len(text[end:].lstrip())
+        edits = [Edit(Span(self.source, start, end), "")]
+        if origin is not None:
+            before = len(text[: text.rindex("from", 0, origin.start)].rstrip())
+            edits.append(Edit(Span(self.source, before, origin.end), ""))
+        what = "`extern` and `from`" if origin is not None else "`extern`"
+        return Fix(f"leave {what} out", tuple(edits))
 
     def stray_origin(self, what: str) -> tuple[str | None, Span | None]:
         """`from` behind something that is not extern."""
