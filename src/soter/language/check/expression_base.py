@@ -323,9 +323,10 @@ def _as_time(expr: typed.TypedExpr) -> tuple[Help, ...]:
     named = param is not None or (isinstance(expr, typed.Literal) and expr.name is not None)
     value = param.default if param is not None else expr
     seconds = value.value if isinstance(value, typed.Literal) else None
-    known = isinstance(seconds, float) and 0 < seconds < SECONDS_MAX
-    time = write_ns(round(seconds * 1e9)) if known else "10ms"
-    if named and known:
+    if not isinstance(seconds, float) or not 0 < seconds < SECONDS_MAX:
+        return ("write a time with its unit, such as `10ms`",)
+    time = write_ns(round(seconds * 1e9))
+    if named:
         word = "param" if param is not None else "const"
         return (f"declare it as a time: `{word} {expr.span.text}: duration = {time};`",)
     return (f"write a time with its unit, such as `{time}`",)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from itertools import pairwise
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from soter.diagnostics.fix import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
@@ -126,8 +126,7 @@ def _in_milliseconds(
         if number is None or not any(n is not None and 0 < FAR_APART * n <= number for n in near):
             continue
         at = call.arguments[i]
-        in_s = typed.Literal(at.type, at.span, number / 1000)
-        mended = rewritten(ttf, lambda n, at=at, in_s=in_s: in_s if n is at else n)
+        mended = _with_number(ttf, at, number / 1000)
         holds = predicates_at(system, module, tried_topics(module))
         if any(all(holds((mended, safer), t[3])) for t in both):
             continue
@@ -142,6 +141,11 @@ def _in_milliseconds(
         )
         return True
     return False
+
+
+def _with_number(predicate: typed.TypedExpr, at: typed.TypedExpr, number: float) -> Any:  # noqa: ANN401
+    """The predicate with a number in the place of a part of it."""
+    return rewritten(predicate, lambda n: typed.Literal(at.type, at.span, number) if n is at else n)
 
 
 def _float_of(e: typed.TypedExpr) -> float | None:

@@ -336,12 +336,9 @@ class _StepRanges(RangeEvaluator):
 
     def _counts_from_one(self, index: t.VarRead, of: Type, size: int) -> None:
         """W025 for `var k: int in [1, 4]` as the index of four elements, whatever else it is."""
-        conditions = nodes(list(self.decided))
-        declared_so = index.variable.type == IntType(1, size)
-        if not declared_so or any(
-            isinstance(n, t.VarRead) and n.variable is index.variable for n in conditions
-        ):
-            return  # it may be looked at before
+        variables = [n.variable for n in nodes(list(self.decided)) if isinstance(n, t.VarRead)]
+        if index.variable.type != IntType(1, size) or index.variable in variables:
+            return  # it is not declared so, or is looked at before
         name = index.variable.name
         self._say(
             f"`{name}` counts from 1, the elements of `{of}` from 0",
