@@ -309,7 +309,7 @@ def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
     if isinstance(expected, DurationType):
         return _as_time(expr)
     if isinstance(expected, FloatType) and isinstance(actual, DurationType):
-        return (replace(span, f"seconds({text})", "convert it: `seconds(...)`"),)
+        return (replace(span, f"seconds({text})", f"convert it: `seconds({text})`"),)
     if isinstance(expr, typed.Aggregate) and isinstance(expected, RecordType):
         return _as_record(expected, expr)
     if isinstance(expected, (ArrayType, ListType)) and expected.element == actual:

@@ -18,6 +18,7 @@ from soter.diagnostics.fix import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.conjuncts import conjuncts, disjuncts
 from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.same_expression import same_expression
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, children, nodes, rewritten, topic_reads
@@ -96,7 +97,7 @@ def doubt_predicates(
         return True
     if both and _in_milliseconds(system, module, both, diagnostics):
         return True
-    if both and _alike(ttf, safer):
+    if both and (_alike(ttf, safer) or same_expression(safer, symbol.safe)):
         where = shown(system, tried_topics(module), both[0][3])
         diagnostics.warning(
             "W013",

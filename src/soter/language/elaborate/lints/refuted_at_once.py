@@ -190,9 +190,10 @@ def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> V
     """What a plant publishes at its first release, `end` 0 or 1 of the sets of its states."""
     symbol = plant.plant
     assert symbol is not None
-    lets = tuple(e for _, e in symbol.lets)
+    lets = _read_lets(symbol, value)
     late = (typed.TopicRead, typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead)
-    if chooses(value, *lets) or any(isinstance(n, late) for n in nodes((value, *lets))):
+    read = (value, *(e for _, e in lets))
+    if chooses(*read) or any(isinstance(n, late) for n in nodes(read)):
         return None
     evaluator = Evaluator(plant.scope.params, budget=BUDGET)
     env = Environment(period_ns=plant.period_ns)
@@ -202,11 +203,24 @@ def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> V
             return None
         env.variables[state] = plant.initial[i] if span is None else span[end]
     try:
-        for variable, let in symbol.lets:
+        for variable, let in lets:
             env.variables[variable] = evaluator.value(let, env)
         return evaluator.value(value, env)
     except (StepFault, BudgetExceeded, KeyError):
         return None  # a `let` of a disturbance, say: it is drawn
+
+
+def _read_lets(
+    plant: typed.PlantSymbol, value: typed.TypedExpr
+) -> list[tuple[typed.Variable, typed.TypedExpr]]:
+    """The `let`s that a value is made of, by way of others, too, in their order."""
+    read = {n.variable for n in nodes([value]) if isinstance(n, typed.VarRead)}
+    lets: list[tuple[typed.Variable, typed.TypedExpr]] = []
+    for variable, let in reversed(plant.lets):
+        if variable in read:
+            lets.insert(0, (variable, let))
+            read |= {n.variable for n in nodes([let]) if isinstance(n, typed.VarRead)}
+    return lets
 
 
 def doubt_constants(

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.fix import Edit, Fix, exchange, replace
 from soter.diagnostics.span import Span
+from soter.language.elaborate.lints.declared_ranges import counts_from_one, one_fits
 from soter.language.elaborate.lints.forgotten_variables import doubt_variables
 from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
@@ -318,7 +319,7 @@ class _StepRanges(RangeEvaluator):
         at = self.number(index)
         read = index.operand if isinstance(index, t.Narrow) else index
         if at == Range(1, size) and isinstance(read, t.VarRead):
-            self._counts_from_one(read, of, size)
+            counts_from_one(read, of, size, list(self.decided), self.diagnostics)
         if at.high >= 0 and at.low < size:
             return
         value = f"{at.low}" if at.single else f"from {at.low} to {at.high}"
@@ -334,24 +335,12 @@ class _StepRanges(RangeEvaluator):
             helps,
         )
 
-    def _counts_from_one(self, index: t.VarRead, of: Type, size: int) -> None:
-        """W025 for `var k: int in [1, 4]` as the index of four elements, whatever else it is."""
-        variables = [n.variable for n in nodes(list(self.decided)) if isinstance(n, t.VarRead)]
-        if index.variable.type != IntType(1, size) or index.variable in variables:
-            return  # it is not declared so, or is looked at before
-        name = index.variable.name
-        self._say(
-            f"`{name}` counts from 1, the elements of `{of}` from 0",
-            index.span,
-            f"{name} is 1 to {size}, and 0 to {size - 1} are possible",
-            f"reading or writing element {size} is a step fault",
-            (f"declare it with `int in [0, {size - 1}]`",),
-        )
-
     def _narrow(self, e: t.Narrow) -> Known:
         assert isinstance(e.type, IntType)
         if not self.silent:
             a = self.number(e.operand)
+            if a.low < a.high and (a.low == e.type.high or a.high == e.type.low):
+                one_fits(e, a, self.diagnostics)
             if a.high < e.type.low or a.low > e.type.high:
                 value = f"{a.low}" if a.single else f"from {a.low} to {a.high}"
                 inside = f"min(max({e.span.text}, {e.type.low}), {e.type.high})"

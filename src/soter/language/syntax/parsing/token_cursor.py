@@ -216,8 +216,8 @@ class Cursor:
         self.quiet = self.i
         raise Panic
 
-    def _leads_on(self, fix: Fix) -> bool:
-        """Whether an edit leaves no syntax error in what it writes."""
+    def _leads_on(self, fix: Fix, end: int) -> bool:
+        """Whether an edit leaves no syntax error between what it writes and an offset."""
         raise NotImplementedError
 
     def _elsewhere(
