@@ -283,11 +283,9 @@ class StatementParser(ExpressionParser):
                 return _STATEMENTS[near](self)
         if following == NAME and self.kinds[i + 2] in ("=", ";"):
             declared = visible(self.texts[i + 1])
-            written = replace(
-                self.token_span(i).to(self.token_span(i + 1)),
-                f"var {declared}: {word}",
-                f"a variable is declared by `var`: `var {declared}: {visible(word)}`",
-            )
+            title = f"a variable is declared by `var`: `var {declared}: {visible(word)}`"
+            both = self.token_span(i).to(self.token_span(i + 1))
+            written = replace(both, f"var {declared}: {word}", title)
             message = f"expected a statement, found `{visible(word)}`"
             self.report("S011", message, helps=(written,))
             return self._c_style_declaration()
