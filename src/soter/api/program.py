@@ -144,8 +144,9 @@ class Program:
 
         `name`: a full name (`d.M.Learned`), its last part, or the declared name. `target`: a
         callable, an object or class with `step` and perhaps `reset(seed)`, or a text
-        `python:file.py:name` or `c:file.c:name` (relative to the current folder). SoterError
-        U005 where no system has such an extern, U001, X002, X003 for a wrong target.
+        `python:file.py:name`, `c:file.c:name`, or of a policy `onnx:file.onnx`, `sb3:file.zip`,
+        `sb3:file.zip:vecnormalize.pkl` (relative to the current folder). SoterError U005 where no
+        system has such an extern, U001, X002, X003 for a wrong target.
         """
         from soter.simulate.externs.bindings import check_target, require_named  # noqa: PLC0415 - as above
 
