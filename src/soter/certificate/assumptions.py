@@ -197,14 +197,18 @@ def _range(x: Input) -> str:
     return f"{x.name} in [{x.low:g}, {x.high:g}]"
 
 
+def _unit(x: Input) -> str:
+    return f" {x.unit}" if x.unit else ""
+
+
 def _inputs(facts: Facts) -> Iterator[RecheckAssumption]:
     for d in facts.disturbances:
         what = "disturbances stay within their bounds"
         if d.of_others:
             what = "what others publish and what moves these plants stays in its declared set"
-        yield RecheckAssumption(f"disturbance {_range(d)}", f"{what}: {_range(d)}")
+        yield RecheckAssumption(f"disturbance {_range(d)}", f"{what}: {_range(d)}{_unit(d)}")
     for e in facts.errors:
-        text = f"measurement errors stay within their bounds: {e.name} within {e.high:g}"
+        text = f"measurement errors stay within their bounds: {e.name} within {e.high:g}{_unit(e)}"
         yield RecheckAssumption(f"error {e.name} {e.high:g}", text)
     measured = {(e.owner, e.leaf) for e in facts.errors}
     by_dm, by_sc = read_by(facts)

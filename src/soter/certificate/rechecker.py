@@ -277,6 +277,7 @@ def _module(
             raise
         # older reads than there are may be too much for our bounds: those that there are count
         facts.times["d_ns"] = facts.own.delay
+        phase(f"{name}: again, with reads as old as there are", anew=True)
         _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
     jumps = jumps_of(facts, groups, extents, claims)
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)

@@ -136,7 +136,7 @@ def test_a_report_and_a_certificate_are_written(soter: Soter, here: Path) -> Non
 def test_what_has_no_declared_error_is_said_to_be_exact(soter: Soter, here: Path) -> None:
     error = ("motion.x within 0.02, motion.v within 0.05", "motion.x within 0.02")
     done = soter("verify", write(here, error), "--no-refute")
-    assert "within their bounds: motion.x within 0.02; exact: motion.v\n" in done.out
+    assert "within their bounds: motion.x within 0.02 m; exact: motion.v\n" in done.out
 
 
 def test_an_assumed_property_stands_in_the_headline(soter: Soter, here: Path) -> None:

@@ -44,6 +44,8 @@ class Input:
     moves: bool = True
     of_others: bool = False
     """A disturbance: what somebody else publishes, and a plant of the proof reads."""
+    unit: str = ""
+    """As it is declared."""
 
 
 @dataclass(frozen=True)

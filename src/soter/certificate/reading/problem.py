@@ -156,6 +156,7 @@ def _read_states(facts: Facts) -> None:
                         leaf=k,
                         low=d.low,
                         high=d.high,
+                        unit=of.unit,
                     )
                 )
         facts.disturbances += _of_others(facts, c)
@@ -198,7 +199,7 @@ def _read_topics(facts: Facts) -> None:
         for m in c.measured:
             if m.topic in seen and m.bound > 0.0:
                 topic = facts.system.topics[m.topic]
-                path = list(leaves(topic.type))[m.leaf][0]
+                path, of = list(leaves(topic.type))[m.leaf]
                 name = ".".join((topic.name, *path))
                 facts.errors.append(
                     Input(
@@ -209,6 +210,7 @@ def _read_topics(facts: Facts) -> None:
                         leaf=m.leaf,
                         low=-m.bound,
                         high=m.bound,
+                        unit=of.unit if isinstance(of, FloatType) else "",
                     )
                 )
     for index in read:
@@ -236,6 +238,7 @@ def _leaves_of(facts: Facts, index: int, kind: InputKind) -> list[Input]:
                 leaf=k,
                 low=bound.low,
                 high=bound.high,
+                unit=of.unit,
             )
         )
     return inputs

@@ -232,6 +232,21 @@ def _its_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ..
     return (f"it {verb} {listed(topics)}: name the topic",) if topics else ()
 
 
+def whole_topic(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
+    """What stands for `topic.field`, at `part`, where a topic is named: `publish pose.x = e`, say.
+
+    The whole record where it is given a value, the name alone everywhere else.
+    """
+    given = part.source.text[part.end :].lstrip().startswith("=")
+    if not given or not isinstance(topic, tree.TopicDecl):
+        return (replace(part, topic.name.text),)
+    record = next((d for d in decls if d.name.text == topic.type.span.text), None)
+    if not isinstance(record, tree.TypeDecl) or not isinstance(record.type, tree.RecordTypeExpr):
+        return (f"give all of `{topic.name.text}` at once",)
+    fields_ = ", ".join(f"{name.text}: ..." for name, _ in record.type.fields)
+    return (f"give all of its fields at once: `{topic.name.text} = {{ {fields_} }}`",)
+
+
 def is_driven(decls: Iterable[tree.Decl], topic: str) -> bool:
     """Whether a node publishes a topic of this name, or a plant drives it."""
     return any(

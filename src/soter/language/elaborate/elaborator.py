@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import append
 from soter.language.elaborate.composition_check import Composition, hyperperiod
 from soter.language.elaborate.decision_topics import make_latch_topics, make_margin_topics
 from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
@@ -41,9 +42,10 @@ from soter.language.model.tree_walk import margin_reads, mode_reads, nodes, topi
 from soter.language.model.types import ErrorType, FloatType, IntType, default_value, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.language.elaborate.instantiate import PlacedInstance, ReplacedModule, SubSystem
     from soter.language.model.types import Value
@@ -548,7 +550,7 @@ class Elaborator(Topics):
                 "theorem 3.1 is about everything the advanced controller may do",
                 "the gate refuses what lies outside the set",
             ),
-            helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
+            helps=(_missing_set(topic, bare),),
         )
 
     def _verify_block(self, module: typed.ModuleSymbol) -> tuple[int, int]:
@@ -837,6 +839,15 @@ class Elaborator(Topics):
             values.append(value)
             self._in_set(topic, value, expr, f"this value of `{topic.symbol.name}`")
         return tuple(values)
+
+
+def _missing_set(topic: Topic, bare: Sequence[str]) -> Help:
+    """What is to be added where the leaves `bare` of a topic have no set."""
+    if not topic.symbol.values or not all(bare):
+        return "add a set: `in [-1.0, 1.0]` with your bounds"
+    last = max((r.span for r in topic.symbol.values.values()), key=lambda s: s.end)
+    more = ", ".join(f"{leaf} in [-1.0, 1.0]" for leaf in bare)
+    return append(last, f", {more}", f"add to the braces: `{more}` with your bounds")
 
 
 def _contracts(component: Component) -> list[tuple[str, typed.TypedExpr]]:

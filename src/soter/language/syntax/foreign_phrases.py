@@ -385,6 +385,12 @@ IDIOMS: tuple[Idiom, ...] = (
         cast,
     ),
     idiom(
+        r"(?P<what>[A-Za-z_][\w.]*(?:\[\w+\])?(?:\((?:[^()]|\([^()]*\))*\))?|\d[\w.]*"
+        r"|\((?:[^()]|\([^()]*\))*\))\s+(?P<at>as\s+(?P<type>[A-Za-z]\w*))\b",
+        "a conversion is a call",
+        cast,
+    ),
+    idiom(
         r"(?P<at>\(\s*(?P<type>float|int|double|long)\s*\))\s*"
         r"(?P<what>[A-Za-z_][\w.]*(?:\((?:[^()]|\([^()]*\))*\))?|\d[\w.]*|\((?:[^()]|\([^()]*\))*\))",
         "a conversion is a call",
