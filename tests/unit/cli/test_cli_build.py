@@ -200,7 +200,7 @@ def test_another_target_is_called_by_its_own_name(
         return package
 
     monkeypatch.setitem(TARGETS, "toy", toy)
-    assert "c (the default) or posix or ros1 or ros2 or dds or mavlink or toy" in " ".join(
+    assert "c (the default) or posix or ros1 or ros2 or dds or mavlink or cortex-m or toy" in " ".join(
         soter("build", "--help").out.split()
     )
     assert "target toy" in soter("build", "cart.soter", "--target", "toy", "-o", "out").out
