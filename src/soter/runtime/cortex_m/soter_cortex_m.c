@@ -14,23 +14,29 @@ int main(void);
 /* Of the linker script. */
 extern uint32_t soter_stack_top, soter_data, soter_data_end, soter_data_load;
 extern uint32_t soter_bss, soter_bss_end, soter_stack;
+extern uint32_t soter_ac[], soter_ac_data_end[], soter_ac_data_load[], soter_ac_end[];
 
 #define UNUSED_STACK UINT32_C(0x5ca1ab1e)
 #define FRAME 64U /* bytes below the variables of on_reset that it may be using */
+
+/* Words from there, or zeros. */
+static void fill(uint32_t* to, const uint32_t* end, const uint32_t* from) {
+  while (to < end) {
+    *to++ = from != NULL ? *from++ : 0U;
+  }
+}
 
 static void on_reset(void) {
 #if defined(__ARM_FP)
   SCB_CPACR |= 0xFU << 20; /* before the first double */
   __asm volatile("dsb\n isb" ::: "memory");
 #endif
-  const uint32_t* from = &soter_data_load;
-  for (uint32_t* to = &soter_data; to < &soter_data_end; to++) {
-    *to = *from++;
-  }
-  for (uint32_t* to = &soter_bss; to < &soter_bss_end; to++) {
-    *to = 0U;
-  }
-  const uintptr_t here = (uintptr_t)&from;
+  fill(&soter_data, &soter_data_end, &soter_data_load);
+  fill(&soter_bss, &soter_bss_end, NULL);
+  fill(soter_ac, soter_ac_data_end, soter_ac_data_load);
+  fill(soter_ac_data_end, soter_ac_end, NULL);
+  const uint32_t here_variable = 0U;
+  const uintptr_t here = (uintptr_t)&here_variable;
   for (uint32_t* to = &soter_stack; (uintptr_t)to < here - FRAME; to++) {
     *to = UNUSED_STACK;
   }

@@ -8,8 +8,12 @@
 #include "soter_app.h"
 #include "soter_board.h"
 #include "soter_cortex_m.h"
+#include "soter_loop.h"
+#include "soter_loop_app.h"
 #include "soter_semihosting.h"
 #include "soter_sha256.h"
+
+#include <string.h>
 
 typedef struct {
   uint64_t until_ns, seed, instruction_ns;
@@ -58,13 +62,29 @@ static uint64_t instructions(uint64_t count, const settings* s) {
   return s->instruction_ns == 0U ? 0U : (ns + s->instruction_ns / 2U) / s->instruction_ns;
 }
 
+/* The step of an extern, in place. */
+static void answer(APP_STATE* state, uint32_t due) {
+  static uint64_t exchanged[2][APP_EXCHANGE_WORDS];
+  for (uint32_t k = 0; k < soter_app_extern_count; k++) {
+    const soter_loop_extern* const x = &soter_app_externs[k];
+    if (x->component == due) {
+      (void)memset(exchanged, 0, sizeof exchanged);
+      x->gather(state, exchanged[0]);
+      const bool fine = x->step(exchanged[0], exchanged[1]) == 0;
+      soter_answer(APP_PROGRAM, state, due, fine ? SOTER_OK : SOTER_EXTERN_FAULT, exchanged[1]);
+      return;
+    }
+  }
+  soter_app_answer(state, due);
+}
+
 static void run(APP_STATE* state, const settings* s, soter_sha256* hash, costs* c) {
   const soter_program* const p = APP_PROGRAM;
   while (soter_next_instant(p, state) <= (int64_t)s->until_ns) {
     uint32_t due = 0;
     const uint64_t begin = ticks();
     while (soter_virtual_instant(p, state, &due) == SOTER_EXTERN_DUE) {
-      soter_app_answer(state, due);
+      answer(state, due);
     }
     const uint64_t took = ticks() - begin;
     c->instants++;

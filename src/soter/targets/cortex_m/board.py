@@ -1,7 +1,7 @@
 """A board: one C file with a memory map and the functions of `soter_board.h`.
 
 Purpose: find the file, read its numbers, refuse a map that cannot be.
-Non-goals: what its functions do; linking (`linker_script.py`).
+Non-goals: what its functions do; linking (`cortex_m_package.py`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ DEFINE = re.compile(
     r'^#define BOARD_(\w+) (?:"([^"]*)"|(0[xX][0-9a-fA-F]+|\d+))(?=\s|$)', re.MULTILINE
 )
 FUNCTIONS = ("start", "sense", "actuate", "watchdog", "say", "end")
-NUMBERS = ("CLOCK_HZ", "FLASH_AT", "FLASH_BYTES", "RAM_AT", "RAM_BYTES", "STACK_BYTES")
+NUMBERS = ("CLOCK_HZ", "FLASH_AT", "FLASH_BYTES", "RAM_AT", "RAM_BYTES", "STACK_BYTES", "AC_BYTES")
 CORES = {
     "cortex-m4": ("-mcpu=cortex-m4", "-mfloat-abi=soft"),
     "cortex-m7": ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
@@ -50,6 +50,8 @@ class Board:
     ram_at: int
     ram_bytes: int
     stack_bytes: int
+    ac_bytes: int
+    """Of what is not trusted: variables and stack, a power of two."""
     qemu: str = ""
 
     @property
@@ -111,6 +113,7 @@ def board_of(name: str, text: str) -> Board:
         ram_at=numbers["RAM_AT"],
         ram_bytes=numbers["RAM_BYTES"],
         stack_bytes=numbers["STACK_BYTES"],
+        ac_bytes=numbers["AC_BYTES"],
         qemu=words.get("QEMU", ""),
     )
     problems = list(_problems_of_the_map(board))
@@ -135,6 +138,11 @@ def _problems_of_the_map(board: Board) -> Iterable[str]:
         yield f"flash and RAM overlap: {common:,} bytes from {max(one, other):#x} on"
     if board.clock_hz == 0:
         yield "`BOARD_CLOCK_HZ` is 0"
+    if board.ac_bytes < 2 * LEAST_STACK or board.ac_bytes & (board.ac_bytes - 1) != 0:
+        yield f"`BOARD_AC_BYTES` is {board.ac_bytes:,}: a power of two, {2 * LEAST_STACK} at least"
+    flash = max(board.flash_bytes, 1)
+    if flash & (flash - 1) != 0 or board.flash_at % flash != 0:
+        yield "flash is no power of two, or begins at no multiple of it: no region of an MPU"
     if not LEAST_STACK <= board.stack_bytes <= board.ram_bytes or board.stack_bytes % 8 != 0:
         yield (
             f"a stack of {board.stack_bytes:,} bytes: it has to be a multiple of 8, "

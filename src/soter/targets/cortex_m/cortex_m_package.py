@@ -16,7 +16,11 @@ from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets import c99
 from soter.targets.cortex_m.board import SOFT
+from soter.targets.cortex_m.loop_tables import apart_nodes, loop_tables, tick_of
+from soter.targets.leases import FILES as LEASES
+from soter.targets.leases import lease_files
 from soter.targets.package import Package, PackageFile
+from soter.targets.posix import refuse_apart
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,18 +28,27 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
     from soter.targets.cortex_m.board import Board
+    from soter.targets.cortex_m.loop_tables import LoopTick
 
 FOLDER = RUNTIME / "cortex_m"
 OWN = (
     *("soter_board.h", "soter_cortex_m.h", "soter_cortex_m.c", "soter_replay.c"),
     *("soter_semihosting.h", "soter_semihosting.c"),
+    *("soter_loop.h", "soter_loop.c", "soter_apart.h", "soter_apart.c"),
 )
+MAINS = frozenset(("soter_replay.c", "soter_loop.c", "soter_apart.c"))
+"""What is of one of the two images alone."""
 SCRIPT = "soter_image.ld"
 PRODUCTS = "_arm_muldivdf3.o"
 """Of libgcc: `__aeabi_dmul`, `__aeabi_ddiv`."""
+NOTHING_APART = 512
+"""Bytes of the thread that waits, where nothing computes in it."""
 INSTANTS = 1000
 ICOUNT = 6
-"""In `make run` an instruction takes two to this ns (`-icount shift=`): SysTick counts them."""
+FASTER = 4
+"""In `make run` an instruction takes two to this ns (`-icount shift=`): SysTick counts them.
+
+In `make run-loop` two to FASTER: hashing a trace takes its share of an instant."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +70,25 @@ def replayed_until(system: System) -> int:
     return min(last, system.until_ns or last)
 
 
+@dataclass(frozen=True)
+class _Sources:
+    """What images are made of: C that is trusted, and C of extern nodes."""
+
+    name: str
+    trusted: list[str]
+    untrusted: list[str]
+
+
 def cortex_m_package(
     system: System, core: CoreSystem, folder: Path, board: Board, replay: Replay
 ) -> Package:
     """The package for a board; externs without C are bound to `externs.c`."""
+    refuse_apart(system)
     package = Package(folder)
     stubs = c99.bind_stubs(system)
-    unit = generate(system, core)
+    apart = apart_nodes(system)
+    unit = generate(system, core, apart=frozenset(x.index for x in apart))
+    tick = tick_of(system, board)
     plants = [x for x in system.components if x.extern and x.plant is not None]
     linked = [s for s in unit.c_sources if s != c99.STUBS]
     package.files = [
@@ -71,22 +96,32 @@ def cortex_m_package(
         PackageFile(f"{unit.prefix}.c", unit.source),
         PackageFile(f"{c99.APP}.h", c99.app_header(system, unit)),
         PackageFile(f"{c99.APP}.c", c99.app_source(system, unit, plants)),
-        *(_own(RUNTIME / n) for n in c99.run_time(system) if not n.startswith("soter_firmware")),
+        *(_own(RUNTIME / n) for n in dict.fromkeys((*c99.run_time(system), *LEASES))),
+        *lease_files(system, unit.prefix),
+        *loop_tables(system, unit, tick, replay.until_ns),
         *(_own(FOLDER / n) for n in OWN),
         PackageFile("board.c", board.text),
-        PackageFile(SCRIPT, linker_script(board)),
+        PackageFile(SCRIPT, linker_script(board, board.ac_bytes if apart else NOTHING_APART)),
     ]
     if stubs or plants:
         text = c99.stubs_text(unit, stubs, plants)
         package.files.append(PackageFile(c99.STUBS, text, yours=True))
     package.files += c99.extern_files(linked)
     sources = [f.path for f in package.files if f.path.endswith(".c")]
+    bound = list(dict.fromkeys(x.binding.split(":")[1] for x in apart if x.binding is not None))
+    package.files += c99.extern_files([s for s in bound if s != c99.STUBS])
+    untrusted = [f.path for f in package.files if f.path.endswith(".c") and f.path not in sources]
+    if stubs:
+        untrusted.append(c99.STUBS)
     name = c99.command_name(unit.prefix)
+    made = _Sources(name, [s for s in sources if s not in untrusted], untrusted)
     package.files += [
-        PackageFile("Makefile", _makefile(name, sources, board, replay)),
+        PackageFile("Makefile", _makefile(made, board, replay, tick)),
         PackageFile("README.md", _readme(system, name, board)),
     ]
     package.notes = c99.notes(core, stubs, plants)
+    if tick.why:
+        package.notes.append(f"no image for real time: {tick.why}")
     package.entries = "soter_instant"
     package.world = tuple(
         f"{unit.names[x.index]}_step" for x in system.components if x.plant is not None
@@ -100,8 +135,11 @@ def _own(path: Path) -> PackageFile:
     return PackageFile(path.name, path.read_text(encoding="utf-8"))
 
 
-def linker_script(board: Board) -> str:
-    """Where everything lies; what does not fit is told by the linker, in bytes."""
+def linker_script(board: Board, ac_bytes: int) -> str:
+    """Where everything lies; what does not fit is told by the linker, in bytes.
+
+    `ac_bytes`: of the region of what is not trusted, a power of two.
+    """
     return f"""\
 /* {SCRIPT}: where everything lies on {board.name}, generated by soter. */
 MEMORY {{
@@ -109,9 +147,31 @@ MEMORY {{
   RAM (rw) : ORIGIN = {board.ram_at:#x}, LENGTH = {board.ram_bytes}
 }}
 ENTRY(soter_vectors)
+soter_flash = ORIGIN(FLASH);
+soter_flash_end = ORIGIN(FLASH) + LENGTH(FLASH);
 SECTIONS {{
-  .text : {{ soter_vectors = .; KEEP(*(.vectors)) *(.text*) *(.rodata*) . = ALIGN(8); }} > FLASH
+  .text : {{
+    soter_vectors = .;
+    KEEP(*(.vectors)) *(.text*) *(.rodata*)
+    . = ALIGN(8);
+  }} > FLASH
   .ARM.exidx : {{ *(.ARM.exidx*) . = ALIGN(8); }} > FLASH
+  /* what is not trusted: variables, and the stack from the end on */
+  .ac_data : ALIGN({ac_bytes}) {{
+    soter_ac = .;
+    *(.ac_data*)
+    . = ALIGN(8);
+    soter_ac_data_end = .;
+  }} > RAM AT > FLASH
+  soter_ac_data_load = LOADADDR(.ac_data);
+  .ac_bss (NOLOAD) : {{
+    *(.ac_bss*)
+    . = ALIGN(8);
+    soter_ac_used = .;
+    . = MAX(., soter_ac + {ac_bytes});
+    soter_ac_end = .;
+  }} > RAM
+  ASSERT(soter_ac_used + {ac_bytes // 2} <= soter_ac_end, "BOARD_AC_BYTES is too small")
   .data : {{ soter_data = .; *(.data*) . = ALIGN(8); soter_data_end = .; }} > RAM AT > FLASH
   soter_data_load = LOADADDR(.data);
   .bss (NOLOAD) : {{ soter_bss = .; *(.bss*) *(COMMON) . = ALIGN(8); soter_bss_end = .; }} > RAM
@@ -120,35 +180,68 @@ SECTIONS {{
 """
 
 
-def _makefile(name: str, sources: list[str], board: Board, replay: Replay) -> str:
-    listed = " \\\n  ".join(sorted(sources))
+def _makefile(made: _Sources, board: Board, replay: Replay, tick: LoopTick) -> str:
+    name = made.name
+    common = " \\\n  ".join(sorted(s for s in made.trusted if s not in MAINS))
     warnings = " ".join(w for w in WARNINGS if w != "-Werror")
+    untrusted = " ".join(made.untrusted)
     return f"""\
 # Written by soter: `make` makes {name}.elf for {board.name}, `make run` runs it in QEMU and
-# compares its trace with that of `soter run`, `make sizes` tells the size of every function.
+# compares its trace with that of `soter run`, `make sizes` tells the size of every function;
+# `make {name}_loop.elf` is the program against the clock.
 CC := arm-none-eabi-gcc
 CFLAGS ?= -Os
 # these belong to the meaning, so they come last: one rounding an operation
 MEANING := {" ".join(MEANING)}
 WARNINGS := {warnings}
 CORE := -mthumb {" ".join(board.flags)}
-PLACED := -ffunction-sections -fdata-sections -DBOARD_CLOCK_HZ={board.clock_hz}
+COMPILED = {STANDARD} $(WARNINGS) $(CFLAGS) $(MEANING) $(CORE) -DBOARD_CLOCK_HZ={board.clock_hz} -I.
+PLACED := -ffunction-sections -fdata-sections
 LINKED := -nostartfiles --specs=nano.specs -T{SCRIPT} -Wl,--gc-sections,-z,noexecstack
 SOURCES := \\
-  {listed}
+  {common}
+UNTRUSTED := {untrusted}
+OBJECTS := {"untrusted.o" if made.untrusted else ""}
+HEADERS := $(wildcard *.h extern*/*.h) {SCRIPT} Makefile
 {_arithmetic(board)}
-{name}.elf: $(SOURCES) $(wildcard *.h extern*/*.h) {SCRIPT} Makefile $(ARITHMETIC)
-\t$(CC) {STANDARD} $(WARNINGS) $(CFLAGS) $(MEANING) $(CORE) $(PLACED) -I. $(LINKED) -o $@ \\
-\t  $(SOURCES) $(ARITHMETIC) -lm
-
+{name}.elf: $(SOURCES) soter_replay.c $(OBJECTS) $(HEADERS) $(ARITHMETIC)
+\t$(CC) $(COMPILED) $(PLACED) $(LINKED) -o $@ $(SOURCES) soter_replay.c $(OBJECTS) \\
+\t  $(ARITHMETIC) -lm
+{_untrusted(made)}{_loop(name, tick)}
 Makefile: ; # never made from a Makefile.c
-.PHONY: run sizes clean
+.PHONY: run run-loop sizes clean
 {_run(name, board, replay)}
 sizes: {name}.elf
 \tarm-none-eabi-size $<
 \tarm-none-eabi-nm --print-size --size-sort --radix=d $<
 clean:
-\trm -f {name}.elf run.txt $(ARITHMETIC)
+\trm -f {name}.elf {name}_loop.elf run.txt untrusted.o $(ARITHMETIC)
+"""
+
+
+def _untrusted(made: _Sources) -> str:
+    """C of extern nodes: its variables lie in a region of their own."""
+    if not made.untrusted:
+        return ""
+    return """\
+untrusted.o: $(UNTRUSTED) $(HEADERS)
+\t$(CC) $(COMPILED) -fno-common -nostdlib -r -o $@ $(UNTRUSTED)
+\tarm-none-eabi-objcopy --rename-section .data=.ac_data --rename-section .bss=.ac_bss $@
+"""
+
+
+def _loop(name: str, tick: LoopTick) -> str:
+    """The image against the clock; LOOP=-DSOTER_TRACED ends it, and tells its trace."""
+    if tick.why:
+        return f"""\
+{name}_loop.elf:
+\t@echo "there is no image for real time: {tick.why}"; false
+"""
+    return f"""\
+LOOP ?=
+{name}_loop.elf: $(SOURCES) soter_loop.c soter_apart.c $(OBJECTS) $(HEADERS) $(ARITHMETIC)
+\t$(CC) $(COMPILED) $(PLACED) $(LOOP) $(LINKED) -o $@ $(SOURCES) soter_loop.c soter_apart.c \\
+\t  $(OBJECTS) $(ARITHMETIC) -lm
 """
 
 
@@ -186,12 +279,18 @@ run:
 UNTIL_NS ?= {replay.until_ns}
 SEED ?= {replay.seed}
 TRACE ?= {replay.sha256 or "?"}
-QEMU := qemu-system-arm -M {board.qemu} -icount shift={ICOUNT} \\
+QEMU = qemu-system-arm -M {board.qemu} -icount sleep=off,shift=$(ICOUNT) \\
   -display none -serial none -monitor none -chardev file,id=words,path=run.txt
+# an instruction takes two to this ns: SysTick counts them
+ICOUNT := {ICOUNT}
 WORDS := arg={name},arg=$(UNTIL_NS),arg=$(SEED),arg={2**ICOUNT}
 # exits 0 safe, 1 not run or another trace, 3 violated, 70 a defect, 71 a fault
 run: {name}.elf
 \t@$(QEMU) -semihosting-config enable=on,target=native,chardev=words,$(WORDS) -kernel $<; \\
+\t  code=$$?; cat run.txt;{compared if replay.sha256 else ""} exit $$code
+run-loop: ICOUNT := {FASTER}
+run-loop: {name}_loop.elf
+\t@$(QEMU) -semihosting-config enable=on,target=native,chardev=words -kernel $<; \\
 \t  code=$$?; cat run.txt;{compared if replay.sha256 else ""} exit $$code
 """
 
@@ -210,7 +309,7 @@ its `trace_sha256` is the host's. docs/bare-metal.md of soter leads to a board o
 
 | file | what |
 |---|---|
-| `board.c` | the board: memory map, clock, six functions (`soter_board.h` says what each does) |
+| board.c | the board: memory map, clock, six functions (`soter_board.h` says what each does) |
 | `{SCRIPT}` | where everything lies |
 | `soter_cortex_m.*` | start-up, and words |
 | `soter_replay.c` | the run in virtual time |

@@ -30,7 +30,8 @@ CC = "arm-none-eabi-gcc"
 QEMU = "qemu-system-arm"
 OLDEST = 10
 """The first version of gcc whose `-fcallgraph-info` and linker are those of the Makefile."""
-TIMEOUT_S = 600
+TIMEOUT_S = 300
+RUN_S = 120
 LARGEST = 5
 OVERFLOW = re.compile(r"region `(FLASH|RAM)' overflowed by (\d+) bytes")
 SYMBOL = re.compile(r"^\S+ (\d+) (\w) (\S+)$", re.MULTILINE)
@@ -122,7 +123,9 @@ def build_image(package: Package, board: Board) -> Image:
     if not board.qemu or shutil.which(QEMU) is None:
         absent = "QEMU does not emulate this board" if not board.qemu else f"there is no `{QEMU}`"
         return Image(**sized, why=f"it was not run: {absent}")  # type: ignore[arg-type]
-    ran = _make(package, "-s", "run")
+    ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
+    if ran.code is None:
+        raise _refused(f"the run in QEMU does not end within {RUN_S} s")
     said = (package.folder / "run.txt").read_text(encoding="utf-8", errors="replace")
     refused = re.search(r"^not run: (.*)$", said, re.MULTILINE)
     if refused is not None:

@@ -10,6 +10,7 @@
 #define BOARD_RAM_AT 0x20000000
 #define BOARD_RAM_BYTES 131072
 #define BOARD_STACK_BYTES 8192
+#define BOARD_AC_BYTES 8192 /* memory of what is not trusted */
 #define BOARD_QEMU "netduinoplus2"
 
 #include "soter_board.h"
