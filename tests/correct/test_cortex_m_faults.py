@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+import soter
 from correct.test_cortex_m import BOARDS, make, wanted
 from generators.shipped_programs import ROOT
 from long_tests import examples
@@ -93,3 +94,51 @@ def test_the_trusted_part_goes_on_and_sc_takes_over(
         assert facts["trusted_sha256"] == trusted, (limit, said)
         assert facts["trace_sha256"] == whole or kind not in EARLY, (limit, said)
         assert 0 < int(facts["takeover"]) <= bound.longest, (limit, said)
+
+
+# ---------------------------------------------------------------- the trusted part, and actuators
+
+NOTHING, SILENCE, FAULT, HANG, CHECK = range(5)
+WHEN = 1000
+"""The tick, a millisecond each, at which something happens."""
+AGE = 20
+"""ms: `max_age` of the position."""
+
+
+def told_by_the_board(kind: int, folder: Path) -> list[tuple[int, str, int]]:
+    """Which start, who is obeyed, from which tick on."""
+    wanted("mps2-an500")
+    board = ROOT / "tests" / "generators" / "telling_board.c"
+    shuttle = ROOT / "examples" / "wall" / "shuttle_firmware.soter"
+    package = soter.load(shuttle).build("cortex-m", folder / "out", board=str(board))
+    done = make(package.folder, "-s", "run-loop", f"CFLAGS=-Os -DKIND={kind}")
+    assert "another law" not in done.stdout
+    lines = re.findall(r"^start (\d+): (the law|a lease) from (\d+)$", done.stdout, re.MULTILINE)
+    return [(int(start), who, int(tick)) for start, who, tick in lines]
+
+
+def test_the_law_is_held_until_the_start_set_was_checked(tmp_path: Path) -> None:
+    first, second = told_by_the_board(NOTHING, tmp_path)
+    assert first == (1, "the law", 1)
+    assert second[:2] == (1, "a lease")
+    assert second[2] < 100
+
+
+def test_a_sensor_that_falls_silent_ends_the_lease_for_good(tmp_path: Path) -> None:
+    *_, last = told_by_the_board(SILENCE, tmp_path)
+    assert last[:2] == (1, "the law")
+    assert WHEN < last[2] <= WHEN + AGE + 15, "its age, SC's period, and when it is late"
+
+
+@pytest.mark.parametrize("kind", [FAULT, CHECK, HANG], ids=["fault", "check", "hang"])
+def test_a_trusted_part_that_ends_leaves_the_law_and_a_restart_checks_the_start_set(
+    kind: int, tmp_path: Path
+) -> None:
+    """After the reset the robot is where `safer` does not hold: the law, until it does."""
+    lines = told_by_the_board(kind, tmp_path)
+    law = lines[2]
+    assert law[:2] == (1, "the law")
+    assert WHEN < law[2] <= WHEN + 15, "a lease is 13 ms long, and looked at every millisecond"
+    assert lines[3] == (2, "the law", 1)
+    assert lines[4][:2] == (2, "a lease")
+    assert WHEN // 2 <= lines[4][2] <= WHEN // 2 + 100, "two looks of a DM after it is safer"

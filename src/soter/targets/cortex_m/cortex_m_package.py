@@ -175,6 +175,7 @@ SECTIONS {{
   .data : {{ soter_data = .; *(.data*) . = ALIGN(8); soter_data_end = .; }} > RAM AT > FLASH
   soter_data_load = LOADADDR(.data);
   .bss (NOLOAD) : {{ soter_bss = .; *(.bss*) *(COMMON) . = ALIGN(8); soter_bss_end = .; }} > RAM
+  .kept (NOLOAD) : {{ *(.kept*) . = ALIGN(8); }} > RAM /* no start writes here: a board may */
   .stack (NOLOAD) : {{ soter_stack = .; . += {board.stack_bytes}; soter_stack_top = .; }} > RAM
 }}
 """
