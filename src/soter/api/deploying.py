@@ -170,11 +170,18 @@ def _not_carried(bindings: Bindings) -> list[str]:
     return [f"{n}: its binding to Python is left out, as the package is C" for n in dropped]
 
 
-def image_of(package: Package, board: str | None) -> Image | None:
-    """The image of a package that was built for a board; None of others. As of `build_image`."""
-    from soter.targets.cortex_m.image import build_image  # noqa: PLC0415 - runs a compiler
+def image_of(package: Package, board: str | None, stack: StackBound) -> Image | None:
+    """The image of a package that was built for a board; None of others. As of `build_image`.
 
-    return None if board is None else build_image(package, read_board(board))
+    `stack`: the bound of the package; SoterError X015 where the board gives less.
+    """
+    from soter.targets.cortex_m.image import build_image, require_stack  # noqa: PLC0415 - compiles
+
+    if board is None:
+        return None
+    place = read_board(board)
+    require_stack(stack, place)
+    return build_image(package, place)
 
 
 def stack_bound(package: Package, board: str | None = None) -> StackBound:

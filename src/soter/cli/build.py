@@ -79,7 +79,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             progress=progress,
         )
     stack = stack_bound(package, args.board)
-    image = image_of(package, args.board)
+    image = image_of(package, args.board, stack)
     _say(package, stack, image, console)
     fields: dict[str, object] = {
         "file": args.file,

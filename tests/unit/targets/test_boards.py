@@ -10,9 +10,10 @@ import pytest
 
 import soter
 from soter.diagnostics.diagnostic import SoterError
+from soter.native.stack_bound import StackBound
 from soter.targets.cortex_m.board import BOARDS, board_names, board_of, read_board
 from soter.targets.cortex_m.cortex_m_package import linker_script
-from soter.targets.cortex_m.image import build_image, missing_tools
+from soter.targets.cortex_m.image import build_image, missing_tools, require_stack
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"
@@ -109,6 +110,17 @@ def test_a_program_that_does_not_fit_says_by_how_much(
     assert diagnostic.code == "X015"
     assert words in diagnostic.message
     assert "largest: `" in diagnostic.notes[0]
+
+
+def test_a_stack_that_is_too_small_says_by_how_much() -> None:
+    board = read_board("mps2-an500")
+    require_stack(StackBound(board.stack_bytes, way=("soter_instant",)), board)
+    with pytest.raises(SoterError) as caught:
+        require_stack(StackBound(board.stack_bytes + 24, way=("soter_instant", "step")), board)
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code == "X015"
+    assert "24 bytes too many for its stack" in diagnostic.message
+    assert diagnostic.notes == ("8,216 bytes: soter_instant > step",)
 
 
 def fake_compiler(folder: Path, version: str) -> None:

@@ -120,6 +120,11 @@ def cortex_m_package(
         PackageFile("README.md", _readme(system, name, board)),
     ]
     package.notes = c99.notes(core, stubs, plants)
+    lawless = [m.name for m in system.modules if not m.law] if system.externals else []
+    package.notes += [
+        f"{name} has no fail-safe law: nobody gives leases, and the board is told nothing of it"
+        for name in lawless
+    ]
     if tick.why:
         package.notes.append(f"no image for real time: {tick.why}")
     package.entries = "soter_instant"

@@ -23,6 +23,7 @@ from soter.targets.cortex_m.board import SOFT
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from soter.native.stack_bound import StackBound
     from soter.targets.cortex_m.board import Board
     from soter.targets.package import Package
 
@@ -108,6 +109,16 @@ def cross_compiler(board: Board) -> Compiler | None:
     if path is None or missing_tools(board):
         return None
     return Compiler((path,), compiler_version(), ("-Os", "-mthumb", *board.flags))
+
+
+def require_stack(bound: StackBound, board: Board) -> None:
+    """SoterError X015 where the trusted part needs more stack than the board gives it."""
+    if bound.bytes is None or bound.bytes <= board.stack_bytes:
+        return
+    over = bound.bytes - board.stack_bytes
+    what = f"the program does not fit onto `{board.name}`: {over:,} bytes too many for its stack"
+    note = f"{bound.bytes:,} bytes: {' > '.join(bound.way)}"
+    raise SoterError((Diagnostic("X015", what, notes=(note,)),))
 
 
 def build_image(package: Package, board: Board) -> Image:
