@@ -1,6 +1,6 @@
 """What the time-triggered loop of a Cortex-M has to know of a program, as C.
 
-Purpose: `soter_loop_app.h` and `.c`: the tick, extern nodes and their budgets, modules and leases.
+Purpose: header and source: the tick, extern nodes and their budgets, modules and leases.
 Non-goals: the loop (`runtime/cortex_m/soter_loop.c`).
 """
 
