@@ -171,9 +171,9 @@ BENCHMARKS = (
     Benchmark(
         "Images for a Cortex-M",
         ("bench/bare_metal/cortex_m.py",),
-        "Flash, RAM and stack of images at `-Os`, and instructions under `qemu -icount`, the same in "
-        "ten runs. With their plants examples repeat the host's first 1,000 instants in virtual "
-        "time; the trusted part is the image of its loop, without plants. No hardware.",
+        "Flash, RAM and stack of images at `-Os`, and instructions under `qemu -icount`, the same "
+        "in ten runs. With their plants examples repeat the host's first 1,000 instants in "
+        "virtual time; the trusted part is the image of its loop, without plants. No hardware.",
     ),
     Benchmark(
         "Bad files and options",
