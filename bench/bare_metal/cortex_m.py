@@ -124,7 +124,7 @@ def main() -> int:
         if missing_tools(read_board(board)):
             print(missing_tools(read_board(board)))
             return 1
-    rows = [replayed(*example, board) for example in WHOLE for board in BOARDS]
+    rows = [replayed(name, file, of, board) for name, file, of in WHOLE for board in BOARDS]
     heads = ["with its plants", "board", "flash", "RAM", "stack at most", "used"]
     print(table([*heads, "instructions", "on average", "trace"], rows))
     with tempfile.TemporaryDirectory() as folder:
