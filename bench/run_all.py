@@ -713,6 +713,11 @@ BENCHMARKS = (
         "loop, below the module that is proved of each, and alone; held-out seeds.",
     ),
     Benchmark(
+        "Learned policies as nodes",
+        ("bench/running/policies.py",),
+        "Two ONNX files and three of Stable-Baselines3, beside onnxruntime with the same networks.",
+    ),
+    Benchmark(
         "A policy in another process",
         ("bench/real_time/remote_policy.py", "--seconds", "15"),
         "From the observation in its channel to the action in its, a constant policy in Python.",

@@ -16,9 +16,10 @@ import sys
 import tempfile
 from pathlib import Path
 
+from soter.report.summary import table
+
 import soter
 from soter.api.deploying import image_of, stack_bound
-from soter.report.summary import table
 from soter.targets.cortex_m.board import read_board
 from soter.targets.cortex_m.image import Image, build_image, missing_tools
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.explore.results import TestResult
-    from soter.report.sections import PageSection
+    from soter.report.plain_page import PageSection
     from soter.report.sequence.view import SequenceView
     from soter.simulate.outputs.to_log import RunLog
     from soter.verify.period_sweep import Advice
@@ -126,7 +126,7 @@ def write_sections(
     """A page of sentences and tables, as `sections_main` takes them; `SoterError` D006."""
     from soter.report.errors import ReportError  # noqa: PLC0415 - the same
     from soter.report.html import write_document  # noqa: PLC0415 - the same
-    from soter.report.sections import sections_main  # noqa: PLC0415 - only then
+    from soter.report.plain_page import sections_main  # noqa: PLC0415 - only then
 
     try:
         write_document(title, "\n".join(sections_main(title, headline, verdict, sections)), path)

@@ -143,8 +143,9 @@ class Program:
 
         `name`: a full name (`d.M.Learned`), its last part, or the declared name. `target`: a
         callable, an object or class with `step` and perhaps `reset(seed)`, or a text
-        `python:file.py:name` or `c:file.c:name` (relative to the current folder). SoterError
-        U005 where no system has such an extern, U001, X002, X003 for a wrong target.
+        `python:file.py:name`, `c:file.c:name`, or of a policy `onnx:file.onnx`, `sb3:file.zip`,
+        `sb3:file.zip:vecnormalize.pkl` (relative to the current folder). SoterError U005 where no
+        system has such an extern, U001, X002, X003 for a wrong target.
         """
         from soter.simulate.externs.bindings import check_target, require_named  # noqa: PLC0415 - as above
 
@@ -240,7 +241,7 @@ class Program:
         of targets that speak with a middleware (docs/mapping.md), a file or what it says. `board`:
         of `"cortex-m"`, the name of a board or its file (docs/bare-metal.md).
         `progress` is called with the share that is done. `SoterError` D015 where the mapping, D019,
-        D020 where the certificate does not fit, X014 where the board is none.
+        D020 where the certificate does not fit, X017 where the board is none.
         """
         from soter.api.deploying import build  # noqa: PLC0415 - see the docstring
 

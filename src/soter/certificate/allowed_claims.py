@@ -12,7 +12,7 @@ from soter.certificate.assumptions import p1c_of
 from soter.certificate.format.errors import RejectedError
 
 if TYPE_CHECKING:
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.typed import ModuleSymbol
 
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")

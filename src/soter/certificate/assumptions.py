@@ -10,19 +10,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.facts import bounded_topics, driven_topics
+from soter.certificate.reading.module_facts import bounded_topics, driven_topics
 from soter.certificate.reading.other_modes import names_of
 from soter.certificate.time.module_times import DELAYS, read_by
 from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaves
-from soter.language.prelude.bounds import BOUNDS
+from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.certificate.reading.facts import Facts, Input
+    from soter.certificate.reading.module_facts import Facts, Input
     from soter.language.model import typed
 
 WITHOUT_ERROR = ("clamp", "sign", "quat_conj")

@@ -45,8 +45,8 @@ from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.polytope.predicates import certain_beside, show_admitted
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
-from soter.certificate.reading.facts import bounded_topics
 from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.module_views import ttf_of_states
 from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat

@@ -20,9 +20,9 @@ import numpy as np
 from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, static_claims
 from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck
+from soter.certificate.format.certificate_program import hexadecimal, program_of
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
-from soter.certificate.format.source import hexadecimal, program_of
 from soter.certificate.handover import jumps_of
 from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.inclusions.dm_tables import compare_tables
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from soter.certificate.induction.facts import InductionFacts
+    from soter.certificate.induction.induction_problem import InductionFacts
     from soter.language.front_end import CheckResult
 
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")

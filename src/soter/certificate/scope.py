@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.assumptions import RecheckAssumption
-from soter.certificate.reading.facts import Facts
+from soter.certificate.reading.module_facts import Facts
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
 from soter.language.model.durations import show_ns
@@ -19,7 +19,7 @@ from soter.language.model.types import DurationType
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.certificate.induction.facts import InductionFacts
+    from soter.certificate.induction.induction_problem import InductionFacts
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
     from soter.language.model.typed import TypedProgram

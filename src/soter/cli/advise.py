@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.console import Console
-    from soter.report.summary import Entry, Tone
+    from soter.report.terminal_tables import Entry, Tone
     from soter.verify.period_sweep import Advice, AdviceRow
 
 EXAMPLES = """\
@@ -108,7 +108,7 @@ def _numbers(text: str, option: str, least: float) -> list[float]:
 
 
 def _say(advice: Advice, console: Console) -> None:
-    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
 
     head, table = advice.table()
     mark, best = head.index("verifies"), advice.best_ns

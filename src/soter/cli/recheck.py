@@ -16,8 +16,8 @@ from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_rep
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.json_object import JsonObject
+from soter.report.plain_page import PageSection
 from soter.report.printable_text import visible
-from soter.report.sections import PageSection
 from soter.version import VERSION
 
 if TYPE_CHECKING:

@@ -200,7 +200,7 @@ def _coverage(report: VerifyReport, console: Console) -> list[str]:
 
 def _together(report: VerifyReport, console: Console) -> list[str]:
     """The conjunction, and who keeps what a module takes for granted."""
-    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
     from soter.verify.composition import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
 
     verdict = console.paint(PAINTS[report.together], report.together.upper())
@@ -307,7 +307,7 @@ def _headline(module: ModuleResult, console: Console) -> str:
 
 
 def _table(module: ModuleResult, console: Console) -> str:
-    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
 
     rows = [
         (name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), f.text)  # type: ignore[arg-type]

@@ -17,8 +17,8 @@ import soter.api
 from soter.api.arguments import complete
 from soter.gym import array_mapping
 from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, kept
+from soter.gym.disturbance_explanation import PlantModel, SessionPlant, tolerances, why_not
 from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by, wrong_choice
-from soter.gym.plant_model import PlantModel, SessionPlant, tolerances, why_not
 from soter.gym.safety_warning import (
     warn_of_narrow_space,
     warn_of_no_control,

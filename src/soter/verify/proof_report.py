@@ -28,7 +28,7 @@ from soter.report.proof.record import (
 )
 from soter.verify.claims.results import NO_CORE
 from soter.verify.composition import rows_of
-from soter.verify.diagnosis.leaving_figures import leaving_figures
+from soter.verify.diagnosis.counterexample_figures import leaving_figures
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.problem import NODES
 

@@ -32,7 +32,7 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.claims.scheme_assumption import scheme_diverges, shown_scheme
-from soter.verify.diagnosis.recovery_patience import recover_at_last
+from soter.verify.diagnosis.recovery_time_limit import recover_at_last
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT

@@ -15,8 +15,8 @@ import legibility
 import soter
 from soter.report.assurance.page import write_case
 from soter.report.html import write_document, write_html
+from soter.report.plain_page import PageSection, sections_main
 from soter.report.proof.advice import AdvicePage, Line, advice_main
-from soter.report.sections import PageSection, sections_main
 from soter.report.sequence.page import write_page as write_sequence
 
 if TYPE_CHECKING:

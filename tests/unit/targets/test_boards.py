@@ -29,7 +29,7 @@ def refused(text: str) -> str:
     with pytest.raises(SoterError) as caught:
         board_of("mine", text)
     (diagnostic,) = caught.value.diagnostics
-    assert diagnostic.code == "X014"
+    assert diagnostic.code == "X017"
     return " ".join((diagnostic.message, *diagnostic.notes))
 
 
@@ -81,7 +81,7 @@ def test_all_that_is_wrong_is_told_at_once() -> None:
 def test_a_board_that_is_not_there_is_refused(given: str) -> None:
     with pytest.raises(SoterError) as caught:
         read_board(given)
-    assert caught.value.diagnostics[0].code == "X014"
+    assert caught.value.diagnostics[0].code == "X017"
 
 
 @pytest.mark.parametrize(

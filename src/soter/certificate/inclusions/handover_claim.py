@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flint import arb
 
     from soter.certificate.inclusions.group_claims import GroupTables
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.certificate.terms.terms import Proposition, Terms
     from soter.language.model import typed
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.inclusions.group_claims import GroupTables
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
 
     Show = Callable[[Block], Iterator[Block]]
 

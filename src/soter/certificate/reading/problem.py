@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from soter.certificate.reading.facts import (
+from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
     Input,
@@ -34,7 +34,7 @@ from soter.language.model.types import BoolType, EnumType, FloatType, IntType, l
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.certificate.reading.facts import InputKind
+    from soter.certificate.reading.module_facts import InputKind
     from soter.language.model.system import Component, System
     from soter.language.model.types import Type
 

@@ -20,7 +20,7 @@ from soter.language.model import typed as t
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component
 
 _EXPR = "type span"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.facts import Facts, read_by_sc
+from soter.certificate.reading.module_facts import Facts, read_by_sc
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import at_once

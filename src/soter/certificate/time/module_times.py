@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.facts import (
+from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
     driven_topics,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.inclusions.predicates import both_all
-from soter.certificate.reading.facts import read_by_sc
+from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.other_modes import any_mode
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
 from soter.certificate.reading.symbolic_values import filled, flat
@@ -21,7 +21,7 @@ from soter.language.evaluate import arithmetic
 from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Topic
 
 CERTAIN = 2

@@ -1,7 +1,7 @@
 """What a name that means nothing was meant to be, where another language tells.
 
 Purpose: helps for unknown types, values and functions, most of them edits.
-Non-goals: names that are nearly right (`diagnostics/near.py`), phrases
+Non-goals: names that are nearly right (`diagnostics/similar_names.py`), phrases
 (`language/syntax/foreign_idioms.py`).
 """
 

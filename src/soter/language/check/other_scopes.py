@@ -3,7 +3,7 @@
 Purpose: before a name is called unknown or of the wrong kind, every declaration is looked through:
 states and disturbances of plants, locals of nodes, parameters of functions, instances of systems.
 What it is, where it stands, and what to write instead.
-Non-goals: names that are nearly right (`diagnostics/near.py`), names of other languages
+Non-goals: names that are nearly right (`diagnostics/similar_names.py`), names of other languages
 (`foreign_name_hints.py`), declarations of imports (`scope.py`).
 """
 

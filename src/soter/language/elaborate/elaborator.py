@@ -16,7 +16,7 @@ from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
 from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics, refuse_overrun
-from soter.language.elaborate.size import TooLargeError
+from soter.language.elaborate.system_size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
 from soter.language.elaborate.tests_and_faults.faults import place_faults
 from soter.language.elaborate.topics import Topics, beyond, first_outside
@@ -637,10 +637,12 @@ class Elaborator(Topics):
                 node = component.node
                 contracts = (*node.assumes, *node.guarantees)
                 code = (*node.step, *(node.takeover or ()), *contracts)
-                wanted, margins = mode_reads(*code), margin_reads(*code)
+                wanted = mode_reads(*code)
+                margins = margin_reads(*code) if wanted else set()
             elif component.role == "dm" and component.module is not None:
                 own = modules[component.module].symbol
-                wanted, margins = mode_reads(*own.expressions), margin_reads(*own.expressions)
+                wanted = mode_reads(*own.expressions)
+                margins = margin_reads(*own.expressions) if wanted else set()
             for symbol, read in wanted.items():
                 candidates = beside.get((prefixes[home], symbol), [])
                 if len(candidates) == 1:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from soter.report.plain_page import table_of
 from soter.report.run.result_wording import prose
-from soter.report.sections import table_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

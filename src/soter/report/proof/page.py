@@ -11,9 +11,9 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from soter.report.html import document, write_text
+from soter.report.plain_page import data_head
 from soter.report.proof.regions import region_svg
 from soter.report.run.result_wording import prose
-from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     import os

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.report.plain_page import data_head
 from soter.report.run.figure import (
     change_text,
     figure_place,
@@ -32,7 +33,6 @@ from soter.report.run.result_wording import (
 )
 from soter.report.run.signal_thinning import place
 from soter.report.run.timeline import chart_timeline, flight_timeline
-from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -34,7 +34,7 @@ from soter.report.run.record import (
 from soter.report.run.result_wording import count_text
 from soter.simulate import decisions
 from soter.simulate.outputs.live_diagram import live_of_run
-from soter.simulate.outputs.run_assumptions import of_run
+from soter.simulate.outputs.result_assumptions import of_run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -61,7 +61,7 @@ class Board:
 
 
 def read_board(given: str) -> Board:
-    """The board of that name, or of that file; SoterError X014 where it is none."""
+    """The board of that name, or of that file; SoterError X017 where it is none."""
     path = BOARDS / f"{given.replace('-', '_')}.c"
     if not path.is_file():
         path = Path(given)
@@ -87,7 +87,7 @@ def board_names() -> list[str]:
 
 
 def board_of(name: str, text: str) -> Board:
-    """What the text of a board file says; SoterError X014."""
+    """What the text of a board file says; SoterError X017."""
     words = {key: word for key, word, number in DEFINE.findall(text) if not number}
     numbers = {key: int(number, 0) for key, _, number in DEFINE.findall(text) if number}
     problems = [
@@ -152,4 +152,4 @@ def _problems_of_the_map(board: Board) -> Iterable[str]:
 
 def _unusable(name: str, why: str, *helps: str, notes: Iterable[str] = ()) -> SoterError:
     what = f"the board `{name}` cannot be used: {why}"
-    return SoterError((Diagnostic("X014", what, notes=tuple(notes), helps=helps),))
+    return SoterError((Diagnostic("X017", what, notes=tuple(notes), helps=helps),))

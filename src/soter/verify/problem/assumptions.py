@@ -12,7 +12,7 @@ from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaves
-from soter.language.prelude.bounds import BOUNDS
+from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import handovers
 from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, of_latch
 from soter.verify.problem.problem import Jumps

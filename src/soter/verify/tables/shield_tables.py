@@ -20,7 +20,7 @@ from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, IntType
 from soter.verify.problem.estimates import seen
 from soter.verify.tables.grid_tables import GroupTable, cell_of, estimate, place_function
-from soter.verify.tables.tree_writer import Writer
+from soter.verify.tables.typed_tree_builder import Writer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
-from soter.diagnostics.near import likely
+from soter.diagnostics.similar_names import likely
 from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import (
     a_type,

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
-    from soter.language.model.system import Module, System
+    from soter.language.model.system import Module, System, Topic
     from soter.language.model.types import Type, Value
 
 TRIED = 300
@@ -65,7 +65,19 @@ def tried(system: System, module: Module) -> list[Trial]:
     indices = tried_topics(module)
     if sum(leaf_count(system.topics[i].type) for i in indices) > LEAVES_MAX:
         return []
-    return trials_of(system, module, predicates, indices)
+    known = system.program.trials
+    key = _tried_key(system, module, indices)
+    if key not in known:
+        known[key] = trials_of(system, module, predicates, indices)
+    return cast("list[Trial]", known[key])
+
+
+def _tried_key(system: System, module: Module, indices: Sequence[int]) -> tuple[object, ...]:
+    """All that the trials of a module rest on beside its declaration: several systems share it."""
+    place = {index: k for k, index in enumerate(indices)}
+    wires = ((t, place.get(i)) for t, i in module.scope.topics.items() if i in place)
+    of_topics = ((t.type, t.bounds, t.default) for t in (system.topics[i] for i in indices))
+    return (module.symbol, *module.scope.params.items(), *wires, *of_topics)
 
 
 def doubt_predicates(
@@ -225,9 +237,10 @@ def trials_of(
     values = [t.default for t in system.topics]
     trials: list[Trial] = []
     left = BUDGET
+    drawn = {i: _drawn(system.topics[i], numbers, draw) for i in indices}
     for _ in range(TRIED):
-        for i in indices:
-            values[i] = _value(system, i, numbers, draw)
+        for i, value in drawn.items():
+            values[i] = value()
         env = Environment(topics=values, stamps=[0] * len(values))
         try:
             held = []
@@ -252,34 +265,41 @@ def _numbers(predicates: Sequence[typed.TypedExpr]) -> list[float]:
     return [*own, *((a + b) / 2 for a, b in pairwise(own))] or [0.0]
 
 
-def _value(system: System, index: int, numbers: list[float], draw: random.Random) -> Value:
-    topic = system.topics[index]
+def _drawn(topic: Topic, numbers: list[float], draw: random.Random) -> Callable[[], Value]:
+    """Draws a value of a topic: numbers of the predicates, and what else is in its set."""
+    if not _plain(topic.type):
+        return lambda: topic.default
+    far = 2.0 * max(10.0, *(abs(n) for n in numbers))
     bounds = iter(topic.bounds)
 
-    def scalar(t: Type) -> Value:
+    def scalar(t: Type) -> Callable[[], Value]:
         bound = next(bounds)
-        if isinstance(t, BoolType):
-            return draw.random() < 0.5
-        if isinstance(t, EnumType):
-            return draw.randrange(len(t.members))
-        far = 2.0 * max(10.0, *(abs(n) for n in numbers))
         low, high = (-far, far) if bound is None else (bound.low, bound.high)
         near = [n for n in numbers if low <= n <= high]
-        value = draw.choice(near) if near and draw.random() < 0.5 else draw.uniform(low, high)
+
+        def number() -> float:
+            return draw.choice(near) if near and draw.random() < 0.5 else draw.uniform(low, high)
+
+        if isinstance(t, BoolType):
+            return lambda: draw.random() < 0.5
+        if isinstance(t, EnumType):
+            return lambda: draw.randrange(len(t.members))
         if isinstance(t, IntType):
-            return min(max(round(value), t.low), t.high)
-        return value
+            return lambda: min(max(round(number()), t.low), t.high)
+        return number
 
-    def whole(t: Type) -> Value:
+    def whole(t: Type) -> Callable[[], Value]:
         if isinstance(t, RecordType):
-            return tuple(whole(f) for _, f in t.fields)
-        if isinstance(t, ArrayType):
-            return tuple(whole(t.element) for _ in range(t.size))
-        if isinstance(t, (BoolType, EnumType, FloatType, IntType)):
+            parts = [whole(f) for _, f in t.fields]
+        elif isinstance(t, ArrayType):
+            parts = [whole(t.element) for _ in range(t.size)]
+        elif isinstance(t, (BoolType, EnumType, FloatType, IntType)):
             return scalar(t)
-        return topic.default
+        else:
+            return lambda: topic.default
+        return lambda: tuple(part() for part in parts)
 
-    return topic.default if not _plain(topic.type) else whole(topic.type)
+    return whole(topic.type)
 
 
 def _plain(t: Type) -> bool:

@@ -16,7 +16,7 @@ from soter.diagnostics.span import Span
 from soter.language.syntax import tree
 from soter.language.syntax.clause_words import INSTEAD, NODE, STATEMENTS, body_of
 from soter.language.syntax.foreign_items import item_advice, item_meant
-from soter.language.syntax.parsing.misplaced import (
+from soter.language.syntax.parsing.misplaced_words import (
     assigned,
     at_word_of_elsewhere,
     item_end,

@@ -13,7 +13,7 @@ from soter.diagnostics.fix import replace
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_items import NO_STATEMENT
 from soter.language.syntax.parsing.expressions import ExpressionParser
-from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
+from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.operators import c_style_loop
 from soter.language.syntax.parsing.token_cursor import (

@@ -16,7 +16,7 @@ from soter.language.syntax.foreign_items import item_meant
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS, OnceParts
 from soter.language.syntax.parsing.faults import FAULT_ITEMS, FaultParts
-from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
+from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.tokens import EOF, NAME, visible
 
 if TYPE_CHECKING:

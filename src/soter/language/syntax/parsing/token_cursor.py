@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Label, made
 from soter.diagnostics.fix import append, replace
-from soter.diagnostics.near import closest
+from soter.diagnostics.similar_names import closest
 from soter.diagnostics.span import Span
 from soter.language.syntax.foreign_idioms import find, place_of
 from soter.language.syntax.tokens import (

@@ -30,7 +30,7 @@ from soter.certificate.terms.terms import (
     negation,
 )
 from soter.language.evaluate import arithmetic as arith
-from soter.language.prelude.bounds import BOUNDS
+from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

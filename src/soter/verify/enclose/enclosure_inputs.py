@@ -24,6 +24,7 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.verify.enclose.c_emitter import address, whole_literal
+from soter.verify.enclose.enclosed_operations import UNKNOWN
 from soter.verify.enclose.enclosed_values import (
     AggregateParts,
     Constant,
@@ -33,13 +34,12 @@ from soter.verify.enclose.enclosed_values import (
     Item,
     Sequence,
 )
-from soter.verify.enclose.operations import UNKNOWN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.language.model.system import Bound, Disturbance, Topic
-    from soter.verify.enclose.operations import EnclosureOperations
+    from soter.verify.enclose.enclosed_operations import EnclosureOperations
     from soter.verify.problem.quantities import Leaf, Quantities
 
 Path = tuple[str, ...]

@@ -1,4 +1,4 @@
-/* soter_explore_coverage.c: executions guided by what they cover.
+/* soter_explore_coverage_guided.c: executions guided by what they cover.
  *
  * Purpose: an execution is a list of decisions. One that meets configurations or covers things that
  * were new is kept; the next one repeats a kept one up to a random place, changes a decision there

@@ -1,4 +1,4 @@
-/* soter_gym_model.c: could the program's plant have done that?
+/* soter_gym_explain.c: could the program's plant have done that?
  *
  * Purpose: a step of a plant outside against one of the plant of the proof: disturbances within
  * their bounds are sought that lead where it went. Its step is asked where it leads without them

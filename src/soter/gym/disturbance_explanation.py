@@ -15,7 +15,7 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.gym.compiled_system import ENGINE, driver
-from soter.gym.leaves import LeafBuffer, places
+from soter.gym.memory_offsets import LeafBuffer, places
 from soter.gym.outside_roles import wrong_choice
 from soter.language.elaborate.derived_systems import faultless, undriven, with_components
 from soter.language.model.tree_walk import chosen_lets

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.model.durations import WrongTextError, duration_ns
 
 if TYPE_CHECKING:

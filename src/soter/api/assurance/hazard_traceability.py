@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.api.assurance.hazard_file import CODE, HazardFile, HazardRow, read_hazards
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.diagnostics.near import did_you_mean
+from soter.diagnostics.similar_names import did_you_mean
 from soter.report.assurance.safety_case import SUPPORTED, UNDEVELOPED
 from soter.report.assurance.traceability import OpenItem, Traceability, TracedItem, TracedProperty
 
