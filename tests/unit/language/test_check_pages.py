@@ -69,6 +69,7 @@ NOT_STATIC = {
     "X011": "a run with externs that ends without a verdict",
     "X012": "what an extern does to the processor",
     "X013": "the folder of channels, and what wrote into it",
+    "X014": "the file of a policy",
     "X015": "the memory of a board",
     "X016": "what an image computes",
     "X017": "the file of a board",
