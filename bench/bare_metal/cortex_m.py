@@ -16,10 +16,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from soter.report.summary import table
-
 import soter
 from soter.api.deploying import image_of, stack_bound
+from soter.report.terminal_tables import table
 from soter.targets.cortex_m.board import read_board
 from soter.targets.cortex_m.image import Image, build_image, missing_tools
 
@@ -45,10 +44,12 @@ system Vehicle default {{
 }}
 """
 TEST = re.compile(
-    r"soter_(arithmetic|self_test|computes|operation)|is_right|are_|nearest|_of_(one|two)|sum_of|"
-    r"raised|draw$|with_exponent|root_of|normal$|from_integer|right"
+    r"(soter_(arithmetic_is_right|self_test|computes|operation_name)|is_right|are_(compared_)?right|"
+    r"(sums|products|roots|conversions)_are_right|nearest|right_of_\w+|here_of_\w+|sum_of|product_of|"
+    r"quotient_of|root_of|raised|draw|hard_significand|with_exponent|normal|from_integer|"
+    r"to_integer|floor_of|names)$"
 )
-DOUBLES = re.compile(r"__(aeabi_.*d|aeabi_d|.*df|fix|float)|^sqrt|^floor")
+DOUBLES = re.compile(r"__(aeabi_.*d|.*df|fix|float)|sqrt$|floor$")
 RUNS = 10
 
 
@@ -61,8 +62,8 @@ def parts(image: Path) -> tuple[int, int]:
         found = re.match(r"^(\d+) (\d+) [tTwW] (\S+)$", line)
         if found is not None:
             at[found[1]] = (int(found[2]), found[3].partition(".")[0])
-    test = sum(size for size, name in at.values() if TEST.search(name))
-    return test, sum(size for size, name in at.values() if DOUBLES.search(name))
+    test = sum(size for size, name in at.values() if TEST.match(name))
+    return test, sum(size for size, name in at.values() if DOUBLES.match(name))
 
 
 def replayed(name: str, file: str, system: str | None, board: str) -> list[str]:

@@ -46,7 +46,12 @@ EXAMPLES = {  # of the surveillance the system that answers its own planner
 }
 PROGRAMS = examples("SOTER_CORTEX_M_PROGRAMS", quick=2, long=100)
 CHUNKS = 2
-REFERENCE = frozenset(("product_of", "quotient_of", "root_of", "normal", "with_exponent"))
+TEST = re.compile(
+    r"(soter_arithmetic_is_right|is_right|are_(compared_)?right|nearest|right_of_\w+|here_of_\w+|"
+    r"(sums|products|roots|conversions)_are_right|sum_of|product_of|quotient_of|root_of|raised|draw|"
+    r"hard_significand|with_exponent|normal|from_integer|to_integer|floor_of)(\.|$)"
+)
+"""Functions of the test of the arithmetic."""
 SIGN, WORD = 1 << 63, 2**32 - 1
 MAKE = ("make", f"ZIG={sys.executable} -m ziglang")
 
@@ -218,9 +223,8 @@ def test_the_test_of_the_arithmetic_is_small_and_short(board: Board, tmp_path: P
     sizes = make(tmp_path, "-s", "sizes").stdout
     symbols = re.findall(r"^\d+ (\d+) \w (\w\S*)$", sizes, re.MULTILINE)
     own = {name: int(size) for size, name in symbols}
-    parts = ("soter_arithmetic_is_right", "is_right", "nearest", "sum_of", "raised", "draw")
-    test = sum(n for name, n in own.items() if name.partition(".")[0] in {*parts, *REFERENCE})
-    assert 1000 < test <= 4096, test
+    test = sum(n for name, n in own.items() if TEST.match(name))
+    assert 2000 < test <= 4096, test
 
 
 @pytest.mark.parametrize(
