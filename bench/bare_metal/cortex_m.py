@@ -127,7 +127,7 @@ def main() -> int:
             print(missing_tools(read_board(board)))
             return 1
     rows = [replayed(name, file, of, board) for name, file, of in WHOLE for board in BOARDS]
-    heads = ["with its plants", "board", "flash", "RAM", "stack at most", "used"]
+    heads = ["with its plants", "board", "flash", "RAM", "an instant at most", "image used"]
     print(table([*heads, "instructions", "on average", "trace"], rows))
     with tempfile.TemporaryDirectory() as folder:
         drone = Path(folder) / "vehicle.soter"
