@@ -54,7 +54,8 @@ BENCHMARKS = (
         "first 40 and 42 right, 8 and 7 misled, 4 and 2 silent; mended since. Two others wrote "
         "sixty each then, which are not among these: 43 of 57 and 40 of 59 right, 3 and 6 misled, "
         "4 and 4 silent, by their own judgement (one silent one of each was no mistake). "
-        "Target: 52 of 60, 2, 0: missed.",
+        "The `fourth set` is of one who knew the messages, and was written before it was asked: "
+        "25 right at first, 13 misled, 3 silent. Target: 52 of 60, 2, 0: missed.",
     ),
     Benchmark(
         "Diagnostics after a keystroke",
@@ -391,6 +392,28 @@ BENCHMARKS = (
         ("bench/adversary/against_shields.py", "--wrong"),
         "Slips in the gate, the prover, the DM and its tables, and programs that must have no "
         "proof, and who notices each.",
+    ),
+    Benchmark(
+        "Towers flown against",
+        ("bench/adversary/towers.py", "--towers", "14", "--flights", "12"),
+        "Random modules with another one in the place of their AC, many of them wrong; an AC that "
+        "pushes, one that flips, one that lures; DMs as late as declared, wind held. The outer one "
+        "is claimed at all times, the inner one while the outer one is in AC.",
+    ),
+    Benchmark(
+        "A gentle stop below the drone's stop",
+        ("bench/drone/tower_comfort.py", "--flights", "40"),
+        "examples/drone/tower.soter beside the same stop alone, the same seeds. Jerk in m/s^3, "
+        "acceleration in m/s^2; `resume`: from a takeover to AC's next command.",
+    ),
+    Benchmark(
+        "The drone's tower under faults",
+        (
+            *("-m", "soter", "campaign", "examples/drone/tower.soter"),
+            *("--system", "Faulty", "--hours", "10"),
+        ),
+        "A return along the corridor inside, a stop outside. The outer module is proved (49 s) and "
+        "re-checked (71 s) beside other work; of the inner one nothing is claimed.",
     ),
     Benchmark(
         "Holes put back into the prover",
