@@ -324,6 +324,7 @@ class EnvironmentGuard:
             violations = self.session.violations(over=True)
         mode, stepped, gate_fault = seen.mode, seen.steps > 0, bool(seen.gate_fault)
         counted = bool(seen.taken_by) and not gate_fault
+        cause = CAUSES[seen.cause]
         return {
             **given,
             "mode": "AC" if mode else "SC",
@@ -338,18 +339,17 @@ class EnvironmentGuard:
             "gate_fault": gate_fault,
             "action_requested": action,
             "intervened": stepped and not counted,
-            "cause": self._cause(),
+            "cause": cause if cause != "gate" else self._refused(),
             "cost": float(violations - self._violations),
             "off_model": None if self.asked is None else bool(seen.off_model),
         }
 
-    def _cause(self) -> str | None:
-        """One of `CAUSES`; "shield" where the gate refused what a shield does not permit."""
-        cause = CAUSES[self.session.seen.cause]
-        if cause != "gate" or self.session.module.shield is None:
-            return cause
+    def _refused(self) -> str:
+        """What the gate refused the last action for: a shield does not permit it, or its set."""
+        if self.session.module.shield is None:
+            return "gate"
         agent = self.session.record["components"][self.session.agent.index]
-        return "shield" if agent["last_fault"] == FaultKind.SHIELD else cause
+        return "shield" if agent["last_fault"] == FaultKind.SHIELD else "gate"
 
     # ------------------------------------------------------------ copies
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import time
 from typing import TYPE_CHECKING
 
 import pytest
 
+import processes
 from soter.diagnostics.diagnostic import SoterError
 from soter.native import cache
 from soter.native.build import objects
@@ -241,7 +241,7 @@ def test_one_process_looks_for_room_and_another_does_not_at_once(
         "cache._used = lambda folder: print('looks') or []\n"
         "cache.cached('thing', 'b' * 64, ('file',), lambda at: (at / 'file').touch())\n"
     )
-    done = subprocess.run((sys.executable, "-c", text), capture_output=True, check=True)
+    done = processes.run((sys.executable, "-c", text), capture_output=True, check=True)
     assert done.stdout == (b"looks\n" if looks else b"")
 
 

@@ -20,7 +20,6 @@ from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.language.syntax.foreign_idioms import find
 from soter.language.syntax.foreign_words import in_si, period_of
-from soter.language.syntax.preprocessor_lines import preprocessed
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
@@ -405,6 +404,9 @@ def _open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
 def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
     span = Span(tokens.source, start, end)
     if token[0] == "#":
+        # only where such a line stands
+        from soter.language.syntax.preprocessor_lines import preprocessed  # noqa: PLC0415
+
         said = preprocessed(tokens.source, token.rstrip(), start)
         tokens.lost |= said.declares
         tokens.report("L001", said.message, said.span.start, said.span.end, helps=said.helps)

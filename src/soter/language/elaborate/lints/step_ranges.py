@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.fix import Edit, Fix, exchange, replace
 from soter.diagnostics.span import Span
-from soter.language.elaborate.lints.declared_ranges import counts_from_one, one_fits
 from soter.language.elaborate.lints.forgotten_variables import doubt_variables
 from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
@@ -319,6 +318,11 @@ class _StepRanges(RangeEvaluator):
         at = self.number(index)
         read = index.operand if isinstance(index, t.Narrow) else index
         if at == Range(1, size) and isinstance(read, t.VarRead):
+            # only where an index is suspect
+            from soter.language.elaborate.lints.declared_ranges import (  # noqa: PLC0415
+                counts_from_one,
+            )
+
             counts_from_one(read, of, size, list(self.decided), self.diagnostics)
         if at.high >= 0 and at.low < size:
             return
@@ -340,6 +344,11 @@ class _StepRanges(RangeEvaluator):
         if not self.silent:
             a = self.number(e.operand)
             if a.low < a.high and (a.low == e.type.high or a.high == e.type.low):
+                # as above
+                from soter.language.elaborate.lints.declared_ranges import (  # noqa: PLC0415
+                    one_fits,
+                )
+
                 one_fits(e, a, self.diagnostics)
             if a.high < e.type.low or a.low > e.type.high:
                 value = f"{a.low}" if a.single else f"from {a.low} to {a.high}"
