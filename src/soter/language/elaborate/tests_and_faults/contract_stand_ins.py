@@ -263,11 +263,11 @@ class _Values:
         if self.read is not None and path is not None:
             where = self.read.told_apart(path)
             if where is None:
-                constants = self.read.compared.get(path, set())
-                if isinstance(t, (IntType, FloatType)) and constants:
-                    return _one_of(t, representatives(constants, bounds[0], t, first), name)
-                if not constants:
+                compared = self.read.compared.get(path)
+                if compared is None:
                     return typed.Literal(t, _span(name), first), 1
+                assert isinstance(t, (IntType, FloatType))
+                return _one_of(t, representatives(compared, bounds[0], t, first), name)
         return _each(t, bounds, name, where)
 
     def _told(self, path: Path | None) -> bool:

@@ -10,6 +10,7 @@ argument or a calculation counts as told apart.
 
 from __future__ import annotations
 
+import operator
 import sys
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -28,7 +29,15 @@ if TYPE_CHECKING:
 
     Constant = Callable[[typed.TypedExpr, Scope], Value | None]
 
-_COMPARISONS = frozenset({"<", "<=", ">", ">=", "==", "!="})
+_HOLDS = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
+}
+_TURNED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 _CLOSED = (
     typed.Literal,
     typed.ParamRead,
@@ -41,6 +50,8 @@ _CLOSED = (
 
 Path = tuple[int, ...]
 """Fields of a record, from the whole topic inwards."""
+Comparison = tuple[str, int | float]
+"""An operator, and the constant that a number is compared with."""
 
 
 @dataclass
@@ -48,7 +59,7 @@ class ReadTopic:
     """What is read of a topic: parts as they are (and where), numbers against constants."""
 
     whole: dict[Path, Span] = field(default_factory=dict)
-    compared: dict[Path, set[int | float]] = field(default_factory=dict)
+    compared: dict[Path, set[Comparison]] = field(default_factory=dict)
 
     def told_apart(self, path: Path) -> Span | None:
         """Where this part, or one in which it lies, is read as it is; None: nowhere."""
@@ -140,7 +151,7 @@ class Readers:
 
     def _compared(self, e: typed.TypedBinary, scope: Scope) -> bool:
         """Whether it compares a number of a topic with a constant: then that is noted."""
-        if e.op not in _COMPARISONS or not isinstance(e.left.type, (FloatType, IntType)):
+        if e.op not in _HOLDS or not isinstance(e.left.type, (FloatType, IntType)):
             return False
         for read, other in ((e.left, e.right), (e.right, e.left)):
             place = self._place(read, scope)
@@ -150,7 +161,8 @@ class Readers:
             if value is None:
                 return False
             self.heard.add(place[0])
-            self.of(place[0]).compared.setdefault(place[1], set()).add(value)
+            op = e.op if read is e.left else _TURNED[e.op]
+            self.of(place[0]).compared.setdefault(place[1], set()).add((op, value))
             return True
         return False
 
@@ -166,27 +178,33 @@ class Readers:
 
 
 def representatives(
-    constants: set[int | float], bound: Bound | None, t: IntType | FloatType, first: Value
+    compared: set[Comparison], bound: Bound | None, t: IntType | FloatType, first: Value
 ) -> list[int | float]:
-    """A number for each that comparisons with the constants can tell apart, `first` foremost.
+    """A number for each that the comparisons can tell apart, `first` foremost.
 
     `bound` is the set that it is of; `first` one of it.
     """
+    constants = {c for _, c in compared}
     if isinstance(t, IntType):
         low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
-        cuts = sorted({low, high, *(int(c) for c in constants if low <= c <= high)})
-        between = [(a + b) // 2 for a, b in zip(cuts, cuts[1:], strict=False)]
-        return list(dict.fromkeys([first, *cuts, *between]))
-    inside = {c for c in constants if bound is None or bound.low <= c <= bound.high}
-    if bound is None:
-        ends = [f(inside) for f in (_below, _above)] if inside else []
+    elif bound is None:
+        low, high = _below(constants), _above(constants)
     else:
-        ends = [bound.low, bound.high]
-    cuts = sorted({*ends, *inside})
-    between = [
-        float((Fraction(a) + Fraction(b)) / 2) for a, b in zip(cuts, cuts[1:], strict=False)
-    ]
-    return list(dict.fromkeys([first, *cuts, *between]))
+        low, high = bound.low, bound.high
+    cuts = sorted({low, high, *(c for c in constants if low <= c <= high)})
+    between = [_between(a, b, t) for a, b in zip(cuts, cuts[1:], strict=False)]
+    by_answers: dict[tuple[bool, ...], int | float] = {}
+    for number in (first, *cuts, *between):
+        answers = tuple(_HOLDS[op](number, c) for op, c in compared)
+        by_answers.setdefault(answers, number)
+    return list(by_answers.values())
+
+
+def _between(a: int | float, b: int | float, t: IntType | FloatType) -> int | float:
+    """A number between two others, where there is one."""
+    if isinstance(t, IntType):
+        return (int(a) + int(b)) // 2
+    return float((Fraction(a) + Fraction(b)) / 2)
 
 
 def _below(constants: set[int | float]) -> float:
