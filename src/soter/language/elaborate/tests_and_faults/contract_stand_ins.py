@@ -109,15 +109,11 @@ def give_step(
     """
     assert c.node is not None
     assert c.stands_for is not None
-    outputs = {s: topics[c.scope.topics[s]] for s in c.node.publishes}
-    every = {
-        s: _Values(t, stated.get(t.index, {}), None) for s, t in outputs.items()
-    }
-    # who stands for a controller alone has a DM, which can tell whether it published anything
+    hears = readers.hears(c)
+    outputs = {s: topics[c.scope.topics[s]] for s in c.node.publishes if hears}
+    every = {s: _Values(t, stated.get(t.index, {}), None) for s, t in outputs.items()}
     heard = {s: t for s, t in outputs.items() if c.module is not None or t.index in readers.heard}
-    few = {
-        s: _Values(t, stated.get(t.index, {}), readers.of(t.index)) for s, t in heard.items()
-    }
+    few = {s: _Values(t, stated.get(t.index, {}), readers.of(t.index)) for s, t in heard.items()}
     try:
         try:
             step = tuple(_step(every, c.stands_for))

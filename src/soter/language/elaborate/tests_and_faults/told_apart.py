@@ -97,6 +97,7 @@ class Readers:
         for topic in system.topics:
             if topic.queue_of is not None:
                 self._all_of(topic.queue_of, topic.symbol.span)
+        self._contracts([c for c in system.components if c.stands_for is not None])
 
     def of(self, topic: int) -> ReadTopic:
         """What is read of one of them."""
@@ -107,9 +108,7 @@ class Readers:
         self.of(topic).whole.setdefault((), span)
 
     def _component(self, c: Component) -> None:
-        if c.stands_for is not None:
-            self._read(c.stands_for.asked, c.scope)
-        elif c.node is not None:
+        if c.node is not None and c.stands_for is None:
             node = c.node
             self._read((*node.step, *(node.takeover or ()), *node.assumes), c.scope)
             self._read(node.guarantees, c.scope)
@@ -120,6 +119,27 @@ class Readers:
         elif c.plant is not None:
             self._read(plant_code(c.plant), c.scope)
             self.heard |= {c.scope.topics[t] for t in c.plant.reads}
+
+    def _contracts(self, stand_ins: list[Component]) -> None:
+        """What contracts read, of those of whom somebody hears something."""
+        waiting = stand_ins
+        while True:
+            heard = [c for c in waiting if self.hears(c)]
+            waiting = [c for c in waiting if c not in heard]
+            if not heard:
+                return
+            for c in heard:
+                assert c.stands_for is not None
+                self._read(c.stands_for.asked, c.scope)
+
+    def hears(self, c: Component) -> bool:
+        """Whether anybody but itself can tell what, or when, a stand-in publishes.
+
+        The DM of a module can of who stands for a controller alone.
+        """
+        assert c.node is not None
+        outputs = {c.scope.topics[t] for t in c.node.publishes}
+        return c.module is not None or bool(outputs & self.heard)
 
     def _module(self, m: Module) -> None:
         symbol = m.symbol
