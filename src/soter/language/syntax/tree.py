@@ -786,7 +786,7 @@ class DriveInput:
 
 @dataclass(frozen=True, slots=True)
 class StatedValues:
-    """`guarantees t.x in { a, b };` and `assumes ...` of a test: what a stand-in publishes there."""
+    """`guarantees t.x in { a, b };`, `assumes ...` of a test: what a stand-in publishes there."""
 
     kind: str
     topic: DottedPath

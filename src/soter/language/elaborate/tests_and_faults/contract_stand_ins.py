@@ -43,11 +43,11 @@ if TYPE_CHECKING:
     Put = Mapping[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]]
 
 
-_HELPS = (
-    "state the values that it publishes, to be asked where it runs as it is: "
-    "`guarantees t.x in { ... };`",
-    "or those that are tried, the others being an assumption: `assumes t.x in { ... };`",
-    "or replace it by a node that chooses the values that matter",
+_BY_A_NODE = "replace it by a node that chooses the values that matter"
+_STATE = (
+    "state the values that it is held to where it runs as it is: `guarantees t.x in { ... };`",
+    "or those that are tried, others being an assumption: `assumes t.x in { ... };`",
+    f"or {_BY_A_NODE}",
 )
 
 
@@ -79,7 +79,7 @@ class EndlessError(Exception):
 def stand_in(
     node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics
 ) -> tuple[typed.NodeSymbol, StandIn]:
-    """The node in the place of `node`, which does nothing yet: see `give_step`. E015 if it never can."""
+    """The node in the place of `node`, which does nothing until `give_step`; E015 if it never can."""
     own = [("", e) for e in node.guarantees]
     given = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
     used = [(n, e) for n, e in [*given, *own] if _can_be_asked(e, node)]
@@ -148,7 +148,7 @@ def _refuse(
         by.span,
         also=((node.span, "publishes it"), *also),
         notes=(note,),
-        helps=_HELPS if also else _HELPS[-1:],
+        helps=_STATE if also else (_BY_A_NODE,),
     )
 
 
@@ -162,9 +162,7 @@ def _can_be_asked(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
 # ---------------------------------------------------------------- its step
 
 
-def _step(
-    published: Mapping[typed.TopicSymbol, _Values], by: StandIn
-) -> Iterator[typed.TypedStmt]:
+def _step(published: Mapping[typed.TopicSymbol, _Values], by: StandIn) -> Iterator[typed.TypedStmt]:
     """For each topic: is it published, with which value; then all of them, if that is permitted."""
     put: dict[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]] = {}
     single = len(published) == 1
@@ -233,7 +231,7 @@ def _with(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
 
 
 class _Values:
-    """The values of a topic that are tried. `read`: what is read of it; None: every one is tried."""
+    """The values of a topic that are tried. `read`: what is read of it; None: all are tried."""
 
     def __init__(
         self, topic: Topic, stated: Mapping[Path, Sequence[Value]], read: ReadTopic | None

@@ -28,8 +28,8 @@ from soter.language.elaborate.tests_and_faults.stated_values import (
 )
 from soter.language.elaborate.tests_and_faults.told_apart import Readers
 from soter.language.elaborate.wellformed import check_periods
-from soter.language.model.durations import show_ns
 from soter.language.model import typed
+from soter.language.model.durations import show_ns
 from soter.language.model.system import Property, TestPlan, TimedProperty, TimingFault
 from soter.language.model.tree_walk import calls_in
 from soter.language.model.types import RecordType
@@ -206,7 +206,7 @@ class _TestElaborator(Elaborator):
         return known
 
     def _hold_to_values(self, components: list[Component], result: list[Property]) -> None:
-        """Whoever runs as it is publishes what other tests let its stand-in publish, and no more."""
+        """Who runs as it is publishes what other tests let its stand-in publish, and no more."""
         sets = _sets_of(self.test)
         for test in self.program.tests.values():
             alike = test.system is self.test.system and _sets_of(test) == sets

@@ -10,6 +10,7 @@ argument or a calculation counts as told apart.
 
 from __future__ import annotations
 
+import itertools
 import operator
 import sys
 from dataclasses import dataclass, field
@@ -212,7 +213,7 @@ def representatives(
     else:
         low, high = bound.low, bound.high
     cuts = sorted({low, high, *(c for c in constants if low <= c <= high)})
-    between = [_between(a, b, t) for a, b in zip(cuts, cuts[1:], strict=False)]
+    between = [_between(a, b, t) for a, b in itertools.pairwise(cuts)]
     by_answers: dict[tuple[bool, ...], int | float] = {}
     for number in (first, *cuts, *between):
         answers = tuple(_HOLDS[op](number, c) for op, c in compared)
@@ -220,7 +221,7 @@ def representatives(
     return list(by_answers.values())
 
 
-def _between(a: int | float, b: int | float, t: IntType | FloatType) -> int | float:
+def _between(a: float, b: float, t: IntType | FloatType) -> float:
     """A number between two others, where there is one."""
     if isinstance(t, IntType):
         return (int(a) + int(b)) // 2
