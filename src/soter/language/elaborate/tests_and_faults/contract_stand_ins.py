@@ -79,7 +79,7 @@ class EndlessError(Exception):
 def stand_in(
     node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics
 ) -> tuple[typed.NodeSymbol, StandIn]:
-    """The node in the place of `node`, which does nothing until `give_step`; E015 if it never can."""
+    """The node in place of `node`, which does nothing until `give_step`; E015 if it never can."""
     own = [("", e) for e in node.guarantees]
     given = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
     used = [(n, e) for n, e in [*given, *own] if _can_be_asked(e, node)]
