@@ -372,6 +372,20 @@ BENCHMARKS = (
         "their bounds. `SC` is its share of the time; a step of AC in C, the judgement in it.",
     ),
     Benchmark(
+        "A closed-loop adversary against shields",
+        ("bench/adversary/against_shields.py",),
+        "Modules with a shield that are proved, 10,000 runs each: AC publishes any command at "
+        "any tick, or nothing, with every lateness, latency, error and disturbance at its bound. "
+        "`closest` is the largest |x| relative to the border of C; a violation is a state outside "
+        "of C, or a command that acted and was not among those judged.",
+    ),
+    Benchmark(
+        "Shields that are wrong",
+        ("bench/adversary/against_shields.py", "--wrong"),
+        "Slips in the gate, the prover, the DM and its tables, and programs that must have no "
+        "proof, and who notices each.",
+    ),
+    Benchmark(
         "Holes put back into the prover",
         ("bench/adversary/against_proofs.py", "--holes"),
         "Each is patched in by hand; on a module that the prover then calls proved, and does not "
@@ -704,6 +718,11 @@ BENCHMARKS = (
         ("bench/autopilot/laps.py",),
         "The same boxes and the same AC on unmodified firmware and on the drone's own attitude "
         "loop, below the module that is proved of each, and alone; held-out seeds.",
+    ),
+    Benchmark(
+        "Learned policies as nodes",
+        ("bench/running/policies.py",),
+        "Two ONNX files and three of Stable-Baselines3, beside onnxruntime with the same networks.",
     ),
     Benchmark(
         "A policy in another process",

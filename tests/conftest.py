@@ -62,7 +62,7 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 
 # Collecting makes no garbage worth looking for, and most tests little: the collector would go over
 # every tree that a test builds again and again.
-GARBAGE = (50_000, 20, 20)
+GARBAGE = (200_000, 20, 100)
 gc.disable()
 
 

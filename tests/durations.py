@@ -3,10 +3,10 @@
 Purpose: `durations.json` has the CPU seconds of each line of a test, in the order of its table: its
 own, and those of processes that were waited for. Tests of less than `TOLD_S` are not told; null is
 where nothing was measured, neither of this line nor of those after it. A quick run takes the first
-line of a test, and as many more, in order, as fit into `BUDGET_S`; all of them where the test is
-marked `whole`, or the file does not know it. What tests of a file share (fixtures of a module or
-of the session) stands beside them, under `SHARED`. Tests that a marker leaves out (`long`, `pages`,
-`real_time`) are not told.
+line of a test, and as many more, in order, as fit into `BUDGET_S` or cost nothing (0.0); all of
+them where the test is marked `whole`, or the file does not know it. What tests of a file share
+(fixtures of a module or of the session) stands beside them, under `SHARED`. Tests that a marker
+leaves out (`long`, `pages`, `real_time`) are not told.
 `pytest --write-durations` enters what it runs; `make durations` runs all of it.
 Non-goals: time by the clock, which others have a part in; which tests are long by their nature:
 the marker `long` stands beside them.
@@ -49,7 +49,7 @@ def quick_lines(lines: Sequence[float | None], count: int) -> int:
     seconds = 0.0
     for taken, line in enumerate(lines[:count]):
         seconds += line or 0.0
-        if taken and (line is None or seconds > BUDGET_S):
+        if taken and (line is None or (line and seconds > BUDGET_S)):
             return taken
     return count
 

@@ -9,7 +9,7 @@
  * schedules), the sensor, the DM, SC, path nodes in order, AC, acting, then the plant moves.
  */
 
-#include "adversary_choices.h"
+#include "adversary_gate.h"
 
 /* ---------------------------------------------------------------- one run */
 
@@ -26,6 +26,7 @@ static int due(int64_t t, int32_t period, int32_t phase) {
 static void act(state *s, queue *q, int k, double u) {
   const loop *m = s->m;
   int64_t at = s->t + m->acts_least[k] + choose(s, L_ACT, m->acts[k] - m->acts_least[k]);
+  at += m->slip == BEHIND && s->ac ? 2 * m->dm_period : 0;
   at = at > q->last ? at : q->last;
   int slot = (q->first + q->count) % QUEUE;
   q->u[slot] = u;
@@ -43,11 +44,13 @@ static void deliver(state *s, queue *q, task *driver, int i, const double *u) {
 }
 
 /*
- * `ticks` from `t0`, at `x0`; `ac`: AC has control, and `y0` is what the sensor publishes at `t0`.
+ * `ticks` from `t0`, at `x0`; `ac`: AC has control, `y0` is what the sensor publishes at `t0`, and
+ * `held` the command that acts, where there is a shield.
  * `log`: room for events, or null.
  */
 void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t t0, int64_t ticks,
-    const double *x0, int ac, const double *y0, outcome *out, event *log, int32_t *logged) {
+    const double *x0, int ac, const double *y0, const double *held, outcome *out, event *log,
+    int32_t *logged) {
   state s = {.m = m, .p = policy, .seed = seed, .t = t0, .ac = ac};
   task dm = {0}, sc = {0}, node[NODES] = {{0}}, driver[NODES] = {{0}};
   double carried[NODES][U];
@@ -55,13 +58,22 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
   value sent[NODES] = {{{0}}};
   double command[U] = {0};
   int verdict = 0, which = 0;
+  double looked[N] = {0};
+  int64_t last = t0; /* the latest release of DM or SC that has begun */
   int64_t ac_since = ac ? t0 : NEVER, ac_until[U] = {NEVER, NEVER};
   s.log = log;
   s.room = log == 0 ? 0 : *logged;
   memset(out, 0, sizeof *out);
   memcpy(s.x, x0, (size_t)m->n * sizeof(double));
   for (int k = 0; k < m->m; k++) {
-    s.u[k] = ac ? m->u_high[k] : m->u_first[k];
+    s.u[k] = !ac ? m->u_first[k] : m->shield > 0 ? held[k] : m->u_high[k];
+    s.published[k] = s.u[k];
+    for (int i = 0; i < PAST; i++) {
+      s.past[k][i] = s.u[k];
+    }
+    for (int c = 0; c < CELLS; c++) {
+      s.until[k][c] = NEVER;
+    }
     q[k].last = t0;
     for (int i = 0; i <= m->drivers; i++) {
       s.output[i][k] = m->u_first[k];
@@ -119,6 +131,15 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
           ? 0
           : adversary_level(m, read->v);
       verdict = s.ac ? level >= 1 : level >= 2;
+      if (m->shield > 0) {
+        verdict = fresh(&s, read, dm.release) && !s.gate_fault
+            && (s.ac && m->slip == SILENCE ? 1 : s.ac ? permitted(&s, read->v, s.published, dm.release) : level >= 2);
+        s.gate_fault = 0;
+        out->forgot |= s.ac && verdict
+            && forgotten(&s, q, s.published, read->state, dm.release);
+        memcpy(looked, read->v, sizeof looked);
+      }
+      last = dm.release;
       dm.phase = 1;
       dm.done = t + choose(&s, LR_DM, m->r_dm);
       note(&s, 2, (double)verdict);
@@ -147,10 +168,14 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
       which = (which + 1) % m->laws;
       sc.phase = 1;
       sc.done = t + choose(&s, LR_SC, m->r_sc);
+      last = sc.release;
       note(&s, 4, read->state == NEVER ? -1.0 : (double)(t - read->state));
     }
     if (sc.busy && sc.phase == 1 && sc.done == t) {
       sc.busy = 0;
+      if (!s.ac && m->shield > 0) {
+        replaced(&s, command, sc.release);
+      }
       for (int k = 0; k < m->m && !s.ac; k++) {
         s.output[0][k] = command[k];
         if (m->drivers == 0) {
@@ -179,6 +204,27 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
         }
       }
     }
+    /* AC, below a shield: any command at any tick, that is judged; its release may be older */
+    if (m->shield > 0 && s.ac) {
+      double wanted[U];
+      int oldest = s.p[OLDEST] == 2 ? (int)(draw(&s) & 1U) : s.p[OLDEST] == 1;
+      int64_t release = oldest ? last : t;
+      if (m->slip != LOOKED) {
+        memcpy(looked, read->v, sizeof looked);
+      }
+      if (proposes(&s, read, looked, release, wanted)) {
+        const double *judged = m->slip == HELD_ONLY ? s.published : wanted;
+        int fine = fresh(&s, read, release) && permitted(&s, looked, judged, release);
+        s.gate_fault |= !fine;
+        out->forgot |= fine && forgotten(&s, q, wanted, read->state, release);
+        if (fine || m->slip == AFTERWARDS) {
+          replaced(&s, wanted, release);
+          for (int k = 0; k < m->m; k++) {
+            act(&s, &q[k], k, wanted[k]);
+          }
+        }
+      }
+    }
     /* nodes behind the module; what AC publishes stands on its topic until SC's replaces it */
     for (int k = 0; k < m->m && s.ac && m->drivers > 0; k++) {
       s.output[0][k] = advanced(&s, k);
@@ -204,7 +250,8 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
     /* what acts */
     for (int k = 0; k < m->m; k++) {
       int64_t l = m->acts[k];
-      int tail = !s.ac && m->drivers == 0 && ac_until[k] != NEVER && t < ac_until[k] + l;
+      int free = m->shield == 0; /* whether what AC says acts unjudged */
+      int tail = free && !s.ac && m->drivers == 0 && ac_until[k] != NEVER && t < ac_until[k] + l;
       tail = tail && t - l >= ac_since;
       while (q[k].count > 0 && q[k].at[q[k].first] <= t) {
         s.u[k] = q[k].u[q[k].first];
@@ -216,9 +263,12 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
         }
         note(&s, 5 + k, s.u[k]);
       }
-      if ((s.ac && m->drivers == 0 && t >= q[k].last) || tail) {
+      if ((s.ac && free && m->drivers == 0 && t >= q[k].last) || tail) {
         s.u[k] = advanced(&s, k);
       }
+    }
+    for (int k = 0; k < m->m; k++) {
+      s.past[k][t % PAST] = s.u[k];
     }
     winds(&s);
     move(m, s.x, s.u, s.w);

@@ -11,7 +11,7 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { N = 4, U = 2, TERMS = 2, LAWS = 2, NODES = 4, QUEUE = 64 };
+enum { N = 4, U = 2, TERMS = 2, LAWS = 2, NODES = 4, QUEUE = 64, CELLS = 16, PAST = 512 };
 enum { NEVER = -1000000000 };
 
 /* Mirrored by `adversary_loop.Loop`; all times in ticks. */
@@ -24,25 +24,30 @@ typedef struct {
   int32_t rows, grads;
   int32_t term_kind[TERMS], term_of[TERMS], term_to[TERMS];
   int32_t axes[2], axis[2][3], cells[2][3];
+  int32_t shield, slip, acted, moving[2], moved[2][U]; /* 0 cells: no shield; acted: W */
   double h, phi[N * N], gam_u[N * U], gam_w[N * N], a[N * N], b[N * U], term_k[TERMS];
   double u_low[U], u_high[U], u_first[U], wind[N], error[N], low[N], high[N];
   double gain[LAWS * U * N], bias[U], force[U];
   const double *edges[2][3];
   const uint8_t *level[2];
+  const uint8_t *tops[2];
   const double *face[2]; /* each n coefficients, that of x1|x1|, and the limit */
   const double *row;     /* co-states: n coefficients each */
   const double *grad;    /* n x n each */
 } loop;
 
 enum { GKIND, GINDEX, FLIP, WIND, ACKIND, ERR_AC, ERR_SC, LJ_DM, LR_DM, LJ_SC, LR_SC, L_ACT };
-enum { LJ_NODE = L_ACT + 1, LR_NODE, SEEN, PATTERN, DROP, NEAR, GSWITCH, SIDE, POLICY };
+enum { LJ_NODE = L_ACT + 1, LR_NODE, SEEN, PATTERN, DROP, NEAR, GSWITCH, SIDE, TRIES, OLDEST, POLICY };
+
+/* What a wrong shield does; 0 in one that is right. */
+enum { SILENCE = 1, AFTERWARDS, ALONE, HELD_ONLY, BEGAN, FIRST_ONLY, BEHIND, LOOKED };
 
 typedef struct {
   double worst;    /* the largest |x - middle| / half that was seen */
   double worst_sc; /* the same while SC acts */
   double x[N];
   int64_t steps, at, switches;
-  int32_t left;
+  int32_t left, forgot; /* forgot: something acted that was in no V */
 } outcome;
 
 typedef struct {
@@ -73,6 +78,10 @@ typedef struct {
   int64_t t;
   int ac;
   double held[U], held_w[N];
+  double published[U];     /* what stands on the module's topics */
+  double past[U][PAST];    /* what acted, by tick */
+  int64_t until[U][CELLS]; /* of each cell, until when a command of it stood there */
+  int gate_fault, judges, yields;
   int64_t counts[16];
   event *log;
   int32_t logged, room;
@@ -166,6 +175,29 @@ static void law(const loop *m, int which, const double *y, double *u) {
   }
 }
 
+/* The cell of a group's grid that holds an estimate; -1 outside. */
+static int64_t cell_of(const loop *m, int g, const double *y) {
+  int64_t cell = 0;
+  for (int a = 0; a < m->axes[g]; a++) {
+    const double *e = m->edges[g][a];
+    double v = y[m->axis[g][a]];
+    int low = 0, high = m->cells[g][a];
+    if (!(v >= e[0] && v <= e[high])) {
+      return -1;
+    }
+    while (high - low > 1) {
+      int mid = (low + high) / 2;
+      if (v >= e[mid]) {
+        low = mid;
+      } else {
+        high = mid;
+      }
+    }
+    cell = cell * m->cells[g][a] + low;
+  }
+  return cell;
+}
+
 /* 0: ttf; 1: in S_0; 2: AC may have control back. */
 int adversary_level(const loop *m, const double *y) {
   int least = 2;
@@ -176,23 +208,9 @@ int adversary_level(const loop *m, const double *y) {
   }
   if (m->pred_tables) {
     for (int g = 0; g < m->groups; g++) {
-      int64_t cell = 0;
-      for (int a = 0; a < m->axes[g]; a++) {
-        const double *e = m->edges[g][a];
-        double v = y[m->axis[g][a]];
-        int low = 0, high = m->cells[g][a];
-        if (!(v >= e[0] && v <= e[high])) {
-          return 0;
-        }
-        while (high - low > 1) {
-          int mid = (low + high) / 2;
-          if (v >= e[mid]) {
-            low = mid;
-          } else {
-            high = mid;
-          }
-        }
-        cell = cell * m->cells[g][a] + low;
+      int64_t cell = cell_of(m, g, y);
+      if (cell < 0) {
+        return 0;
       }
       least = m->level[g][cell] < least ? m->level[g][cell] : least;
     }

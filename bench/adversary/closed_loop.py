@@ -24,13 +24,24 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int32]
 
+SLIPS = {
+    "silence is not judged": 1,
+    "a command acts before it is judged": 2,
+    "what was held before is not in V": 3,
+    "what is held is judged, not what AC would publish": 4,
+    "a command counts from when it was published, not until it was replaced": 5,
+    "one of two groups is judged": 6,
+    "memory behind the gate: commands act later than is declared": 7,
+    "commands are judged on the estimate of the DM's last look": 8,
+}
+"""Wrong shields that the loop can have (`adversary_gate.h`)."""
 SOURCE = Path(__file__).with_name("adversary_loop.c")
 LOOP = "loop.so"
 N, U, TERMS, LAWS, NODES, GROUPS, AXES = 4, 2, 2, 2, 4, 2, 3
 POLICY = (
     *("gkind", "gindex", "flip", "wind", "ac", "err_ac", "err_sc"),
     *("late_dm", "response_dm", "late_sc", "response_sc", "acts", "late_node", "response_node"),
-    *("seen", "pattern", "drop", "near", "gswitch", "side"),
+    *("seen", "pattern", "drop", "near", "gswitch", "side", "tries", "oldest"),
 )
 EVENTS = {1: "sensor silent", 2: "DM reads, verdict", 3: "AC in control", 4: "SC reads, age"}
 EVENTS |= {5: "command 0 acts", 6: "command 1 acts"}
@@ -61,6 +72,9 @@ class Loop(ct.Structure):
         ("axes", ct.c_int32 * GROUPS),
         ("axis", ct.c_int32 * (GROUPS * AXES)),
         ("cells", ct.c_int32 * (GROUPS * AXES)),
+        *_ints("shield", "slip", "acted"),
+        ("moving", ct.c_int32 * GROUPS),
+        ("moved", ct.c_int32 * (GROUPS * U)),
         ("h", ct.c_double),
         ("phi", ct.c_double * (N * N)),
         ("gam_u", ct.c_double * (N * U)),
@@ -75,6 +89,7 @@ class Loop(ct.Structure):
         ("force", ct.c_double * U),
         ("edges", ct.c_void_p * (GROUPS * AXES)),
         ("level", ct.c_void_p * GROUPS),
+        ("tops", ct.c_void_p * GROUPS),
         ("face", ct.c_void_p * 2),
         ("row", ct.c_void_p),
         ("grad", ct.c_void_p),
@@ -90,6 +105,7 @@ class _Outcome(ct.Structure):
         ("at", ct.c_int64),
         ("switches", ct.c_int64),
         ("left", ct.c_int32),
+        ("forgot", ct.c_int32),
     )
 
 
@@ -109,6 +125,8 @@ class Outcome:
     """The tick at which it was seen outside."""
     x: tuple[float, ...]
     switches: int
+    forgot: bool
+    """Whether a command acted, below a shield, that was in no V."""
     log: list[tuple[int, str, float]] = field(default_factory=list)
 
 
@@ -125,7 +143,7 @@ def library() -> ct.CDLL:
 
     target = cached("adversary", content, (LOOP,), make) / LOOP
     lib = ct.CDLL(str(target))
-    lib.adversary_level.restype = ct.c_int
+    lib.adversary_level.restype = lib.adversary_permitted.restype = ct.c_int
     return lib
 
 
@@ -155,10 +173,17 @@ class Machine:
                 target[i * width + k] = v
 
     def level(self, y: Array) -> int:
-        """0: ttf, 1: AC may keep control, 2: it may have it back."""
+        """0: ttf, 1: AC may keep control, 2: it may have it back; without what a shield permits."""
         full = np.zeros(N)
         full[: len(y)] = y
         return int(library().adversary_level(ct.byref(self.c), ct.c_void_p(full.ctypes.data)))
+
+    def permitted(self, y: Array, u: Array) -> bool:
+        """Whether the shield permits a command that acts since long."""
+        full, command = np.zeros(N), np.zeros(U)
+        full[: len(y)], command[: len(u)] = y, u
+        places = (ct.c_void_p(a.ctypes.data) for a in (full, command))
+        return bool(library().adversary_permitted(ct.byref(self.c), *places))
 
     def run(
         self,
@@ -169,12 +194,19 @@ class Machine:
         *,
         t0: int = 0,
         shown: Array | None = None,
+        held: Array | None = None,
         log: bool = False,
     ) -> Outcome:
-        """One run; `shown`: what the sensor publishes at `t0` while AC has control."""
+        """One run; `shown`: what the sensor publishes at `t0` while AC has control.
+
+        `held`: the command that acts then, where the module has a shield.
+        """
         x = np.zeros(N)
         y = np.zeros(N)
+        command = np.zeros(U)
         x[: len(x0)] = x0
+        if held is not None:
+            command[: len(held)] = held
         if shown is not None:
             y[: len(shown)] = shown
         out = _Outcome()
@@ -190,6 +222,7 @@ class Machine:
             ct.c_void_p(x.ctypes.data),
             ct.c_int(shown is not None),
             ct.c_void_p(y.ctypes.data),
+            ct.c_void_p(command.ctypes.data),
             ct.byref(out),
             events,
             ct.byref(room),
@@ -205,5 +238,6 @@ class Machine:
             out.at,
             tuple(out.x[: self.c.n]),
             out.switches,
+            bool(out.forgot),
             told,
         )

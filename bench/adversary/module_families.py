@@ -376,6 +376,30 @@ def driven(seed: int, rng: Rng) -> Module:
     return replace(inner, family=f"driven {inner.family}", times=when, drivers=tuple(nodes))
 
 
+def pair(seed: int, rng: Rng) -> Module:
+    """Two that do not feel each other, each on a grid of its own: x_i' = -k x_i + u_i + w_i."""
+    inner = two(seed, rng)
+    decay = (inner.a[0], (0.0, _round(-rng.uniform(0.05, 0.5))))
+    wind = (inner.wind[0], _round(0.2 * inner.control[1]))
+    return replace(inner, family="pair", a=decay, wind=wind, cells=(300, 300), apart=True)
+
+
+def shielded(seed: int, rng: Rng) -> Module:
+    """A module whose commands are judged."""
+    kinds = (integrator, tank, lag, mode, drag, swing, pair, behind, silent)
+    inner = kinds[int(rng.integers(0, len(kinds)))](seed, rng)
+    return of_commands(inner, rng)
+
+
+def of_commands(inner: Module, rng: Rng) -> Module:
+    """The same with a shield; on a grid."""
+    cells = inner.cells or (60,) * inner.n
+    shield = int(rng.choice([3, 4, 5]))
+    return replace(
+        inner, family=f"shielded {inner.family}", cells=cells, shield=shield, nodes=inner.nodes
+    )
+
+
 FAMILIES: dict[str, Callable[[int, Rng], Module]] = {
     "integrator": integrator,
     "tank": tank,
@@ -390,6 +414,8 @@ FAMILIES: dict[str, Callable[[int, Rng], Module]] = {
     "behind": behind,
     "silent": silent,
     "driven": driven,
+    "pair": pair,
+    "shielded": shielded,
 }
 SHARES = {
     "integrator": 3,

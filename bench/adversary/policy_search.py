@@ -8,7 +8,7 @@ Non-goals: proofs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +36,8 @@ CHOICES: dict[str, tuple[int, ...]] = {
     "drop": (0, 1, 1, 2, 5, 6),
     "near": tuple(range(4, 17)),
     "side": (0, 1),
+    "tries": (0, 1, 1, 1, 2, 2, 3, 3, 4, 5, 5, 5, 6),
+    "oldest": (0, 1, 2),
     **{
         name: LATENESS for name in POLICY if name.startswith(("late", "response")) or name == "acts"
     },
@@ -53,26 +55,30 @@ class Run:
     t0: int = 0
     shown: tuple[float, ...] | None = None
     """Where AC starts in control: what the sensor publishes at `t0`."""
+    held: tuple[float, ...] | None = None
+    """And the command that acts then, of a module with a shield."""
 
     def again(self, machine: Machine, *, log: bool = False) -> Outcome:
         """Run it."""
         shown = None if self.shown is None else np.array(self.shown)
-        x0 = np.array(self.x0)
-        return machine.run(self.policy, self.seed, self.ticks, x0, t0=self.t0, shown=shown, log=log)
+        held = None if self.held is None else np.array(self.held)
+        told = (self.policy, self.seed, self.ticks, np.array(self.x0))
+        return machine.run(*told, t0=self.t0, shown=shown, held=held, log=log)
 
     @classmethod
     def of_json(cls, told: dict[str, Any]) -> Run:
         """What `as_json` wrote."""
         policy = np.array([told["policy"][n] for n in POLICY], dtype=np.int32)
-        shown = None if told["shown"] is None else tuple(told["shown"])
-        return cls(policy, told["seed"], told["ticks"], tuple(told["x0"]), told["t0"], shown)
+        shown, held = (None if told[n] is None else tuple(told[n]) for n in ("shown", "held"))
+        return cls(policy, told["seed"], told["ticks"], tuple(told["x0"]), told["t0"], shown, held)
 
     def as_json(self) -> dict[str, object]:
         """Plain numbers."""
         policy = {n: int(v) for n, v in zip(POLICY, self.policy, strict=True)}
         start = {"x0": list(self.x0), "t0": self.t0}
-        shown = None if self.shown is None else list(self.shown)
-        return {"policy": policy, "seed": self.seed, "ticks": self.ticks, "shown": shown, **start}
+        shown, held = (None if v is None else list(v) for v in (self.shown, self.held))
+        start |= {"shown": shown, "held": held}
+        return {"policy": policy, "seed": self.seed, "ticks": self.ticks, **start}
 
 
 @dataclass
@@ -87,6 +93,7 @@ class Attack:
     closest_sc: float = 0.0
     """The same while SC was in control."""
     violations: int = 0
+    """Runs that left C, or in which a command acted that was in no V of a shield."""
     found: Run | None = None
     declared: bool = True
     """Whether `found` starts where the program does, SC in control."""
@@ -100,16 +107,17 @@ def attack(
     steps: int,
     seed: int,
     *,
+    runs: int = 0,
     stop: bool = True,
     border: bool = True,
 ) -> Attack:
-    """At least so many steps, unless a violation is found first (`stop`).
+    """At least so many steps and runs, unless a violation is found first (`stop`).
 
     `border`: also from where AC is in control at the border of `not ttf`, which is claimed as well.
     """
     rng = np.random.default_rng([77, seed])
     told = Attack()
-    while told.steps < steps:
+    while told.steps < steps or told.runs < runs:
         run = _next(machine, module, told, rng, border=border)
         seen = run.again(machine)
         told.runs += 1
@@ -119,7 +127,7 @@ def attack(
         told.closest_sc = max(told.closest_sc, seen.worst_sc)
         told.best.append((seen.worst_sc, run))
         told.best = sorted(told.best, key=lambda b: -b[0])[:ELITE]
-        if seen.left:
+        if seen.left or seen.forgot:
             told.violations += 1
             better = told.found is None or (run.shown is None and not told.declared)
             if better:
@@ -134,9 +142,7 @@ def _next(machine: Machine, module: Module, told: Attack, rng: Rng, *, border: b
         _, parent = told.best[int(rng.integers(0, len(told.best)))]
         policy = _changed(parent.policy, module, rng)
         if rng.random() < 0.6:  # the same start
-            return Run(
-                policy, int(rng.integers(2**62)), parent.ticks, parent.x0, parent.t0, parent.shown
-            )
+            return replace(parent, policy=policy, seed=int(rng.integers(2**62)))
     else:
         policy = _policy(module, rng)
     return _started(machine, module, policy, rng, border=border)
@@ -175,9 +181,9 @@ def _started(machine: Machine, module: Module, policy: Ints, rng: Rng, *, border
     if border and not module.nodes and rng.random() < 0.5:
         there = _border(machine, module, rng)
         if there is not None:
-            shown, x0 = there
+            shown, x0, held = there
             t0 = int(rng.integers(0, 1000)) * module.times.sensor
-            return Run(policy, seed, ticks, x0, t0, shown)
+            return Run(policy, seed, ticks, x0, t0, shown, held)
     half = np.array(module.starts)
     side = rng.choice([-1.0, 1.0], size=module.n)
     share = np.ones(module.n) if rng.random() < 0.5 else rng.random(module.n)
@@ -186,18 +192,29 @@ def _started(machine: Machine, module: Module, policy: Ints, rng: Rng, *, border
 
 def _border(
     machine: Machine, module: Module, rng: Rng
-) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-    """An estimate just inside `not ttf`, and a state in C that it may be the estimate of."""
+) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...] | None] | None:
+    """An estimate just inside `not ttf`, and a state in C that it may be the estimate of.
+
+    And the command that is held, below a shield: one that is permitted there.
+    """
+    held = None
+    if module.shield:
+        held = rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0], size=module.m) * np.array(module.control)
+
+    def inside(y: Array) -> bool:
+        return machine.level(y) > 0 if held is None else machine.permitted(y, held)
+
     way = rng.normal(size=module.n) * np.array(module.box)
     way /= np.max(np.abs(way) / np.array(module.box))
     low, high = 0.0, 1.0
-    if machine.level(low * way) == 0:
+    if not inside(low * way):
         return None
     for _ in range(30):
         mid = 0.5 * (low + high)
-        low, high = (mid, high) if machine.level(mid * way) > 0 else (low, mid)
+        low, high = (mid, high) if inside(mid * way) else (low, mid)
     y = low * way
     x = y + rng.choice([-1.0, 0.0, 1.0], size=module.n) * np.array(module.error)
     if np.any(np.abs(x) >= np.array(module.box)):
         return None
-    return tuple(float(v) for v in y), tuple(float(v) for v in x)
+    command = None if held is None else tuple(float(v) for v in held)
+    return tuple(float(v) for v in y), tuple(float(v) for v in x), command

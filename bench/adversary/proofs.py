@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from unittest.mock import patch
 
 import numpy as np
-from bench.adversary.random_modules import Face, Module, with_rows, with_tables
+from bench.adversary.random_modules import Face, GroupOfTables, Module, with_rows, with_tables
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from bench.adversary.closed_loop import Machine
 
-    from soter.verify.claims.results import ModuleResult
+    from soter.verify.claims.results import GroupSets, ModuleResult
     from soter.verify.grid.sets import GridGroup
 
     Array = npt.NDArray[np.float64]
@@ -115,13 +115,26 @@ def armed(proof: Proof) -> Machine:
         )
         with_rows(module, machine, outer, inner)
         return machine
-    part = case.groups[0]
+    with_tables(machine, [_tables(part) for part in case.groups])
+    if module.shield:
+        machine.c.shield = module.shield
+        machine.c.acted = result.problem.times.acted // (module.tick_us * 1000)
+    return machine
+
+
+def _tables(part: GroupSets) -> GroupOfTables:
+    """What the DM holds of a group."""
     assert part.deployed is not None
     order = np.argsort([a.state for a in part.group.axes])
     sure, inner_cells = (np.transpose(cells, order) for cells in part.deployed)
+    states = tuple(part.group.axes[k].state for k in order)
     edges = [np.array(part.group.axes[k].edges) for k in order]
-    with_tables(module, machine, edges, sure.astype(np.uint8) + (inner_cells & sure))
-    return machine
+    levels = sure.astype(np.uint8) + (inner_cells & sure)
+    if part.tops is None:
+        return GroupOfTables(states, edges, levels)
+    others = range(len(order), part.tops.ndim)
+    moved = () if part.command is None else (part.command,)
+    return GroupOfTables(states, edges, levels, np.transpose(part.tops, (*order, *others)), moved)
 
 
 # ---------------------------------------------------------------- a start at the border
@@ -131,7 +144,7 @@ def widened(proof: Proof, rng: np.random.Generator) -> Module:
     """The module with a start that reaches as far as R(h_0) does, in some proportion."""
     module, result = proof.module, proof.result
     assert result is not None
-    if not result.cases[0].groups:
+    if len(result.cases[0].groups) != 1:
         return replace(module, start=tuple(0.2 * v for v in module.box))
     part = result.cases[0].groups[0]
     engine: GridGroup = part.solver  # type: ignore[assignment]
@@ -170,7 +183,7 @@ def written(proof: Proof, rng: np.random.Generator, *, hysteresis: float = 0.0) 
     """Hand-written predicates whose `not ttf` is as large as R(H) lets it be; None: none fits."""
     module, result = proof.module, proof.result
     assert result is not None
-    if not result.cases[0].groups or module.n > 2:
+    if len(result.cases[0].groups) != 1 or module.n > 2:
         return None
     part = result.cases[0].groups[0]
     assert part.free is not None

@@ -58,7 +58,7 @@ def _round(x: float) -> float:
     return float(f"{float(x):.3g}")
 
 
-def _tank(
+def border_tank(
     rng: Rng,
     when: Times,
     *,
@@ -91,63 +91,63 @@ def _tank(
 
 def _late_dm(rng: Rng) -> Module:
     late = int(rng.integers(10, 25))
-    return _tank(rng, Times(50, 50, 1, 1, 0, late_dm=late, response_dm=24 - late), speed=3.0)
+    return border_tank(rng, Times(50, 50, 1, 1, 0, late_dm=late, response_dm=24 - late), speed=3.0)
 
 
 def _slow_actuator(rng: Rng) -> Module:
-    return _tank(rng, Times(40, 40, 1, 1, acts=int(rng.integers(12, 20))), speed=3.0)
+    return border_tank(rng, Times(40, 40, 1, 1, acts=int(rng.integers(12, 20))), speed=3.0)
 
 
 def _out_of_step(rng: Rng) -> Module:
-    return _tank(rng, Times(40, 40, 1, 1, sc_phase=int(rng.integers(25, 39))), speed=3.0)
+    return border_tank(rng, Times(40, 40, 1, 1, sc_phase=int(rng.integers(25, 39))), speed=3.0)
 
 
 def _on_time(rng: Rng) -> Module:
-    return _tank(rng, Times(int(rng.choice([40, 60])), 20, 1, 1), speed=3.0)
+    return border_tank(rng, Times(int(rng.choice([40, 60])), 20, 1, 1), speed=3.0)
 
 
 def _old_reads(rng: Rng) -> Module:
-    return _tank(rng, Times(50, 50, 40, 40, late_dm=int(rng.integers(20, 25))), speed=3.0)
+    return border_tank(rng, Times(50, 50, 40, 40, late_dm=int(rng.integers(20, 25))), speed=3.0)
 
 
 def _noisy(rng: Rng) -> Module:
-    return _tank(rng, Times(20, 20, 1, 1), speed=1.0, error=_round(rng.uniform(0.03, 0.08)))
+    return border_tank(rng, Times(20, 20, 1, 1), speed=1.0, error=_round(rng.uniform(0.03, 0.08)))
 
 
 def _windy(rng: Rng) -> Module:
     wind = rng.uniform(1.1, 1.5)
-    return _tank(rng, Times(20, 20, 1, 1), speed=0.5, wind=wind)
+    return border_tank(rng, Times(20, 20, 1, 1), speed=0.5, wind=wind)
 
 
 def _silent(rng: Rng) -> Module:
     quiet = int(rng.integers(80, 150)) * 10
-    return _tank(rng, Times(20, 20, 10, 10, dropout=quiet), speed=2.0)
+    return border_tank(rng, Times(20, 20, 10, 10, dropout=quiet), speed=2.0)
 
 
 def _rare(rng: Rng) -> Module:
-    return _tank(rng, Times(20, 20, int(rng.integers(8, 14)) * 100, 10), speed=2.0)
+    return border_tank(rng, Times(20, 20, int(rng.integers(8, 14)) * 100, 10), speed=2.0)
 
 
 def _slow_node(rng: Rng) -> Module:
     took = int(rng.integers(80, 98))
     nodes = (PathNode(100, 0, 0, took), PathNode(100, took + 1, 0, took))
-    return _tank(rng, Times(20, 20, 10, 100 + took), speed=2.0, nodes=nodes)
+    return border_tank(rng, Times(20, 20, 10, 100 + took), speed=2.0, nodes=nodes)
 
 
 def _first_read(rng: Rng) -> Module:
     node = PathNode(100, int(rng.integers(60, 90)), 0, 0)
-    module = _tank(rng, Times(20, 20, 10, 100), speed=1.2, nodes=(node,))
+    module = border_tank(rng, Times(20, 20, 10, 100), speed=1.2, nodes=(node,))
     side = float(rng.uniform(0.3, 0.5))
     return replace(module, bias=(_round(side * module.gain[0][0][0]),))
 
 
 def _late_start(rng: Rng) -> Module:
     late = int(rng.integers(10, 25))
-    return _tank(rng, Times(100, 50, 1, 1, late_dm=late, response_dm=24 - late), speed=2.0)
+    return border_tank(rng, Times(100, 50, 1, 1, late_dm=late, response_dm=24 - late), speed=2.0)
 
 
 def _phase_start(rng: Rng) -> Module:
-    return _tank(rng, Times(40, 40, 1, 1, sc_phase=int(rng.integers(25, 39))), speed=2.0)
+    return border_tank(rng, Times(40, 40, 1, 1, sc_phase=int(rng.integers(25, 39))), speed=2.0)
 
 
 def _mode(rng: Rng, **when: int) -> Module:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from bench.adversary.closed_loop import Machine, N, U
+from bench.adversary.closed_loop import AXES, Machine, N, U
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -107,6 +107,10 @@ class Module:
     is_map: bool = False
     tick_us: int = 1000
     levels: int = 3
+    shield: int = 0
+    """Cells of each command; 0: no shield."""
+    apart: bool = False
+    """Every state has a grid of its own."""
 
     @property
     def n(self) -> int:
@@ -162,7 +166,8 @@ rta M {{
   sc Sc;
   period {self.ticks(t.dm)};
   safe {" && ".join(f"abs(y.x{i}) < {self.box[i]!r}" for i in n)};
-{self._predicates()}  verify {{
+{self._predicates()}{f"  shield {self.shield};" if self.shield else ""}
+  verify {{
     {self._grid()}
 {self._delays()}  }}
 }}
@@ -275,6 +280,8 @@ system S {{ p: P; module M;{beside} until 10s; }}
             for i, c in enumerate(self.box)
         ]
         clause = f"{'grid' if self.cells else word} {', '.join(ranges)};"
+        if self.apart:
+            clause = " ".join(f"grid {r};" for r in ranges)
         if self.abstract:
             values = ", ".join(f"x{i}: p.truth.x{i}" for i in range(self.n))
             clause += f"\n    abstracts p by q: Q = {{ {values} }};"
@@ -404,14 +411,32 @@ system S {{ p: P; module M;{beside} until 10s; }}
         return np.asarray(form / np.linalg.norm(form))
 
 
-def with_tables(module: Module, machine: Machine, edges: list[Array], levels: Levels) -> None:
-    """Computed predicates of one group on a grid over all states, in order."""
+@dataclass(frozen=True)
+class GroupOfTables:
+    """Computed predicates of a group: its states, the edges of its cells, S_0 and S_(m-2)."""
+
+    states: tuple[int, ...]
+    edges: list[Array]
+    levels: Levels
+    tops: Levels | None = None
+    """What a shield permits of the commands `moved`."""
+    moved: tuple[int, ...] = ()
+
+
+def with_tables(machine: Machine, groups: list[GroupOfTables]) -> None:
+    """Computed predicates on grids."""
     c = machine.c
-    c.pred_tables, c.groups, c.axes[0] = 1, 1, module.n
-    for i, e in enumerate(edges):
-        c.axis[i], c.cells[i] = i, len(e) - 1
-        c.edges[i] = machine.pointer(e)
-    c.level[0] = machine.pointer(levels, "u1")
+    c.pred_tables, c.groups = 1, len(groups)
+    for g, group in enumerate(groups):
+        c.axes[g], c.moving[g] = len(group.states), len(group.moved)
+        for a, (state, e) in enumerate(zip(group.states, group.edges, strict=True)):
+            c.axis[g * AXES + a], c.cells[g * AXES + a] = state, len(e) - 1
+            c.edges[g * AXES + a] = machine.pointer(e)
+        for a, control in enumerate(group.moved):
+            c.moved[g * U + a] = control
+        c.level[g] = machine.pointer(group.levels, "u1")
+        if group.tops is not None:
+            c.tops[g] = machine.pointer(group.tops, "u1")
 
 
 def with_rows(module: Module, machine: Machine, outer: Array, inner: Array) -> None:

@@ -30,10 +30,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import soter
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:
-    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.flight_outcome import FlightOutcome
 
 FILE = Path(__file__).parents[2] / "examples" / "autopilot" / "laps.soter"
 FIRST_SEED = 20_001

@@ -17,7 +17,7 @@ from pathlib import Path
 import soter
 from soter.api.deploying import stack_bound
 from soter.native.compiler import find
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = 8 * 1024

@@ -36,7 +36,7 @@ if str(ROOT) not in sys.path:
 from bench.device.translation import translated  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
-    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.flight_outcome import FlightOutcome
 
 SECOND = 10**9
 SEED = 1

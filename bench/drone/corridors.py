@@ -27,7 +27,7 @@ if str(ROOT) not in sys.path:
 from bench.drone.conformance import DRONE, declared, needed  # noqa: E402 - needs the path
 
 from soter.language.front_end import check_file, system_of  # noqa: E402 - the same
-from soter.report.summary import table  # noqa: E402 - the same
+from soter.report.terminal_tables import table  # noqa: E402 - the same
 from soter.simulate.run import NativeProgram  # noqa: E402 - the same
 
 ARMS = (

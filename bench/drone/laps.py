@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from soter.language.front_end import check_file, system_of
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 from soter.simulate.run import NativeProgram
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"

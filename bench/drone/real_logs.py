@@ -25,7 +25,7 @@ import numpy as np
 
 from soter.api import load
 from soter.mapping.read_mapping import read_mapping
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:
     from soter.monitor.logs.result import LogJudgement, ModuleOfLog

@@ -28,7 +28,7 @@ from soter.language.front_end import check_file, system_of
 from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME, texts
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -40,7 +40,7 @@ from bench.drone.wrong_fast import ASSUMED as TOLD  # noqa: E402 - the same
 from bench.drone.wrong_fast import FAST  # noqa: E402 - the same
 from bench.drone.wrong_slow import SLOW, TAKEN  # noqa: E402 - the same
 
-from soter.report.summary import table  # noqa: E402 - the same
+from soter.report.terminal_tables import table  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from bench.drone.wrong_base import Edit, Tree, World, Wrong

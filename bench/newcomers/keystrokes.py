@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from editor_client import Editor, editor  # noqa: E402 - from tests/
-from soter.report.summary import table  # noqa: E402
+from soter.report.terminal_tables import table  # noqa: E402
 
 TARGET_MS = 150.0
 COPIES = 12

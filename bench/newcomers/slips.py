@@ -35,7 +35,8 @@ THIRD_SET = tuple(f"third_set/{p.name}" for p in sorted((HERE / "third_set").glo
 FILES = (*(p.name for p in sorted(HERE.glob("*.soter"))), *THIRD_SET)
 STRANGERS = "THIRD SET, PEOPLE WHO HAD READ ONLY THE README"
 LEAST = 104
-LATER = ("NOT SEEN BEFORE", "SECOND LOOK", STRANGERS, "THIRD SET, SEMANTICS")
+FOURTH = "FOURTH SET, WRITTEN BEFORE IT WAS ASKED"
+LATER = ("NOT SEEN BEFORE", "SECOND LOOK", STRANGERS, "THIRD SET, SEMANTICS", FOURTH)
 """Slips that were written when the messages were done, by others, or once more."""
 
 
@@ -194,12 +195,13 @@ def told(asked: list[tuple[Slip, Answer]]) -> bool:
         ("wrong or silent", [s.name for s, a in asked if not (a.place and a.remedy)]),
     ):
         print(f"{title}: {', '.join(names) or 'none'}")
-    people = [(s, a) for s, a in asked if s.habit == STRANGERS]
-    print(
-        f"of {len(people)} of the strangers, right at first: "
-        f"{sum(s.first == 'right' for s, _ in people)}, "
-        f"now: {sum(a.place and a.remedy and not a.misleading for _, a in people)}"
-    )
+    for who, habit in (("the strangers", STRANGERS), ("the fourth set", FOURTH)):
+        of_set = [(s, a) for s, a in asked if s.habit == habit]
+        print(
+            f"of {len(of_set)} of {who}, right at first: "
+            f"{sum(s.first == 'right' for s, _ in of_set)}, "
+            f"now: {sum(a.place and a.remedy and not a.misleading for _, a in of_set)}"
+        )
     before = [a for s, a in asked if s.habit not in LATER]
     right = sum(a.place and a.remedy for a in before)
     misleading = sum(a.misleading for a in before)

@@ -23,7 +23,7 @@ from cffi import FFI
 import soter
 from soter.codegen.unit import generate
 from soter.native.build import library
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 ROOT = Path(__file__).resolve().parents[2]
 ROUNDS = 30

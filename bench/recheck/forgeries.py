@@ -25,7 +25,7 @@ from bench.recheck.small_modules import PROGRAMS as SMALL
 import soter
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import canonical
-from soter.certificate.induction.facts import read_induction
+from soter.certificate.induction.induction_problem import read_induction
 from soter.certificate.reading.problem import DiffersError, read_facts
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError

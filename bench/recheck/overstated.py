@@ -45,7 +45,7 @@ import soter  # noqa: E402
 from generators.every_schedule_of_module import EverySchedule  # noqa: E402 - needs the path
 from generators.schedule_systems import scaled  # noqa: E402 - needs the path
 from soter.certificate.format.folder import canonical  # noqa: E402
-from soter.certificate.reading.facts import DiffersError  # noqa: E402
+from soter.certificate.reading.module_facts import DiffersError  # noqa: E402
 from soter.certificate.reading.problem import read_facts  # noqa: E402
 from soter.certificate.rechecker import Report, recheck  # noqa: E402
 from soter.certificate.terms.terms import NotRecheckedError  # noqa: E402

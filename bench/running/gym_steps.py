@@ -27,7 +27,7 @@ import soter
 from soter.gym import Protected, make_vec
 from soter.gym.batched_states import BatchedStates
 from soter.gym.compiled_system import CompiledEnvironment, Roles
-from soter.gym.leaves import ObservedPart
+from soter.gym.memory_offsets import ObservedPart
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 from soter.explore.engine.search import Search
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:
     from soter.explore.engine.search import Found

@@ -23,7 +23,7 @@ from statistics import median
 from soter.explore.engine.search import Search
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 MEMORY = 2 << 30
 COUNTS = (2, 3, 4)

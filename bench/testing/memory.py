@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.language.front_end import check_file, system_of_test
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:
     from soter.explore.engine.explorer_library import Searched

@@ -27,7 +27,7 @@ from soter.explore.engine.explorer_library import Engine, EngineSettings, Search
 from soter.explore.engine.search import Search
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:
     from soter.language.model.system import System

@@ -40,7 +40,7 @@ from generators.programs_in_instants import (  # noqa: E402 - from tests/
 )
 from generators.small_test_programs import small_program  # noqa: E402 - from tests/
 from generators.symmetry_agreement import compared_as_equals  # noqa: E402 - from tests/
-from soter.report.summary import table  # noqa: E402 - after the path
+from soter.report.terminal_tables import table  # noqa: E402 - after the path
 
 
 def of_equals(arguments: argparse.Namespace) -> int:

@@ -41,7 +41,7 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 ROOT = Path(__file__).resolve().parents[2]
 TWINS = ROOT / "bench/testing/spin_models"

@@ -29,7 +29,7 @@ from soter.explore.command import TraceHeader, explore_test
 from soter.explore.contract_use import replaced_in
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:
     from soter.explore.results import TestResult

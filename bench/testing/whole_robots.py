@@ -32,7 +32,7 @@ from soter.explore.contract_use import replaced_in
 from soter.explore.results import EXHAUSTED, VIOLATED
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
-from soter.report.summary import table
+from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:
     from soter.explore.results import TestResult

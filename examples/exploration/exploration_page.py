@@ -31,7 +31,7 @@ from soter.report.run.signal_thinning import (
     takeovers,
     thin,
 )
-from soter.simulate.outputs.run_assumptions import of_run
+from soter.simulate.outputs.result_assumptions import of_run
 
 sys.path.insert(0, str(HERE.parent / "drone"))
 from sketch import (

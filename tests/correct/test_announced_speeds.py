@@ -58,6 +58,7 @@ def told_too_much(program: soter.Program, scene: str, kind: str, seeds: range) -
     return sum(any("clearance.gap" in v.what for v in run.violation_list) for run in runs)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("kind", ["Hunting", "Luring", "Strolling"])
 @pytest.mark.parametrize("scene", SCENES)
 def test_no_more_is_told_than_is_left(scene: str, kind: str) -> None:
@@ -83,6 +84,7 @@ WRONG_NODES = {
 }
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", WRONG_NODES)
 def test_a_node_that_tells_too_much_is_seen(name: str, tmp_path: Path) -> None:
     edit, scene = WRONG_NODES[name]

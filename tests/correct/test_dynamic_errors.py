@@ -150,6 +150,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", HOSTILE)
 def test_whatever_a_python_controller_does_is_a_gate_fault_on_both_engines(
     name: str, tmp_path: Path

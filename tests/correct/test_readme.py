@@ -11,7 +11,7 @@ import pytest
 
 import processes
 from generators.file_listing import files_below
-from soter.language.prelude.bounds import BOUNDS
+from soter.language.prelude.function_error_bounds import BOUNDS
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -17,6 +17,7 @@ import pytest
 import soter
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.verify.grid import shields
+from soter.verify.problem import extract
 from soter.verify.tables import shield_tables
 
 if TYPE_CHECKING:
@@ -205,6 +206,7 @@ def moved(tops: Any, n: int) -> None:
     tops[6:] = tops[:-6].copy()
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("wrong", [longer, everywhere, moved])
 def test_a_table_that_permits_too_much_is_rejected(
     wrong: Callable[[Any, int], None],
@@ -260,6 +262,123 @@ def test_a_topic_without_an_age_is_not_proved(tmp_path: Path) -> None:
         soter.load(path).verify(refute=False)
 
 
+# ---------------------------------------------------------------- plants that move in steps
+
+STEPS = (
+    SMALL.replace("period 10ms", "period 100ms")
+    .replace("period 50ms", "period 100ms")
+    .replace("plant Cart period 5ms", "plant Cart period 100ms")
+    .replace("max_age 20ms", "max_age 50ms")
+    .replace("in [-0.1, 0.1]", "in [-0.005, 0.005]")
+    .replace("der x = speed + slip", "next x = x + 0.1 * speed + slip")
+    .replace(" late dm 1ms, sc 1ms; acts within 2ms;", "")
+)
+
+
+def test_a_shield_of_a_map_is_proved_and_rechecked_and_judges_one_command(tmp_path: Path) -> None:
+    """A command that was replaced in this instant moves the plant no more."""
+    path = tmp_path / "steps.soter"
+    late = "speed = clamp(4.0 * (1.88 - at), -0.4, 0.4)"  # to the wall, but it brakes
+    text = STEPS.replace("{ publishes speed;", "{ subscribes at; publishes speed;")
+    path.write_text(text.replace("speed = sin(5.0 * time)", late), "utf-8")
+    program = soter.load(path)
+    report = program.verify(cert=tmp_path / "cert")
+    assert report["Keep"].verdict == "proved", report["Keep"]
+    assert soter.recheck(tmp_path / "cert").accepted
+    runs = [program.simulate(seed=1, until="60s", engine=e) for e in ("interp", "native")]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    assert not runs[1].violations
+    share = runs[1].modules["Keep"].ac_share
+    assert share > 0.99
+    path.write_text(path.read_text("utf-8").replace("shield 4;", ""), "utf-8")
+    assert soter.load(path).simulate(seed=1, until="60s").modules["Keep"].ac_share < share
+
+
+@pytest.mark.parametrize("wrong", [everywhere, moved])
+def test_a_table_of_a_map_that_permits_too_much_is_rejected(
+    wrong: Callable[[Any, int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = shields.find
+
+    def damaged(case: Any, proof: Any, engine: Any, part: Any, anywhere: Any) -> None:
+        find(case, proof, engine, part, anywhere)
+        wrong(part.tops, part.tops.shape[-1])
+
+    path = tmp_path / "steps.soter"
+    path.write_text(STEPS, "utf-8")
+    monkeypatch.setattr(shields, "find", damaged)
+    soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert not soter.recheck(tmp_path / "cert").accepted
+
+
+def test_an_ac_between_the_steps_of_its_plant_is_refused_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which of the commands of a step moves the plant nobody says."""
+    path = tmp_path / "between.soter"
+    path.write_text(STEPS.replace("node Any period 100ms", "node Any period 50ms"), "utf-8")
+    with pytest.raises(soter.SoterError, match="R007"):
+        soter.load(path).verify(refute=False)
+    monkeypatch.setattr(extract, "_between", lambda _: False)
+    assert soter.load(path).verify(cert=tmp_path / "cert", refute=False)["Keep"].verdict == "proved"
+    assert "between the steps" in soter.recheck(tmp_path / "cert").reason
+
+
+# ---------------------------------------------------------------- with a latch
+
+LATCHED = (
+    SMALL.replace("node Any", "input topic button: bool max_age 400ms;\nnode Any")
+    .replace("shield 4;", "shield 4;\n  returns after button;")
+    .replace("until 5s;", "input button every 70ms;\n  until 20s;")
+    .replace("sin(5.0 * time)", "1.0")
+)
+
+
+def test_a_shield_with_a_latch_is_proved_and_rechecked(tmp_path: Path) -> None:
+    path = tmp_path / "latched.soter"
+    path.write_text(LATCHED, "utf-8")
+    report = soter.load(path).verify(cert=tmp_path / "cert")
+    assert report["Keep"].verdict == "proved", report["Keep"]
+    assert soter.recheck(tmp_path / "cert").accepted
+    path.write_text(LATCHED.replace("returns after button", "returns never"), "utf-8")
+    findings = soter.load(path).verify(refute=False)["Keep"].findings
+    assert findings["DM"].verdict == findings["ttf"].verdict == "proved"
+    assert findings["P2b"].verdict == "assumed"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_shield_refused_stays_refused_until_somebody_acknowledges(
+    seed: int, tmp_path: Path
+) -> None:
+    """AC pushes at the wall: each refusal costs it control, and only a new press gives it back."""
+    path = tmp_path / "latched.soter"
+    path.write_text(LATCHED, "utf-8")
+    program = soter.load(path)
+    runs = [program.simulate(seed=seed, engine=e) for e in ("interp", "native")]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    run = runs[1]
+    assert not run.violations
+    assert run.modules["Keep"].gate_faults
+    button, in_ac = run.array("button"), run.mode("Keep")
+    starts = np.flatnonzero(in_ac[1:] & ~in_ac[:-1]) + 1
+    ends = np.flatnonzero(~in_ac[1:] & in_ac[:-1]) + 1
+    assert len(starts) > 2
+    for start, taken in zip(starts, (0, *ends), strict=False):
+        edges = np.flatnonzero(button[taken + 1 : start + 1] > button[taken:start])
+        assert len(edges), "nobody pressed since control was taken"
+    alone = tmp_path / "alone.soter"
+    alone.write_text(LATCHED.replace("\n  returns after button;", ""), "utf-8")
+    free = soter.load(alone).simulate(seed=seed)
+    assert free.modules["Keep"].ac_share > run.modules["Keep"].ac_share
+
+
+def test_a_shield_with_a_latch_that_nobody_opens_never_lets_ac_begin(tmp_path: Path) -> None:
+    path = tmp_path / "latched.soter"
+    path.write_text(LATCHED.replace("input button every 70ms;", ""), "utf-8")
+    run = soter.load(path).simulate(seed=1)
+    assert run.modules["Keep"].ac_share == 0.0
+
+
 @pytest.mark.long
 def test_random_drivers_hit_nothing(tmp_path: Path) -> None:
     """Commands for random times, silence, nonsense: 60 drivers, 60 s each."""
@@ -276,3 +395,62 @@ def test_random_drivers_hit_nothing(tmp_path: Path) -> None:
         path.write_text(text.replace("@", step), "utf-8")
         run = soter.load(path).simulate(system="Track", seed=k, until="60s")
         assert not run.violations, step
+
+
+PASSED_ON = (
+    SMALL.replace("reads speed;", "reads passed;")
+    .replace("der x = speed", "der x = passed")
+    .replace("grid at", "abstracts c by q: Model = { x: c.truth.x };\n  grid at")
+    .replace("late dm 1ms, sc 1ms;", "late dm 1ms, sc 1ms; response sc 2ms;")
+    .replace(
+        "rta Keep",
+        """plant Model period 5ms {
+  reads speed;
+  drives at = x;
+  state x: float;
+  disturbance slip: float in [-0.1, 0.1];
+  der x = speed + slip;
+  measured at within 0.01;
+}
+rta Keep""",
+    )
+    .replace(
+        "plant Cart",
+        """topic passed: float in [-1.0, 1.0];
+node Pass period 5ms {
+  subscribes speed;
+  publishes passed;
+  step { publish passed = speed; }
+}
+plant Cart""",
+    )
+    .replace("module Keep;", "module Keep; node Pass;")
+)
+
+
+def test_what_a_node_in_the_instant_of_sc_holds_back_still_counts(tmp_path: Path) -> None:
+    """It passes a command on once that step of SC has published: W has R_sc in it."""
+    path = tmp_path / "passed.soter"
+    path.write_text(PASSED_ON, "utf-8")
+    report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert report["Keep"].verdict == "proved", report["Keep"]
+    assert soter.recheck(tmp_path / "cert").accepted
+    times = report["Keep"].problem.times
+    late, period = times.schedule.start_of_sc, times.delta_sc
+    assert times.acted == times.schedule.age_dm + times.acts + period + late + 2_000_000
+
+
+def test_a_controller_between_module_and_plants_is_refused_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that listens to sensors, too, is no part of the instant of SC."""
+    path = tmp_path / "inner.soter"
+    text = PASSED_ON.replace(
+        "subscribes speed;\n  publishes passed;", "subscribes speed, at;\n  publishes passed;"
+    )
+    path.write_text(text.replace("passed = speed;", "passed = at > 9.0 ? 0.0 : speed;"), "utf-8")
+    with pytest.raises(soter.SoterError, match="R007"):
+        soter.load(path).verify(refute=False)
+    monkeypatch.setattr(extract, "_shield", lambda *_: None)
+    soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert "nodes behind the module" in soter.recheck(tmp_path / "cert").reason

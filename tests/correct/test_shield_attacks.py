@@ -192,6 +192,7 @@ def a_cell_lower(engine: Any, control: int, low: float, high: float) -> Any:
     return shields_between(engine, control, max(low - 0.5, -1.0), high - 0.5)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("slip", [too_short, a_cell_lower])
 def test_what_a_slip_in_the_prover_permits_is_rejected(
     slip: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

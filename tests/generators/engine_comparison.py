@@ -28,7 +28,7 @@ from soter.native.build import (
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.library import Library, RunStatus
-from soter.native.own_files import SOTER
+from soter.native.package_sources import SOTER
 from soter.semantics.interpreter import Interpreter
 from soter.simulate.state_bytes import state_bytes
 

@@ -33,6 +33,7 @@ from soter.language.model.types import (
 from soter.native.build import CHECK_FAILED
 from soter.verify.enclose.c_emitter import Emitter, address, framed, given, names_in
 from soter.verify.enclose.core_enclosure import EnclosureBody
+from soter.verify.enclose.enclosed_operations import EnclosureOperations, kind_of
 from soter.verify.enclose.enclosed_values import (
     AggregateParts,
     Constant,
@@ -44,7 +45,6 @@ from soter.verify.enclose.enclosed_values import (
     opened,
 )
 from soter.verify.enclose.enclosure_code import PARAMETERS
-from soter.verify.enclose.operations import EnclosureOperations, kind_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -112,6 +112,7 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
         ((BUDGET_S, 0.1), 2, 1),
         ((BUDGET_S - 0.1, 0.1, 0.1), 3, 2),
         ((2 * BUDGET_S,), 1, 1),
+        ((2 * BUDGET_S, 0.0, 0.0, 0.1, 0.0), 5, 3),
         ((0.1, 0.1, None), 9, 2),
         ((0.1, 0.1), 3, 3),
         ((None,), 1, 1),
@@ -124,7 +125,7 @@ def test_a_quick_run_takes_a_first_line_and_what_fits(
 
 
 def test_a_table_has_as_many_lines_in_a_quick_run_as_were_measured_to_fit() -> None:
-    name = "correct/test_corner_programs.py"
+    name = "unit/monitor/test_hostile_logs.py"
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", f"tests/{name}"]
     done = [
         processes.run([*command, *more], cwd=ROOT, capture_output=True, text=True).stdout
@@ -169,7 +170,7 @@ def test_what_is_measured_is_entered_and_nothing_else_is_lost() -> None:
     assert json.loads(text(found)) == found
 
 
-@pytest.mark.parametrize("more", [(), ("-n", "2", "--dist", "loadfile")])
+@pytest.mark.parametrize("more", [("-n", "2", "--dist", "loadfile"), ()])
 def test_a_run_writes_down_what_its_tests_take(tmp_path: Path, more: tuple[str, ...]) -> None:
     shutil.copy(TESTS / "durations.py", tmp_path)
     shutil.copy(TESTS / "long_tests.py", tmp_path)

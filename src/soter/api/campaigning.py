@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.campaign.arms import Arm
-    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.flight_outcome import FlightOutcome
     from soter.campaign.fly_campaign import Workers
     from soter.campaign.release_lateness import Lateness
     from soter.language.model.system import System

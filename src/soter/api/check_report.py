@@ -129,7 +129,7 @@ def step_reports(program: TypedProgram) -> tuple[StepReport, ...]:
 
 def system_report(system: System, *, default: bool) -> SystemReport:
     """A flat system, and what a run of it rests on, as a report."""
-    from soter.simulate.outputs import run_assumptions  # noqa: PLC0415 - see `soter.api`
+    from soter.simulate.outputs import result_assumptions  # noqa: PLC0415 - see `soter.api`
 
     return SystemReport(
         name=system.name,
@@ -147,10 +147,10 @@ def system_report(system: System, *, default: bool) -> SystemReport:
                 system.components[m.ac].name if m.over is None else system.modules[m.over].name,
                 system.components[m.sc].name,
                 m.forced,
-                run_assumptions.verdicts(m),
+                result_assumptions.verdicts(m),
             )
             for m in system.modules
         ),
-        unproved=tuple(run_assumptions.unproved(system)),
-        assumptions=tuple(run_assumptions.of_run(system)),
+        unproved=tuple(result_assumptions.unproved(system)),
+        assumptions=tuple(result_assumptions.of_run(system)),
     )

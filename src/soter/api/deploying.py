@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 from soter.api.rechecking import recheck
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.load.loader import load
+from soter.language.model.binding_text import binding_of
 from soter.mapping.read_mapping import mapping_of, read_mapping
-from soter.simulate.outputs.run_assumptions import unproved
+from soter.simulate.outputs.result_assumptions import unproved
 from soter.targets.package import PackageFile
 from soter.targets.target_table import build_package, require_mapping
 from soter.verify.proof_cache import stored_verdicts
@@ -138,13 +139,16 @@ def _read(
 
 
 def _not_carried(bindings: Bindings) -> list[str]:
-    """Bindings to Python, which are dropped: a package is C."""
-    dropped = [
-        x.name
-        for x in bindings.externs
-        if x.bound is not None and not str(x.bound).startswith("c:")
-    ]
-    return [f"{n}: its binding to Python is left out, as the package is C" for n in dropped]
+    """Bindings to Python and to policies, which are dropped: a package is C."""
+    notes = []
+    for x in bindings.externs:
+        binding = binding_of(x.bound) if isinstance(x.bound, str) else None
+        if binding is not None and binding.is_policy:
+            way = f"`soter policy {binding.file} -o` writes it as a function in Soter"
+            notes.append(f"{x.name}: its policy is left out, as the package is C: {way}")
+        elif x.bound is not None and not str(x.bound).startswith("c:"):
+            notes.append(f"{x.name}: its binding to Python is left out, as the package is C")
+    return notes
 
 
 def stack_bound(package: Package) -> StackBound:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.explore.results import TestResult
-    from soter.report.sections import PageSection
+    from soter.report.plain_page import PageSection
     from soter.report.sequence.view import SequenceView
     from soter.simulate.outputs.to_log import RunLog
     from soter.verify.period_sweep import Advice
@@ -107,15 +107,15 @@ def _made_by_a_run(path: Path) -> bool:
     return not start or start.startswith((b"\x89mcap", b"<!doctype html"))
 
 
-def write_advice(advice: Sequence[Advice], path: Path) -> None:
-    """The figure of every module; `SoterError` D006 where it cannot be written."""
+def write_advice(advice: Sequence[Advice], program: str, path: Path) -> None:
+    """The figure of every module of a program; `SoterError` D006 where it cannot be written."""
     from soter.report.errors import ReportError  # noqa: PLC0415 - the same
     from soter.report.html import write_document  # noqa: PLC0415 - the same
     from soter.report.proof.advice import advice_main  # noqa: PLC0415 - only then
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_document("soter advise", advice_main([a.page() for a in advice]), path)
+        write_document("soter advise", advice_main([a.page(program) for a in advice]), path)
     except (OSError, ReportError) as error:
         raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
 
@@ -126,7 +126,7 @@ def write_sections(
     """A page of sentences and tables, as `sections_main` takes them; `SoterError` D006."""
     from soter.report.errors import ReportError  # noqa: PLC0415 - the same
     from soter.report.html import write_document  # noqa: PLC0415 - the same
-    from soter.report.sections import sections_main  # noqa: PLC0415 - only then
+    from soter.report.plain_page import sections_main  # noqa: PLC0415 - only then
 
     try:
         write_document(title, "\n".join(sections_main(title, headline, verdict, sections)), path)

@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from soter.simulate.run_options import RunKeywords
     from soter.targets.package import Package
     from soter.verify.claims.results import VerifyReport
+    from soter.verify.delay_search import DelayAdvice
     from soter.verify.period_sweep import Advice
 
     Params = Mapping[str, object] | None
@@ -143,8 +144,9 @@ class Program:
 
         `name`: a full name (`d.M.Learned`), its last part, or the declared name. `target`: a
         callable, an object or class with `step` and perhaps `reset(seed)`, or a text
-        `python:file.py:name` or `c:file.c:name` (relative to the current folder). SoterError
-        U005 where no system has such an extern, U001, X002, X003 for a wrong target.
+        `python:file.py:name`, `c:file.c:name`, or of a policy `onnx:file.onnx`, `sb3:file.zip`,
+        `sb3:file.zip:vecnormalize.pkl` (relative to the current folder). SoterError U005 where no
+        system has such an extern, U001, X002, X003 for a wrong target.
         """
         from soter.simulate.externs.bindings import check_target, require_named  # noqa: PLC0415 - as above
 
@@ -395,8 +397,26 @@ class Program:
         chosen = modules_of(self._checked, module, system, self._values(params))
         advice = advise_all(problems_of(chosen), factors, levels, progress)
         if report is not None and advice:
-            write_advice(advice, Path(report))
+            write_advice(advice, self.path, Path(report))
         return tuple(advice)
+
+    def largest_delays(
+        self,
+        module: str | None = None,
+        *,
+        system: str | None = None,
+        params: Mapping[str, object] | None = None,
+        progress: Progress | None = None,
+    ) -> tuple[DelayAdvice, ...]:
+        """How late the commands of every module may act, in ns, each value verified.
+
+        `SoterError` R... where a problem is not determined as it is declared.
+        """
+        from soter.verify.command import modules_of  # noqa: PLC0415 - the same
+        from soter.verify.delay_search import largest_delay  # noqa: PLC0415 - needs a compiler
+
+        chosen = modules_of(self._checked, module, system, self._values(params))
+        return tuple(largest_delay(flat, m, progress) for flat, m in chosen)
 
     @takes("soter.explore.search_options.SearchOptions")
     def explore(

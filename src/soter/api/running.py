@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING, Any
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
 from soter.semantics.externs import Stop
-from soter.simulate.externs.bindings import bind_again, callables, close, require_runnable
+from soter.simulate.externs.bindings import (
+    assumptions,
+    bind_again,
+    callables,
+    close,
+    require_runnable,
+)
 from soter.simulate.interrupt import (
     ANY_END,
     INTERRUPT,
@@ -92,7 +98,7 @@ def simulate(
     run.externs = bindings.texts()
     run.paced = paced
     run.page = _page
-    run.computed = list(prepared.computed)
+    run.computed = [*prepared.computed, *assumptions(bound)]
     run.proofs = stored_verdicts(prepared.system) if prepared.arm is None else {}
     if writer is not None:
         writer.end(run, stopped_by(stop) if run.interrupted else "")

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.campaign.compiled_unit import recipe_of
-from soter.campaign.flight import FlightOutcome, MetricSample
+from soter.campaign.flight_outcome import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import RUNTIME, library

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
-from soter.codegen.frame import S
+from soter.codegen.function_context import S
 from soter.codegen.storage.value_locations import MADE
 from soter.codegen.unit import UnitBuilder
 from soter.core.core import Call, Fact, If, Loop

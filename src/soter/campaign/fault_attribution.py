@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.flight_outcome import FlightOutcome
     from soter.language.model.system import Component, Fault, System
 
     Words = npt.NDArray[np.uint64]

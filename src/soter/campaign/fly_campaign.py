@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from soter.campaign.batch_flights import Fleet
     from soter.campaign.compiled_unit import Recipe
-    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.flight_outcome import FlightOutcome
     from soter.campaign.store import CampaignStore
 
 AHEAD = 4

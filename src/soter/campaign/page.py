@@ -17,8 +17,8 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.campaign import Bars, CampaignPage, Histogram, campaign_main
 from soter.report.errors import ReportError
 from soter.report.html import write_document
+from soter.report.plain_page import PageSection
 from soter.report.run.result_wording import quantity
-from soter.report.sections import PageSection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

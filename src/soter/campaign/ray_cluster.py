@@ -24,13 +24,13 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.build import NEVER_SHIPPED, RUNTIME
 from soter.native.cache import digest
-from soter.native.own_files import files_below
+from soter.native.package_sources import files_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.campaign.compiled_unit import Recipe
-    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.flight_outcome import FlightOutcome
     from soter.campaign.fly_campaign import FlightWorkers
 
 TRIES = 5

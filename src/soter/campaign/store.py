@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, field
 from typing import IO, TYPE_CHECKING
 from zlib import crc32
 
-from soter.campaign.flight import FlightOutcome, MetricSample
+from soter.campaign.flight_outcome import FlightOutcome, MetricSample
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.flight_outcome import FlightOutcome
     from soter.campaign.result import ModuleStatistics, Result
 
     Row = tuple[str, ...]

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.assumptions import p1c_of
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.tower import slowest_below, tower_of
 
 if TYPE_CHECKING:
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.typed import ModuleSymbol
 
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
@@ -59,7 +60,11 @@ def static_claims(facts: Facts, given: dict[str, str]) -> dict[str, str]:
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
     verdict_by_claim = dict(given)
     gives_back(facts.symbol, given)
-    if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
+    if given.get("failsafe") == PROVED and len(tower_of(system, module)) > 1:
+        raise RejectedError("failsafe: other modules of a tower command the same actuators")
+    if given.get("P2b") == PROVED and facts.above is not None:
+        raise RejectedError(f"P2b: SC has control only while {facts.above.name} is in AC")
+    if given.get("P1a") == PROVED and slowest_below(system, module) > module.period_ns:
         raise RejectedError("P1a: a controller is slower than the DM")
     if given.get("P1b") == PROVED:
         outputs = [{c.scope.topics[t] for t in c.node.publishes} for c in (ac, sc) if c.node]

@@ -10,19 +10,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.facts import bounded_topics, driven_topics
+from soter.certificate.reading.module_facts import bounded_topics, driven_topics
 from soter.certificate.reading.other_modes import names_of
 from soter.certificate.time.module_times import DELAYS, read_by
 from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaves
-from soter.language.prelude.bounds import BOUNDS
+from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.certificate.reading.facts import Facts, Input
+    from soter.certificate.reading.module_facts import Facts, Input
     from soter.language.model import typed
 
 WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
@@ -57,6 +57,7 @@ def p1c_of(facts: Facts) -> str:
     """P1c rests on declared times or on assumed ones; H >= H* itself is checked elsewhere."""
     verify = facts.symbol.verify
     declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
+    declared = declared and (facts.above is None or facts.above.declared)
     return "proved" if declared and not facts.ways.undeclared else "assumed"
 
 
@@ -70,7 +71,30 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
         *_machine(facts),
         *_judged(facts),
         *_open(facts),
+        *_while(facts),
     ]
+
+
+def _while(facts: Facts) -> Iterator[RecheckAssumption]:
+    """What a claim of a module below another one is about, and what it rests on."""
+    if facts.above is None:
+        return
+    name = facts.above.name
+    yield RecheckAssumption(
+        f"while {name}",
+        f"`safe` is kept while {name} is in AC, from each time on at which it gives control back; "
+        "not before the first, and not while it is in SC",
+    )
+    yield RecheckAssumption(
+        f"verdict of {name}",
+        f"a verdict of {name} by which it gives control back is in force at most "
+        f"{show_ns(facts.above.back_ns)} after the state that it is about",
+    )
+    yield RecheckAssumption(
+        f"sets while {name}",
+        f"while {name} is in SC, too, what plants publish lies in the declared sets (else they "
+        "stop)",
+    )
 
 
 # ---------------------------------------------------------------- the world
@@ -173,14 +197,18 @@ def _range(x: Input) -> str:
     return f"{x.name} in [{x.low:g}, {x.high:g}]"
 
 
+def _unit(x: Input) -> str:
+    return f" {x.unit}" if x.unit else ""
+
+
 def _inputs(facts: Facts) -> Iterator[RecheckAssumption]:
     for d in facts.disturbances:
         what = "disturbances stay within their bounds"
         if d.of_others:
             what = "what others publish and what moves these plants stays in its declared set"
-        yield RecheckAssumption(f"disturbance {_range(d)}", f"{what}: {_range(d)}")
+        yield RecheckAssumption(f"disturbance {_range(d)}", f"{what}: {_range(d)}{_unit(d)}")
     for e in facts.errors:
-        text = f"measurement errors stay within their bounds: {e.name} within {e.high:g}"
+        text = f"measurement errors stay within their bounds: {e.name} within {e.high:g}{_unit(e)}"
         yield RecheckAssumption(f"error {e.name} {e.high:g}", text)
     measured = {(e.owner, e.leaf) for e in facts.errors}
     by_dm, by_sc = read_by(facts)
@@ -262,6 +290,9 @@ def _timing(facts: Facts) -> Iterator[RecheckAssumption]:
             "one instant",
             "plant, DM and SC run in the same instant, in this order, and commands act in it",
         )
+        if facts.symbol.shield is not None:
+            text = "AC runs in that instant, too: no command that it replaces there acts any more"
+            yield RecheckAssumption("one instant of AC", text)
     if facts.jitter_ns and len(facts.controls) > 1:
         names = ", ".join(c.name for c in facts.controls)
         text = f"what SC publishes begins to act in all of these at one instant: {names}"

@@ -17,7 +17,7 @@ import numpy as np
 
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.inclusions import shield
-from soter.certificate.inclusions.cell_sets import Cells, Grid, parts
+from soter.certificate.inclusions.cell_sets import Cells, Grid, parts, volume
 from soter.certificate.inclusions.group_claims import (
     FREE_PIECES,
     PIECES,
@@ -28,6 +28,7 @@ from soter.certificate.inclusions.group_claims import (
     ranked,
     witnessed,
 )
+from soter.certificate.inclusions.handover_claim import not_entered
 from soter.certificate.inclusions.inward_flow import led_out_by_scheme, points_inwards
 from soter.certificate.inclusions.predicates import (
     AdmitCheck,
@@ -45,8 +46,8 @@ from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.polytope.predicates import certain_beside, show_admitted
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
-from soter.certificate.reading.facts import bounded_topics
 from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.module_views import ttf_of_states
 from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
@@ -57,14 +58,19 @@ from soter.workers.child_process import end_with
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from numpy.typing import NDArray
+
     from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.polytope.certificate_tables import PolytopeTables
+    from soter.certificate.reading.module_facts import ModuleAbove
     from soter.certificate.reading.problem import Facts
 
 BLOCKS = 24
 """Into how many blocks a grid is dealt out to the processors."""
 SMALL = 4_000
 """Cells; a smaller grid is not worth it."""
+CELL = 0.05
+"""What looking at a cell costs, beside following it for one hold."""
 
 
 @dataclass(eq=False)
@@ -84,6 +90,8 @@ class CaseCheck:
     tasks: list[tuple[str, Grid, Callable[[Block], Iterator[Block]], Block]] = field(
         default_factory=list
     )
+    work: list[float] = field(default_factory=list)
+    """What each of the tasks is likely to cost, in holds of one cell: for the progress alone."""
     checks: dict[int, ChainCheck] = field(default_factory=dict)
 
     def check(self) -> None:
@@ -143,15 +151,31 @@ class CaseCheck:
             self.checks[index].chain(PIECES[0])
         return self.checks[index]
 
-    def _add(self, what: str, grid: Grid, show: Callable[[Block], Iterator[Block]]) -> None:
+    def _add(
+        self,
+        what: str,
+        grid: Grid,
+        show: Callable[[Block], Iterator[Block]],
+        holds: NDArray[Any] | None = None,
+    ) -> None:
+        """A claim about the cells of a grid, in blocks.
+
+        `holds`, of the grid's shape: for how many holds of SC each cell is followed; None: for less
+        than one.
+        """
         cells = int(np.prod(grid.shape))
         for block in parts(grid.whole, BLOCKS if cells > SMALL else 1):
             self.tasks.append((what, grid, show, block))
+            work = CELL * volume(block)
+            if holds is not None:
+                work += float(holds[tuple(slice(a, b) for a, b in block)].sum(dtype=np.float64))
+            self.work.append(work)
 
     def _prove(self, what: str, show: Callable[[], None]) -> None:
         """A claim about a polytope group: shown as a whole, or `RejectedError`."""
         point = Grid(((0.0, 1.0),))
         self.tasks.append((what, point, partial(_shown, show), point.whole))
+        self.work.append(CELL)
 
     def _kernel(self) -> None:
         """K: SC keeps `safe` from it, and leads back to it."""
@@ -173,7 +197,7 @@ class CaseCheck:
                 continue
             check = self._chains(k)
             show = partial(witnessed, check, group.core, within, core.contains)
-            self._add("SC does not certainly lead back to K from", group.grid, show)
+            self._add("SC does not certainly lead back to K from", group.grid, show, group.core)
 
     def _published(self, allowed: list[Cells]) -> list[Cells]:
         """The cells, of those given, of whose states all that is published lies in declared sets.
@@ -260,9 +284,13 @@ class CaseCheck:
                 continue
             check = self._chains(k)
             kept = partial(witnessed, check, group.home, within, home.contains)
-            self._add("SC does not certainly stay where `safer` holds from", group.grid, kept)
+            self._add(
+                "SC does not certainly stay where `safer` holds from", group.grid, kept, group.home
+            )
             show = partial(ranked, check, home)
-            self._add("SC does not certainly come nearer to Q from", group.grid, show)
+            self._add(
+                "SC does not certainly come nearer to Q from", group.grid, show, group.rank_holds
+            )
 
     def _calm(self) -> list[Cells]:
         """States on all of whose estimates `safer` certainly holds."""
@@ -341,6 +369,9 @@ class CaseCheck:
     def _start(self) -> None:
         """The declared initial states stay in K until SC acts, whatever acts before."""
         facts = self.model.facts
+        if facts.above is not None:
+            self._handed_back(facts.above)
+            return
         if not _is_initial(facts, self.model.parameter):
             return
         for polytope in self.half_spaces:
@@ -365,6 +396,14 @@ class CaseCheck:
                 if not c.low <= value <= c.high:
                     raise RejectedError(f"the default of `{c.name}` is outside its set")
 
+    def _handed_back(self, above: ModuleAbove) -> None:
+        """Below another module: wherever that one may give control back, the state is in R(H)."""
+        if not self.claims & {"P3", "ttf", "safer"} or self.polytopes:
+            raise RejectedError("start: nothing is claimed with which R(H) is confirmed on cells")
+        why = not_entered(self.model, self.groups, above.safer)
+        if why:
+            raise RejectedError(f"start: `{above.name}` may give control back elsewhere: {why}")
+
     def _start_in_sets(self) -> None:
         """What is published of the initial states lies in its set: K says so only of grids."""
         facts = self.model.facts
@@ -380,25 +419,26 @@ class CaseCheck:
     def _run(self) -> None:
         global _TASKS  # noqa: PLW0603  what the forked processes see
         _TASKS = self.tasks = self.tasks[::-1]  # the long ones first: ranks are asked for last
+        work, done = self.work[::-1], 0.0
         workers = min(self.workers, len(self.tasks))
-        done = 0
         if workers > 1 and "fork" in multiprocessing.get_all_start_methods():
             # a Pool that is terminated while it works may wait for ever; this ends what it began
             fork = multiprocessing.get_context("fork")
             with ProcessPoolExecutor(workers, fork, end_with, (os.getpid(),)) as pool:
-                asked = [pool.submit(_show, k) for k in range(len(self.tasks))]
+                asked = {pool.submit(_show, k): k for k in range(len(self.tasks))}
                 try:
                     for answer in as_completed(asked):
                         self._note(answer.result())
-                        done += 1
-                        self.progress(done / len(self.tasks))
+                        done += work[asked[answer]]
+                        self.progress(done / sum(work))
                 except BaseException:  # what still works is not waited for; else `with` waits
                     pool.shutdown(wait=False, cancel_futures=True)
                     raise
             return
         for k in range(len(self.tasks)):
             self._note(_show(k))
-            self.progress((k + 1) / len(self.tasks))
+            done += work[k]
+            self.progress(done / sum(work))
 
     def _note(self, failed: str) -> None:
         if failed:

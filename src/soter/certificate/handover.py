@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.inclusions.group_claims import GroupTables
     from soter.certificate.polytope.certificate_tables import PolytopeTables
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model import typed
 
     Groups = Sequence[tuple[Sequence[GroupTables], Sequence[PolytopeTables]]]

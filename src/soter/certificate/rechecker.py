@@ -20,14 +20,15 @@ import numpy as np
 from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, static_claims
 from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck
+from soter.certificate.format.certificate_program import hexadecimal, program_of
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
-from soter.certificate.format.source import hexadecimal, program_of
 from soter.certificate.handover import jumps_of
 from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.inclusions.dm_tables import compare_tables
 from soter.certificate.inclusions.group_claims import GroupTables
 from soter.certificate.induction.check_claims import recheck_induction
+from soter.certificate.module_above import read_above
 from soter.certificate.polytope.certificate_tables import PolytopeTables, read_polytope
 from soter.certificate.polytope.dm_half_spaces import compare_half_spaces
 from soter.certificate.polytope.predicates import narrowed
@@ -39,7 +40,7 @@ from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.sc_before_publication import survives_the_start
+from soter.certificate.time.sc_before_publication import answers_all, survives_the_start
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from soter.certificate.induction.facts import InductionFacts
+    from soter.certificate.induction.induction_problem import InductionFacts
     from soter.language.front_end import CheckResult
 
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
@@ -208,8 +209,11 @@ def _facts(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any
             raise RejectedError(f"the program has no system `{entry['system']}`")
         flat = system_to_prove(checked, entry["system"], overrides, exact=False)
         facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
+    read_above(facts)
     check_supported(facts)
     survives_the_start(facts)
+    if facts.above is not None:
+        answers_all(facts)
     return facts
 
 
@@ -239,6 +243,7 @@ def _module(
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
     report = RecheckedModule(name, said, system=entry["system"])
     report.stays = bool(facts.symbol.stays)
+    report.whilst = "" if facts.above is None else f" while {facts.above.name} is in AC"
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
@@ -272,6 +277,7 @@ def _module(
             raise
         # older reads than there are may be too much for our bounds: those that there are count
         facts.times["d_ns"] = facts.own.delay
+        phase(f"{name}: again, with reads as old as there are", anew=True)
         _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
     jumps = jumps_of(facts, groups, extents, claims)
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)

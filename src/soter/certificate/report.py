@@ -30,6 +30,8 @@ class RecheckedModule:
     system: str = ""
     safe: str = ""
     """What `safe` of the module is, as the program writes it."""
+    whilst: str = ""
+    """When `safe` is kept, of a module below another one; "": at all times."""
     parameters: dict[str, str] = field(default_factory=dict)
     """Of the program, each with the value that was checked."""
     otherwise: dict[str, str] = field(default_factory=dict)

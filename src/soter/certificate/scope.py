@@ -10,16 +10,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.assumptions import RecheckAssumption
-from soter.certificate.reading.facts import Facts
+from soter.certificate.reading.module_facts import Facts
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
 from soter.language.model.durations import show_ns
+from soter.language.model.system import holder_of
 from soter.language.model.types import DurationType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.certificate.induction.facts import InductionFacts
+    from soter.certificate.induction.induction_problem import InductionFacts
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
     from soter.language.model.typed import TypedProgram
@@ -101,7 +102,12 @@ def _modules(
 def _plants_of_no_claim(covered: Sequence[Covered]) -> Iterator[RecheckAssumption]:
     """Plants that a value outside of a declared set stops, and that no claim is about."""
     for system in dict.fromkeys(f.flying for f in covered):
-        modelled = {name for f in covered if f.flying is system for name in _modelled(f)}
+        modelled = {
+            name
+            for f in covered
+            if f.flying is system and not (isinstance(f, Facts) and f.above)
+            for name in _modelled(f)
+        }
         for c in system.components:
             if c.plant is None or c.name in modelled:
                 continue
@@ -117,7 +123,7 @@ def _plants_of_no_claim(covered: Sequence[Covered]) -> Iterator[RecheckAssumptio
 
 def _modelled(facts: Covered) -> set[str]:
     """Names in the system that flies of plants that claims, or abstractions of them, are about."""
-    around = facts.flying_module.name.rpartition(".")[0]
+    around = holder_of(facts.flying, facts.flying_module)
     names = {link.instance for link in facts.symbol.verify.abstracts}
     if isinstance(facts, Facts):
         names |= {c.name for c in facts.plants}

@@ -1,7 +1,9 @@
 """`soter advise FILE`: what the period of a decision module and its levels cost.
 
-Purpose: a table for each module, a figure in `.soter/`, and the largest Delta that verifies.
-Non-goals: the sweeps (`verify/period_sweep.py`), the drawing (`report/proof/advice.py`).
+Purpose: a table for each module, a figure in `.soter/`, and the largest Delta that verifies; or,
+with `--delay`, how late commands may act.
+Non-goals: the sweeps (`verify/period_sweep.py`, `verify/delay_search.py`), the drawing
+(`report/proof/advice.py`).
 """
 
 from __future__ import annotations
@@ -14,12 +16,15 @@ from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CommandParser, add_file, add_settings
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     import argparse
 
+    from soter.api.program import Program
     from soter.cli.terminal.console import Console
-    from soter.report.summary import Entry, Tone
+    from soter.report.terminal_tables import Entry, Tone
+    from soter.verify.delay_search import DelayAdvice
     from soter.verify.period_sweep import Advice, AdviceRow
 
 EXAMPLES = """\
@@ -27,11 +32,15 @@ EXAMPLES = """\
   soter advise cart.soter --levels 2,3,4,6
   soter advise cart.soter --factors 0.5,1,2,8      multiples of the declared period
   soter advise drone.soter --module SafeMotionPrimitive --report advice.html
+  soter advise cart.soter --delay                 how late commands may act, proof by proof
   soter advise cart.soter --json | jq '.modules[].best_s'
 
 Nothing is changed: every row is the program's problem with another period of the decision module.
 SC's period stays as it is; where it is the decision module's, rows in which it is changed with that
 are tried, too. What is said of the largest period is said of those tried, on the declared grid.
+
+With --delay the periods stay, and `acts within` grows: the largest value with which everything is
+proved, and the next one with what is not. Each takes as long as `soter verify`.
 
 exit codes: 0 always when there was something to compute, 1 diagnostics, 2 usage
 """
@@ -55,6 +64,9 @@ def parser() -> CommandParser:
         help="multiples of the declared period to try (0.25 to 4)",
     )
     made.add_argument(
+        "--delay", action="store_true", help="how late commands may act, in place of the periods"
+    )
+    made.add_argument(
         "-o", "--report", dest="output", metavar="FILE", help="the figure (.soter/...html)"
     )
     return made
@@ -65,6 +77,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     levels = [int(x) for x in _numbers(args.levels, "--levels", 2.0)]
     factors = _numbers(args.factors, "--factors", 1e-3)
     program = loaded(args, console)
+    if args.delay:
+        return _delays(args, console, program)
     page = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-advise.html")
     try:
         with ProgressBar(console) as progress:
@@ -94,6 +108,44 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     return CommandOutcome(FINE, program.diagnostics, fields)
 
 
+def _delays(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
+    """`--delay`: one paragraph for each module."""
+    if args.output is not None:
+        raise UsageError("`--delay` draws no figure", parser().format_usage())
+    try:
+        with ProgressBar(console) as progress:
+            delays = program.largest_delays(
+                args.module, system=args.system, params=dict(args.params), progress=progress
+            )
+    except SoterError as error:
+        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    for delay in delays:
+        console.say()
+        console.say(console.paint("bold", delay.module))
+        console.say(f"  {delay.summary}")
+        tried = ", ".join(show_ns(ns) for ns in delay.why_not)
+        console.say(console.paint("muted", f"  tried, each by a proof: {tried}"))
+    fields = {
+        "file": args.file,
+        "program_sha256": program.sha256,
+        "delays": {d.module: _delay_fields(d) for d in delays},
+    }
+    return CommandOutcome(FINE, program.diagnostics, fields)
+
+
+def _delay_fields(delay: DelayAdvice) -> dict[str, object]:
+    largest, refused = delay.largest_ns, delay.refused_ns
+    return {
+        "declared_s": delay.declared_ns / 1e9,
+        "largest_s": None if largest is None else largest / 1e9,
+        "refused_s": None if refused is None else refused / 1e9,
+        "summary": delay.summary,
+        "tried": [
+            {"acts_s": ns / 1e9, "proved": not why, "why": why} for ns, why in delay.why_not.items()
+        ],
+    }
+
+
 def _numbers(text: str, option: str, least: float) -> list[float]:
     """A list of numbers on the command line."""
     try:
@@ -108,7 +160,7 @@ def _numbers(text: str, option: str, least: float) -> list[float]:
 
 
 def _say(advice: Advice, console: Console) -> None:
-    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
 
     head, table = advice.table()
     mark, best = head.index("verifies"), advice.best_ns

@@ -104,7 +104,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _say(assurance: Assurance, console: Console) -> None:
-    from soter.report.summary import Entry, Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.terminal_tables import Entry, Styled  # noqa: PLC0415 - needs NumPy
 
     case = assurance.case
     word = console.paint("green", "SUPPORTED")

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from soter.api.campaigning import Campaign, FlownArm
     from soter.campaign.fault_attribution import FaultAttribution
-    from soter.campaign.flight import FlightOutcome
+    from soter.campaign.flight_outcome import FlightOutcome
     from soter.campaign.result import MetricResult, ModuleStatistics
     from soter.cli.terminal.console import Console
 

@@ -48,6 +48,7 @@ COMMANDS = {
     "test": "explore every schedule, find the shortest counterexample",
     "assure": "a safety case whose leaves are checked as it is made",
     "replay": "run a trace again, step by step",
+    "policy": "what the file of a learned policy says",
     "measure": "time the steps on this machine",
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",
@@ -167,7 +168,7 @@ def _explained(rest: list[str], console: Console) -> CommandOutcome:
 
 
 def _unknown(name: str) -> UsageError:
-    from soter.diagnostics.near import closest  # noqa: PLC0415 - only then
+    from soter.diagnostics.similar_names import closest  # noqa: PLC0415 - only then
 
     near = closest(name, list(COMMANDS))
     hint = f"; did you mean `{near[0]}`?" if near else ""

@@ -32,7 +32,7 @@ from soter.cli.terminal.parser import (
 from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.json_object import JsonObject, one_of
-from soter.report.sections import PageSection
+from soter.report.plain_page import PageSection
 from soter.version import VERSION
 
 if TYPE_CHECKING:

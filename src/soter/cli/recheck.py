@@ -16,8 +16,8 @@ from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_rep
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.json_object import JsonObject
+from soter.report.plain_page import PageSection
 from soter.report.printable_text import visible
-from soter.report.sections import PageSection
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
     """What it keeps, what is confirmed of it, and what is not."""
     safe = report.accepted and not m.missing
     values = ", ".join(_value(m, name) for name in m.parameters)
-    says = [f"{'Keeps' if safe else 'Not shown: that it keeps'} `{m.safe}`."]
+    says = [f"{'Keeps' if safe else 'Not shown: that it keeps'} `{m.safe}`{m.whilst}."]
     says += [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
     says += [f"With {values}."] if values else []
     says += [f"Not confirmed: {', '.join(m.other)}."] if m.other else []
@@ -157,6 +157,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
         sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
         sizes += [f"{module.half_spaces:,} half-spaces"] if module.half_spaces else []
         where = f"{module.name} of system {module.system} in {report.program}"
+        where += module.whilst
         console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
         values = ", ".join(_value(module, name) for name in module.parameters)
         if values:

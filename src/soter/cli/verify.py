@@ -200,7 +200,7 @@ def _coverage(report: VerifyReport, console: Console) -> list[str]:
 
 def _together(report: VerifyReport, console: Console) -> list[str]:
     """The conjunction, and who keeps what a module takes for granted."""
-    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
     from soter.verify.composition import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
 
     verdict = console.paint(PAINTS[report.together], report.together.upper())
@@ -288,10 +288,12 @@ def _save_runs(report: VerifyReport) -> None:
 
 
 def _headline(module: ModuleResult, console: Console) -> str:
+    held = module.verdict in ("proved", "assumed")
     verdict = console.paint(PAINTS[module.verdict], module.verdict.upper())
-    if module.headline != module.verdict:  # proved, but of next to nothing
-        assert module.vacuity is not None
-        verdict = f"{console.paint('yellow', module.verdict.upper())}, but {module.vacuity.text},"
+    verdict += module.whilst if held else ""
+    if held and module.vacuity is not None:  # proved, but of next to nothing
+        little = console.paint("yellow", module.verdict.upper())
+        verdict = f"{little}{module.whilst}, but {module.vacuity.text},"
     count = len(module.assumptions)
     under = f" under {count} assumption{'' if count == 1 else 's'}"
     if module.assumed:
@@ -307,7 +309,7 @@ def _headline(module: ModuleResult, console: Console) -> str:
 
 
 def _table(module: ModuleResult, console: Console) -> str:
-    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
 
     rows = [
         (name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), f.text)  # type: ignore[arg-type]

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
-from soter.codegen.frame import CT, OK, S, where
+from soter.codegen.function_context import CT, OK, S, where
 from soter.codegen.storage.storage_plan import PlannedBody
 from soter.core import core
 
 if TYPE_CHECKING:
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.language.model.system import Module
 
 

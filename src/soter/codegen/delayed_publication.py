@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
-from soter.codegen.frame import CT, S, enabled
+from soter.codegen.function_context import CT, S, enabled
 
 if TYPE_CHECKING:
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.core import core
     from soter.language.model.system import Component
 

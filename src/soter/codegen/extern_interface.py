@@ -16,7 +16,7 @@ from soter.language.model.types import BOOL
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.core.core import CoreSystem, Function
     from soter.core.layout import Struct
     from soter.diagnostics.span import Span

@@ -20,7 +20,7 @@ from soter.language.model.types import (
 )
 
 if TYPE_CHECKING:
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.language.model.types import Type, Value
 
 

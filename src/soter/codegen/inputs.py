@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import int_number
 from soter.codegen.extern_results import received
-from soter.codegen.frame import CT, OK, S
+from soter.codegen.function_context import CT, OK, S
 from soter.codegen.random_draws import DRAW_PARAMETERS, assemble, in_order, uniform, whom
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.language.model.system import Bound, InputDrive, System, Topic
     from soter.language.model.types import Type
 

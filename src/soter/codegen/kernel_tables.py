@@ -14,7 +14,7 @@ from soter.codegen.c.types import int_number
 from soter.language.model.system import environment_topics
 
 if TYPE_CHECKING:
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.codegen.inputs import InputEmitter
     from soter.core.core import CoreSystem
     from soter.language.model.system import Component, Property

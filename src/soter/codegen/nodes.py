@@ -17,7 +17,7 @@ from soter.codegen.delayed_publication import hold
 from soter.codegen.extern_interface import linked_name
 from soter.codegen.extern_results import received
 from soter.codegen.faults import disturb
-from soter.codegen.frame import CT, OK, STEP_PARAMETERS, S, enabled, where
+from soter.codegen.function_context import CT, OK, STEP_PARAMETERS, S, enabled, where
 from soter.codegen.queues import empty, forgive, must_not_lose
 from soter.codegen.random_draws import choosing
 from soter.core import core
@@ -27,7 +27,7 @@ from soter.language.model.types import BOOL
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.codegen.storage.storage_plan import PlannedBody
     from soter.language.model.system import Component
     from soter.language.model.typed import NodeSymbol

@@ -14,13 +14,13 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import int_number
 from soter.codegen.faults import disturb, leaf_of, scaled
-from soter.codegen.frame import CT, OK, STEP_PARAMETERS, enabled, where
+from soter.codegen.function_context import CT, OK, STEP_PARAMETERS, enabled, where
 from soter.codegen.random_draws import assemble, choosing, in_order, uniform
 from soter.core import core
 from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.language.model.system import Component
 
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import FAULT
-from soter.codegen.frame import S
+from soter.codegen.function_context import S
 from soter.language.model.system import queues_of
 from soter.language.model.types import ListType
 
 if TYPE_CHECKING:
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.language.model.system import Component, Topic
 
 

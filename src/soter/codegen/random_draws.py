@@ -12,7 +12,7 @@ from soter.codegen.body import stream_key
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import float_number, int_number
-from soter.codegen.frame import CT, HEADER
+from soter.codegen.function_context import CT, HEADER
 from soter.core import core
 from soter.core.read_write_footprint import walk
 from soter.language.model.types import ArrayType, RecordType

@@ -38,7 +38,7 @@ from soter.codegen.extern_interface import (
     symbol_of,
 )
 from soter.codegen.extern_results import received
-from soter.codegen.frame import Frame, where
+from soter.codegen.function_context import Frame, where
 from soter.codegen.inputs import InputEmitter
 from soter.codegen.kernel_tables import TableEmitter
 from soter.codegen.storage.value_locations import MADE

@@ -7,7 +7,8 @@ Non-goals: alias analysis; cells are whole topics, locals and states.
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from soter.core import core
 
@@ -17,6 +18,21 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 
+_NOT_WALKED = frozenset({"type", "span", "value"})
+"""Fields that are no code, but where an expression stands in them."""
+
+
+@cache
+def _fields(kind: type) -> tuple[tuple[str, type | tuple[type, ...]], ...] | None:
+    """The fields of a class of Core, the last one first, and what is code in each; else None."""
+    if not issubclass(kind, (core.Expr, core.Stmt)):
+        return None
+    code = (tuple, core.Expr, core.Stmt)
+    return tuple(
+        (f.name, core.Expr if f.name in _NOT_WALKED else code) for f in reversed(fields(kind))
+    )
+
+
 def walk(root: object) -> Iterator[object]:
     """Every Core expression and statement below `root`, in order."""
     stack = [root]
@@ -24,14 +40,16 @@ def walk(root: object) -> Iterator[object]:
         node = stack.pop()
         if isinstance(node, tuple):
             stack.extend(reversed(node))
-        elif isinstance(node, (core.Expr, core.Stmt)):
-            yield node
-            stack.extend(
-                getattr(node, f.name)
-                for f in reversed(fields(node))
-                if f.name not in {"type", "span", "value"}
-                or isinstance(getattr(node, f.name), core.Expr)
-            )
+            continue
+        kind: Any = type(node)
+        parts = _fields(kind)
+        if parts is None:
+            continue
+        yield node
+        for name, code in parts:
+            part = getattr(node, name)
+            if isinstance(part, code):
+                stack.append(part)
 
 
 def footprint_of(statements: tuple[core.Stmt, ...]) -> core.Footprint:

@@ -13,7 +13,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import fixes, replace, texts
-from soter.diagnostics.near import likely
+from soter.diagnostics.similar_names import likely
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

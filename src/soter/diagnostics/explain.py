@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from soter.diagnostics.near import closest
+from soter.diagnostics.similar_names import closest
 
 _PAGES = Path(__file__).parent / "pages"
 

@@ -84,7 +84,8 @@ WORDS: dict[str, str] = {
     "param": "A value that `--set` or a system's `set` may choose before the start, in its range.",
     "fun": "A function: no state, no recursion, bounded loops.",
     "extern": "Written in Python or C: Soter knows its interface, and checks what it answers.",
-    "from": "Where the code of something extern is: `python:file.py:name` or `c:file.c:name`.",
+    "from": "Where the code of something extern is: `python:file.py:name`, `c:file.c:name`, or a"
+    " policy, `onnx:file.onnx`.",
     "topic": "What nodes and plants publish and read: a value with a type and a set it stays in.",
     "input": "`input topic`: driven by the environment. In a system or test: which values, how"
     " often.",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium import spaces
 
-from soter.diagnostics.near import did_you_mean
+from soter.diagnostics.similar_names import did_you_mean
 from soter.gym.outside_roles import wrong_choice
 from soter.language.model.python_values import ValueShapeError, from_python
 from soter.language.model.types import (
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.diagnostics.diagnostic import SoterError
-    from soter.gym.leaves import ObservedPart
+    from soter.gym.memory_offsets import ObservedPart
     from soter.language.model.system import Bound, Component, System, Topic
     from soter.language.model.types import Type, Value
 

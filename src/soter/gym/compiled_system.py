@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from soter.codegen.extern_interface import answer_fields
 from soter.codegen.unit import generate
 from soter.core.layout import arrange, state_dtype
-from soter.gym.leaves import LeafBuffer, is_flat, places
+from soter.gym.memory_offsets import LeafBuffer, is_flat, places
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
 from soter.native.library import Library
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     import soter.api
-    from soter.gym.leaves import MemoryLeaf, ObservedPart
+    from soter.gym.memory_offsets import MemoryLeaf, ObservedPart
     from soter.language.model.system import Component, System
 
 T = TypeVar("T")
 FOLDER = Path(__file__).resolve().parent / "c"
 ENGINE = tuple(
     FOLDER / name
-    for name in ("soter_gym.c", "soter_gym_model.c", "soter_gym.h", "soter_gym_leaves.h")
+    for name in ("soter_gym.c", "soter_gym_explain.c", "soter_gym.h", "soter_gym_leaves.h")
 )
 NOBODY = 2**32 - 1
 

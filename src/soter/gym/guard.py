@@ -17,8 +17,8 @@ import soter.api
 from soter.api.arguments import complete
 from soter.gym import array_mapping
 from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, kept
+from soter.gym.disturbance_explanation import PlantModel, SessionPlant, tolerances, why_not
 from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by, wrong_choice
-from soter.gym.plant_model import PlantModel, SessionPlant, tolerances, why_not
 from soter.gym.safety_warning import (
     warn_of_narrow_space,
     warn_of_no_control,
@@ -29,6 +29,7 @@ from soter.gym.safety_warning import (
 )
 from soter.gym.session import Session, numbers
 from soter.language.elaborate.derived_systems import answered_outside
+from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.python_values import (
     ValueShapeError,
     ValueStructureError,
@@ -337,10 +338,18 @@ class EnvironmentGuard:
             "gate_fault": gate_fault,
             "action_requested": action,
             "intervened": stepped and not counted,
-            "cause": CAUSES[seen.cause],
+            "cause": self._cause(),
             "cost": float(violations - self._violations),
             "off_model": None if self.asked is None else bool(seen.off_model),
         }
+
+    def _cause(self) -> str | None:
+        """One of `CAUSES`; "shield" where the gate refused what a shield does not permit."""
+        cause = CAUSES[self.session.seen.cause]
+        if cause != "gate" or self.session.module.shield is None:
+            return cause
+        agent = self.session.record["components"][self.session.agent.index]
+        return "shield" if agent["last_fault"] == FaultKind.SHIELD else cause
 
     # ------------------------------------------------------------ copies
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.gym.leaves import ObservedPart, is_flat
+from soter.gym.memory_offsets import ObservedPart, is_flat
 from soter.language.elaborate.derived_systems import with_components
 
 if TYPE_CHECKING:

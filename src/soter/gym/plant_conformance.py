@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.gym.plant_model import SessionPlant
+    from soter.gym.disturbance_explanation import SessionPlant
     from soter.gym.protected import Protected, SafetyWrapper
     from soter.gym.session import Session
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.gym.compiled_system import CompiledEnvironment
-    from soter.gym.plant_model import SessionPlant
+    from soter.gym.disturbance_explanation import SessionPlant
     from soter.language.model.system import Component
     from soter.language.model.types import Value
     from soter.native.library import Bytes

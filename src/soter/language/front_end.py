@@ -114,8 +114,10 @@ def _check_file(
         everything = implicit_system(program)
         own = {everything.name: everything} if everything else {}
     _one_default(own, diagnostics)
+    controllers = {n for m in program.modules.values() for n in m.own}
+    others = [n for n in program.nodes.values() if n not in controllers]
     for module in program.modules.values():
-        check_declaration(module, diagnostics, program.damaged)
+        check_declaration(module, diagnostics, program.damaged, others)
     components = 0
     for system in own.values():
         flat = _flatten(program, system, overrides, diagnostics, draft=draft)

@@ -21,9 +21,9 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.mapping.frames import SAME
+from soter.mapping.mapping_errors import is_number, unknown
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.nearest_leaf import NEAREST_KEYS, nearest_source
-from soter.mapping.problems import is_number, unknown
 from soter.mapping.standard_units import standard_unit
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.mapping.units import DIMENSIONS, RATES, UNITS, factor_between
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import Topic
     from soter.language.model.types import Type
     from soter.mapping.frames import Turn
+    from soter.mapping.mapping_errors import MappingProblems
     from soter.mapping.message_types import MessageType
-    from soter.mapping.problems import MappingProblems
     from soter.mapping.topic_mapping import Leaf, LeafPath
 
 LEAF_KEYS = ("from", "scale", "offset", "unit", "constant", "slope", "window", *NEAREST_KEYS)

@@ -11,20 +11,20 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from soter.mapping.mapping_errors import unknown
 from soter.mapping.mavlink_types import (
     dialect_path,
     read_dialect,
     require_mavlink_package,
     standard_dialects,
 )
-from soter.mapping.problems import unknown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from soter.mapping.mapping_errors import MappingProblems
     from soter.mapping.mavlink_types import Dialect
-    from soter.mapping.problems import MappingProblems
 
 KEYS = (
     *("url", "dialect", "system", "component", "own_system", "own_component"),

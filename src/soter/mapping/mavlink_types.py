@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.near import closest
+from soter.diagnostics.similar_names import closest
 from soter.mapping.message_types import ARRAY, BASE, MessageType, UnknownMessageError
 from soter.mapping.stamp_source import StampSource
 

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.near import closest, nearest_or_all
+from soter.diagnostics.similar_names import closest, nearest_or_all
 from soter.mapping.stamp_source import StampSource
 
 if TYPE_CHECKING:

@@ -10,15 +10,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.language.model.types import FloatType
-from soter.mapping.problems import is_number
+from soter.mapping.mapping_errors import is_number
 from soter.mapping.topic_mapping import NearestSource
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.language.model.types import Type
+    from soter.mapping.mapping_errors import MappingProblems
     from soter.mapping.message_types import MessageType
-    from soter.mapping.problems import MappingProblems
 
 NEAREST_KEYS = ("nearest", "most", "unseen")
 SCAN = "sensor_msgs/LaserScan"

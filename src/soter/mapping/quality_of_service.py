@@ -13,7 +13,7 @@ from soter.mapping.topic_mapping import QualityOfService
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.mapping.problems import MappingProblems
+    from soter.mapping.mapping_errors import MappingProblems
 
 KEYS = ("reliability", "durability", "depth")
 RELIABILITY, DURABILITY = ("best_effort", "reliable"), ("volatile", "transient_local")

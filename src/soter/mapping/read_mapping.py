@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.mapping.frames import WORLD
+from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.mavlink_link import read_link
 from soter.mapping.mavlink_types import MavlinkMessage, is_mavlink
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
-from soter.mapping.problems import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.topic_mapping import LogMap
 from soter.mapping.topic_reader import TopicReader
 from soter.mapping.units import TIME_UNITS

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Topic
     from soter.mapping.frames import Turn
+    from soter.mapping.mapping_errors import MappingProblems
     from soter.mapping.message_types import KnownTypes, MessageType
-    from soter.mapping.problems import MappingProblems
 
 TOPIC_KEYS = (
     "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set",

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from soter.language.model.durations import show_ns
 from soter.language.model.types import FloatType, leaves
-from soter.mapping.problems import is_number, unknown
+from soter.mapping.mapping_errors import is_number, unknown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.language.model.system import Topic
-    from soter.mapping.problems import MappingProblems
+    from soter.mapping.mapping_errors import MappingProblems
 
 PROMISE_KEYS = ("every", "delayed", "measured", "after")
 SOURCES_MAX = 8

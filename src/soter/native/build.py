@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.native.cache import cached, digest
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
 from soter.native.includes import included
-from soter.native.own_files import SOTER
+from soter.native.package_sources import SOTER
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit

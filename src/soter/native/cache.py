@@ -33,7 +33,9 @@ LIMIT_FILE = "limit"
 YOUNG_S = 600.0
 """What was used as lately is never removed: another process may be about to load it."""
 LOOK_S = 60.0
-"""As long a process does not look for room again: what it adds meanwhile is young."""
+"""As long nobody looks for room again: what is added meanwhile is young."""
+LOOKED_FILE = "looked"
+"""Its time is when some process looked for room last; in it stands for how many bytes."""
 SEALS = "seals"
 MAKING = ".soter-making-"
 MB = 1_000_000
@@ -41,8 +43,6 @@ OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 _ours: set[Path] = set()
 """Entries that this process has made or used."""
-_looked: dict[tuple[Path, int], float] = {}
-"""When this process has last made room in a folder, for so many bytes."""
 
 
 def cache_dir() -> Path:
@@ -223,10 +223,10 @@ def set_limit(megabytes: int) -> None:
             made = Path(work) / LIMIT_FILE
             made.write_text(f"{megabytes}\n", encoding="ascii")
             made.replace(folder / LIMIT_FILE)
+        (folder / LOOKED_FILE).unlink(missing_ok=True)
     except OSError as error:
         message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
         raise _unusable(message) from error
-    _looked.clear()
     _make_room(folder, limit()[0])
 
 
@@ -236,7 +236,7 @@ def entries() -> list[tuple[float, int, Path]]:
     SoterError X006 where the folder cannot be read.
     """
     try:
-        return sorted(_used(cache_dir()))
+        return [(at, size, Path(entry)) for at, size, entry in sorted(_used(cache_dir()))]
     except FileNotFoundError:
         return []
     except OSError as error:
@@ -261,29 +261,54 @@ def clear() -> tuple[int, int]:
 
 def _make_room(folder: Path, most: int) -> None:
     """Remove the least recently used entries above `most` bytes; none of this process's."""
-    now, clock = time.time(), time.monotonic()
-    if clock - _looked.get((folder, most), -LOOK_S) < LOOK_S:
+    now = time.time()
+    if _looked_lately(folder, most, now):
         return
-    _looked[folder, most] = clock
+    (folder / LOOKED_FILE).write_text(f"{most}\n", encoding="ascii")
     used = sorted(_used(folder))
     size = sum(n for _, n, _ in used)
     for at, n, entry in used:
         if size <= most or now - at < YOUNG_S:
             return
-        if entry not in _ours:
+        if Path(entry) not in _ours:
             size -= n
             shutil.rmtree(entry, ignore_errors=True)
 
 
-def _used(folder: Path) -> list[tuple[float, int, Path]]:
+def _looked_lately(folder: Path, most: int, now: float) -> bool:
+    """Whether this process or another has looked for room for as many bytes."""
+    file = folder / LOOKED_FILE
+    try:
+        lately = 0.0 <= now - file.stat().st_mtime < LOOK_S
+        return lately and file.read_text(encoding="utf-8") == f"{most}\n"
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _used(folder: Path) -> list[tuple[float, int, str]]:
     """When each entry was used last, its bytes, its folder; what else lies there is not ours."""
     used = []
-    for entry in folder.absolute().iterdir():
-        try:
-            if not entry.name.startswith(MAKING) and not (entry / SEALS).is_file():
-                continue
-            size = sum(p.lstat().st_size for p in entry.rglob("*"))
-            used.append((entry.lstat().st_mtime, size, entry))
-        except OSError:
-            continue  # another process removes it
+    with os.scandir(folder.absolute()) as listed:
+        for entry in listed:
+            try:
+                if not entry.is_dir(follow_symlinks=False):
+                    continue
+                names, size = _listed(entry.path)
+                if entry.name.startswith(MAKING) or SEALS in names:
+                    last = entry.stat(follow_symlinks=False).st_mtime
+                    used.append((last, size, entry.path))
+            except OSError:
+                continue  # another process removes it
     return used
+
+
+def _listed(folder: str) -> tuple[set[str], int]:
+    """The names in a folder, and the bytes of everything below it."""
+    names, size = set(), 0
+    with os.scandir(folder) as listed:
+        for entry in listed:
+            names.add(entry.name)
+            size += entry.stat(follow_symlinks=False).st_size
+            if entry.is_dir(follow_symlinks=False):
+                size += _listed(entry.path)[1]
+    return names, size

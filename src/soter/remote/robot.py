@@ -2,7 +2,7 @@
 
 Purpose: `connect`, and of a `Robot` `read`, `every`, `publish`, `publish_chunk`.
 Non-goals: layouts and sets (`topics.py`), shared memory (`channel.py`), times of chunks
-(`chunks.py`). Nothing here is on time, and nothing on the robot waits for it.
+(`action_chunks.py`). Nothing here is on time, and nothing on the robot waits for it.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.durations import WrongTextError, duration_ns
+from soter.remote.action_chunks import SECOND_NS, Chunk, Player
 from soter.remote.channel import Channel, compiled
-from soter.remote.chunks import SECOND_NS, Chunk, Player
 from soter.remote.observations import Observation, Reading
 from soter.remote.topics import topics_of
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from soter.core.layout import INT_KINDS, decode_from, encode_into, size_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.near import likely
 from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.similar_names import likely
 from soter.language.model.python_values import ValueShapeError, from_python, to_python
 from soter.language.model.types import (
     BOOL,

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.sections import sections_main, sections_told
+from soter.report.plain_page import sections_main, sections_told
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.report.sections import PageSection
+    from soter.report.plain_page import PageSection
 
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 520, 240, 74, 44, 12, 12
 SIDE, ROW = 22, 46

@@ -222,7 +222,7 @@ def reason(before: Mode, after: Mode, saw: PredicateValues) -> str:
 def _against(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
     """What speaks against AC."""
     if saw.ttf and not staying:
-        yield "ttf: to hold where φ_safe could be left within 2Δ (checked by verify)"
+        yield "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)"
     if saw.stale:
         yield "stale: an input is older than its max_age"
     if saw.gate_fault and not staying:

@@ -24,10 +24,11 @@ import numpy as np
 
 from soter.core.layout import state_dtype, state_layout
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.model.binding_text import is_in_python
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
 from soter.simulate.externs.extern_server import write_spec
-from soter.simulate.own_safe import InterpretedSafe
+from soter.simulate.module_safe_check import InterpretedSafe
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer
 from soter.simulate.trace_selection import TraceParts, names_of, wanted
@@ -183,7 +184,7 @@ def _driven(
     command += ["--states", str(work / "states"), "--wait", str(WAIT_S)]
     command += ["--worker-memory", str(MEMORY_MIB), "--quiet", *([] if quiet else ["--live"])]
     for x in nodes_of(bindings.system):
-        if (x.binding or "").startswith("python:"):
+        if is_in_python(x.binding):
             spec = work / f"worker_{x.index}"
             write_spec(bindings.system, x, seed, spec)
             words = [sys.executable, "-m", "soter.simulate.externs.extern_server", str(spec)]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.core.layout import group_field
-from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
 from soter.simulate.decisions import DecisionStepRecord, changes, margins
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System
     from soter.language.model.types import Type, Value
     from soter.simulate.externs.python_answers import Tally
-    from soter.simulate.own_safe import SafeLooks
+    from soter.simulate.module_safe_check import SafeLooks
     from soter.simulate.run_observer import FirstFault, ModeChange
 
 TOGETHER_MIN = 4

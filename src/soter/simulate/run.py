@@ -24,10 +24,10 @@ from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.externs.c_extern import linked_symbols
-from soter.simulate.externs.process_surroundings import end_copy
+from soter.simulate.externs.process_state_guard import end_copy
 from soter.simulate.externs.python_answers import ExternAnswers, described, noting
 from soter.simulate.interrupt import StopRequest
-from soter.simulate.own_safe import CompiledSafe, InterpretedSafe, JudgedUnit
+from soter.simulate.module_safe_check import CompiledSafe, InterpretedSafe, JudgedUnit
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer
 from soter.simulate.state_bytes import state_bytes
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration
     from soter.semantics.observer_records import Record
     from soter.simulate.externs.python_answers import Tally
-    from soter.simulate.own_safe import SafeJudge
+    from soter.simulate.module_safe_check import SafeJudge
     from soter.simulate.run_observer import Also
     from soter.simulate.trace_selection import Kept
     from soter.simulate.wall_clock_pacing import Pacer

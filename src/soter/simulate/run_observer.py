@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.simulate.decided_instants import decided_at
-from soter.simulate.own_safe import SafeTally
+from soter.simulate.module_safe_check import SafeTally
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.language.model.system import System
-    from soter.simulate.own_safe import SafeJudge, SafeLooks
+    from soter.simulate.module_safe_check import SafeJudge, SafeLooks
     from soter.simulate.trace_selection import TraceParts
 
     Rows = npt.NDArray[np.uint8]

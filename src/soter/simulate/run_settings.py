@@ -14,7 +14,7 @@ import re
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.elaborate.parameter_values import has_param
 from soter.language.model.durations import TEXT_MAX, WrongTextError, duration_ns
 from soter.language.model.python_values import ValueShapeError, from_python

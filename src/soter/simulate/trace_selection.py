@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.core.layout import group_field
-from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.similar_names import nearest_or_all
 from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:

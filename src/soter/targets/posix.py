@@ -18,6 +18,7 @@ from soter.codegen.c.names import field_name
 from soter.codegen.extern_interface import request_fields
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.language.model.binding_text import is_in_python
 from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets import c99
@@ -72,9 +73,7 @@ class Worker:
 def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     """The package; SoterError X008 for an extern node that cannot be a process of its own."""
     _refuse(system)
-    outside = frozenset(
-        x.index for x in nodes_of(system) if (x.binding or "").startswith("python:")
-    )
+    outside = frozenset(x.index for x in nodes_of(system) if is_in_python(x.binding))
     package = Package(folder)
     stubs = {
         symbol: x for symbol, x in c99.bind_stubs(system, outside).items() if x.index not in outside

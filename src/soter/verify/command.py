@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
+from soter.language.model.system import claims_nothing
 from soter.verify.claims.results import VerifyReport
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
@@ -73,10 +74,12 @@ def verify(
     results = []
     for i, problem in enumerate(problems):
         share = _part(progress, i, len(problems))
-        # a run of a view, or of a plant that others move as they like, is none of the vehicle
-        attack = refute and not problem.view and not problem.influences
+        # a run of a view, or of a plant that others move as they like, is none of the vehicle; one
+        # of another AC, or of an SC that nobody takes control from, is none of a tower
+        whole = not (problem.view or problem.influences)
+        attack = refute and whole and not (problem.above or problem.below)
         prove = module_method(problem).verify
-        why = attack if explain is None else explain
+        why = (refute and whole) if explain is None else explain
         results.append(prove(problem, refute=attack, explain=why, progress=share, search=search))
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
@@ -162,6 +165,8 @@ def modules_of(
         here: set[object] = set()
         for m in flat.modules:
             known.append(m.name)
+            if module is None and claims_nothing(flat, m):
+                continue
             here.add(m.symbol)
             if m.symbol not in seen and (module is None or module in _names(m)):
                 modules.append((flat, m))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.verify.deploy import deployed_sensors
-from soter.verify.induction import certificate_entry, deployed_nodes
+from soter.verify.induction import certificate_entry, inputs_from_outside
 from soter.verify.induction.verify import verify_by_induction
 from soter.verify.sets_certificate_entry import entry_over_sets
 from soter.verify.verify_module import verify_module
@@ -41,7 +41,7 @@ SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.covers)
 METHODS: dict[ProblemKind, ModuleMethod] = {
     "flow": SETS,
     "map": SETS,
-    "nodes": ModuleMethod(verify_by_induction, certificate_entry.entry, deployed_nodes.covers),
+    "nodes": ModuleMethod(verify_by_induction, certificate_entry.entry, inputs_from_outside.covers),
 }
 
 

@@ -86,6 +86,14 @@ class AdviceRow:
         return self.written if self.written is not None else self.returns.get(levels, False)
 
 
+OF_TIMES = (
+    "period, SC: of the DM and of SC; P2b: the m with which SC gives control back.",
+    "H*: at worst, from a state to SC's command that acts on it.",
+    "*: the period that the program says.",
+)
+"""What a page says of the columns that are no shares."""
+
+
 @dataclass
 class Advice:
     """The sweep of one module; `best_ns` is the largest Delta tried that verifies."""
@@ -154,8 +162,8 @@ class Advice:
             rows.append([*cells, "yes" if verifies else "no", "" if verifies else r.why])
         return head, rows
 
-    def page(self) -> AdvicePage:
-        """What the figure shows."""
+    def page(self, program: str = "") -> AdvicePage:
+        """What the figure shows; `program`: its file."""
         tried = sorted({m for r in self.rows for m in r.levels})
         drawn = self._drawn
         curves = [Line("K", self._points(lambda r: r.core), tuple(r.core > 0 for r in drawn))]
@@ -172,8 +180,9 @@ class Advice:
             tuple(curves),
             tuple(head),
             tuple(tuple(r) for r in rows),
-            says=(f"{self.legend}.", "*: the period that the program says.", *self._undrawn),
+            says=(f"{self.legend}.", *OF_TIMES, *self._undrawn),
             best_ms=None if best is None else best / 1e6,
+            program=program,
         )
 
     def _points(self, share_of: Callable[[AdviceRow], float]) -> tuple[tuple[float, float], ...]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.proof_verdicts import Proof
 from soter.native.cache import cache_dir, digest, find_cached, store
-from soter.native.own_files import soter_sha256
+from soter.native.package_sources import soter_sha256
 from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:
@@ -55,7 +55,9 @@ def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> Non
 
         try:
             store(f"{name}-{digest((text,))[:8]}", content, (FILE,), make)
-        except SoterError:
+            _mark(name).parent.mkdir(exist_ok=True, mode=0o700)
+            _mark(name).touch()
+        except (OSError, SoterError):
             return  # nothing is known later: that is no lie
 
 
@@ -78,6 +80,8 @@ def _of(system: System, module: str) -> Proof | None:
     """The verdicts that stand in the cache; of several, which differ, none."""
     name = _name(system, module)
     try:
+        if not _mark(name).exists():
+            return None
         entries = sorted(cache_dir().glob(f"{name}-*"))
         if not entries:
             return None
@@ -93,6 +97,11 @@ def _of(system: System, module: str) -> Proof | None:
         return None
     told = json.loads(texts.pop())
     return Proof(dict(told["verdicts"]), tuple(told["assumptions"]))
+
+
+def _mark(name: str) -> Path:
+    """A file that is there where entries of this name may be: nobody lists the cache in vain."""
+    return cache_dir() / "verdicts" / name
 
 
 def _parts(system: System, module: str) -> tuple[str, ...]:

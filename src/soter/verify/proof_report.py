@@ -26,9 +26,9 @@ from soter.report.proof.record import (
     RegionFigure,
     TakenRow,
 )
-from soter.verify.claims.results import NO_CORE
+from soter.verify.claims.results import ASSUMED, NO_CORE, PROVED
 from soter.verify.composition import rows_of
-from soter.verify.diagnosis.leaving_figures import leaving_figures
+from soter.verify.diagnosis.counterexample_figures import leaving_figures
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.problem import NODES
 
@@ -38,10 +38,12 @@ if TYPE_CHECKING:
 
     from soter.verify.claims.results import (
         CaseSets,
+        Finding,
         ModuleResult,
         VerifyReport,
     )
 
+HOLDING = (PROVED, ASSUMED)
 MEANINGS = {
     "P1a": "AC and SC step at least as often as the decision module",
     "P1b": "AC and SC publish the same topics",
@@ -51,7 +53,8 @@ MEANINGS = {
     "P3": "when AC has control, the state stays in K for H, whatever is published",
     "ttf": "whenever `ttf` may be false, the state lies in R(H)",
     "safer": "whenever `safer` may be true, the state lies in R(H)",
-    "start": "the declared initial states are among those for which all this holds",
+    "start": "the declared initial states, of a module below another one the states at which that "
+    "one gives control back, are among those for which all this holds",
     "failsafe": "once the lease has ended the fail-safe law keeps the constraint C for ever",
     "DM": "the generated C of the decision module switches as docs/semantics.md says: "
     "checked for all facts, tried on inputs",
@@ -103,9 +106,10 @@ def page(report: VerifyReport) -> ProofPage:
         f"{names}: {report.verdict}{_but(report)}{under}",
         f"system {report.system}, verified in {report.seconds:.1f} s",
         tuple(_module(m) for m in report.modules),
-        (*assumptions, *(f"not covered: {text}" for text in report.coverage.rest)),
+        tuple(assumptions),
         _trusted(report),
-        {
+        not_covered=tuple(report.coverage.rest),
+        provenance={
             "command": report.command,
             "program": report.path,
             "program sha256": report.program_sha256,
@@ -138,7 +142,8 @@ def _trusted(report: VerifyReport) -> tuple[str, ...]:
 
 def _but(report: VerifyReport) -> str:
     """What the headline of a proof must not leave out."""
-    little = [m for m in report.modules if m.headline != m.verdict and m.vacuity is not None]
+    held = [m for m in report.modules if m.verdict in HOLDING]
+    little = [m for m in held if m.vacuity is not None]
     if report.verdict not in ("proved", "assumed") or not little:
         return ""
     several = len(report.modules) > 1
@@ -151,7 +156,7 @@ def _but(report: VerifyReport) -> str:
 def _module(m: ModuleResult) -> ModuleProof:
     meanings = {**MEANINGS, **(BY_INDUCTION if m.problem.kind == NODES else {})}
     rows = tuple(
-        PropertyRow(name, meanings.get(name, ""), f.verdict, f.method, f.seconds, f.text)
+        PropertyRow(name, meanings.get(name, ""), f.verdict, _method(f), f.seconds, f.text)
         for name, f in m.findings.items()
     )
     runs = [f.counterexample for f in m.findings.values() if f.counterexample is not None]
@@ -160,8 +165,9 @@ def _module(m: ModuleResult) -> ModuleProof:
     return ModuleProof(
         name=m.name,
         verdict=m.verdict,
-        headline=f"{_keeps(m)} `{_safe(m)}`; {len(m.assumptions)} assumptions, {_cells(m)}"
-        f"{m.seconds:.1f} s" + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
+        headline=f"{_keeps(m)} `{_safe(m)}`{m.whilst}; {len(m.assumptions)} assumptions, "
+        f"{_cells(m)}{m.seconds:.1f} s"
+        + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
         properties=rows,
         times=_times(m),
         shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
@@ -169,10 +175,15 @@ def _module(m: ModuleResult) -> ModuleProof:
         counterexample=tuple(line for run in told for line in run.splitlines()),
         open=tuple(_open(m)),
         switches=all(m.findings[n].holds for n in ("ttf", "P3") if n in m.findings),
-        but=m.vacuity.text if m.headline != m.verdict and m.vacuity is not None else "",
+        but=m.vacuity.text if m.verdict in HOLDING and m.vacuity is not None else "",
         leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
         leaving_text=str(leaving) if leaving is not None else "",
     )
+
+
+def _method(f: Finding) -> str:
+    """How it was shown: what is assumed was not."""
+    return "none" if f.verdict == "assumed" else f.method
 
 
 def _keeps(m: ModuleResult) -> str:
@@ -235,4 +246,6 @@ def _times(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
 def _figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:
     names = [p.name for p in m.problem.parameters]
     note = ", ".join(f"{n} = {v}" for n, v in zip(names, case.parameter, strict=True))
+    if len(m.cases) > 1:
+        note += f", the first of {len(m.cases)} values of parameters; the others are not drawn"
     return [f for proof in case.proofs for f in proof.figures(note)]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
+from soter.language.model.system import claims_nothing, holder_of, modules_above
 from soter.verify.problem.extract import extract
 from soter.verify.scope_data import ScopeGuarantee, VerificationScope
 from soter.verify.topic_contracts import publisher_of, topic_contract_of
@@ -63,6 +64,9 @@ def _same(
     flat: System, module: Module, problems: list[Problem], chosen: Chosen
 ) -> tuple[bool, str]:
     symbols = {p.module.symbol.name for p in problems}
+    if claims_nothing(flat, module):
+        above = modules_above(flat, module.index)[0].name
+        return False, f"no `verify` block: {above}, above it, is proved whatever it does"
     if module.forced is not None:
         return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
     try:
@@ -187,7 +191,7 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarante
     for leaf in dict.fromkeys(o.owner for o in problem.quantities.others):
         topic = problem.system.topics[leaf]
         there = [t for t in flat.topics if t.symbol is topic.symbol]
-        there.sort(key=lambda t: not t.name.startswith(module.name.rpartition(".")[0]))
+        there.sort(key=lambda t: not t.name.startswith(holder_of(flat, module)))
         by = (there[0] if there else topic).driver or "nobody (its default)"
         what = f"{topic.name} lies in its declared set"
         guarantees.append(ScopeGuarantee(problem.name, what, by, "enforced"))
@@ -206,6 +210,7 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarante
     plants = [c.name for c in problem.system.components if c.plant is not None]
     if plants and not module.symbol.verify.abstracts:
         moved = " and what is said of others" if problem.influences else ""
+        moved += f" while {problem.above} is in AC" * bool(problem.above)
         what = f"{', '.join(plants)} moved by {module.name}, the declared disturbances{moved} alone"
         guarantees.append(ScopeGuarantee(problem.name, what, "the equations", "enforced"))
     if problem.quantities.disturbances:

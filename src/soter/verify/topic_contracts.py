@@ -14,6 +14,7 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants import Calculator
 from soter.language.evaluate.conjuncts import conjuncts
 from soter.language.model import typed
+from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import RecordType, leaf_count
 from soter.verify.problem.verification_system import place
@@ -33,11 +34,16 @@ def topic_contract_of(flat: System, topic: int, leaf: int, low: float, high: flo
     error = sum(
         m.bound for c in flat.components for m in c.measured if (m.topic, m.leaf) == (topic, leaf)
     )
-    for module in flat.modules:
+    for module in at_all_times(flat):
         least, most = _kept(module, topic, leaf)
         if least - error >= low and most + error <= high:
             return module.name
     return ""
+
+
+def at_all_times(flat: System) -> list[Module]:
+    """Modules whose theorem speaks of all times: below another one it does not."""
+    return [m for m in flat.modules if not modules_above(flat, m.index)]
 
 
 def publisher_of(flat: System, plant: Component) -> str:
@@ -45,7 +51,7 @@ def publisher_of(flat: System, plant: Component) -> str:
 
     What that plant publishes lies in its sets wherever the proof holds: it is part of its C.
     """
-    for module in flat.modules:
+    for module in at_all_times(flat):
         verify = module.symbol.verify
         if module.forced is not None or verify.induction is not None or verify.abstracts:
             continue

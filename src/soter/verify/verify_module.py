@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.language.model.durations import show_ns
-from soter.verify.claims import claims
+from soter.verify.claims import claims, handback_claim
 from soter.verify.claims.case import Case, ClaimTimer
 from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
 from soter.verify.claims.levels import deploy, levels
 from soter.verify.claims.plant_publications import say_narrowed
-from soter.verify.claims.recovery import in_time, recover
+from soter.verify.claims.recovery import in_time, recover, waits
 from soter.verify.claims.results import (
     ASSUMED,
     NO_CORE,
@@ -32,7 +32,7 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.claims.scheme_assumption import scheme_diverges, shown_scheme
-from soter.verify.diagnosis.recovery_patience import recover_at_last
+from soter.verify.diagnosis.recovery_time_limit import recover_at_last
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
@@ -40,7 +40,6 @@ from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.age_disjuncts import said_of_ages
 from soter.verify.problem.assumption import SCHEME, Assumption
 from soter.verify.problem.extract import cases
-from soter.verify.problem.other_modes import said
 from soter.verify.proof_methods import in_order, method_of
 from soter.verify.time.problem_times import DELAYS, in_words
 from soter.verify.work_estimate import announce_work
@@ -78,7 +77,6 @@ NOT_ENTERED = (
     "a guard that lets less in, over what the view's plants drive; or leave `enters` out: then "
     "every change is an assumption"
 )
-GIVE_BACK = "let one of them give control back whatever the other one does"
 
 
 def verify_module(
@@ -102,7 +100,7 @@ def verify_module(
     done = _all_cases(problem, library, _upto(progress, CASES))
     cpu = time.process_time() - cpu
     entered, why = _handed_over(problem, done)
-    ages = said_of_ages(problem.module.symbol.ttf)
+    ages = (*said_of_ages(problem.module.symbol.ttf), *handback_claim.notes(problem))
     result = ModuleResult(
         problem,
         {},
@@ -119,7 +117,8 @@ def verify_module(
         _only_if_proved(result.findings["P2a"], diverges, STIFF_HINT)
     for claim in ("P2a", "P3") if why else ():
         _only_if_proved(result.findings[claim], why, NOT_ENTERED)
-    _waits(problem, result.findings["P2b"])
+    waits(problem, result.findings["P2b"])
+    handback_claim.while_in_ac(problem, result.findings["P2b"])
     result.findings["failsafe"] = _failsafe(problem, result, done)
     if result.findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
@@ -329,17 +328,6 @@ def _only_if_proved(finding: Finding, why: str, hint: str) -> None:
         finding.rest_on(UNDECIDED, why, hint)
 
 
-def _waits(problem: Problem, finding: Finding) -> None:
-    """P2b of a module that waits for others is about times at which these are in AC."""
-    modes = problem.modes
-    if modes is None or not modes.waits or finding.verdict != PROVED:
-        return
-    if modes.never:
-        finding.rest_on(UNDECIDED, modes.never, GIVE_BACK)
-    else:
-        finding.rest_on(ASSUMED, f"{finding.text} while {said(modes.waits)} in AC: not proved")
-
-
 def _lease_holds(problem: Problem) -> Assumption:
     text = (
         "the actuators hold the law from the end of the lease on: all of them at one instant, "
@@ -428,6 +416,8 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
         if problem.module.symbol.acknowledgements:
             many += ", if it is acknowledged"
         return f"SC gives control back within {show_ns(seconds)}{many}"
+    if problem.above:
+        return handback_claim.shown(problem)
     return f"initial states lie in R({show_ns(problem.times.start)})"
 
 

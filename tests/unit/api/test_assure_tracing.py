@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.api import load
-from soter.api.assurance.tracing import Tracing
+from soter.api.assurance.hazard_traceability import Tracing
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.assurance.page import body
 from soter.report.assurance.safety_case import CaseNode, SafetyCase

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -13,7 +12,6 @@ from json_documents import problems_of
 from long_tests import some
 from soter.api import recheck
 from soter.certificate.reading import supported_constructs as supported
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.cli.main import main
 from soter.language.model import typed
 from unit.certificate import small_proofs
@@ -80,14 +78,6 @@ def test_what_is_not_on_the_list_is_not_rechecked(copied: Path, name: str) -> No
     report = recheck(copied)
     assert not report.accepted
     assert why in report.reason
-
-
-@pytest.mark.parametrize("over", [(None, 0), (1, None)])
-def test_a_module_above_or_below_another_one_is_refused(over: tuple[int | None, ...]) -> None:
-    modules = [SimpleNamespace(index=i, over=o, forced=None, name="M") for i, o in enumerate(over)]
-    facts: Any = SimpleNamespace(flying_module=modules[0], flying=SimpleNamespace(modules=modules))
-    with pytest.raises(NotRecheckedError, match="`M` stands above or below another module"):
-        supported.check_supported(facts)
 
 
 def test_a_construct_with_a_field_more_is_refused(

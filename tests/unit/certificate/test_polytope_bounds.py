@@ -13,7 +13,7 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.dual_bounds import BoundedPolytope
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
-from soter.certificate.polytope.linear_law import CommandLaw
+from soter.certificate.polytope.sc_linear_law import CommandLaw
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.terms.arb_balls import ZERO, exact
 from soter.certificate.terms.terms import NotRecheckedError

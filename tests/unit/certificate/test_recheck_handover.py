@@ -24,7 +24,7 @@ from unit.certificate.small_proofs import edit_program
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import Report
 
 pytest.importorskip("z3")

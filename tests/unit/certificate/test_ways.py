@@ -17,7 +17,7 @@ from unit.certificate import small_proofs
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
 
 MS = 1_000_000
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import shutil
 from dataclasses import dataclass
@@ -12,9 +13,13 @@ import pytest
 
 from json_documents import problems_of
 from soter.cli.main import main
+from soter.native.cache import digest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from soter.api.arguments import Progress
+    from soter.certificate.report import Report
 
     Soter = Callable[..., "Result"]
 
@@ -69,6 +74,31 @@ def soter(here: Path, capsys: pytest.CaptureFixture[str]) -> Soter:
         return Result(code, out, err)
 
     return run
+
+
+@pytest.fixture(scope="module")
+def reports() -> dict[str, Report]:
+    """What the re-checker said of a certificate, by each of its bytes."""
+    return {}
+
+
+@pytest.fixture
+def equal_certificates_are_checked_once(
+    reports: dict[str, Report], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of tests of what is made of a report."""
+    from soter.certificate import rechecker
+
+    recheck = rechecker.recheck
+
+    def once(folder: Path, progress: Progress | None = None) -> Report:
+        files = sorted(p for p in folder.rglob("*") if p.is_file())
+        content = digest(f"{p.relative_to(folder)} {p.read_bytes().hex()}" for p in files)
+        if content not in reports:
+            reports[content] = recheck(folder, progress)
+        return copy.deepcopy(reports[content])
+
+    monkeypatch.setattr(rechecker, "recheck", once)
 
 
 ROBOT = """

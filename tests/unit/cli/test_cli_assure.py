@@ -20,7 +20,7 @@ from soter.certificate.assumptions import RecheckAssumption
 from soter.certificate.format.folder import canonical
 from soter.certificate.report import RecheckedModule, Report
 from soter.native.compiler import find, told_version
-from soter.native.own_files import soter_sha256
+from soter.native.package_sources import soter_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,6 +57,7 @@ system Spoken { node Say; node Hear; until 1s; }
 test Undriven { system Told; horizon 30ms; always w < 3; }
 test Rests { system Spoken; replace Say by contract; horizon 30ms; always w < 3; }
 """
+pytestmark = pytest.mark.usefixtures("equal_certificates_are_checked_once")
 PROOF = ["P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start"]
 
 

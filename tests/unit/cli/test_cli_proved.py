@@ -11,11 +11,11 @@ import pytest
 from soter.api import load
 from soter.language.model.proof_verdicts import Proof
 from soter.native import cache
-from soter.simulate.outputs.run_assumptions import unproved
+from soter.simulate.outputs.result_assumptions import unproved
 from soter.verify import proof_cache
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from typing import Any
 
     Soter = Callable[..., Any]
@@ -48,10 +48,17 @@ def proofs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert old in text
         text = text.replace(old, new)
     (folder / "small.soter").write_text(text)
-    for objects in cache.cache_dir().glob("objects-*"):  # those of Soter's engines, not made anew
-        shutil.copytree(objects, folder / "cache" / objects.name)
+    users, find_cached = cache.cache_dir(), cache.find_cached
+
+    def found(name: str, content: str, files: tuple[str, ...]) -> Path | None:
+        entry = cache._entry(users, name, content)
+        if name == "objects" and entry.is_dir():  # of Soter's engines, not made anew
+            shutil.copytree(entry, folder / "cache" / entry.name, dirs_exist_ok=True)
+        return find_cached(name, content, files)
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SOTER_CACHE", str(folder / "cache"))
+        patch.setattr(cache, "find_cached", found)
         report = load(folder / "small.soter").verify(refute=False)
         assert report.verdict == "proved"
     return folder
@@ -109,6 +116,25 @@ def test_nothing_is_proved_where_nothing_was_verified(
 ) -> None:
     monkeypatch.setenv("SOTER_CACHE", str(cart.parent / "another"))
     assert ASSUMED in said(soter)
+
+
+def test_a_cache_that_knows_no_proof_of_it_is_not_listed(
+    soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed: list[Path] = []
+
+    def glob(folder: Path, pattern: str) -> Iterator[Path]:
+        listed.append(folder)
+        return paths(folder, pattern)
+
+    paths = Path.glob
+    monkeypatch.setattr(Path, "glob", glob)
+    assert PROVED in said(soter)
+    assert cache.cache_dir() in listed
+    listed.clear()
+    cart.write_text(cart.read_text() + " ")
+    assert ASSUMED in said(soter)
+    assert cache.cache_dir() not in listed
 
 
 def test_a_program_with_one_more_blank_is_another_one(soter: Soter, cart: Path) -> None:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.verify.diagnosis import empty_invariant
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
@@ -85,7 +87,10 @@ def test_a_refutation_comes_with_its_run(soter: Soter, here: Path) -> None:
     assert (here / properties["ttf"]["counterexample"]).is_file()
 
 
-def test_what_is_undecided_says_where_and_what_would_help(soter: Soter, here: Path) -> None:
+def test_what_is_undecided_says_where_and_what_would_help(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(empty_invariant, "BUDGET_S", 1.0)
     wind = ("wind: float in [-0.2, 0.2]", "wind: float in [-2.5, 2.5]")
     done = soter("verify", write(here, wind), "--no-refute")
     assert done.exit == 4
@@ -131,7 +136,7 @@ def test_a_report_and_a_certificate_are_written(soter: Soter, here: Path) -> Non
 def test_what_has_no_declared_error_is_said_to_be_exact(soter: Soter, here: Path) -> None:
     error = ("motion.x within 0.02, motion.v within 0.05", "motion.x within 0.02")
     done = soter("verify", write(here, error), "--no-refute")
-    assert "within their bounds: motion.x within 0.02; exact: motion.v\n" in done.out
+    assert "within their bounds: motion.x within 0.02 m; exact: motion.v\n" in done.out
 
 
 def test_an_assumed_property_stands_in_the_headline(soter: Soter, here: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from soter.explore.engine.explorer_library import Engine, EngineSettings, sources
 from soter.explore.methods import EXHAUSTIVE, STRATEGIES
 from soter.language.front_end import check_file, system_of_test
-from soter.native.own_files import SOTER
+from soter.native.package_sources import SOTER
 
 if TYPE_CHECKING:
     from soter.explore.engine.explorer_library import Searched

@@ -803,6 +803,27 @@ def test_info_says_what_was_asked_for_what_was_done_and_why() -> None:
     assert (info["intervened"], info["cause"]) == (True, "gate")
 
 
+def test_info_says_when_it_was_the_shield(tmp_path: Path) -> None:
+    """Full throttle is refused before the module takes over; NaN is refused by the gate alone."""
+    text = Path(CART).read_text("utf-8")
+    lines = [x for x in text.splitlines() if not x.startswith(("  ttf ", "  safer "))]
+    path = tmp_path / "shielded.soter"
+    path.write_text("\n".join(lines).replace("  verify {", "  shield 8;\n  verify {", 1), "utf-8")
+    env = Protected(path, Cart())
+    env.reset(seed=1)
+    refused = []
+    for _ in range(1500):
+        *_, info = env.step(FULL)
+        if info["cause"] == "shield":
+            refused.append(info)
+    assert refused
+    assert (refused[0]["gate_fault"], refused[0]["taken_by"]) == (True, "AC")
+    assert all(i["intervened"] and i["action_requested"] is FULL for i in refused)
+    env.reset(seed=1)
+    *_, info = env.step(np.array([np.nan]))
+    assert info["cause"] == "gate"
+
+
 def test_an_episode_may_be_cut_at_a_violation() -> None:
     plain = Protected(CART, Cart(), system="Unprotected")
     cut = Protected(CART, Cart(), system="Unprotected", truncate_on_violation=True)

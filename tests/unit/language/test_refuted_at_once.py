@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from soter.language.elaborate.lints import contradictory_predicates
 from soter.language.front_end import check_file
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from soter.language.model.system import System
 
 TRACK = """soter 1;
 param LIMIT: float = 10.0;
@@ -71,6 +74,29 @@ def test_random_margins_are_not_warned_of_and_their_absence_is(tmp_path: Path) -
         safe, late = f"{radius} < LIMIT", f"{radius} >= LIMIT"
         assert _codes(tmp_path, safe, f"{radius} > LIMIT - MARGIN", margin) == [], margin
         assert _codes(tmp_path, safe, late, margin) == ["W022"]
+
+
+def test_predicates_are_tried_once_for_all_systems_that_give_them_the_same_values(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[str] = []
+
+    def count(system: System, *rest: Any) -> list[contradictory_predicates.Trial]:
+        tried.append(system.name)
+        return trials_of(system, *rest)
+
+    trials_of = contradictory_predicates.trials_of
+    monkeypatch.setattr(contradictory_predicates, "trials_of", count)
+    safe, ttf = "abs(pos) < LIMIT", "abs(pos) > LIMIT - MARGIN"
+    track = TRACK.format(safe=safe, ttf=ttf, margin=0.1)
+    path = tmp_path / "track.soter"
+    more = "system {0} {{ c: Cart; module Guard; until 5s; {1} }}\n"
+    path.write_text(track + more.format("Again", "") + more.format("Wide", "set MARGIN = 6.0;"))
+    warnings = check_file(str(path)).diagnostics.items
+    assert tried == ["Track", "Wide"]
+    assert [d.code for d in warnings] == ["W013"]  # both hold with the wide margin alone
+    path.write_text(track + more.format("Again", ""))
+    assert [d.code for d in check_file(str(path)).diagnostics.items] == []
 
 
 CART = """soter 1;

@@ -22,7 +22,7 @@ from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.mapping.topic_sources import SourcePromise, SourceTurns, early_turns
 from soter.targets.bridged_topics import bridged_topics, by_topic
 from soter.targets.ros.ros_packages import TOPIC
-from soter.targets.source_promises import compared
+from soter.targets.topic_sources_check import compared
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -88,6 +88,7 @@ SMALL = [  # every, delayed of both; after of the second
 ]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("first", "second", "after"), SMALL)
 def test_no_pattern_of_arrivals_makes_the_topic_older_and_one_makes_it_so_old(
     first: tuple[int, int], second: tuple[int, int], after: int
@@ -161,16 +162,23 @@ def taken_early(promises: Sequence[SourcePromise], samples: Samples) -> Samples:
     return early
 
 
+LATE = [((1, 0), (1, 1)), ((1, 1), (1, 0))]
+
+
+@pytest.mark.whole
 @pytest.mark.parametrize(
-    ("first", "second"),
-    [((1, 0), (1, 0)), ((1, 0), (2, 0)), ((2, 0), (1, 0)), ((1, 0), (1, 1)), ((1, 1), (1, 0))],
+    ("first", "second", "ticks"),
+    [
+        *((*pair, 5) for pair in [((1, 0), (1, 0)), ((1, 0), (2, 0)), ((2, 0), (1, 0))]),
+        *((*pair, 4) for pair in LATE),
+        *(pytest.param(*pair, 5, marks=pytest.mark.long) for pair in LATE),
+    ],
 )
 def test_three_sources_are_refused_where_a_pattern_makes_one_take_over_too_early(
-    first: tuple[int, int], second: tuple[int, int]
+    first: tuple[int, int], second: tuple[int, int], ticks: int
 ) -> None:
     """The second may be silent for its `after` and keep its promise: the third waits for both."""
     before = (SourcePromise(0, *first), SourcePromise(1, *second, after_ns=sum(first)))
-    ticks = 5
     everything = [
         *(patterns(p.rank, ticks, p.delayed_ns) for p in before),
         patterns(2, ticks, 0),

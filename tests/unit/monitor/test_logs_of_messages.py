@@ -168,6 +168,7 @@ def test_messages_of_another_type_are_told(tmp_path: Path, name: str) -> None:
     assert "the mapping says `nav_msgs/Odometry`" in told
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", KINDS)
 @pytest.mark.parametrize(
     ("field", "told"),

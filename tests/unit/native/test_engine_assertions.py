@@ -13,7 +13,7 @@ import processes
 from soter.explore.engine.explorer_library import FLAGS as EXPLORER
 from soter.native.build import CHECK_FAILED, RUNTIME, include_flags
 from soter.native.compiler import STRICT, WARNINGS, find
-from soter.native.own_files import SOTER
+from soter.native.package_sources import SOTER
 from soter.verify.enclose.engine_library import FLAGS as SETS
 
 if TYPE_CHECKING:

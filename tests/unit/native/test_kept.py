@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -113,7 +115,7 @@ def test_one_who_was_faster_is_left_alone(folder: Path) -> None:
 
     entry = cached("thing", A, ("file",), make)
     assert (entry / "file").read_text() == "the faster one"
-    assert list(folder.iterdir()) == [entry]
+    assert {p.name for p in folder.iterdir()} == {entry.name, cache.LOOKED_FILE}
 
 
 # ---------------------------------------------------------------- ours alone
@@ -211,7 +213,7 @@ def test_what_this_process_made_or_another_may_be_loading_stays(
     assert (mine.exists(), others.exists()) == (True, True)
 
 
-def test_a_process_looks_for_room_once_a_minute_but_for_another_limit_at_once(
+def test_processes_look_for_room_once_a_minute_but_for_another_limit_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(cache, "LOOK_S", 60.0)
@@ -224,6 +226,23 @@ def test_a_process_looks_for_room_once_a_minute_but_for_another_limit_at_once(
     monkeypatch.setenv("SOTER_CACHE_MB", "0")
     get("e" * 64)
     assert not any(entry.exists() for entry in old)
+
+
+@pytest.mark.parametrize(("seconds_ago", "looks"), [(1.0, False), (61.0, True), (-3600.0, True)])
+def test_one_process_looks_for_room_and_another_does_not_at_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, seconds_ago: float, looks: bool
+) -> None:
+    monkeypatch.setattr(cache, "LOOK_S", 60.0)
+    get(A)
+    then = time.time() - seconds_ago
+    os.utime(folder / cache.LOOKED_FILE, (then, then))
+    text = (
+        "from soter.native import cache\n"
+        "cache._used = lambda folder: print('looks') or []\n"
+        "cache.cached('thing', 'b' * 64, ('file',), lambda at: (at / 'file').touch())\n"
+    )
+    done = subprocess.run((sys.executable, "-c", text), capture_output=True, check=True)
+    assert done.stdout == (b"looks\n" if looks else b"")
 
 
 def test_files_of_a_person_in_that_folder_are_never_removed(

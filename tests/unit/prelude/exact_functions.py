@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import mpmath
 from mpmath import mp, mpf
 
-from soter.language.prelude.bounds import BOUNDS, HARDEST
+from soter.language.prelude.function_error_bounds import BOUNDS, HARDEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

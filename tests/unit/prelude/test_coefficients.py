@@ -12,7 +12,7 @@ from mpmath import mpf
 from prelude_source import comment_above, constants, public_functions, text  # type: ignore[import-not-found]
 from soter_functions import SIGNATURES  # type: ignore[import-not-found]
 
-from soter.language.prelude.bounds import BOUNDS
+from soter.language.prelude.function_error_bounds import BOUNDS
 
 STATED = {
     "ANGLE_MAX": 1.0e5,

@@ -24,7 +24,7 @@ from exact_functions import (  # type: ignore[import-not-found]
 from mpmath import mp, mpf
 from soter_functions import SCALARS, soter_function  # type: ignore[import-not-found]
 
-from soter.language.prelude.bounds import BOUNDS, HARDEST, UNIT_ROUNDOFF, ErrorBound
+from soter.language.prelude.function_error_bounds import BOUNDS, HARDEST, UNIT_ROUNDOFF, ErrorBound
 
 SAMPLES = int(os.environ.get("SOTER_PRELUDE_SAMPLES", "250"))
 

@@ -15,7 +15,7 @@ from exact_functions import PRECISION_BITS, distance, seeded, ulp  # type: ignor
 from mpmath import mpf
 from soter_functions import SIGNATURES, VECTORS, components, flat_call  # type: ignore[import-not-found]
 
-from soter.language.prelude.bounds import BOUNDS, UNIT_ROUNDOFF
+from soter.language.prelude.function_error_bounds import BOUNDS, UNIT_ROUNDOFF
 
 if TYPE_CHECKING:
     import random

@@ -8,7 +8,7 @@ import pytest
 
 from soter.cli.terminal.ascii import PLAIN, plainly
 from soter.cli.terminal.console import Console
-from soter.report.summary import Styled, display_width, table
+from soter.report.terminal_tables import Styled, display_width, table
 
 HEAD = ("property", "verdict", "time", "how")
 ROWS = [

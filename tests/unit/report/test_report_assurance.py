@@ -11,7 +11,7 @@ import pytest
 
 import browser
 from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
-from soter.report.assurance.gsn_diagram import BOX, pictures
+from soter.report.assurance.gsn_diagram import BOX, LEGEND, pictures
 from soter.report.assurance.page import body, write_case
 from soter.report.assurance.safety_case import CaseNode, SafetyCase
 from soter.report.assurance.traceability import OpenItem, Traceability, TracedItem, TracedProperty
@@ -65,10 +65,26 @@ def test_every_goal_is_drawn_with_its_state_and_an_arrow_to_what_supports_it(mod
         assert wires
     for n in case.goals:
         assert states[f"#{n.id}"] == f"goal {case.status(n)}", n.id
-    kinds = [p.get("class") for svg in drawings for p in svg.iter(f"{SVG}path")]
-    assert kinds.count("diamond") - len(drawings) == (
-        0 if modules == 1 else 1
-    )  # one in a legend each
+    goals = [n for n in case.goals if not n.supported_by]
+    diamonds = [sum(p.get("class") == "diamond" for p in d.iter(f"{SVG}path")) for d in drawings]
+    assert sum(diamonds) == 2 * len(goals) == (0 if modules == 1 else 2)  # each, and its legend
+
+
+@pytest.mark.parametrize("modules", [1, 3])
+def test_a_legend_says_what_is_drawn_and_nothing_else(modules: int) -> None:
+    said = []
+    for _, svg in pictures(case_of(modules)):
+        legend = {t.text for t in drawn(svg).iter(f"{SVG}text") if t.get("class") == "legend"}
+        shapes = set()
+        for link in drawn(svg).iter(f"{SVG}a"):
+            group = link.find(f"{SVG}g")
+            assert group is not None
+            shapes |= set((group.get("class") or "").split())
+            shapes |= {p.get("class") or "" for p in group.iter(f"{SVG}path")}
+        assert legend == {text for kind, text in LEGEND if kind in shapes}
+        said.append(legend)
+    assert ("undeveloped" in set().union(*said)) == (modules == 3)
+    assert "supported \N{CHECK MARK}" in said[0]
 
 
 @pytest.mark.parametrize("modules", [1, 2, 3, 12])

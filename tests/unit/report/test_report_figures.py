@@ -264,6 +264,18 @@ def test_a_held_signal_is_drawn_as_steps_that_stand_where_they_were(cart_page: R
     np.testing.assert_allclose(edges, time_s[[12_347, 12_349]], atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("times", "title"), [(1, "violations"), (2, "violations, the first of each property")]
+)
+def test_marks_of_violations_are_said_to_be_the_first_where_there_were_more(
+    cart_page: ReportPage, times: int, title: str
+) -> None:
+    failed = (Violation(1.0, "always A", times=times), Violation(2.0, "always B"))
+    chart = dataclasses.replace(cart_page.charts[0], violations=failed)
+    names = [n["text"] for n in _list(chart_timeline(chart, "c", end_s=15.0), "annotations")]
+    assert [n for n in names if n.startswith("violations")] == [title]
+
+
 def many(count: int) -> tuple[Decision, ...]:
     """Takeovers and returns in turn over 15 s, most of them in the last third."""
     times = 15.0 * (np.arange(count) / count) ** 0.3

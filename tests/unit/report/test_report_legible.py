@@ -8,6 +8,7 @@ from dataclasses import replace
 from html import unescape
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 import browser
@@ -15,8 +16,10 @@ import legibility
 import soter
 from soter.report.assurance.page import write_case
 from soter.report.html import write_document, write_html
+from soter.report.plain_page import PageSection, sections_main
 from soter.report.proof.advice import AdvicePage, Line, advice_main
-from soter.report.sections import PageSection, sections_main
+from soter.report.proof.page import write_proof
+from soter.report.proof.record import R2, R4, R5, ModuleProof, ProofPage, RegionFigure
 from soter.report.sequence.page import write_page as write_sequence
 
 if TYPE_CHECKING:
@@ -73,7 +76,9 @@ def advice(best_ms: float | None) -> AdvicePage:
     why = "`ttf` may be false on 1832 cells from which AC could leave K within H"
     cells = ("10 ms", "34 ms", *["79.6%"] * len(names), "yes", "m = 2, m = 3", "no", why)
     table = tuple((f"{x:g} ms", *cells) for x in periods)
-    return AdvicePage("SafeCart", "none verifies", lines, head, table, ("shares: K",), best_ms)
+    return AdvicePage(
+        "SafeCart", "none verifies", lines, head, table, ("shares: K",), best_ms, "cart.soter"
+    )
 
 
 def advice_page(folder: Path) -> Path:
@@ -182,13 +187,63 @@ def test_a_run_names_what_was_watched_and_how_often_it_failed(tmp_path: Path) ->
     assert "✕ violated always Clear(c.truth)" in said
     (violation,) = run.violation_list
     assert violation.count > 1
+    assert f" {violation.time_s:.3f} System Unprotected" in said
     assert f"always Clear(c.truth), the first of {violation.count} times" in said
     notes, rests_on = said.split("Notes")[1].split("What this rests on")
     assert run.notes
     assert all(note.replace("`", "") in notes for note in run.notes)
     assert "0.02 m of motion.x, 0.05 m/s of motion.v" in rests_on
-    safe = words(program.write_report(program.simulate(until="15s"), tmp_path / "safe.html"))
+    run = program.simulate(until="15s")
+    safe = words(program.write_report(run, tmp_path / "safe.html"))
+    module = run.modules["SafeCart"]
+    assert f"control: {module.switches_to_sc + module.switches_to_ac} steps in all." in safe
     assert "✓ held always Clear(c.truth)" in safe
+
+
+def test_a_diagram_covers_no_shadow_of_what_scrolls(page: browser.Page, tmp_path: Path) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    page.size(420, 900)
+    page.open(run_page(tmp_path).as_uri())
+    page.wait(DRAWN)
+    assert page.value("document.querySelectorAll('.program .scroll .back').length") == 1
+    assert (
+        page.value("getComputedStyle(document.querySelector('.program svg .back')).fill") == "none"
+    )
+
+
+def axis(name: str, regions: list[int], lets_ac: list[bool] | None = None) -> RegionFigure:
+    """A group of one axis from -1 to 1 m."""
+    return RegionFigure(
+        title=name,
+        x_name=name,
+        y_name="",
+        x_edges=np.linspace(-1.0, 1.0, len(regions) + 1),
+        y_edges=np.array([0.0, 1.0]),
+        regions=np.array([regions], dtype=np.uint8).T,
+        x_unit="m",
+        lets_ac=None if lets_ac is None else np.array([lets_ac]).T,
+    )
+
+
+def test_an_axis_that_lies_in_one_region_is_a_sentence(tmp_path: Path) -> None:
+    figures = (
+        axis("c.a", [R5] * 4, [True] * 4),
+        axis("c.b", [R4, R5, R5, R4]),
+        axis("c.d", [R5] * 4),
+        axis("c.e", [R5] * 4, [False, True, True, False]),  # the border of `ttf` is drawn
+        axis("c.f", [R2] * 4),
+    )
+    module = ModuleProof("M", "proved", "", (), (), (), figures)
+    made = ProofPage("p", "M: proved", "", (module,), ("the wind",), ())
+    made = replace(made, not_covered=("System Other",))
+    path = write_proof(made, tmp_path / "proof.html")
+    assert path.read_text("utf-8").count('<svg class="regions"') == 2
+    said = words(path).replace("\N{MINUS SIGN}", "-")
+    axes = "R5 from end to end, so without a figure: c.a in [-1, 1] m; c.d in [-1, 1] m."
+    assert axes in said
+    assert "R2 from end to end, so without a figure: c.f in [-1, 1] m." in said
+    rests_on, rest = said.split("What this rests on")[1].split("Not covered")
+    assert (rests_on.strip(), rest.split()[:2]) == ("the wind", ["System", "Other"])
 
 
 def test_advice_draws_where_the_program_verifies_apart_from_what_is_computed() -> None:
@@ -197,6 +252,7 @@ def test_advice_draws_where_the_program_verifies_apart_from_what_is_computed() -
     assert 'class="best"' not in advice_main([advice(None)])
     assert drawn.count("class=ring") == 5  # the last period of each curve
     assert "<code>ttf</code> may be false" in drawn
+    assert "What the decision period costs: cart.soter" in drawn
 
 
 def test_a_table_with_long_cells_says_its_heads_on_a_phone(

@@ -110,7 +110,9 @@ def test_an_extern_that_never_answers_is_told_by_the_run_and_its_pages(
     assert "Pilot never answered" in repr(run)
     assert run.failures[0].startswith("Pilot failed in every step (1), nothing of it was tried: Z")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert "Pilot never answered: nothing of it was tried. S: 1 violation." in page
+    assert (
+        "Pilot never answered: nothing of it was tried. System S: 1 violation in this run." in page
+    )
     assert "ZeroDivisionError" in page
     assert "ZeroDivisionError" in run._repr_html_()
 

@@ -40,20 +40,20 @@ WORDS = {
         "not safer yet and latched: waits for button to be released and pressed",
         "not safer yet and latched: waits for button to be pressed",
         "safer: far enough inside φ_safe",
-        "ttf: to hold where φ_safe could be left within 2Δ (checked by verify)",
+        "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)",
         "",
     },
     "returns never;": {
         "latched: it returns never",
         "not safer yet and latched: it returns never",
         "safer: far enough inside φ_safe",
-        "ttf: to hold where φ_safe could be left within 2Δ (checked by verify)",
+        "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)",
         "",
     },
     "": {
         "not safer yet",
         "safer: far enough inside φ_safe",
-        "ttf: to hold where φ_safe could be left within 2Δ (checked by verify)",
+        "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)",
         "",
     },
 }

@@ -9,6 +9,8 @@ import pytest
 import soter
 from soter.language.evaluate.signal_limits import limits
 from soter.language.front_end import check_file, system_of
+from soter.report.run.result_wording import headline
+from soter.simulate.outputs import to_report
 from soter.simulate.outputs.to_report import report_page
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
@@ -80,6 +82,29 @@ def test_a_report_shows_truth_and_estimate_with_unit_and_limits_in_one_panel() -
     }  # fmt: skip
     assert {t.value: t.label for t in of["c.x"].thresholds} == {-10.0: "always", 10.0: "always"}
     assert {t.label for t in of["motion.x"].thresholds} == {"safe of SafeCart"}
+
+
+def test_the_headline_of_a_run_claims_no_more_than_that_run(tmp_path: Path) -> None:
+    path = tmp_path / "cart.soter"
+    path.write_text(CART.read_text().replace("system Protected", "system Proved"))
+    page = report_page(soter.load(path).simulate(until="1s"), "cart", {})
+    assert headline(page) == ["System Proved: no violation in this run."]
+    assert page.charts[0].title == "System Proved"
+
+
+def test_signals_that_are_not_drawn_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = soter.load(CART).simulate(until="1s")
+    assert not any("signals" in note for note in report_page(run, "cart", {}).notes)
+    monkeypatch.setattr(to_report, "SERIES_MAX", 4)
+    page = report_page(run, "cart", {})
+    assert len(page.charts[0].series) == 4
+    assert any(note.startswith("of 6 signals 4 are drawn over time") for note in page.notes)
+
+
+def test_a_margin_that_is_drawn_is_explained() -> None:
+    page = report_page(soter.load(CART.with_name("shield.soter")).simulate(until="1s"), "", {})
+    assert page.charts[0].series[0].panel == "margin of Shielded"
+    assert "margin of Shielded: for how long AC surely keeps control from then on" in page.notes
 
 
 def test_a_unit_is_no_part_of_a_type(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_decisions_have_reasons(cart: Cart) -> None:
     )
     assert (second.after, second.reason) == (
         "SC",
-        "ttf: to hold where φ_safe could be left within 2Δ (checked by verify)",
+        "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)",
     )
     explainer = Explainer(run.system, run.layout)
     every = list(steps(run.system, run.require_trace(), None, explainer))
@@ -92,7 +92,7 @@ def test_every_reason_is_said() -> None:
     assert reason("AC", "AC", calm) == ""
     bad = PredicateValues(ttf=True, safer=False, stale=True, gate_fault=True, clean_needed=2)
     assert reason("AC", "SC", bad) == (
-        "ttf: to hold where φ_safe could be left within 2Δ (checked by verify) "
+        "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that) "
         "and stale: an input is older than its max_age "
         "and gate fault: an output of AC was refused"
     )

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.model.durations import WrongTextError, duration_ns
 from soter.simulate.run_settings import until_ns
 

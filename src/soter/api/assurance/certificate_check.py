@@ -94,12 +94,12 @@ def proof_of(
 
 def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
     """Seal, hashes and what the manifest says that it is about: all that takes no time."""
+    from soter.certificate.format.certificate_program import program_of  # noqa: PLC0415 - needs NumPy
     from soter.certificate.format.errors import RejectedError  # noqa: PLC0415 - needs NumPy
     from soter.certificate.format.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
         read_certificate,
     )
-    from soter.certificate.format.source import program_of  # noqa: PLC0415 - needs NumPy
 
     path = str(folder)
     try:

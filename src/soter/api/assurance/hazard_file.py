@@ -1,8 +1,8 @@
 """Hazards, requirements, and who answers for assumptions: a CSV file that people keep.
 
 Purpose: `read_hazards`: its rows, or every line that is not as it should be (D021).
-Non-goals: what the rows are about (`tracing.py`); StrictDoc's documents: their only reader is that
-whole tool, whose export to a spreadsheet this reads.
+Non-goals: what the rows are about (`hazard_traceability.py`); StrictDoc's documents: their only
+reader is that whole tool, whose export to a spreadsheet this reads.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from io import StringIO
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.diagnostics.near import did_you_mean
 from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.similar_names import did_you_mean
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span
 from soter.language.load.bounded_read import read_bytes

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.language.model.system import claims_nothing, modules_above
 from soter.report.assurance.safety_case import CaseNode
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[s
         refuted.append(f"the certificate is rejected: {proof.rejected}")
     shown = [
         _ConfirmedModule(k, m, *proof.of(flat, m, case.params))
-        for k, m in enumerate(flat.modules, 1)
+        for k, m in enumerate(_claiming(flat), 1)
     ]
     top = case.add(CaseNode("G1", "goal", _top(flat)))
     strategy = case.add(
@@ -95,11 +96,22 @@ def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[s
 
 def _top(flat: System) -> str:
     """For as long as DM, SC and gate run: of what comes after them a law is a goal of its own."""
-    kept = " and ".join(f"`{_safe(m)}`" for m in flat.modules) or "nothing"
+    kept = " and ".join(f"`{_safe(m)}`{_whilst(flat, m)}" for m in _claiming(flat)) or "nothing"
     return (
         f"System {flat.name} keeps {kept} for as long as its trusted part runs, in every run that "
         "keeps the assumptions"
     )
+
+
+def _claiming(flat: System) -> list[Module]:
+    """Modules but for those that are there for comfort alone."""
+    return [m for m in flat.modules if not claims_nothing(flat, m)]
+
+
+def _whilst(flat: System, m: Module) -> str:
+    """Of a module below others: when it keeps that."""
+    names = " and ".join(x.name for x in modules_above(flat, m.index))
+    return f" while {names} is in AC" if names else ""
 
 
 def _safe(m: Module) -> str:
@@ -117,7 +129,8 @@ def _module(
     module, id_ = each.module, f"G1.{each.number}"
     ac = flat.components[module.ac].name if module.over is None else flat.modules[module.over].name
     sc = flat.components[module.sc].name
-    text = f"RTA module {module.name} keeps `{_safe(module)}`: complex function {ac}, recovery "
+    kept = f"`{_safe(module)}`{_whilst(flat, module)}"
+    text = f"RTA module {module.name} keeps {kept}: complex function {ac}, recovery "
     goal = case.add(
         CaseNode(id_, "goal", f"{text}function {sc}", property=f"{module.name}.safe"),
         under=strategy,

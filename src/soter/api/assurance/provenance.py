@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from soter.native.build import library_flags
 from soter.native.compiler import find, told_version
-from soter.native.own_files import SOTER, files_below, soter_sha256
+from soter.native.package_sources import SOTER, files_below, soter_sha256
 from soter.report.printable_text import visible
 from soter.version import VERSION
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from soter.api.assurance.certificate_check import proof_of
 from soter.api.assurance.evidence import Evidence
+from soter.api.assurance.hazard_traceability import Tracing
 from soter.api.assurance.predicate_expansion import expanded
 from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
-from soter.api.assurance.tracing import Tracing
 from soter.api.files import require_no_certificate
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase

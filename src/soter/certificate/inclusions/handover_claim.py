@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flint import arb
 
     from soter.certificate.inclusions.group_claims import GroupTables
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.certificate.terms.terms import Proposition, Terms
     from soter.language.model import typed
 
@@ -83,7 +83,9 @@ def _reach(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | No
     ranges: list[tuple[float, float] | None] = [None] * len(facts.states)
     driven = driven_topics(facts)
     scope = facts.module.scope.topics
-    for index in (scope[t] for t in topic_reads(expr)):
+    read = [scope[t] for t in topic_reads(expr)]
+    # below another module whatever is published anywhere lies in its set: else the plant stops
+    for index in read if facts.above is None else driven:
         c, value = driven[index]
         topic = facts.system.topics[index]
         for leaf, ((path, _), bound) in enumerate(

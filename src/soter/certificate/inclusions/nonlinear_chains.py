@@ -40,7 +40,7 @@ from soter.certificate.inclusions.nonlinear_forms import (
     rows_of,
     size_from,
 )
-from soter.certificate.reading.local_linear_models import TAIL, compile_lines
+from soter.certificate.reading.linearisation import TAIL, compile_lines
 from soter.certificate.terms.arb_balls import (
     HALF,
     ONE,
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.inclusions.nonlinear_flow import LocalLinearModel, LocalSolution
     from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.reading.local_linear_models import Lines
+    from soter.certificate.reading.linearisation import Lines
 
     Form = tuple[arb, ...]
     Boxes = tuple[float, ...]

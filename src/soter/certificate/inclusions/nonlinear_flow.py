@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import control_inputs
-from soter.certificate.reading.local_linear_models import TAIL, compile_lines
+from soter.certificate.reading.linearisation import TAIL, compile_lines
 from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, exact, magnitude
 from soter.certificate.terms.terms import NotRecheckedError, Proposition, inputs_of
 

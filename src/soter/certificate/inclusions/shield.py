@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.inclusions.group_claims import GroupTables
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
 
     Show = Callable[[Block], Iterator[Block]]
 
@@ -44,14 +44,35 @@ def cells_of(facts: Facts) -> int:
     NotRecheckedError where no proof of a shield is known here, RejectedError where none can be.
     """
     assert facts.symbol.shield is not None
-    if facts.kind == "map" or facts.view or any(e.nodes for e in facts.setting.effects):
-        raise NotRecheckedError("a shield of a map, of a view, or with nodes behind the module")
+    if facts.view or any(e.nodes for e in facts.setting.effects) or not _passed_on(facts):
+        raise NotRecheckedError("a shield of a view, or with nodes behind the module")
+    if facts.kind == "map" and not _in_the_instants(facts):
+        raise NotRecheckedError("a shield of an AC that runs between the steps of its plant")
     if {r.name for r in facts.setting.by_sc} - {r.name for r in facts.setting.by_dm}:
         raise NotRecheckedError("a shield of an SC that reads what the DM does not")
     topics = {topic for topic, _ in facts.leaves.values()}
     if any(facts.system.topics[i].max_age_ns is None for i in topics):
         raise RejectedError("a shield reads a topic without a `max_age`")
     return int(number_of(facts, facts.symbol.shield))
+
+
+def _in_the_instants(facts: Facts) -> bool:
+    """Whether AC steps only when the plants, which move in steps, do."""
+    step = facts.plants[0].period_ns
+    ac = facts.system.components[facts.module.ac]
+    return ac.period_ns % step == 0 and ac.phase_ns % step == 0
+
+
+def _passed_on(facts: Facts) -> bool:
+    """Whether what runs behind SC in its instant runs in its thread and reads commands alone."""
+    system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
+    nodes = [c for c in system.components if c.node is not None and c.name in names]
+    told = set(facts.flying_module.outputs)
+    for c in nodes:
+        assert c.node is not None
+        told |= {c.scope.topics[t] for t in c.node.publishes}
+    heard = {c.scope.topics[s.topic] for c in nodes if c.node for s in c.node.subscribes}
+    return heard <= told and not any(c.extern and not c.inline for c in nodes)
 
 
 def felt_by(model: CaseModel, group: GroupTables) -> list[int]:

@@ -2,7 +2,7 @@
 
 Purpose: that all holds in the first k hyperperiods of every run, and after k in which it held; and
 that no execution stays in SC for as long as P2b says. No search: k is the certificate's.
-Non-goals: reading the program (`facts.py`, `solver_reading.py`), executions
+Non-goals: reading the program (`induction_problem.py`, `solver_reading.py`), executions
 (`transition_system.py`).
 """
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, gives_back
 from soter.certificate.assumptions import RecheckAssumption, acknowledged
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.induction.facts import (
+from soter.certificate.induction.induction_problem import (
     compare,
     modes_of_others,
     nanoseconds,
@@ -26,7 +26,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
-    from soter.certificate.induction.facts import InductionFacts
+    from soter.certificate.induction.induction_problem import InductionFacts
     from soter.language.model.system import System
 
 KEYS = ("system", "module", "claims", "assumptions", "recover_ns", "induction")

@@ -28,7 +28,7 @@ from soter.language.model.types import MODE, RecordType
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component, Scope, Topic
     from soter.language.model.types import Type
 

@@ -22,7 +22,7 @@ from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import MODE
 
 if TYPE_CHECKING:
-    from soter.certificate.induction.facts import InductionFacts
+    from soter.certificate.induction.induction_problem import InductionFacts
     from soter.language.model.system import Component
 
 Term = Any

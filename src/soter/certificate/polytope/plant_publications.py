@@ -5,7 +5,7 @@ a hold, and at all times of such a hold (`docs/verification.md`, section 10).
 Non-goals: states on grids (`inclusions/predicates.py`); what is not affine in the states.
 
 Of an affine leaf a x + r, r within what is no state of a polytope: a x(t) <= a' x(0) + loss for one
-of the instants (`half_space_images.py`), and a' x <= b on K by weak duality (`bounds.py`).
+of the instants (`half_space_images.py`), and a' x <= b on K by weak duality (`dual_bounds.py`).
 Multipliers are HiGHS's where it is installed; any are right, and without them only the box of K is
 counted with.
 """

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.dual_bounds import BoundedPolytope, in_balls, within
-from soter.certificate.polytope.enclosed import enclosed_flow
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
-from soter.certificate.polytope.linear_law import linear_law
+from soter.certificate.polytope.linear_with_noise import enclosed_flow
+from soter.certificate.polytope.sc_linear_law import linear_law
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.reading.problem import error_of
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, ZERO, exact

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.facts import topics_of_others
+from soter.certificate.reading.module_facts import topics_of_others
 from soter.certificate.reading.other_modes import any_mode, every_mode
 from soter.certificate.reading.problem import driven_topics
 from soter.certificate.reading.sc_locals import combinations, one_of

@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     """What must hold: the expression, or (False) that it does not."""
 
 
+ELSEWHERE = (typed.ModeRead, typed.MarginRead, typed.AgeRead, typed.TimeRead, typed.InControl)
+"""What may be read beside topics."""
+
+
 def seen(module: Module, name: str) -> Module:
     """The module with the parts that view `name` shows; `NotRecheckedError` where it has none."""
     symbol = module.symbol
@@ -73,6 +77,25 @@ def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
             if not any(_in(part, shown) for shown in every):
                 return f"no view of module `{symbol.name}` shows a part of `{name}`"
     return ""
+
+
+def said_of(e: typed.TypedExpr, shown: Collection[typed.TopicSymbol]) -> typed.TypedExpr | None:
+    """The parts of what must hold that read these topics, and no mode or clock; None: none does.
+
+    All of `e` implies it.
+    """
+    conjunction: typed.TypedExpr | None = None
+    for expr, truth in _parts(e, wanted=True):
+        read = topic_reads(expr)
+        if not read or not all(t in shown for t in read):
+            continue
+        if any(isinstance(node, ELSEWHERE) for node in nodes([expr])):
+            continue
+        own = expr if truth else _not(expr)
+        conjunction = (
+            own if conjunction is None else typed.TypedBinary(BOOL, e.span, "&&", conjunction, own)
+        )
+    return conjunction
 
 
 def ttf_of_states(ttf: typed.TypedExpr | None) -> typed.TypedExpr | None:

@@ -20,7 +20,7 @@ from soter.language.model.tree_walk import nodes
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.certificate.terms.terms import Terms
 
     Key = typed.ModuleSymbol | str

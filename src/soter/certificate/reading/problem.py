@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from soter.certificate.reading.facts import (
+from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
     Input,
@@ -34,7 +34,7 @@ from soter.language.model.types import BoolType, EnumType, FloatType, IntType, l
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.certificate.reading.facts import InputKind
+    from soter.certificate.reading.module_facts import InputKind
     from soter.language.model.system import Component, System
     from soter.language.model.types import Type
 
@@ -156,6 +156,7 @@ def _read_states(facts: Facts) -> None:
                         leaf=k,
                         low=d.low,
                         high=d.high,
+                        unit=of.unit,
                     )
                 )
         facts.disturbances += _of_others(facts, c)
@@ -198,7 +199,7 @@ def _read_topics(facts: Facts) -> None:
         for m in c.measured:
             if m.topic in seen and m.bound > 0.0:
                 topic = facts.system.topics[m.topic]
-                path = list(leaves(topic.type))[m.leaf][0]
+                path, of = list(leaves(topic.type))[m.leaf]
                 name = ".".join((topic.name, *path))
                 facts.errors.append(
                     Input(
@@ -209,6 +210,7 @@ def _read_topics(facts: Facts) -> None:
                         leaf=m.leaf,
                         low=-m.bound,
                         high=m.bound,
+                        unit=of.unit if isinstance(of, FloatType) else "",
                     )
                 )
     for index in read:
@@ -236,6 +238,7 @@ def _leaves_of(facts: Facts, index: int, kind: InputKind) -> list[Input]:
                 leaf=k,
                 low=bound.low,
                 high=bound.high,
+                unit=of.unit,
             )
         )
     return inputs

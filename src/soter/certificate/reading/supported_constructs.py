@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.reading.module_views import ttf_of_states
 from soter.certificate.reading.other_modes import only_modes_of_others
 from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.tower import commanding, refuse_unproved_towers
 from soter.language.model import typed as t
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component
 
 _EXPR = "type span"
@@ -95,8 +96,7 @@ def check_supported(facts: Facts) -> None:
         raise NotRecheckedError(
             f"`{module.name}` is forced to {module.forced}: its DM never decides"
         )
-    if module.over is not None or any(m.over == module.index for m in facts.flying.modules):
-        raise NotRecheckedError(f"`{module.name}` stands above or below another module")
+    refuse_unproved_towers(facts.flying, module)
     assert facts.sc.node is not None
     _safe_controller(facts.sc.node)
     only_modes_of_others(facts)
@@ -104,6 +104,8 @@ def check_supported(facts: Facts) -> None:
     for expr in facts.symbol.predicates:
         read = ttf_of_states(expr) if expr is facts.symbol.ttf else expr
         _code(read, "the predicates of the module")
+    if facts.above is not None:
+        _code(facts.above.safer, f"`safer` of `{facts.above.name}`")
     for c in facts.plants:
         _plant(c)
     for c in facts.flying.components:
@@ -142,8 +144,9 @@ def _safe_controller(sc: t.NodeSymbol) -> None:
 def _topics(facts: Facts) -> None:
     """Nobody but the module publishes its outputs, and nothing that it reads is a queue."""
     module, outputs = facts.flying_module, set(facts.flying_module.outputs)
+    own = commanding(facts.flying, module)
     for c in facts.flying.components:
-        if c.index in (module.ac, module.sc):
+        if c in own:
             continue
         written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
         for topic in written:

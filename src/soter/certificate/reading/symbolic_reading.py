@@ -3,8 +3,8 @@
 Purpose: evaluate typed expressions and statements once, with numbers where numbers are known and
 `terms.Linear` or `terms.Truth` where inputs are involved. Loops are unrolled, functions inlined,
 both sides of a branch that depends on inputs are read and joined.
-Non-goals: operations on values (`operations.py`); sharing code with the interpreter, with the
-lowering, or with what verifies: this is written from docs/language.md and docs/semantics.md.
+Non-goals: operations on values (`symbolic_operations.py`); sharing code with the interpreter, with
+the lowering, or with what verifies: this is written from docs/language.md and docs/semantics.md.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
-from soter.certificate.reading.operations import Operations
+from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_values import (
     NOT_HERE,
     Rows,

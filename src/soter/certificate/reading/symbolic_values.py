@@ -1,7 +1,7 @@
 """What code means on paper: values, with numbers where known and terms where not.
 
 Purpose: the parts of a value: its leaves, its type, whether it is whole or decided.
-Non-goals: operations on values (`operations.py`), terms themselves (`certificate/terms/`).
+Non-goals: operations on values (`symbolic_operations.py`), terms themselves (`certificate/terms/`).
 
 A value is a bool, int or float, a `Linear` (float or int), a `Proposition` (bool), or a tuple of
 values.

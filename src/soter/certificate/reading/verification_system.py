@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.facts import Facts, read_by_sc
+from soter.certificate.reading.module_facts import Facts, read_by_sc
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import at_once
 from soter.language.elaborate.elaborator import Elaborator
 from soter.language.model import typed
+from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def verification_system_of(
         for axis in group.axes:
             scopes = (module.scope.topics, sc.scope.topics)
             wanted |= {s[axis.topic] for s in scopes if axis.topic is not None and axis.topic in s}
-    home = module.name.rpartition(".")[0]
+    home = holder_of(system, module)
     names = {f"{home}.{n}" if home else n for n in named}
     plants = tuple(
         c
@@ -90,9 +91,9 @@ def _own_parameters(
 def _with_controllers(
     symbol: typed.ModuleSymbol, ac: typed.NodeSymbol, sc: typed.NodeSymbol
 ) -> typed.ModuleSymbol:
-    if symbol.ac is ac and symbol.sc is sc:
+    if symbol.ac is ac and symbol.sc is sc and symbol.over is None:
         return symbol
-    values = {**vars(symbol), "ac": ac, "sc": sc}
+    values = {**vars(symbol), "ac": ac, "sc": sc, "over": None}
     return typed.ModuleSymbol(**values)
 
 

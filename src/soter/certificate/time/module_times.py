@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.facts import (
+from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
     driven_topics,
@@ -21,6 +21,7 @@ from soter.certificate.time.derived_times import derive
 from soter.certificate.time.sensor_paths import ModulePaths, setting_of
 from soter.certificate.time.trusted_thread import check_thread
 from soter.language.model.durations import show_ns
+from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def read_times(facts: Facts) -> None:
 
 def _seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
     """A topic has to come from the plant whose abstraction drives it, and not from another one."""
-    outer = facts.flying_module.name.rpartition(".")[0]
+    outer = holder_of(facts.flying, facts.flying_module)
     driven = driven_topics(facts)
     for index in topics:
         model = driven[index][0].name

@@ -1,7 +1,8 @@
 """What SC does before anything was published: it must not fault, or it never steps again.
 
 Purpose: `survives_the_start`: SC's step on the default values of its topics, and on what a node
-makes of a default, publishes values in their sets and cannot fault.
+makes of a default, publishes values in their sets and cannot fault; `answers_all`: so it does on
+all that may ever be published.
 Non-goals: which of its outputs count (`derived_times.py`: the first one on a state does).
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.inclusions.predicates import both_all
-from soter.certificate.reading.facts import read_by_sc
+from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.other_modes import any_mode
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
 from soter.certificate.reading.symbolic_values import filled, flat
@@ -21,10 +22,13 @@ from soter.language.evaluate import arithmetic
 from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
-    from soter.certificate.reading.facts import Facts
+    from soter.certificate.reading.module_facts import Facts
+    from soter.language.model import typed
     from soter.language.model.system import Topic
 
 CERTAIN = 2
+READ_EARLY = "what a node made of a default"
+READ_ELSEWHERE = "what is published while it has no control"
 
 
 def survives_the_start(facts: Facts) -> None:
@@ -42,7 +46,35 @@ def survives_the_start(facts: Facts) -> None:
         topic = facts.system.topics[sc.scope.topics[symbol]]
         running = facts.flying.topics[facts.running[topic.index]].name
         empty = any(p.may_publish_nothing(setting.silent) for p in paths.get(running, ()))
-        known[symbol] = _anything(terms, topic, default=running in paths and not empty)
+        default = running in paths and not empty
+        known[symbol] = _anything(terms, topic, READ_EARLY, default=default)
+    if not _harmless(facts, terms, known):
+        raise NotRecheckedError(
+            "SC may step before anything was published, and fault on what it then reads"
+        )
+
+
+def answers_all(facts: Facts) -> None:
+    """Below another module SC steps wherever that one leads the state, too, and must not fault.
+
+    `NotRecheckedError` where that is not certain for all that may be published.
+    """
+    sc = facts.sc
+    assert sc.node is not None
+    if sc.node.locals:
+        raise NotRecheckedError("an SC with locals below another module")
+    terms, known = Terms(), {}
+    for symbol in read_by_sc(sc):
+        topic = facts.system.topics[sc.scope.topics[symbol]]
+        known[symbol] = _anything(terms, topic, READ_ELSEWHERE, default=False)
+    if not _harmless(facts, terms, known):
+        raise NotRecheckedError("SC may fault on what is published while it has no control")
+
+
+def _harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
+    """Whether a step of SC on these values surely publishes all it should, in its sets."""
+    sc = facts.sc
+    assert sc.node is not None
     seconds, modes = arithmetic.seconds(sc.period_ns), any_mode(terms, sc.node.step)
     reader = SymbolicReader(terms, Surroundings(sc.scope.params, known, seconds, modes=modes))
     published = {
@@ -61,13 +93,10 @@ def survives_the_start(facts: Facts) -> None:
     places = sorted(inputs_of(terms, [fine]))
     box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]
     decided = compile_truths(terms, places, [fine], {})(form_of_box(box, symbols=False))
-    if decided[0] != CERTAIN:
-        raise NotRecheckedError(
-            "SC may step before anything was published, and fault on what it then reads"
-        )
+    return decided[0] == CERTAIN
 
 
-def _anything(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
+def _anything(terms: Terms, topic: Topic, why: str, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
     """Any value of the set of a topic; just its default where that is all there may be."""
     bounded = all(
         b is not None and isinstance(of, FloatType)
@@ -75,9 +104,7 @@ def _anything(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN
     )
     if default or not bounded:
         if not default:
-            raise NotRecheckedError(
-                f"SC may read of `{topic.name}` what a node made of a default, and it has no set"
-            )
+            raise NotRecheckedError(f"SC may read of `{topic.name}` {why}, and it has no set")
         return topic.default
     parts = [
         terms.input("box", topic.name, exact(b.low), exact(b.high))

@@ -9,6 +9,7 @@ assumption, and named (`Ways.notes`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from soter.certificate.terms.terms import NotRecheckedError
@@ -19,7 +20,9 @@ from soter.certificate.time.derived_times import (
     TopicPath,
     TopicReading,
 )
+from soter.certificate.tower import tower_of
 from soter.language.model import typed
+from soter.language.model.system import holder_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -47,6 +50,11 @@ class ModulePaths:
     """Nodes on the paths whose times are not declared."""
     looked: int = 0
     """How often a topic was looked at."""
+
+    @cached_property
+    def own(self) -> set[int]:
+        """The module, and those above and below it: what they publish is a command."""
+        return {m.index for m in tower_of(self.system, self.module)}
 
     # ------------------------------------------------------------ towards the module
 
@@ -185,7 +193,7 @@ class ModulePaths:
 
     def _names(self, c: Component) -> list[str]:
         """How the `verify` block may call a node."""
-        home = self.module.name.rpartition(".")[0]
+        home = holder_of(self.system, self.module)
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
     def _of_the_proof(self, c: Component) -> bool:
@@ -199,7 +207,7 @@ class ModulePaths:
         for c in self.system.components:
             if c.plant is not None:
                 written = [t for t, _ in c.plant.drives]
-            elif c.node is not None and c.module != self.module.index:
+            elif c.node is not None and c.module not in self.own:
                 written = list(c.node.publishes)
             else:
                 continue

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from math import lcm
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.facts import DiffersError
+from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import RELEASES_MAX
 from soter.language.model.durations import show_ns

@@ -68,7 +68,7 @@ class UsageError(Exception):
 
     def __init__(self, message: str, usage: str) -> None:
         super().__init__(message)
-        self.usage = usage
+        self.usage = usage.removeprefix("usage: ").strip()
 
 
 def exit_of(diagnostics: Iterable[Diagnostic]) -> int:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.child_result import ResultPipe
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.report.summary import Entry
+    from soter.report.terminal_tables import Entry
 
 STYLES = {"bold": "1", "muted": "2", "red": "1;31", "green": "1;32", "yellow": "1;33", "blue": "34"}
 
@@ -143,7 +143,7 @@ class Console:
 
     def table(self, headers: Sequence[str], rows: Iterable[Sequence[Entry]]) -> str:
         """A table, in colour and no wider than the terminal where it can be."""
-        from soter.report.summary import table  # noqa: PLC0415 - needs NumPy
+        from soter.report.terminal_tables import table  # noqa: PLC0415 - needs NumPy
 
         return table(headers, rows, color=self.color_out, width=self.width)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Severity
 from soter.diagnostics.json_object import JsonObject, one_of
-from soter.report.sections import PageSection
+from soter.report.plain_page import PageSection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -98,7 +98,7 @@ def add_settings(parser: CommandParser) -> None:
         metavar="X=WHAT",
         type=_pair,
         dest="bindings",
-        help="what answers extern X: python:file.py:name or c:file.c:name",
+        help="what answers extern X: python:file.py:name, c:file.c:name, onnx:a.onnx, sb3:a.zip",
     )
 
 

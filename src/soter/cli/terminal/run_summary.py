@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.cli.terminal.real_time_report import timing_lines
-from soter.report.summary import Entry, Styled, display_width, mode_timeline
+from soter.report.terminal_tables import Entry, Styled, display_width, mode_timeline
 from soter.semantics.random.faults import begins
-from soter.simulate.outputs.run_assumptions import of_run
+from soter.simulate.outputs.result_assumptions import of_run
 from soter.simulate.outputs.run_fields import component_faults
 from soter.simulate.run_parameters import changed
 

@@ -305,23 +305,29 @@ def address(e: CExpr) -> CExpr:
     return Unary("&", e)
 
 
-def names_read(node: object) -> Iterator[str]:
-    """Names that a piece of C reads; one that is only assigned to is not read."""
-    if isinstance(node, Name):
-        yield from re.findall(r"[A-Za-z_]\w*", node.text)
-    elif isinstance(node, Assign):
-        target: CExpr = node.target
-        while isinstance(target, (Member, IndexExpr)):
-            yield from names_read(target.index) if isinstance(target, IndexExpr) else ()
-            target = target.target
-        yield from () if isinstance(target, Name) else names_read(target)
-        yield from names_read(node.value)
-    elif isinstance(node, tuple):
-        for part in node:
-            yield from names_read(part)
-    elif isinstance(node, (CExpr, CStmt)):
-        for part in vars(node).values():
-            yield from names_read(part)
+_NAME = re.compile(r"[A-Za-z_]\w*")
+
+
+def names_read(root: object) -> Iterator[str]:
+    """Names that a piece of C reads, in order; one that is only assigned to is not read."""
+    stack = [root]
+    while stack:
+        node = stack.pop()
+        if isinstance(node, Name):
+            yield from _NAME.findall(node.text)
+        elif isinstance(node, Assign):
+            target: CExpr = node.target
+            stack.append(node.value)
+            inner: list[CExpr] = []
+            while isinstance(target, (Member, IndexExpr)):
+                inner += [target.index] if isinstance(target, IndexExpr) else []
+                target = target.target
+            inner += [] if isinstance(target, Name) else [target]
+            stack.extend(reversed(inner))
+        elif isinstance(node, tuple):
+            stack.extend(reversed(node))
+        elif isinstance(node, (CExpr, CStmt)):
+            stack.extend(reversed(vars(node).values()))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.model.durations import show_ns
-from soter.native.own_files import soter_sha256
+from soter.native.package_sources import soter_sha256
 from soter.version import VERSION
 
 if TYPE_CHECKING:

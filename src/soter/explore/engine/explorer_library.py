@@ -28,7 +28,7 @@ from soter.explore.model.independent_parts import IndependentPart, loose_parts_o
 from soter.explore.search_options import SearchOptions
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
-from soter.native.own_files import files_below
+from soter.native.package_sources import files_below
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

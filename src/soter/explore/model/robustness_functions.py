@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 from soter.codegen.body import Body
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number
-from soter.codegen.frame import OK, where
+from soter.codegen.function_context import OK, where
 from soter.codegen.storage.storage_plan import PlannedBody
 from soter.core import core
 from soter.explore.model.robustness import Margin, RobustnessTable
 
 if TYPE_CHECKING:
     from soter.codegen.c.types import TypeTable
-    from soter.codegen.frame import Frame
+    from soter.codegen.function_context import Frame
     from soter.language.model.system import System
 
 SCALE = c.Name("soter_scale")

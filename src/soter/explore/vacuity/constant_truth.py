@@ -2,7 +2,7 @@
 
 Purpose: `holds_always`: intervals first, cut at the constants that the condition compares with and
 small sets value by value; then a solver, where it is installed (`solver.py`).
-Non-goals: what may be read (`domains.py`), what is said of it (`vacuous_tests.py`).
+Non-goals: what may be read (`value_domains.py`), what is said of it (`vacuous_tests.py`).
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from soter.explore.contract_use import at
 from soter.explore.trace.schedule import plan_of
 from soter.explore.vacuity.constant_truth import holds_always
 from soter.explore.vacuity.contracts import permits_nothing
-from soter.explore.vacuity.domains import Domains, written_by
+from soter.explore.vacuity.value_domains import Domains, written_by
 from soter.language.evaluate.conjuncts import premise_of
 from soter.language.model import typed
 from soter.language.model.durations import show_ns

@@ -2,7 +2,7 @@
  *
  * Purpose: see soter_gym.h. What the agent sees is what is there as it is asked: plants, decision
  * modules and safe controllers have stepped at that instant, the rest has not.
- * Non-goals: the model that a step is compared with (soter_gym_model.c).
+ * Non-goals: the model that a step is compared with (soter_gym_explain.c).
  */
 #include "soter_gym.h"
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import append, replace
 from soter.language.model import typed
+from soter.language.model.durations import write_ns
 from soter.language.model.types import (
     ERROR,
     FLOAT,
@@ -36,6 +37,10 @@ if TYPE_CHECKING:
     from soter.language.check.expression_context import Context
     from soter.language.model.types import Type
     from soter.language.syntax import tree
+
+
+SECONDS_MAX = 1e6
+"""A number above this is not taken for a time in seconds."""
 
 
 def error_expr(span: Span) -> typed.TypedExpr:
@@ -219,7 +224,7 @@ class ExprBase(ABC):
             f"expected `{expected}`, found `{expr.type}`",
             expr.span,
             f"this is `{expr.type}`",
-            also=(because,) if because else (),
+            also=_declared(expr, because),
             notes=(why,) if why else (),
             helps=of_a_list(expr, expected) or _conversion(expected, expr),
         )
@@ -266,6 +271,14 @@ def of_a_case(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
     return (f"a case of it is named: `{name}.{of.members[0]}`",)
 
 
+def _declared(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[Span, str], ...]:
+    """Where the expectation comes from, and where a parameter has its type."""
+    also = (because,) if because else ()
+    if isinstance(expr, typed.ParamRead):
+        return (*also, (expr.param.span, f"declared as `{expr.type}` here"))
+    return also
+
+
 def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
     """What makes a value of one type one of another, most of it as an edit."""
     actual, span = expr.type, expr.span
@@ -294,14 +307,29 @@ def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
             return (replace(span, f"({text}) != 0", "compare it: `... != 0`"),)
         return (append(span, " != 0", f"write `{text} != 0`"),)
     if isinstance(expected, DurationType):
-        return ("write a time with its unit, such as `10ms`",)
+        return _as_time(expr)
     if isinstance(expected, FloatType) and isinstance(actual, DurationType):
-        return (replace(span, f"seconds({text})", "convert it: `seconds(...)`"),)
+        return (replace(span, f"seconds({text})", f"convert it: `seconds({text})`"),)
     if isinstance(expr, typed.Aggregate) and isinstance(expected, RecordType):
         return _as_record(expected, expr)
     if isinstance(expected, (ArrayType, ListType)) and expected.element == actual:
         return (replace(span, f"[{text}]", "put it into brackets: `[...]`"),)
     return ()
+
+
+def _as_time(expr: typed.TypedExpr) -> tuple[Help, ...]:
+    """How a number in seconds becomes a duration: where it is declared, for a name."""
+    param = expr.param if isinstance(expr, typed.ParamRead) else None
+    named = param is not None or (isinstance(expr, typed.Literal) and expr.name is not None)
+    value = param.default if param is not None else expr
+    seconds = value.value if isinstance(value, typed.Literal) else None
+    if not isinstance(seconds, float) or not 0 < seconds < SECONDS_MAX:
+        return ("write a time with its unit, such as `10ms`",)
+    time = write_ns(round(seconds * 1e9))
+    if named:
+        word = "param" if param is not None else "const"
+        return (f"declare it as a time: `{word} {expr.span.text}: duration = {time};`",)
+    return (f"write a time with its unit, such as `{time}`",)
 
 
 def _as_record(expected: RecordType, expr: typed.Aggregate) -> tuple[Help, ...]:

@@ -1,7 +1,7 @@
 """What a name that means nothing was meant to be, where another language tells.
 
 Purpose: helps for unknown types, values and functions, most of them edits.
-Non-goals: names that are nearly right (`diagnostics/near.py`), phrases
+Non-goals: names that are nearly right (`diagnostics/similar_names.py`), phrases
 (`language/syntax/foreign_idioms.py`).
 """
 
@@ -82,7 +82,10 @@ def a_range(call: tree.SyntaxExpr) -> tuple[Help, ...]:
     if call.callee.name.text not in ("range", "xrange") or not 1 <= len(call.arguments) <= 2:
         return ()
     low = call.arguments[0].span.text if len(call.arguments) == 2 else "0"
-    return (replace(call.span, f"{low}..{call.arguments[-1].span.text}"),)
+    high = call.arguments[-1]
+    if isinstance(high, tree.CallExpr) and high.callee.span.text == "len" and high.arguments:
+        return (replace(call.span, f"{low}..{high.arguments[0].span.text}.len"),)
+    return (replace(call.span, f"{low}..{high.span.text}"),)
 
 
 def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[Help, ...] | None:

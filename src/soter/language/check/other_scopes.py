@@ -3,7 +3,7 @@
 Purpose: before a name is called unknown or of the wrong kind, every declaration is looked through:
 states and disturbances of plants, locals of nodes, parameters of functions, instances of systems.
 What it is, where it stands, and what to write instead.
-Non-goals: names that are nearly right (`diagnostics/near.py`), names of other languages
+Non-goals: names that are nearly right (`diagnostics/similar_names.py`), names of other languages
 (`foreign_name_hints.py`), declarations of imports (`scope.py`).
 """
 
@@ -230,6 +230,21 @@ def _its_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ..
         return ()
     topics = list(dict.fromkeys(topics))
     return (f"it {verb} {listed(topics)}: name the topic",) if topics else ()
+
+
+def whole_topic(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
+    """What stands for `topic.field`, at `part`, where a topic is named: `publish pose.x = e`, say.
+
+    The whole record where it is given a value, the name alone everywhere else.
+    """
+    given = part.source.text[part.end :].lstrip().startswith("=")
+    if not given or not isinstance(topic, tree.TopicDecl):
+        return (replace(part, topic.name.text),)
+    record = next((d for d in decls if d.name.text == topic.type.span.text), None)
+    if not isinstance(record, tree.TypeDecl) or not isinstance(record.type, tree.RecordTypeExpr):
+        return (f"give all of `{topic.name.text}` at once",)
+    fields_ = ", ".join(f"{name.text}: ..." for name, _ in record.type.fields)
+    return (f"give all of its fields at once: `{topic.name.text} = {{ {fields_} }}`",)
 
 
 def is_driven(decls: Iterable[tree.Decl], topic: str) -> bool:

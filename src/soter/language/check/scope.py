@@ -273,6 +273,20 @@ class Names:
             self.losses += 1
             return
         entry = scope.entries.get(name)
+        if entry is not None and entry.kind == "topic":
+            self.diagnostics.error(
+                "N006",
+                f"a topic is named as a whole: `{name}`",
+                qualifier.span.to(member.span),
+                "a part of it",
+                also=((entry.decl.name.span, "declared here"),),
+                helps=other_scopes.whole_topic(
+                    (e.decl for e in scope.entries.values()),
+                    entry.decl,
+                    qualifier.span.to(member.span),
+                ),
+            )
+            return
         if entry is not None:
             self.diagnostics.error(
                 "N006",
@@ -280,9 +294,7 @@ class Names:
                 qualifier.span,
                 also=((entry.decl.name.span, "declared here"),),
                 notes=("before a dot a reference names an import",),
-                helps=(f"name all of it, `{name}`: what it is given is a whole record",)
-                if entry.kind == "topic"
-                else self._here(scope, qualifier, member),
+                helps=self._here(scope, qualifier, member),
             )
             return
         decls = [e.decl for e in scope.entries.values()]

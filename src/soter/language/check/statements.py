@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import insert, replace
+from soter.diagnostics.fix import append, insert, replace
 from soter.diagnostics.span import Span
 from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import error_expr, is_error, plain
@@ -415,7 +415,7 @@ class StmtChecker:
                 s.sequence.span,
                 f"this is `{t}`",
                 notes=("a loop goes through an array, a list, or from one int to another",),
-                helps=("to count, write `for i in 0..10 { ... }`",),
+                helps=_to_loop_over(sequence, context),
             )
         context.locals.append({})
         variable = self.declare(s.name, element, "loop", context)
@@ -424,6 +424,16 @@ class StmtChecker:
         if isinstance(element, ErrorType):
             return None
         return typed.ForEach(s.span, variable, sequence, body)
+
+
+def _to_loop_over(sequence: typed.TypedExpr, context: Context) -> tuple[Help, ...]:
+    """What makes a loop of `for x in e`: a queue of a topic, `0..e` of a number."""
+    if isinstance(sequence, typed.TopicRead) and context.node is not None:
+        for s in context.node.subscribes:
+            if s.topic is sequence.topic and s.queue is None:
+                title = f"a queue makes it a list: `subscribes {s.span.text} queue 8`"
+                return (append(s.span, " queue 8", title),)
+    return ("to count, write `for i in 0..10 { ... }`",)
 
 
 def no_duration(span: Span, diagnostics: Diagnostics) -> None:

@@ -161,7 +161,9 @@ class Composition:
         below = {m.over for m in self.system.modules}
         for m in self.system.modules:
             span = self.system.components[m.dm].span
-            for index in () if m.index in below else m.outputs:
+            both = set(m.symbol.ac.publishes)  # of the others P1b speaks
+            own = zip(m.symbol.sc.publishes, m.outputs, strict=True)
+            for index in () if m.index in below else (i for t, i in own if t in both):
                 drivers_by_topic.setdefault(index, []).append((f"module `{m.name}`", span))
         return drivers_by_topic
 

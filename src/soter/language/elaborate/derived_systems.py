@@ -119,7 +119,13 @@ def undriven(system: System, kept: Collection[int]) -> System:
 
 
 def module_alone(system: System, module: Module, plants: Sequence[Component] = ()) -> System:
-    """A module and these plants: no properties, no draws, no end; `modules[0]` is the module."""
+    """A module and these plants: no properties, no draws, no end; `modules[0]` is the module.
+
+    Above another module it has that one's AC for its own.
+    """
+    if module.over is not None:
+        ac = replace(system.components[module.ac], module=module.index)
+        system = with_components(with_module(system, replace(module, over=None)), [ac])
     kept = [c.index for c in plants]
     return undriven(system, [*kept, module.dm, module.sc, module.ac])
 
@@ -134,7 +140,7 @@ def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol])
     ac, sc = (flat.components[i].node for i in (module.ac, module.sc))
     assert ac is not None
     assert sc is not None
-    itself = replace(symbol, ac=ac, sc=sc)
+    itself = replace(symbol, ac=ac, sc=sc, over=None)
     instances = (*plants, typed.InstanceSymbol(symbol.name, itself, {}, {}, symbol.span))
     made = typed.SystemSymbol(
         name=f"{symbol.name}.verify",

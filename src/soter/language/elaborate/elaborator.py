@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import append
 from soter.language.elaborate.composition_check import Composition, hyperperiod
 from soter.language.elaborate.decision_topics import make_latch_topics, make_margin_topics
 from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
 from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics, refuse_overrun
-from soter.language.elaborate.size import TooLargeError
+from soter.language.elaborate.system_size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
 from soter.language.elaborate.tests_and_faults.faults import place_faults
 from soter.language.elaborate.topics import Topics, beyond, first_outside
@@ -41,9 +42,10 @@ from soter.language.model.tree_walk import margin_reads, mode_reads, nodes, topi
 from soter.language.model.types import ErrorType, FloatType, IntType, default_value, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.language.elaborate.instantiate import PlacedInstance, ReplacedModule, SubSystem
     from soter.language.model.types import Value
@@ -547,7 +549,7 @@ class Elaborator(Topics):
                 "theorem 3.1 is about everything the advanced controller may do",
                 "the gate refuses what lies outside the set",
             ),
-            helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
+            helps=(_missing_set(topic, bare),),
         )
 
     def _verify_block(self, module: typed.ModuleSymbol) -> tuple[int, int]:
@@ -636,10 +638,12 @@ class Elaborator(Topics):
                 node = component.node
                 contracts = (*node.assumes, *node.guarantees)
                 code = (*node.step, *(node.takeover or ()), *contracts)
-                wanted, margins = mode_reads(*code), margin_reads(*code)
+                wanted = mode_reads(*code)
+                margins = margin_reads(*code) if wanted else set()
             elif component.role == "dm" and component.module is not None:
                 own = modules[component.module].symbol
-                wanted, margins = mode_reads(*own.expressions), margin_reads(*own.expressions)
+                wanted = mode_reads(*own.expressions)
+                margins = margin_reads(*own.expressions) if wanted else set()
             for symbol, read in wanted.items():
                 candidates = beside.get((prefixes[home], symbol), [])
                 if len(candidates) == 1:
@@ -834,6 +838,15 @@ class Elaborator(Topics):
             values.append(value)
             self.in_set(topic, value, expr, f"this value of `{topic.symbol.name}`")
         return tuple(values)
+
+
+def _missing_set(topic: Topic, bare: Sequence[str]) -> Help:
+    """What is to be added where the leaves `bare` of a topic have no set."""
+    if not topic.symbol.values or not all(bare):
+        return "add a set: `in [-1.0, 1.0]` with your bounds"
+    last = max((r.span for r in topic.symbol.values.values()), key=lambda s: s.end)
+    more = ", ".join(f"{leaf} in [-1.0, 1.0]" for leaf in bare)
+    return append(last, f", {more}", f"add to the braces: `{more}` with your bounds")
 
 
 def _contracts(component: Component) -> list[tuple[str, typed.TypedExpr]]:

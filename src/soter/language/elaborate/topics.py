@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.instantiate import Instantiation, TopicKey
-from soter.language.elaborate.size import SizeCounter, TooLargeError
+from soter.language.elaborate.system_size import SizeCounter, TooLargeError
 from soter.language.model.system import Bound, Topic
 from soter.language.model.types import (
     ArrayType,

@@ -42,7 +42,7 @@ def would_drive(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tu
     for name, node in program.nodes.items():
         if node not in there | controllers and topic.symbol in node.publishes:
             declarations.append(f"node {name};")
-    return tuple(_added(system, item) for item in declarations[:SHOWN])
+    return tuple(added(system, item) for item in declarations[:SHOWN])
 
 
 def _below_another(program: TypedProgram, module: ModuleSymbol) -> bool:
@@ -57,7 +57,8 @@ def _instance(name: str, taken: set[str]) -> str:
     return base
 
 
-def _added(system: SystemSymbol, item: str) -> Fix:
+def added(system: SystemSymbol, item: str) -> Fix:
+    """An item put in front of all others of a system."""
     text = system.span.source.text
     opener = text.find("{", system.span.end) + 1
     at = Span(system.span.source, opener, opener)

@@ -6,7 +6,8 @@ Non-goals: values (`parameter_values.py`); plain settings of a system, which are
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from soter.language.model import typed
 
@@ -84,17 +85,19 @@ def params_read(*roots: object) -> Reads:
     todo = list(roots)
     while todo:
         node = todo.pop()
+        kind: Any = type(node)
         if isinstance(node, (tuple, list)):
             todo.extend(node)
         elif isinstance(node, dict):
             todo.extend(node.values())
         elif isinstance(node, typed.ParamRead):
             params.add(node.param)
-        elif _is_code(node) and id(node) not in seen:
+        elif _is_code(kind) and id(node) not in seen:
             seen.add(id(node))
             todo.extend(vars(node).values())
     return frozenset(params)
 
 
-def _is_code(node: object) -> bool:
-    return type(node).__module__ == typed.__name__ and not isinstance(node, typed.TopicSymbol)
+@cache
+def _is_code(kind: type) -> bool:
+    return kind.__module__ == typed.__name__ and not issubclass(kind, typed.TopicSymbol)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.language.model.durations import show_ns, write_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
@@ -20,10 +20,20 @@ if TYPE_CHECKING:
     from soter.language.model.typed import ModuleSymbol, NodeSymbol
 
 
+HELPS_MAX = 2
+"""Of so many topics it is said what to do with each."""
+
+
 def check_declaration(
-    module: ModuleSymbol, diagnostics: Diagnostics, damaged: Collection[object] = ()
+    module: ModuleSymbol,
+    diagnostics: Diagnostics,
+    damaged: Collection[object] = (),
+    others: Collection[NodeSymbol] = (),
 ) -> None:
-    """AC != SC and P1b: O(N_ac) = O(N_sc); nothing about nodes that have errors of their own."""
+    """AC != SC and P1b: O(N_ac) = O(N_sc); nothing about nodes that have errors of their own.
+
+    `others`: the nodes of the program that no module has, for what is advised.
+    """
     ac, sc = module.ac, module.sc
     at_ac, at_sc = module.ac_span or module.span, module.sc_span or module.span
     if ac is sc:
@@ -64,8 +74,9 @@ def check_declaration(
     only_sc = sorted(t.name for t in sc_out - ac_out)
     parts = [f"only `{ac.name}` publishes `{n}`" for n in only_ac]
     parts += [f"only `{sc.name}` publishes `{n}`" for n in only_sc]
-    helps = [f"let `{sc.name}` publish `{n}` too" for n in only_ac]
-    helps += [f"let `{ac.name}` publish `{n}` too" for n in only_sc]
+    drivers = {t.name: n.name for n in others for t in n.publishes}
+    helps = [_same_outputs(n, ac, sc, drivers) for n in only_ac]
+    helps += [_same_outputs(n, sc, ac, drivers) for n in only_sc]
     diagnostics.error(
         "P1b",
         f"AC and SC of module `{module.name}` publish different topics",
@@ -73,8 +84,16 @@ def check_declaration(
         f"publishes {_listed(sc)}",
         also=((at_ac, f"publishes {_listed(ac)}"),),
         notes=(rule, "; ".join(parts)),
-        helps=(helps[0],) if len(helps) == 1 else ("let both publish the same topics",),
+        helps=tuple(helps) if len(helps) <= HELPS_MAX else ("let both publish the same topics",),
     )
+
+
+def _same_outputs(topic: str, by: NodeSymbol, other: NodeSymbol, drivers: Mapping[str, str]) -> str:
+    """What to do about a topic that only one of the two publishes; a topic has one driver."""
+    driver = drivers.get(topic)
+    if driver is not None:
+        return f"leave `{topic}` out of `{by.name}`: `{driver}` publishes it"
+    return f"let `{other.name}` publish `{topic}` too"
 
 
 def _decided_by_itself(module: ModuleSymbol, diagnostics: Diagnostics) -> None:

@@ -2,7 +2,7 @@
 
 Purpose: the set and the type of a topic as a `Range`, for a place that an expression reads;
 `always`: whether that decides a condition.
-Non-goals: what steps compute, queues and times (`explore/vacuity/domains.py`).
+Non-goals: what steps compute, queues and times (`explore/vacuity/value_domains.py`).
 """
 
 from __future__ import annotations

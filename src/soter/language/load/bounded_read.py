@@ -12,8 +12,8 @@ import os
 import stat
 from typing import TYPE_CHECKING, BinaryIO
 
-from soter.diagnostics.near import closest
 from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.similar_names import closest
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -477,3 +477,21 @@ def modules_above(system: System, module: int) -> tuple[Module, ...]:
     """The modules in which this one stands in the place of AC, the next one first."""
     above = next((m for m in system.modules if m.over == module), None)
     return () if above is None else (above, *modules_above(system, above.index))
+
+
+def tower_of(system: System, module: int) -> tuple[Module, ...]:
+    """A module with those above and below it, the topmost first; itself where it stands alone."""
+    tower = [*reversed(modules_above(system, module)), system.modules[module]]
+    while (below := tower[-1].over) is not None:
+        tower.append(system.modules[below])
+    return tuple(tower)
+
+
+def holder_of(system: System, module: Module) -> str:
+    """The name of the sub-system that holds a module, or its tower; "" where no other one does."""
+    return tower_of(system, module.index)[0].name.rpartition(".")[0]
+
+
+def claims_nothing(system: System, module: Module) -> bool:
+    """Whether a module is there for comfort: another one is above it, and it says no `verify`."""
+    return module.symbol.verify.span is None and bool(modules_above(system, module.index))

@@ -7,6 +7,7 @@ Non-goals: meaning; nothing here follows a call into the function.
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from soter.language.model import typed
@@ -17,21 +18,30 @@ if TYPE_CHECKING:
 _SKIPPED = {"type", "span", "fun", "param", "topic", "module", "variable"}
 
 
+@cache
+def _part_names(kind: type) -> tuple[str, ...]:
+    """The fields of a class in which parts may stand."""
+    if issubclass(kind, typed.Literal):
+        return ()  # its value may be large, and is no code
+    return tuple(n for n in getattr(kind, "__dataclass_fields__", {}) if n not in _SKIPPED)
+
+
 def children(node: object) -> list[object]:
     """Direct typed sub-nodes of an expression, statement or place, in written order."""
     sub_nodes: list[object] = []
-    if isinstance(node, typed.Literal):
-        return sub_nodes  # its value may be large, and is no code
-    for name in getattr(node, "__dataclass_fields__", {}):
-        if name in _SKIPPED:
-            continue
-        stack = [getattr(node, name)]
-        while stack:
-            v = stack.pop()
-            if isinstance(v, (typed.TypedExpr, typed.TypedStmt, typed.Place)):
-                sub_nodes.append(v)
-            elif isinstance(v, tuple):
-                stack.extend(reversed(v))
+    kind: Any = type(node)
+    for name in _part_names(kind):
+        part = getattr(node, name)
+        if isinstance(part, (typed.TypedExpr, typed.TypedStmt, typed.Place)):
+            sub_nodes.append(part)
+        elif isinstance(part, tuple):
+            stack = [*reversed(part)]
+            while stack:
+                v = stack.pop()
+                if isinstance(v, (typed.TypedExpr, typed.TypedStmt, typed.Place)):
+                    sub_nodes.append(v)
+                elif isinstance(v, tuple):
+                    stack.extend(reversed(v))
     return sub_nodes
 
 

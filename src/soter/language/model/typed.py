@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from soter.language.model.types import ListType
 
@@ -924,6 +924,8 @@ class TypedProgram:
     """Components and levels of a system, once counted (`measure.py`)."""
     doubted: set[object] = field(default_factory=set)
     """Nodes and plants whose steps were looked at for warnings, with the parameters they had."""
+    trials: dict[tuple[object, ...], list[Any]] = field(default_factory=dict)
+    """Predicates of modules at values that were tried (`contradictory_predicates.py`)."""
     costs: dict[NodeSymbol | ModuleSymbol, Cost] = field(default_factory=dict)
     """Of the step of every node that is not extern, and of every decision module whose predicates
     are known."""

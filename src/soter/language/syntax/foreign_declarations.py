@@ -13,6 +13,7 @@ from soter.language.syntax.foreign_phrases import NODE, PLANT, TOP, idiom
 from soter.language.syntax.foreign_rewrites import (
     cases,
     function_of,
+    parameter,
     slope_of_a_state,
     typed_value,
 )
@@ -51,6 +52,38 @@ DECLARATIONS = (
         r"(?P<before>\bmeasured\s+[\w.]+)\s*(?P<at>\+-|\+/-|by|error|bias|noise)\s*(?=[\d.])",
         "the bound of an error stands behind `within`",
         r"\g<before> within ",
+    ),
+    idiom(
+        r"(?P<before>\bstate\s+\w+)(?P<at>\s*\(\s*(?:0|0\.0|t0)\s*\))\s*=\s*(?P<v>-?\d[\d.]*)"
+        r"(?P<after>)(?=\s*;)",
+        "the first value of a state stands behind its type",
+        typed_value,
+    ),
+    idiom(
+        r"\b(?:\w+(?:\.|->))*(?P<at>declare_parameter(?:<\w+>)?)\s*\(\s*\"(?P<name>\w+)\"\s*,"
+        r"\s*(?P<value>[^,()\n]+)\)\s*;",
+        "a parameter is declared by `param`",
+        parameter,
+        places=(TOP,),
+    ),
+    idiom(
+        r"\b(?P<head>subscribes|publishes|reads)\b(?P<list>[^;\n]*?)(?P<at>\s+as\s+\w+)",
+        "a topic keeps its name",
+        r"\g<head>\g<list>",
+        "leave `as` and the name behind it out",
+    ),
+    idiom(
+        r"\b(?P<head>subscribes)\b(?P<list>[^;\n]*?)\s+(?P<at>(?:keep_last|depth|qos|history)\s*"
+        r"[(=]?\s*(?P<n>\d+)\s*\)?)",
+        "how many messages wait stands behind `queue`",
+        r"\g<head>\g<list> queue \g<n>",
+    ),
+    idiom(
+        r"(?P<before>\btopic\b[^;\n]*?)(?P<at>\s+frame(?:_id)?\s*=?\s*\"?\w+\"?)",
+        "a topic has no frame: a mapping of its messages names it",
+        r"\g<before>",
+        "leave it out",
+        places=(TOP,),
     ),
     idiom(
         r"(?P<before>\b(?:const|param|state|topic|var)\s+\w+)(?P<at>)\s*=\s*(?P<v>-?\d[\d.]*|true|"

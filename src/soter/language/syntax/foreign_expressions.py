@@ -11,11 +11,14 @@ import re
 
 from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT, TOP, idiom
 from soter.language.syntax.foreign_rewrites import (
+    between,
+    function_beside,
     function_of,
     loop_over,
     loop_to,
     matrix,
     member,
+    of_any_type,
     one_by_one,
     one_of,
     part_of_a_list,
@@ -23,6 +26,7 @@ from soter.language.syntax.foreign_rewrites import (
     product,
     record_value,
     together,
+    two_by_two,
     unpacked,
 )
 
@@ -33,6 +37,38 @@ _CONDITION = r"\b(?P<word>safe|ttf|safer|always|never|assumes|guarantees|assert)
 _BODIES = (NODE, FUNCTION)
 
 EXPRESSIONS = (
+    # calls
+    idiom(
+        r"\b(?P<at>(?:\w+::)*(?P<name>(?!\w+_cast\b)[a-z]\w*)\s*<\s*(?:int|float|double)\s*>)"
+        r"(?=\s*\()",
+        "a function finds its types by itself",
+        of_any_type,
+    ),
+    idiom(
+        r"\b(?:std::)?(?P<fun>min|max)\s*(?P<at>\(\s*\{(?P<values>[^{};\n]*)\}\s*\))",
+        "`{0}` takes two values",
+        two_by_two,
+    ),
+    idiom(
+        r"(?P<at>\b(?:\w+\.)*(?:get_parameter|get_param|getParam)(?:<\w+>)?\s*\(\s*\""
+        r"(?P<name>\w+)\"[^()\n]*\))(?:\s*\.\s*\w+(?:\(\s*\))?)*",
+        "a parameter is read by its name",
+        r"\g<name>",
+        places=_BODIES,
+    ),
+    idiom(r"\b(?P<at>vec!)\s*(?=\[)", "a list is written without `{0}`", ""),
+    idiom(r"(?P<at>~)(?=[A-Za-z_(])", "`{0}` is not an operator of Soter", "!"),
+    idiom(r"(?P<at>\.([*/]))(?!\w)", "`{0}` is not an operator of Soter", r"\2"),
+    idiom(
+        r"(?<=[(,=])\s*(?P<at>&\s*(?:mut\s+)?)(?=[A-Za-z_])",
+        "there are no references: a function gets a copy",
+        "",
+    ),
+    idiom(
+        r"(?P<at>\"\"\"(?P<what>[^\"\n]*)\"\"\")",
+        "a comment is no text",
+        r"/* \g<what> */",
+    ),
     # lists
     idiom(
         _LIST + r"(?P<at>\.(?:append|push|push_back|emplace_back|add|insert|enqueue|put))\s*"
@@ -73,8 +109,9 @@ EXPRESSIONS = (
         places=_BODIES,
     ),
     idiom(
-        _STATEMENT + r"(?P<at>(?:\w+(?:\.|::|->))*(?:print|println|printf|log|logf?(?:info|warn)|"
-        r"info|warn|debug|puts|display|disp|fprintf|ROS_\w+|RCLCPP_\w+)\s*\(|std::c(?:out|err)\b)",
+        _STATEMENT + r"(?P<at>(?:\w+(?:\.|::|->))*(?:print|println!?|printf|log|"
+        r"logf?(?:info|warn)|info!?|warn!?|debug!?|puts|display|disp|fprintf|"
+        r"ROS_\w+|RCLCPP_\w+)\s*\(|std::c(?:out|err)\b)",
         "nothing is printed in a step: every topic is logged",
         None,
         "leave it out, or publish the value: `publish seen = x;`",
@@ -244,7 +281,7 @@ EXPRESSIONS = (
         r"(?P<x>\b[A-Za-z_][\w.]*)\s+(?P<at>in)\s*\[\s*(?P<low>[^\[\],;\n]+?)\s*,\s*"
         r"(?P<high>[^\[\],;\n]+?)\s*\](?=\s*(?:[;){?]|&&|\|\|))",
         "whether a value is in a range is asked by two comparisons",
-        r"\g<low> <= \g<x> && \g<x> <= \g<high>",
+        between,
     ),
     idiom(
         _STATEMENT + r"(?P<place>[A-Za-z_][\w.\[\]]*)\s*(?P<at><-)\s*(?P<what>[^;=\n]+)(?=;)",
@@ -357,6 +394,14 @@ EXPRESSIONS = (
         function_of,
         sure=False,
         places=(TOP,),
+    ),
+    idiom(
+        r"(?P<at>\b(?:const\s+)?(?:auto|let|var)\s+(?P<name>\w+)\s*=\s*\[[&=]?\]\s*"
+        r"\((?P<e>[\w, ]*)\)\s*(?:->\s*\w+\s*)?\{\s*return\b\s*(?P<what>[^;{}\n]*);?\s*\})",
+        "a function is declared by `fun`, with its types",
+        function_beside,
+        sure=False,
+        places=_BODIES,
     ),
     idiom(
         r"(?P<at>\|\s*\w+\s*\||\(\s*\w*\s*\)\s*=>|\b\w+\s*=>|@\(\s*\w*\s*\)|\[[&=]?\]\s*\([^()]*\)"

@@ -48,12 +48,13 @@ def find(
     at: int,
     place: str,
     before: int,
-    leads_on: Callable[[Fix], bool] = lambda _: True,
+    leads_on: Callable[[Fix, int], bool] = lambda _, __: True,
 ) -> Phrase | None:
     """The phrase over the character offset `at`, None where no phrase is known.
 
     `place` is the kind of body that the offset stands in, `before` where the token before it ends.
-    A phrase counts only where its edit, if it has one, `leads_on`.
+    A phrase counts only where its edit, if it has one, `leads_on` up to the end of what it covers;
+    one that does so up to the end of the statement comes before all others.
     """
     text = source.text
     division = _DIVISION.match(text, before)
@@ -64,6 +65,8 @@ def find(
     line = text.rfind("\n", 0, at) + 1
     end = text.find("\n", at)
     end = len(text) if end < 0 else end
+    stop = text.find(";", at, end)
+    first: Phrase | None = None
     for idiom in (*DECLARATIONS, *EXPRESSIONS, *IDIOMS):
         if idiom.places and place not in idiom.places:
             continue
@@ -72,10 +75,13 @@ def find(
             if not match.start() <= at <= match.end():
                 continue
             phrase = _phrase(source, idiom, match, place)
-            if phrase is None or (isinstance(phrase.help, Fix) and not leads_on(phrase.help)):
+            if phrase is None:
                 continue
-            return phrase
-    return None
+            if not isinstance(phrase.help, Fix) or leads_on(phrase.help, max(stop, phrase.end)):
+                return phrase
+            if first is None and leads_on(phrase.help, phrase.end):
+                first = phrase
+    return first
 
 
 def _phrase(source: Source, idiom: Idiom, match: re.Match[str], place: str) -> Phrase | None:

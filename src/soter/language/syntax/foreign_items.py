@@ -75,6 +75,10 @@ _ADVICE: dict[tuple[str, str], str] = {
         "every topic is logged: leave it out",
     ),
     **dict.fromkeys(
+        [(NODE, w) for w in ("on_activate", "on_enter", "on_entry", "on_takeover", "on_switch")],
+        "what is done when AC loses control: `on takeover { ... }`",
+    ),
+    **dict.fromkeys(
         [(NODE, w) for w in ("init", "initialize", "setup", "constructor", "on_start", "start")],
         "a variable has its first value where it is declared: `var n: int = 0;`",
     ),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from soter.language.syntax.foreign_rewrites import (
@@ -54,13 +55,19 @@ class Idiom:
     which it counts.
     """
 
-    pattern: re.Pattern[str]
+    expression: str
+    flags: int
     message: str
     write: Callable[[re.Match[str]], str | None] | None = None
     say: str = ""
     places: tuple[str, ...] = ()
     sure: bool = True
     """Whether `write` gives an edit; otherwise it is only shown."""
+
+    @cached_property
+    def pattern(self) -> re.Pattern[str]:
+        """Compiled at the first error: a right program needs none of the hundred and fifty."""
+        return re.compile(self.expression, self.flags)
 
 
 # ---------------------------------------------------------------- the phrases
@@ -79,7 +86,7 @@ def idiom(
     """One row of a table: `write` as a template or a function, `far` over several lines."""
     flags = re.MULTILINE | (re.DOTALL if far else 0)
     making = template(write) if isinstance(write, str) else write
-    return Idiom(re.compile(pattern, flags), message, making, say, places, sure)
+    return Idiom(pattern, flags, message, making, say, places, sure)
 
 
 IDIOMS: tuple[Idiom, ...] = (
@@ -374,6 +381,12 @@ IDIOMS: tuple[Idiom, ...] = (
     ),
     idiom(
         r"\b(?P<at>static_cast\s*<\s*(?P<type>\w+)\s*>)\s*\((?P<what>(?:[^()]|\([^()]*\))*)\)",
+        "a conversion is a call",
+        cast,
+    ),
+    idiom(
+        r"(?P<what>[A-Za-z_][\w.]*(?:\[\w+\])?(?:\((?:[^()]|\([^()]*\))*\))?|\d[\w.]*"
+        r"|\((?:[^()]|\([^()]*\))*\))\s+(?P<at>as\s+(?P<type>[A-Za-z]\w*))\b",
         "a conversion is a call",
         cast,
     ),

@@ -55,6 +55,12 @@ def constant(match: re.Match[str]) -> str | None:
     return f"const {match['name']}: {of} = {value};"
 
 
+def parameter(match: re.Match[str]) -> str | None:
+    """`declare_parameter("K", 1.5);` as `param K: float = 1.5;`."""
+    declared_so = constant(match)
+    return None if declared_so is None else declared_so.replace("const", "param", 1)
+
+
 def named_constant(match: re.Match[str]) -> str:
     """`const float A` and `const A float` as `const A: float`."""
     name, of = match["name"], match["type"]
@@ -323,11 +329,38 @@ def function_of(match: re.Match[str]) -> str | None:
     return f"fun {match['name']}({listed}): {result} {{ return {shown}; }}"
 
 
+def function_beside(match: re.Match[str]) -> str | None:
+    """The head of a function for what stands in a step, and where to put it."""
+    written = function_of(match)
+    return None if written is None else f"declare it beside the nodes: `{written}`"
+
+
 def one_of(match: re.Match[str]) -> str | None:
     """`x in (A, B)` as `x == A || x == B`."""
     values = [v.strip() for v in match["values"].split(",")]
     sign, joint = ("!=", " && ") if match["at"].startswith("not") else ("==", " || ")
     return f"({joint.join(' '.join((match['x'], sign, v)) for v in values)})"
+
+
+def between(match: re.Match[str]) -> str | None:
+    """`x in [0, 1]` as two comparisons; None for cases of an enum, which have no order."""
+    low, x, high = match["low"], match["x"], match["high"]
+    if re.fullmatch(r"[A-Z]\w*\.[A-Z]\w*", low):
+        return None
+    return f"{low} <= {x} && {x} <= {high}"
+
+
+def of_any_type(match: re.Match[str]) -> str | None:
+    """`std::min<int>` as `min`."""
+    return function_meant(match["name"]) or match["name"]
+
+
+def two_by_two(match: re.Match[str]) -> str | None:
+    """`min({a, b, c})` as `min(a, min(b, c))`."""
+    *rest, whole = [v.strip() for v in match["values"].split(",")]
+    for value in reversed(rest):
+        whole = f"{match['fun']}({value}, {whole})"
+    return whole if rest else None
 
 
 def typed_value(match: re.Match[str]) -> str | None:

@@ -2,7 +2,8 @@
 
 Purpose: tables, and what they say of one word: types, values, functions, units. Parser and checker
 ask them where a word is unknown, never before.
-Non-goals: whole phrases (`foreign_idioms.py`); words that are nearly right (`diagnostics/near.py`).
+Non-goals: whole phrases (`foreign_idioms.py`); words that are nearly right
+(`diagnostics/similar_names.py`).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from soter.language.syntax import tree
 from soter.language.syntax.foreign_idioms import place_of
 from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT
 from soter.language.syntax.parsing.functions import fun
-from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
+from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.nodes import NodeParser
 from soter.language.syntax.parsing.plants import plant
 from soter.language.syntax.parsing.systems import system, test

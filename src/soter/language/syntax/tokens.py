@@ -16,10 +16,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Label, made
-from soter.diagnostics.fix import Fix, replace
+from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.language.syntax.foreign_idioms import find
 from soter.language.syntax.foreign_words import in_si, period_of
+from soter.language.syntax.preprocessor_lines import preprocessed
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
@@ -401,14 +402,12 @@ def _open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
     tokens.truncated = True
 
 
-_DEFINE = re.compile(r"#\s*define\s+(\w+)\s+\(?(-?[\w.+-]+?)\)?\s*(?://.*)?")
-_INCLUDE = re.compile(r"#\s*include\s*[<\"]([\w./-]+)[>\"]\s*(?://.*)?")
-
-
 def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
     span = Span(tokens.source, start, end)
     if token[0] == "#":
-        _preprocessed(tokens, token.rstrip(), Span(tokens.source, start, start + 1))
+        said = preprocessed(tokens.source, token.rstrip(), start)
+        tokens.lost |= said.declares
+        tokens.report("L001", said.message, said.span.start, said.span.end, helps=said.helps)
         return
     helps: tuple[Help, ...] = (replace(span, f'"{visible(token[1:-1], 200)}"'),)
     message = "strings are written with double quotes"
@@ -420,38 +419,11 @@ def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
     tokens.bad.add(len(tokens.kinds))
 
 
-def _preprocessed(tokens: Tokens, token: str, hash_: Span) -> None:
-    """A comment of Python or the shell, or a line for the preprocessor of C."""
-    whole = Span(tokens.source, hash_.start, hash_.start + len(token))
-    define, include = _DEFINE.fullmatch(token), _INCLUDE.fullmatch(token)
-    message, span = "there is no preprocessor", whole
-    fix: Fix = replace(hash_, "//", "a comment begins with `//`")
-    if define is not None:
-        name, value = define[1], define[2]
-        of = "int" if value.lstrip("-").isdigit() else "float"
-        fix = replace(whole, f"const {name}: {of} = {value};")
-        tokens.lost.add(name)
-    elif include is not None:
-        stem = include[1].rpartition("/")[2].partition(".")[0]
-        path = include[1] if include[1].endswith(".soter") else f"{stem}.soter"
-        name = _called(stem, tokens.source.text)
-        fix = replace(whole, f'import "{path}" as {name};')
-        tokens.lost.add(name)
-    else:
-        message, span = "`#` does not begin a comment", hash_
-    helps: tuple[Help, ...] = (fix,)
-    if include is not None and not include[1].endswith(".soter"):
-        helps = ("the prelude needs no import: `sin`, `clamp`, `Vec3` are there",)
-    tokens.report("L001", message, span.start, span.end, helps=helps)
-
-
-def _called(stem: str, text: str) -> str:
-    """The name that a file goes by in the text that imports it; its own where that is not seen."""
-    names = [stem, *reversed(stem.split("_"))]
-    return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)
-
-
 def _lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
+    operand = tokens.kinds and tokens.kinds[-1] in ("(", ",", "=")
+    if operand and token.startswith("&"):
+        _garbage(tokens, token, start, end)
+        return
     meant = _LOOKALIKE[token]
     what = "" if token.isascii() else f" ({_code_point(token)[1:-1]})"
     message = f"`{token}`{what} is not an operator of Soter"
@@ -484,6 +456,7 @@ _GARBAGE_HELPS = {
     ),
     "~": ("negation of a condition is `!`",),
     "@": (),
+    "'": ("there is no transpose: `dot(a, b)` multiplies two vectors",),
     "\u201c": ('strings are written with `"`',),
     "\u201d": ('strings are written with `"`',),
 }

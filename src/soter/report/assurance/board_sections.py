@@ -2,7 +2,7 @@
 
 Purpose: what is open, hazards and requirements, predicates in full, assumptions with who answers
 for them; versions, hashes and flags, which stand on every printed page.
-Non-goals: what is open (`api/assurance/tracing.py`); the argument (`page.py`).
+Non-goals: what is open (`api/assurance/hazard_traceability.py`); the argument (`page.py`).
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from soter.report.assurance.expanded_predicate import MEANINGS
+from soter.report.plain_page import data_head
 from soter.report.run.result_wording import prose
-from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -30,15 +30,18 @@ PHONE_COLUMNS = 3
 TOGETHER_MAX = 9
 """So many columns of goals are one picture."""
 RADIUS, SIDE = 50, 54
-LEGEND_WIDTH = 760.0
+LEGEND_LINE = 24
 LEGEND = (
     ("goal", "goal"),
     ("strategy", "strategy"),
     ("solution", "solution: the evidence"),
     ("assumption", "assumptions"),
     ("context", "context"),
-    ("diamond", "undeveloped"),
+    ("supported", "supported \N{CHECK MARK}"),
+    ("undeveloped", "undeveloped"),
+    ("diamond", "undeveloped: nothing below"),
 )
+"""What a picture may hold; its legend has what it does."""
 
 
 @dataclass
@@ -166,9 +169,14 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
     parts = [line for row in rows for s in row for below in s.below for line in _arrow(s, below)]
     parts += [line for row in rows for s in row for line in _shape(case, s)]
     parts += [line for k, (kind, ids) in enumerate(beside) for line in _side(root, kind, ids, k)]
-    parts.append(f'<g transform="translate({MARGIN} {y - 10:.0f})">{_legend()}</g>')
-    width = max(width, LEGEND_WIDTH) + 2 * MARGIN
-    height = y + 30
+    drawn = {part for row in rows for s in row for part in _parts_of(case, s.node)}
+    lines = _legend([*drawn, *(kind for kind, _ in beside)])
+    parts += [
+        f'<g transform="translate({MARGIN} {y - 10 + LEGEND_LINE * k:.0f})">{line}</g>'
+        for k, line in enumerate(lines)
+    ]
+    width += 2 * MARGIN
+    height = y + 6 + LEGEND_LINE * len(lines)
     name = escape(f"{root.node.id} {root.node.text}", quote=True)
     return (
         f'<svg class="gsn" xmlns="http://www.w3.org/2000/svg" viewBox="{-MARGIN} 0 {width:.0f} '
@@ -268,21 +276,35 @@ def _side(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]:
     yield "</g></a>"
 
 
-def _legend() -> str:
-    """The symbols of the notation."""
+def _parts_of(case: SafetyCase, node: CaseNode) -> tuple[str, ...]:
+    """What the legend says of a node."""
+    undeveloped = node.kind == "goal" and not node.supported_by
+    return node.kind, case.status(node), *(("diamond",) if undeveloped else ())
+
+
+def _legend(drawn: Sequence[str]) -> list[str]:
+    """The symbols of the notation that are drawn, in lines that a phone shows whole."""
     shapes = {
         "goal": '<g class="goal"><path d="M0 0H26V14H0Z"/></g>',
         "strategy": '<g class="strategy"><path d="M4 0H30L26 14H0Z"/></g>',
         "solution": '<g class="solution"><circle cx="14" cy="7" r="8"/></g>',
         "assumption": '<g class="assumption"><rect width="26" height="14" rx="7"/></g>',
         "context": '<g class="context"><rect width="26" height="14" rx="4"/></g>',
+        "supported": '<g class="supported"><path d="M0 0H26V14H0Z"/></g>',
+        "undeveloped": '<g class="undeveloped"><path d="M0 0H26V14H0Z"/></g>',
         "diamond": '<g class="undeveloped">' + _diamond(14, -2) + "</g>",
     }
-    parts, x = [], 0
+    lines, x = [""], 0
     for kind, text in LEGEND:
-        parts.append(
+        if kind not in drawn:
+            continue
+        long = 52 + 7 * len(text)
+        if x and x + long > PHONE_COLUMNS * COLUMN:
+            lines.append("")
+            x = 0
+        lines[-1] += (
             f'<g transform="translate({x} 0)">{shapes[kind]}'
             f'<text class="legend" x="36" y="12">{text}</text></g>'
         )
-        x += 52 + 7 * len(text)
-    return "".join(parts)
+        x += long
+    return lines

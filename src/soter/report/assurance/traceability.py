@@ -2,7 +2,7 @@
 
 Purpose: `Traceability`: hazards and requirements with the properties that they lead to, and what is
 open (`OpenItem`).
-Non-goals: reading and following the rows (`api/assurance/tracing.py`).
+Non-goals: reading and following the rows (`api/assurance/hazard_traceability.py`).
 """
 
 from __future__ import annotations

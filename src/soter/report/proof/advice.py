@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from soter.report.plain_page import table_of
 from soter.report.run.result_wording import prose
-from soter.report.sections import table_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -39,7 +39,7 @@ class Line:
 
 @dataclass(frozen=True)
 class AdvicePage:
-    """What is known of one module; `table` is rows of text under `head`.
+    """What is known of one module of `program`; `table` is rows of text under `head`.
 
     `says`: what the names and marks mean; `best_ms`: the longest Delta that verifies, if one does.
     """
@@ -51,6 +51,7 @@ class AdvicePage:
     table: tuple[tuple[str, ...], ...]
     says: tuple[str, ...] = ()
     best_ms: float | None = None
+    program: str = ""
 
 
 def advice_main(pages: Sequence[AdvicePage]) -> str:
@@ -59,6 +60,8 @@ def advice_main(pages: Sequence[AdvicePage]) -> str:
 
 
 def _module(page: AdvicePage) -> Iterator[str]:
+    of = f": {page.program}" if page.program else ""
+    yield f'<p class="kicker">What the decision period costs{escape(of)}</p>'
     yield f'<h1>{escape(page.module)}</h1><p class="verdict">{prose(page.summary)}</p>'
     yield f'<div class="figures advice"><figure>{"".join(_figure(page))}'
     yield f"<figcaption>{prose(DOTS).replace('*verifies*', '<em>verifies</em>')}</figcaption>"

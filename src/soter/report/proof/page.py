@@ -11,9 +11,9 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from soter.report.html import document, write_text
+from soter.report.plain_page import data_head
 from soter.report.proof.regions import region_svg
 from soter.report.run.result_wording import prose
-from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     import os
@@ -56,6 +56,7 @@ def proof_body(page: ProofPage) -> str:
         *(_module(m) for m in page.modules),
         _together(page),
         _list("What this rests on", page.assumptions, "grounds"),
+        _list("Not covered", page.not_covered, "grounds"),
         _list("What has to be trusted", page.trusted_base, "grounds"),
         _provenance(page),
     ]
@@ -208,9 +209,36 @@ def _figures(m: ModuleProof) -> str:
             '<li><i class="stroke border"></i><span>border of <code>ttf</code>: on the side of R5 '
             "the DM leaves AC in control</span></li>"
         )
-    drawn = "".join(_figure(f) for f in m.figures)
+    drawn = "".join(_figure(f) for f in m.figures if _of_one_region(f) is None)
     return (
         f'<h3>Regions of operation</h3><ul class="key">{key}</ul><div class="figures">{drawn}</div>'
+        f"{_undrawn(m.figures)}"
+    )
+
+
+def _of_one_region(f: RegionFigure) -> int | None:
+    """The region that a single axis lies in from end to end: nothing of it need be drawn."""
+    if f.y_name or f.slices or f.trajectory is not None:
+        return None
+    if f.lets_ac is not None and f.lets_ac.any() and not f.lets_ac.all():
+        return None
+    first = int(f.regions.flat[0])
+    return first if (f.regions == first).all() else None
+
+
+def _undrawn(figures: tuple[RegionFigure, ...]) -> str:
+    """The axes that lie in one region, in a sentence for each region and note."""
+    axes: dict[tuple[int, str], list[str]] = {}
+    for f in figures:
+        region = _of_one_region(f)
+        if region is not None:
+            unit = f" {f.x_unit}" if f.x_unit else ""
+            ends = f"{f.x_edges[0]:.4g}, {f.x_edges[-1]:.4g}".replace("-", "\N{MINUS SIGN}")
+            axes.setdefault((region, f.note), []).append(f"{f.x_name} in [{ends}]{unit}")
+    return "".join(
+        f'<p class="note">{REGIONS[region - 1][1]} from end to end, so without a figure'
+        f"{f' ({prose(note)})' if note else ''}: {prose('; '.join(names))}.</p>"
+        for (region, note), names in axes.items()
     )
 
 

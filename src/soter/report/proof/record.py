@@ -130,3 +130,5 @@ class ProofPage:
     together: str = ""
     """Of several modules: the verdict of the conjunction."""
     taken: tuple[TakenRow, ...] = ()
+    not_covered: tuple[str, ...] = ()
+    """What the verdict says nothing about."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.report.plain_page import data_head
 from soter.report.run.figure import (
     change_text,
     figure_place,
@@ -32,7 +33,6 @@ from soter.report.run.result_wording import (
 )
 from soter.report.run.signal_thinning import place
 from soter.report.run.timeline import chart_timeline, flight_timeline
-from soter.report.sections import data_head
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -230,7 +230,7 @@ def _charts(page: ReportPage, drawn: list[Figure]) -> str:
 def _violations(arms: Sequence[Flight | Chart]) -> str:
     """List every violation with the property that failed."""
     rows = "".join(
-        f'<tr><td class="number"{data_head("t / s")}>{violation.time_s:.2f}</td>'
+        f'<tr><td class="number"{data_head("t / s")}>{violation.time_s:.3f}</td>'
         f"<td{data_head('arm')}>{escape(arm.title)}</td>"
         f"<td>{prose(violation.text)}{_often(violation)}</td>{_where(arm, violation)}</tr>"
         for arm in arms
@@ -270,9 +270,11 @@ def _decisions(arms: Sequence[Flight | Chart]) -> str:
     tables = [_decision_table(arm, several=len(arms) > 1) for arm in arms if arm.decisions]
     if not tables:
         return ""
+    count = count_text(sum(len(arm.decisions) for arm in arms), "step")
     return (
         "<section><h2>Decisions of the DM</h2>"
-        '<p class="note lead">Each step of a decision module that changed who is in control.</p>'
+        f'<p class="note lead">Each step of a decision module that changed who is in control: '
+        f"{count} in all.</p>"
         f"{''.join(tables)}</section>"
     )
 
@@ -306,7 +308,7 @@ def _decision_row(arm: Flight | Chart, decision: Decision, *, with_module: bool)
     seen = "<br>".join(escape(text) for text in predicates_text(decision.predicates))
     values = "".join(f"<br><code>{escape(text)}</code>" for text in decision.why)
     return (
-        f'<tr><td class="number"{data_head("t / s")}>{decision.time_s:.2f}</td>'
+        f'<tr><td class="number"{data_head("t / s")}>{decision.time_s:.3f}</td>'
         f'<td class="change"><i class="mark {kind}"></i>{change_text(decision)}</td>'
         f'<td class="why">{prose(decision.reason)}{values}</td><td class="seen">{seen}</td>'
         f"{_where(arm, decision)}{module}</tr>"

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.report.run.record import Chart, Flight, ReportPage, Summary
+    from soter.report.run.record import Chart, Flight, ReportPage, Summary, Violation
 
 KNOWN = ("lap_s", "violations", "ac_share", "switches_to_sc", "switches_to_ac", "min_clearance_m")
 CAPTIONS = {
     "lap_s": "a lap",
     "ac_share": "AC in control",
     "switches_to_sc": "SC took over",
-    "switches_to_ac": "AC came back",
+    "switches_to_ac": "AC was given control",
     "min_clearance_m": "closest approach",
 }
 CODE = re.compile(r"`([^`]+)`")
@@ -45,6 +45,12 @@ def violation_count(arm: Flight | Chart) -> int:
     """Return how often the properties failed: as summarized, else as listed."""
     told = arm.summary.get("violations")
     return int(told) if isinstance(told, (int, float)) else len(arm.violations)
+
+
+def violations_title(violations: Sequence[Violation]) -> str:
+    """A property that fails again and again has a mark where it failed first."""
+    again = any(violation.times > 1 for violation in violations)
+    return "violations, the first of each property" if again else "violations"
 
 
 def count_text(count: int, noun: str) -> str:

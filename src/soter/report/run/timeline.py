@@ -29,7 +29,7 @@ from soter.report.run.figure import (
 from soter.report.run.level_labels import Curves, level_names, levels_of, levels_range
 from soter.report.run.packed_json import numbers
 from soter.report.run.record import Figure, Json
-from soter.report.run.result_wording import quantity
+from soter.report.run.result_wording import quantity, violations_title
 from soter.report.run.signal_thinning import (
     POINTS_MAX,
     by_controller,
@@ -173,7 +173,7 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         data.append(_violation_row(stack, row, chart.violations))
         stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
         shapes += [_instant(violation.time_s) for violation in chart.violations]
-        notes.append(_panel_name(stack, row, "violations"))
+        notes.append(_panel_name(stack, row, violations_title(chart.violations)))
     for row, (title, series) in enumerate(panels, first):
         if bands == 1:
             shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)

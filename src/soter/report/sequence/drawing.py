@@ -23,7 +23,7 @@ from soter.report.sequence.step_wording import (
     published_text,
 )
 from soter.report.sequence.view import duration_text, late_ns, reached
-from soter.report.summary import display_width
+from soter.report.terminal_tables import display_width
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

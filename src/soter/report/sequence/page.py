@@ -12,9 +12,9 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from soter.report.html import document, write_text
+from soter.report.plain_page import data_head
 from soter.report.printable_text import visible
 from soter.report.run.result_wording import prose
-from soter.report.sections import data_head
 from soter.report.sequence.drawing import (
     GUTTER_PX,
     MARKS,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.report.printable_text import visible
 from soter.report.sequence.view import duration_text, late_ns, violating
-from soter.report.summary import display_width
+from soter.report.terminal_tables import display_width
 
 if TYPE_CHECKING:
     from soter.report.sequence.view import Pick, Published, SequenceStep, SequenceView

@@ -17,11 +17,11 @@ from soter.report.sequence.step_wording import (
     published_text,
 )
 from soter.report.sequence.view import duration_text, matter_text
-from soter.report.summary import Styled, table
+from soter.report.terminal_tables import Styled, table
 
 if TYPE_CHECKING:
     from soter.report.sequence.view import SequenceStep, SequenceView
-    from soter.report.summary import Tone
+    from soter.report.terminal_tables import Tone
 
 _NOTHING = Styled("", "plain")
 MATTERS = "•"

@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, cast
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, Severity
 from soter.language.load.bounded_read import read_bytes
+from soter.language.model.binding_text import binding_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from soter.diagnostics.span import Span
+    from soter.language.model.binding_text import BindingText
     from soter.language.model.typed import NodeSymbol, TypedProgram
 
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
@@ -44,9 +46,10 @@ def _sources(program: TypedProgram) -> Iterator[tuple[str, str, Span]]:
 
 
 def _problem(name: str, source: str, where: Label | None) -> Iterator[Diagnostic]:
-    kind, _, rest = source.partition(":")
-    file, _, wanted = rest.rpartition(":")
-    reason = _missing(kind, Path(file), wanted)
+    binding = binding_of(source)
+    if binding is None:
+        return
+    reason = _missing(binding)
     if reason:
         yield Diagnostic(
             "W007",
@@ -57,13 +60,17 @@ def _problem(name: str, source: str, where: Label | None) -> Iterator[Diagnostic
         )
 
 
-def _missing(kind: str, path: Path, wanted: str) -> str:
+def _missing(binding: BindingText) -> str:
     """Why the code cannot be there; "" where it may be."""
+    path, wanted = Path(binding.file), binding.name
+    if binding.is_policy:
+        absent = [file for file in binding.files if not Path(file).is_file()]
+        return f"there is no file `{absent[0]}`" if absent else ""
     try:
         text = read_bytes(path).decode("utf-8")
     except (OSError, UnicodeDecodeError):
         return f"there is no file `{path}`" if not path.is_file() else f"`{path}` cannot be read"
-    if kind == "c":
+    if binding.kind == "c":
         there = re.search(rf"\b{re.escape(wanted)}\s*\(", COMMENT.sub(" ", text)) is not None
         # a macro or an included file may make any name
         return "" if there or "##" in text or '.c"' in text else _not_in(path, wanted)

@@ -9,12 +9,14 @@ Non-goals: loading Python (`python_extern.py`), calling C (`c_extern.py`), runni
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.similar_names import nearest_or_all
+from soter.language.model.binding_text import FORMS, binding_of
 from soter.simulate.externs.python_extern import PythonExtern, instantiated, load_python
 from soter.simulate.run_settings import usage_error
 
@@ -26,8 +28,6 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System
     from soter.language.model.typed import FunSymbol
     from soter.simulate.interrupt import StopRequest
-
-KINDS = ("python", "c")
 
 
 @dataclass(eq=False)
@@ -60,15 +60,16 @@ class Bindings:
 
 def check_text(name: str, text: str) -> str:
     """A binding given as text, its file checked; SoterError U001."""
-    parts = text.split(":")
-    if len(parts) != 3 or parts[0] not in KINDS or not all(parts):
+    binding = binding_of(text)
+    if binding is None:
         raise usage_error(
             "U001",
             f"`{name}` cannot be bound to `{text}`",
-            "write NAME=python:file.py:name or NAME=c:file.c:name",
+            f"write {', '.join(f'NAME={form}' for form in FORMS.values())}",
         )
-    if not Path(parts[1]).is_file():
-        raise usage_error("X003", f"there is no file `{parts[1]}` to bind `{name}` to")
+    for file in binding.files:
+        if not Path(file).is_file():
+            raise usage_error("X003", f"there is no file `{file}` to bind `{name}` to")
     return text
 
 
@@ -164,7 +165,7 @@ def callables(
             problems.append(problem)
         elif not _is_c(extern.bound):
             try:
-                callable_by_name[extern.name] = _python(extern, stop, apart=apart)
+                callable_by_name[extern.name] = _python(bindings.system, extern, stop, apart=apart)
             except SoterError as error:
                 problems += error.diagnostics
     if problems:
@@ -288,25 +289,44 @@ def close(bound: Mapping[str, object]) -> None:
             end()
 
 
-def _python(extern: Extern, stop: StopRequest, *, apart: bool) -> object:
+def assumptions(bound: Mapping[str, object]) -> list[str]:
+    """What the files of policies do not say, a sentence for each callable of a run."""
+    told = [(name, getattr(extern, "assumed", ())) for name, extern in bound.items()]
+    return [f"{name} assumes, as its file does not say: {'; '.join(x)}" for name, x in told if x]
+
+
+def _python(system: System, extern: Extern, stop: StopRequest, *, apart: bool) -> object:
     node = extern.component.node if extern.component is not None else None
     if not apart or node is None:
         shapes = () if node is None else node.answers
-        return PythonExtern(extern.name, _target(extern), stop, shapes)
+        return PythonExtern(extern.name, _target(system, extern), stop, shapes)
     from soter.simulate.externs.isolated_extern import ProcessExtern  # noqa: PLC0415 - POSIX only
 
-    return ProcessExtern(extern.name, lambda: _target(extern), node.answers, extern.span, stop)
+    load = partial(_target, system, extern)
+    return ProcessExtern(extern.name, load, node.answers, extern.span, stop)
 
 
-def _target(extern: Extern) -> object:
+def _target(system: System, extern: Extern) -> object:
     bound = extern.bound
     if isinstance(bound, str):
-        return load_python(bound, extern.span)
+        return _loaded(system, extern, bound)
     if isinstance(bound, type):
         return instantiated(bound, _shown(bound), None)
     if not callable(getattr(bound, "step", bound)):
         raise SoterError((_uncallable(extern.name, bound),))
     return bound
+
+
+def _loaded(system: System, extern: Extern, text: str) -> object:
+    """What a text names: an object of a Python file, or the policy of another."""
+    binding, x = binding_of(text), extern.component
+    if binding is None or not binding.is_policy or x is None or x.node is None:
+        return load_python(text, extern.span)
+    from soter.simulate.externs.policy_extern import load_policy  # noqa: PLC0415 - needs NumPy
+
+    topics = [(s.topic, system.topics[x.scope.topics[s.topic]].type) for s in x.node.subscribes]
+    reads = [(topic.name.rpartition(".")[2], t) for topic, t in topics]
+    return load_policy(binding, reads, x.node.answers, extern.span)
 
 
 def _uncallable(name: str, bound: object) -> Diagnostic:
@@ -328,6 +348,14 @@ def _impossible(extern: Extern, engine: str) -> Diagnostic | None:
                 f"bind it: --bind {short}=python:file.py:name",
                 'or write `from "python:file.py:name"` in the program',
             ),
+        )
+    binding = binding_of(extern.bound) if isinstance(extern.bound, str) else None
+    if extern.kind != "node" and binding is not None and binding.is_policy:
+        return Diagnostic(
+            "X008",
+            f"extern {extern.kind} `{extern.name}` is bound to a policy, which only answers nodes",
+            declared,
+            helps=(f"bind it to Python: --bind {short}=python:file.py:name",),
         )
     if extern.kind == "plant" and _is_c(extern.bound):
         return Diagnostic(

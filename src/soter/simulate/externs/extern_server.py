@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.model.binding_text import binding_of
 from soter.language.model.python_values import inputs_to_python
 from soter.semantics.externs import converted
+from soter.simulate.externs.policy_extern import load_policy
 from soter.simulate.externs.python_answers import described
 from soter.simulate.externs.python_extern import PythonExtern, load_python
 from soter.simulate.interrupt import StopRequest
@@ -32,7 +34,7 @@ EXIT_LAYOUT, EXIT_LOAD = 3, 4
 
 @dataclass(frozen=True)
 class Spec:
-    """What a worker has to know of its node; `binding`: `python:file.py:name`, file absolute."""
+    """What a worker has to know of its node; `binding`: its text, with absolute files."""
 
     name: str
     binding: str
@@ -42,12 +44,13 @@ class Spec:
 
 
 def write_spec(system: System, component: Component, seed: int, path: Path) -> None:
-    """Write the spec of an extern node that is bound to Python."""
+    """Write the spec of an extern node that is bound to Python, or to a policy."""
+    binding = binding_of(component.binding)
     assert component.node is not None
-    kind, file, name = str(component.binding).split(":")
-    binding = f"{kind}:{Path(file).absolute()}:{name}"
+    assert binding is not None
+    absolute = str(binding.beside(Path.cwd()))
     shapes = tuple(component.node.answers)
-    spec = Spec(component.name, binding, exchange_of(system, component), seed, shapes)
+    spec = Spec(component.name, absolute, exchange_of(system, component), seed, shapes)
     path.write_bytes(pickle.dumps(spec))
 
 
@@ -56,9 +59,7 @@ class ExternServer:
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
-        self._extern = PythonExtern(
-            spec.name, load_python(spec.binding, None), StopRequest(), spec.shapes
-        )
+        self._extern = PythonExtern(spec.name, _loaded(spec), StopRequest(), spec.shapes)
         self._extern.reset(spec.seed)
         self._said = False
 
@@ -88,6 +89,15 @@ class ExternServer:
             if member.name in (fields := {**given, **present}):
                 encode_into(out, member.offset, member.type, fields[member.name])
         return bytes(out)
+
+
+def _loaded(spec: Spec) -> object:
+    """The object that the binding names; SoterError as loading raises it."""
+    binding = binding_of(spec.binding)
+    if binding is None or not binding.is_policy:
+        return load_python(spec.binding, None)
+    members = sorted(spec.exchange.request.members, key=lambda m: m.index)
+    return load_policy(binding, [(m.name, m.type) for m in members], spec.shapes, None)
 
 
 def main(path: str) -> int:

@@ -46,7 +46,8 @@ PATIENCE_S = 60.0
 """How long one step may take where $SOTER_EXTERN_PATIENCE_S does not say it, s of the clock."""
 RESTARTS = 5
 TEXT_MAX = 2000
-LOADING: tuple[Code, Code] = ("X002", "X003")
+LOADING: tuple[Code, ...] = ("X003", "X002", "X014", "D007")
+"""What loading may be told as; the first stands for all else."""
 
 
 class GoneError(PlainError):
@@ -69,6 +70,7 @@ class ProcessExtern:
         self._seed: int | None = None
         self._left = RESTARTS
         self._patience_s = _patience()
+        self.assumed: tuple[str, ...] = ()
         self._child: Child | None = self._started()
 
     def step(self, inputs: object) -> object:
@@ -111,6 +113,9 @@ class ProcessExtern:
         if problems:
             child.end("told")
             raise SoterError(tuple(_problem(p, self._span) for p in problems))
+        assumed = said.get("assumed")
+        texts = assumed if isinstance(assumed, list) else []
+        self.assumed = tuple([visible(str(x)[:TEXT_MAX]) for x in texts[:8]])
         return child
 
     def _again(self) -> Child:
@@ -155,10 +160,10 @@ def _patience() -> float:
 
 def _problem(given: object, span: Span) -> Diagnostic:
     told: dict[str, Any] = given if isinstance(given, dict) else {}
-    code = told.get("code")
+    codes = [code for code in LOADING if code == told.get("code")]
     lines = [[str(x)[:TEXT_MAX] for x in told.get(k) or ()][:8] for k in ("notes", "helps")]
     return Diagnostic(
-        LOADING[0] if code == LOADING[0] else LOADING[1],
+        (*codes, LOADING[0])[0],
         visible(str(told.get("message", "it cannot be loaded"))[:TEXT_MAX]),
         Label(span, "declared here") if told.get("placed") else None,
         notes=tuple(map(visible, lines[0])),
@@ -219,7 +224,7 @@ class ServedExtern:
     def _answer(self, what: bytes, rest: bytes) -> dict[str, Any]:
         if what == b"l":
             self._extern = PythonExtern(self._name, self._load(), StopRequest(), self._shapes)
-            return {}
+            return {"assumed": list(self._extern.assumed)}
         assert self._extern is not None
         if what == b"r":
             self._extern.reset(int(rest))

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.diagnostics.near import closest
-from soter.simulate.externs import process_surroundings
+from soter.diagnostics.similar_names import closest
+from soter.simulate.externs import process_state_guard
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,7 +48,7 @@ def hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shape
 def _not_entered(error: Exception) -> bool:
     """Whether the call itself failed: the last frame is the one that calls externs."""
     frames = list(traceback.walk_tb(error.__traceback__))
-    return bool(frames) and frames[-1][0].f_code.co_filename == process_surroundings.__file__
+    return bool(frames) and frames[-1][0].f_code.co_filename == process_state_guard.__file__
 
 
 def _called(step: object, arguments: Sequence[Any]) -> str:

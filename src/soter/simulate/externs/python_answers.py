@@ -17,7 +17,7 @@ from soter.codegen.extern_interface import answer_fields
 from soter.core.layout import arrange, decode_from, encode_into
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.python_values import ValueShapeError, inputs_to_python
-from soter.native.own_files import SOTER
+from soter.native.package_sources import SOTER
 from soter.report.printable_text import visible
 from soter.semantics.externs import Converted, Stop, converted, message_of, step_of, visible_error
 from soter.semantics.publication_gate import check_of, messages

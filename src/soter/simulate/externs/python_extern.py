@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.diagnostics.near import closest
 from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.similar_names import closest
 from soter.language.load.bounded_read import read_bytes
 from soter.semantics.externs import Stop, step_of
 from soter.simulate.externs.misuse_messages import hint
-from soter.simulate.externs.process_surroundings import outside
+from soter.simulate.externs.policy_extern import PolicyExtern
+from soter.simulate.externs.process_state_guard import outside
 from soter.simulate.externs.python_answers import MisuseError, PlainError, described
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class PythonExtern:
         self._shapes = shapes
         self._step = step_of(target)
         self._stop = stop
+        self.assumed: tuple[str, ...] = target.assumed if isinstance(target, PolicyExtern) else ()
 
     def step(self, *arguments: Any) -> object:  # noqa: ANN401 - whatever the extern takes
         """One step; raises `Exception`s only, but for `Stop`, a person's Ctrl-C.

@@ -33,8 +33,9 @@ from soter.report.run.record import (
 )
 from soter.report.run.result_wording import count_text
 from soter.simulate import decisions
+from soter.simulate.outputs import tower_control
 from soter.simulate.outputs.live_diagram import live_of_run
-from soter.simulate.outputs.run_assumptions import of_run
+from soter.simulate.outputs.result_assumptions import of_run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -106,7 +107,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
-        notes=(*run.failures, *run.notes),
+        notes=(*run.failures, *run.notes, *tower_control.told(run), *_of_signals(run)),
         assumptions=tuple(of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
@@ -115,12 +116,16 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
 
 
 def _headline(run: Run) -> str:
-    """Where an extern never answered that comes first; "": as of any page."""
-    if not run.never_answered:
-        return ""
-    names = " and ".join(run.never_answered)
+    """Where an extern never answered that comes first.
+
+    That it is a system, and one run: a system may be called `Proved`.
+    """
     count = count_text(run.violations, "violation")
-    return f"{names} never answered: nothing of it was tried. {run.system.name}: {count}."
+    told = f"System {run.system.name}: {count} in this run."
+    if not run.never_answered:
+        return told
+    names = " and ".join(run.never_answered)
+    return f"{names} never answered: nothing of it was tried. {told}"
 
 
 def _thinned(run: Run) -> npt.NDArray[np.void]:
@@ -139,10 +144,10 @@ def run_chart(run: Run) -> Chart:
         for m in run.system.modules
     )
     return Chart(
-        name=run.system.name,
-        title=run.system.name,
+        name=f"System {run.system.name}",
+        title=f"System {run.system.name}",
         time_s=time_s,
-        series=(*_margins(run, thin), *_latches(run, trace), *_series(run, trace))[:SERIES_MAX],
+        series=_all_series(run, trace, thin)[:SERIES_MAX],
         modes=bands,
         decisions=tuple(_decision(d) for d in decisions.changes(run)),
         violations=tuple(
@@ -153,6 +158,29 @@ def run_chart(run: Run) -> Chart:
         summary=_summary(run),
         properties=tuple(f"{p.kind} {p.text}" for p in run.system.properties),
     )
+
+
+def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Series, ...]:
+    return (
+        *_held(run, trace),
+        *_margins(run, thin),
+        *_latches(run, trace),
+        *_series(run, trace),
+    )
+
+
+def _of_signals(run: Run) -> Iterator[str]:
+    """What a margin is, where one is drawn, and that signals are left out, where there are many."""
+    for m in run.system.modules:
+        if m.looks > 1:
+            yield f"margin of {m.name}: for how long AC surely keeps control from then on"
+    trace = run.require_trace()[:1]
+    count = len(_all_series(run, trace, len(run.require_trace())))
+    if count > SERIES_MAX:
+        yield (
+            f"of {count} signals {SERIES_MAX} are drawn over time; a log has every topic "
+            "(`soter run --log`)"
+        )
 
 
 def _share_told(run: Run, module: str) -> str:
@@ -175,6 +203,16 @@ def _summary(run: Run) -> dict[str, float | int | str]:
         summary["switches_to_sc"] = modules[0].switches_to_sc
         summary["switches_to_ac"] = modules[0].switches_to_ac
     return summary
+
+
+def _held(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
+    """Who has control in each tower, by number: 0 is the SC of the topmost module."""
+    for tower in tower_control.towers(run.system):
+        names = tower_control.controllers(run.system, tower)
+        who = ", ".join(f"{k}: {name}" for k, name in enumerate(names))
+        held = tower_control.levels_of(tower, trace).astype(float)
+        name = f"control({tower[0].name})"
+        yield Series(name, "", held, panel=f"who has control ({who})", held=True)
 
 
 def _margins(run: Run, thin: int) -> Iterator[Series]:
@@ -215,7 +253,10 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
         levels = next(bounds, None)
         marks: tuple[Threshold, ...] = ()
         if isinstance(topic.type, (FloatType, IntType)) and levels is not None:
-            marks = (Threshold("least", levels.low), Threshold("greatest", levels.high))
+            marks = (
+                Threshold("least declared", levels.low),
+                Threshold("greatest declared", levels.high),
+            )
         for each in _signals(topic.name, topic.type, trace["topics"][topic.name], marks):
             truth = measured.get(each.name)
             held = replace(each, held=True, panel=each.panel if truth is None else truth)

@@ -21,7 +21,7 @@ from soter.targets.message_conversion import (
     unmappable,
 )
 from soter.targets.ros.module_status import MESSAGE
-from soter.targets.source_promises import several
+from soter.targets.topic_sources_check import several
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -22,7 +22,7 @@ from soter.targets.ros.module_status import message_files
 from soter.targets.ros.node_sources import ROS1, ROS2, Flavour, NodeSources
 from soter.targets.ros.ros_package_record import RosPackage, package_name
 from soter.targets.ros.rostest_files import untested
-from soter.targets.source_promises import compared
+from soter.targets.topic_sources_check import compared
 
 if TYPE_CHECKING:
     from pathlib import Path

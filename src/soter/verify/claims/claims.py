@@ -18,6 +18,7 @@ from soter.verify.claims.failsafe_claim import (
     inside,
     without_law,
 )
+from soter.verify.claims.handback_claim import handed_back
 from soter.verify.claims.product_sets import law_stays_inside, product_holds
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.grid.sets import UnboundedError
@@ -168,7 +169,13 @@ def inclusion(case: Case, predicate: str) -> None:
 
 
 def start(case: Case) -> None:
-    """The declared initial states lie in R(h_0), h_0 the first instant SC's output acts."""
+    """The declared initial states lie in R(h_0), h_0 the first instant SC's output acts.
+
+    Below another module that one has control first: asked is where it gives control back.
+    """
+    if case.problem.above:
+        handed_back(case)
+        return
     if case.parameter != case.problem.parameter_start:
         return
     wrong_read = fault_on_defaults(case.problem)

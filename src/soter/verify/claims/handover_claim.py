@@ -36,7 +36,7 @@ def not_entered(case: Case) -> str:
         return "there is no R(H)"
     if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
         return "not every state is on an axis"
-    reach = _reach(problem)
+    reach = reach_of(problem)
     for s, range_ in enumerate(reach):
         if range_ is None:
             return f"nothing that it reads bounds {problem.quantities.states[s].name}"
@@ -47,17 +47,18 @@ def not_entered(case: Case) -> str:
     return next(filter(None, reasons), "")
 
 
-def _reach(problem: Problem) -> list[tuple[float, float] | None]:
+def reach_of(problem: Problem) -> list[tuple[float, float] | None]:
     """What each state can be where `enters` is judged: what is published lies in its set.
 
-    None where no topic that it reads shows the state.
+    None where no topic that it reads shows the state. Below another module any topic may: a plant
+    that publishes anything else there stops.
     """
     scope = problem.module.scope.topics
     read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
     ranges: list[tuple[float, float] | None] = [None] * len(problem.states)
     for (topic, leaf), state in problem.state_of_leaf.items():
         bounds = problem.system.topics[topic].bounds[leaf]
-        if topic not in read or bounds is None:
+        if (topic not in read and not problem.above) or bounds is None:
             continue
         error = _error(problem, topic, leaf)
         error += 2.0**-50 * (error + max(abs(bounds.low), abs(bounds.high)))  # rounding

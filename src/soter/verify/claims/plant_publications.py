@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.language.model.types import leaves
 from soter.verify.claims.results import UNDECIDED
 from soter.verify.enclose.enclosed_steps import room_of
-from soter.verify.enclose.inputs import paths
+from soter.verify.enclose.enclosure_inputs import paths
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -230,12 +230,16 @@ def law_stays_inside(
 
     SC steps at every instant, in control or not, so all of C is looked at, with every error.
     """
-    count = len(problem.controls)
     hulls = [p.hull() for p in parts]
     blocks = [b for b in hulls if b is not None]
     if len(blocks) < len(hulls):
         return ""
-    box = _box(forms, parts, blocks)
+    return law_within(problem, forms, _box(forms, parts, blocks))
+
+
+def law_within(problem: Problem, forms: CompiledEnclosures, box: Floats) -> str:
+    """The same on a box of all inputs, (inputs, 2)."""
+    count = len(problem.controls)
     limits = np.array([(c.low, c.high) for c in problem.controls])
     moving = [i for i in range(len(box)) if box[i, 0] < box[i, 1]]
     todo = [box]

@@ -14,12 +14,16 @@ from typing import TYPE_CHECKING
 from soter.language.model.durations import show_ns
 from soter.verify.claims.claims import parts_of
 from soter.verify.claims.product_sets import product_holds
+from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED
+from soter.verify.problem.other_modes import said
 
 if TYPE_CHECKING:
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
+    from soter.verify.claims.results import Finding
+    from soter.verify.problem.problem import Problem
 
-
+GIVE_BACK = "let one of them give control back whatever the other one does"
 MS = 1_000_000
 """Times in hints are whole milliseconds, upwards."""
 
@@ -66,3 +70,14 @@ def in_time(case: Case) -> None:
             f"SC may need {show_ns(needed)}, longer than the {show_ns(wanted)} of `recover within`",
             hint=f"`recover within {-(-needed // MS)}ms;`, or a quicker SC",
         )
+
+
+def waits(problem: Problem, finding: Finding) -> None:
+    """P2b of a module that waits for others is about times at which these are in AC."""
+    modes = problem.modes
+    if modes is None or not modes.waits or finding.verdict != PROVED:
+        return
+    if modes.never:
+        finding.rest_on(UNDECIDED, modes.never, GIVE_BACK)
+    else:
+        finding.rest_on(ASSUMED, f"{finding.text} while {said(modes.waits)} in AC: not proved")

@@ -340,11 +340,17 @@ class ModuleResult:
         return [*names, *(["scheme"] if SCHEME in self.assumptions else [])]
 
     @property
+    def whilst(self) -> str:
+        """Of a module below another one: when its `safe` is claimed; "" at all times."""
+        return f" while {self.problem.above} is in AC" if self.problem.above else ""
+
+    @property
     def headline(self) -> str:
         """The verdict and, where it says little, that: no proof of nothing reads like one."""
-        if self.vacuity is None or self.verdict not in (PROVED, ASSUMED):
+        if self.verdict not in (PROVED, ASSUMED):
             return self.verdict
-        return f"{self.verdict}, but {self.vacuity.text}"
+        verdict = self.verdict + self.whilst
+        return verdict if self.vacuity is None else f"{verdict}, but {self.vacuity.text}"
 
     @property
     def cells(self) -> int:
@@ -414,7 +420,7 @@ class VerifyReport:
             name = m.name.removesuffix(f" as {m.problem.view}")
             views = m.problem.whole  # the module as it flies, beside the plants of a view
             module = m.problem.module if views is None else views.modules[0]
-            safe_by_module[name] = " ".join(module.symbol.safe.span.text.split())
+            safe_by_module[name] = " ".join(module.symbol.safe.span.text.split()) + m.whilst
         return safe_by_module
 
     @property

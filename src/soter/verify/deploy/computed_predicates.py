@@ -22,7 +22,7 @@ from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
 from soter.native.cache import find_cached, store
-from soter.native.own_files import SOTER, files_below
+from soter.native.package_sources import SOTER, files_below
 from soter.verify.claims import claims
 from soter.verify.claims.levels import levels, withheld
 from soter.verify.enclose.compiled_enclosures import library_of

@@ -126,13 +126,14 @@ def check_decisions(
     level_tables: Sequence[LevelTable] = (),
     leaves_of: Mapping[int, tuple[int, int]] | None = None,
     change: Callable[[str], str] | None = None,
-    acted_ns: int = 0,
+    acted_ns: int | None = 0,
 ) -> list[DMCheck]:
     """Check the C of every decision module of a system.
 
     `found`: the tables of computed predicates (one module), every cell of which is tried;
     `leaves_of`: state -> the (topic, leaf) that shows it; `change` edits the C first (for tests);
-    `acted_ns`: W, for so long a command counts that a shield's module has replaced.
+    `acted_ns`: W, for so long a command counts that a shield's module has replaced; None: not at
+    all.
     """
     at = leaves_of or {}
     points = {at[s]: e for t in level_tables for s, e in zip(t.states, t.ends, strict=True)}
@@ -172,7 +173,7 @@ def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMChe
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)
     leaves_of = problem.topic_leaf_of_state
-    acted_ns = 0 if module.shield is None else problem.times.acted
+    acted_ns = None if problem.kind == "map" else problem.times.acted
     return check_decisions(system, core, level_tables, leaves_of, acted_ns=acted_ns)[0]
 
 
@@ -317,7 +318,7 @@ class _Inputs:
         table: LevelTable,
         others: Sequence[LevelTable],
         leaves_of: Mapping[int, tuple[int, int]],
-        acted_ns: int,
+        acted_ns: int | None,
     ) -> None:
         """The samples of a table; the other groups where they allow everything."""
         samples, fresh = table.samples, self._fresh(table, others, leaves_of)
@@ -348,8 +349,10 @@ class _Inputs:
             where = points[k].tolist()
             self.check.differs(f"at {where} its level is {got[k]}, not {surely[k]}")
 
-    def _commands(self, table: LevelTable, acted_ns: int) -> Iterator[ActingCommands]:
+    def _commands(self, table: LevelTable, acted_ns: int | None) -> Iterator[ActingCommands]:
         """The command that is held and another one that may just still act, in all pairs of cells.
+
+        `acted_ns` None: no other one acts, whatever was held until now.
 
         With where they lie in a state, and on which samples they are permitted.
         """
@@ -374,8 +377,9 @@ class _Inputs:
             ends = (np.nextafter(edges[held], np.inf), np.nextafter(edges[held + 1], -np.inf))
             for acting in range(n):
                 value = float(ends[acting % 2])
-                low, high = min(held, acting), max(held, acting)
-                when = (times + 8 * acting, (NOW_NS - acted_ns) / 1e9)
+                other = held if acted_ns is None else acting
+                low, high = min(held, other), max(held, other)
+                when = (times + 8 * acting, (NOW_NS - (acted_ns or 0)) / 1e9)
                 yield (place, value), when, tops[:, low] > high
 
     def _ages(self) -> Iterator[dict[int, int]]:

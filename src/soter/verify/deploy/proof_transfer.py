@@ -3,7 +3,8 @@
 Purpose: which proofs are carried, and what is still assumed, module by module.
 Non-goals: tables that were computed there (`computed_predicates.py`); that both are the same
 program (`elaborate/deployment/deployed_systems.py`), what sensors have to give
-(`deployed_sensors.py`, `verify/induction/deployed_nodes.py`), certificates (`api/deploying.py`).
+(`deployed_sensors.py`, `verify/induction/inputs_from_outside.py`), certificates
+(`api/deploying.py`).
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ def without_ends(problem: Problem, state: int) -> Problem | None:
 def exchanged(problem: Problem) -> Problem | None:
     """AC in the place of SC."""
     m, components = problem.module, list(problem.system.components)
-    if m.over is not None:
+    if problem.below:
         return None
     symbol = replace(m.symbol, ac=m.symbol.sc, sc=m.symbol.ac)
     components[m.ac] = _as(components[m.ac], "sc")

@@ -15,7 +15,7 @@ import numpy as np
 
 from soter.verify.claims.cell_boxes import share
 from soter.verify.claims.product_sets import candidates, states_elsewhere
-from soter.verify.grid.inputs import of_problem
+from soter.verify.grid.group_inputs import of_problem
 from soter.verify.grid.policies import HOLDS, way
 from soter.verify.grid.sets import AXIS_MAX, CancelledError, GridGroup, UnboundedError
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from soter.verify.claims.case import Case
     from soter.verify.grid.claims import GridProof
-    from soter.verify.grid.inputs import GridInputs, Range
+    from soter.verify.grid.group_inputs import GridInputs, Range
 
     Bools = NDArray[np.bool_]
     Floats = NDArray[np.float64]

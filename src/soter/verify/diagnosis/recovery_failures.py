@@ -53,6 +53,7 @@ STILL = 1e-3
 SCANNED = 800
 """Points of an axis at which `safer` is asked."""
 DECLARED = "the declared start"
+REST = "let SC come to rest where `safer` holds"
 OWN = "`ttf` and `safer` of your own: then the grid is refined where they fail"
 SIZES = ((1, "half"), (2, "a quarter of"), (3, "an eighth of"))
 
@@ -173,13 +174,14 @@ def _rests(goal: _Goal, start: Floats, whose: str, budget: CpuBudget) -> Iterato
     end = _rest(model, trace)
     if trace.left:
         at = _told(model, trace.states[-1])
-        yield Cause("leaves", f"{head} leaves C after {trace.times[-1]:.4g} s at {at}")
+        text = f"{head} leaves C after {trace.times[-1]:.4g} s at {at}"
+        yield Cause("leaves", text, REST)
         return
     inside = [goal.holds(x) for x in trace.states]
     if not inside[-1] or not (end.still or all(inside[-(len(inside) // 4 + 1) :])):
         yield _away(goal, head, end)
         return
-    pushed = _pushed(goal, start, list(every), budget.part(PUSHED_S))
+    pushed = _pushed(goal, start, list(every), budget.part(PUSHED_S), end)
     if pushed is not None:
         yield pushed
         return
@@ -197,7 +199,7 @@ def _away(goal: _Goal, head: str, end: _Rest) -> Cause:
     text = f"{head} {'comes to rest at' if end.still else 'is at'} {_told(model, end.last)} "
     text += f"after {end.time_s:.4g} s{moves}: `safer` does not hold there"
     if asked is None:
-        return Cause("stays_away", text, "let SC come to rest where `safer` holds")
+        return Cause("stays_away", text, REST)
     name, at, low, high = asked
     text += f"; it holds there for {name} in [{low:.4g}, {high:.4g}]"
     hint = f"let SC bring {name} to {low / 2 + high / 2:.4g} instead of {at:.4g} (a law that only "
@@ -207,8 +209,13 @@ def _away(goal: _Goal, head: str, end: _Rest) -> Cause:
     return Cause("stays_away", text, hint, (("low", low), ("high", high), ("at", at)))
 
 
-def _pushed(goal: _Goal, start: Floats, rest: Sequence[Pattern], budget: CpuBudget) -> Cause | None:
-    """The run with an adversary that ends furthest outside `safer`; None where all are inside."""
+def _pushed(
+    goal: _Goal, start: Floats, rest: Sequence[Pattern], budget: CpuBudget, alone: _Rest
+) -> Cause | None:
+    """The run with an adversary that ends furthest outside `safer`; None where all are inside.
+
+    `alone`: where the undisturbed run ends.
+    """
     model = goal.model
     holds = WALK_HOLDS * model.inputs.period_ns / 1e9
     worst: tuple[float, Pattern, _Rest] | None = None
@@ -250,6 +257,9 @@ def _pushed(goal: _Goal, start: Floats, rest: Sequence[Pattern], budget: CpuBudg
     )
     wide = f"{name} from {ends[0]:.4g} to {ends[1]:.4g}"
     hint = "" if goal.computed else f"a `safer` that holds on estimates of {wide} and more, or "
+    if ends[1] - ends[0] < last - first:  # there is room for it, at another place
+        middle, own = _near_zero(first / 2 + last / 2), float(alone.last[axis])
+        hint += f"let SC bring {name} to {middle:.4g} instead of {own:.4g}, as it strays, or "
     hint += f"an SC that keeps {name} closer (a larger gain, an integral part), or smaller bounds"
     return Cause("pushed_out", text, hint, (("at", value), ("low", ends[0]), ("high", ends[1])))
 

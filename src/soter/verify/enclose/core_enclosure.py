@@ -3,7 +3,7 @@
 Purpose: what the operations of Core come to when every number is an enclosure; both sides of an
 undecided branch are blocks of the emitted C.
 Non-goals: the walk (`core/execute.py`), which functions are emitted (`enclosure_code.py`), the
-arithmetic (`operations.py`).
+arithmetic (`enclosed_operations.py`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from soter.core.execute import Execution
 from soter.language.model.data_table import Table
 from soter.language.model.types import IntType, ListType, leaf_count
 from soter.verify.enclose.c_emitter import EmittedBranch, EnclosureError, MergedVariable
+from soter.verify.enclose.enclosed_operations import UNKNOWN, EnclosureOperations
 from soter.verify.enclose.enclosed_values import (
     AggregateParts,
     Constant,
@@ -28,7 +29,6 @@ from soter.verify.enclose.enclosed_values import (
     is_scalar,
     opened,
 )
-from soter.verify.enclose.operations import UNKNOWN, EnclosureOperations
 from soter.verify.enclose.prelude import enclosed_call
 
 if TYPE_CHECKING:

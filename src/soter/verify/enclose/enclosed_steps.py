@@ -18,6 +18,7 @@ from soter.core.steps import lower_predicate
 from soter.language.model.types import FloatType, IntType, RecordType, leaves
 from soter.verify.enclose.c_emitter import FAULT, EnclosureError, float_literal
 from soter.verify.enclose.core_enclosure import EnclosureBody
+from soter.verify.enclose.enclosed_operations import UNKNOWN, EnclosureOperations, kind_of
 from soter.verify.enclose.enclosed_values import (
     AggregateParts,
     FloatRange,
@@ -28,8 +29,7 @@ from soter.verify.enclose.enclosed_values import (
     Sequence,
     at_most,
 )
-from soter.verify.enclose.inputs import EnclosureInputs, key, parts
-from soter.verify.enclose.operations import UNKNOWN, EnclosureOperations, kind_of
+from soter.verify.enclose.enclosure_inputs import EnclosureInputs, key, parts
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -52,7 +52,8 @@ class EnclosureUnit:
 
     source: str
     prelude: tuple[str, ...]
-    """Prelude functions whose error bounds (`language/prelude/bounds.py`) were used: tested."""
+    """Prelude functions whose error bounds were used: tested
+    (`language/prelude/function_error_bounds.py`)."""
     functions: tuple[str, ...]
     """Names of the functions that were emitted: `soter_law`, `soter_derivative`, ..."""
     reads: Mapping[str, frozenset[int]]

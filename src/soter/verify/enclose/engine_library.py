@@ -18,7 +18,7 @@ from soter.native.build import CHECK_FAILED, OWN_SYMBOLS, include_flags, objects
 from soter.native.cache import cached, digest
 from soter.native.cffi_interface import declarations, interface, opened
 from soter.native.compiler import STRICT, compile_with, find
-from soter.native.own_files import files_below
+from soter.native.package_sources import files_below
 from soter.verify.enclose.enclosure_code import CONTROLS_MAX
 
 HERE = Path(__file__).resolve().parents[1] / "engine"

@@ -1,7 +1,7 @@
 """Functions of the prelude that are enclosed as what they stand for.
 
 Purpose: `sin` becomes an enclosure of the sine, widened by the tested bound of
-`language/prelude/bounds.py`, instead of an enclosure of its polynomial.
+`language/prelude/function_error_bounds.py`, instead of an enclosure of its polynomial.
 Non-goals: the other functions of the prelude, whose bodies are enclosed as they are.
 """
 
@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.prelude.bounds import BOUNDS
+from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.enclose.c_emitter import float_literal
 from soter.verify.enclose.enclosed_values import Form
 
 if TYPE_CHECKING:
     from soter.core import core
+    from soter.verify.enclose.enclosed_operations import EnclosureOperations
     from soter.verify.enclose.enclosed_values import Item
-    from soter.verify.enclose.operations import EnclosureOperations
 
 ENCLOSED = frozenset(
     "sin cos tan exp log tanh atan asin acos atan2 hypot pow".split()  # noqa: SIM905 - a list of words

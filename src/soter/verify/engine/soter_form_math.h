@@ -1,8 +1,9 @@
 /* soter_form_math.h: functions of the prelude over first-order forms.
  *
  * Each encloses the mathematical function and what the prelude computes in its place. `ulps` is the
- * bound of src/soter/language/prelude/bounds.py on the difference of the two: tested, not proved.
- * The values come from libm, which is taken to be within SOTER_LIBM ulps of the true ones.
+ * bound of src/soter/language/prelude/function_error_bounds.py on the difference of the two:
+ * tested, not proved. The values come from libm, which is taken to be within SOTER_LIBM ulps of the
+ * true ones.
  *
  * First-order parts by the mean value theorem: f(x) in f(m) + [f'] (x - m), with an enclosure [f']
  * of the derivative over the whole interval.

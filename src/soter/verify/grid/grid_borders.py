@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.verify.grid.inputs import GridInputs
+    from soter.verify.grid.group_inputs import GridInputs
 
     Floats = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.verify.enclose.engine_library import ReachLibrary
-    from soter.verify.grid.inputs import GridInputs
+    from soter.verify.grid.group_inputs import GridInputs
 
     Bools = npt.NDArray[np.bool_]
     Bytes = npt.NDArray[np.uint8]

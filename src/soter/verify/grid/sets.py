@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.verify.enclose.scheme_error import NS
+from soter.verify.grid.group_inputs import GridInputs, of_problem
 from soter.verify.grid.group_model import AXIS_MAX, CancelledError, GridModel, UnboundedError
-from soter.verify.grid.inputs import GridInputs, of_problem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -6,8 +6,9 @@ looks at commands").
 Non-goals: reading it (`verify/tables/shield_tables.py`).
 
 R_V(H) is R(H) with a box V of commands in the place of U: the same engine, told that the group's
-command lies in V. Groups that several commands move have no shield: between the first component of
-SC's output and the last one any command may act, and that is not counted here.
+command lies in V. Of a map V is one command, so one cell. Groups that several commands move have no
+shield: between the first component of SC's output and the last one any command may act, and that is
+not counted here.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def find(
     errors = errors_of(problem)
     for i in range(n):
         permitted = np.ones(part.allowed.shape, dtype=np.bool_)
-        for j in range(i, n):
+        for j in range(i, n if problem.kind == "flow" else i + 1):
             box = between(engine, part.command, edges[i], edges[j + 1])
             free = box.safe_for(horizon, part.core > 0)
             permitted &= anywhere(engine.erode(free, errors))

@@ -12,7 +12,7 @@ from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaves
-from soter.language.prelude.bounds import BOUNDS
+from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import handovers
 from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, of_latch
 from soter.verify.problem.problem import Jumps
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component
     from soter.verify.problem.inputs import Inputs
     from soter.verify.problem.problem import ProblemKind, Times
+    from soter.verify.problem.quantities import Leaf
     from soter.verify.problem.verification_system import VerificationSystem
     from soter.verify.time.cause_effect_chains import CauseEffectChain, CauseEffectChains
 
@@ -155,7 +156,9 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         assumptions.append(Assumption(f"world {names}", text))
     of_others = {i.name(place.system) for i in place.influences}
     drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
-    said = [(d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]") for d, r in drawn]
+    said = [
+        (d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]{_unit(d)}") for d, r in drawn
+    ]
     for others, key, what in (
         (False, "disturbances", "disturbances stay within their bounds"),
         (
@@ -168,7 +171,7 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         assumptions += [Assumption(key, f"{what}: {bounds}")] if bounds else []
     if inputs.errors:
         pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
-        bounds = ", ".join(f"{e.name} within {r.high:g}" for e, r in pairs)
+        bounds = ", ".join(f"{e.name} within {r.high:g}{_unit(e)}" for e, r in pairs)
         exact = _exact(place, inputs)
         rest = f"; exact: {', '.join(exact)}" if exact else ""
         text = f"measurement errors stay within their bounds: {bounds}{rest}"
@@ -187,6 +190,10 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         text = f"{names}: any value of the declared set, at any time"
         assumptions.append(Assumption("any value", text))
     return assumptions
+
+
+def _unit(leaf: Leaf) -> str:
+    return f" {leaf.unit}" if leaf.unit else ""
 
 
 def _published(place: VerificationSystem) -> list[str]:
@@ -303,7 +310,11 @@ def _timing(
         assumptions.append(NO_DROPOUT)
     if kind == "map":
         words = "plant, DM and SC run in the same instant, in this order, and commands act in it"
-        return [*assumptions, Assumption("one instant", words)]
+        assumptions.append(Assumption("one instant", words))
+        if place.module.symbol.shield is not None:
+            text = "AC runs in that instant, too: no command that it replaces there acts any more"
+            assumptions.append(Assumption("one instant of AC", text))
+        return assumptions
     if times.schedule.dropout:
         text = (
             f"a sensor is silent for at most {show_ns(times.schedule.dropout)} longer than its "

@@ -14,9 +14,10 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants import Calculator
 from soter.language.elaborate.views import refuse_views
-from soter.language.model.system import modules_above
+from soter.language.model.system import claims_nothing, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
+from soter.timing.trusted_thread import in_thread
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumption import Assumption
@@ -24,6 +25,7 @@ from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
 from soter.verify.problem.failsafe_problem import behind, under_law
 from soter.verify.problem.inputs import Inputs, inputs_of
+from soter.verify.problem.module_above import handed_back, under
 from soter.verify.problem.other_modes import modes_as_topics
 from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
@@ -32,10 +34,13 @@ from soter.verify.time.cause_effect_chains import side_inputs
 from soter.verify.time.problem_times import times_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from soter.language.model.system import Module, System
+    from soter.verify.problem.module_above import Above
+    from soter.verify.problem.other_modes import Modes
     from soter.verify.problem.problem import Group, ProblemKind
+    from soter.verify.time.downstream_paths import DownstreamPath
 
 LEVELS_DEFAULT = 3
 CASES_MAX = 4096
@@ -51,14 +56,23 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     With that of its fail-safe law, where one is declared.
     """
     problem = _extract(flat, module, synthesize=synthesize)
+    problem.below = _below(flat, module)
     if module.law and module.symbol.verify.induction is None:
         try:
-            problem.law_unread = behind(flat, module) or _beyond_the_law(problem)
+            problem.law_unread = (
+                _in_the_tower(flat, module) or behind(flat, module) or _beyond_the_law(problem)
+            )
             if not problem.law_unread:
                 problem.law = _extract(*under_law(flat, module))
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
     return problem
+
+
+def _in_the_tower(flat: System, module: Module) -> str:
+    """Why nothing is claimed of the law of a module above or below another one."""
+    others = [m.name for m in tower_of(flat, module.index) if m.index != module.index]
+    return f"{others[0]} commands the same actuators: no lease is given there" if others else ""
 
 
 def _beyond_the_law(problem: Problem) -> str:
@@ -78,8 +92,9 @@ def _beyond_the_law(problem: Problem) -> str:
 def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     diagnostics = Diagnostics()
     refuse_views(module)
-    _stands_alone(flat, module, diagnostics)
+    _in_tower(flat, module, diagnostics)
     diagnostics.raise_errors()
+    home = flat
     flat, module, modes = modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
@@ -88,21 +103,20 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     at = place(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
+    at, above = under(home, at, kind, diagnostics)
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
     groups = Axes(at, inputs, diagnostics)
     axis_groups = groups.groups()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
-    _shield(at, axis_groups, kind, times, diagnostics)
+    _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
     calculator = Calculator(diagnostics, at.module.scope.params)
-    symbol = at.module.symbol
-    levels = symbol.verify.levels
-    recover = symbol.verify.recover
-    jumps = jumps_of(at)
+    symbol, jumps = at.module.symbol, jumps_of(at)
+    levels, recover = symbol.verify.levels, symbol.verify.recover
     return Problem(
         system=at.system,
         core=lower(at.system),
@@ -118,7 +132,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         others=tuple(inputs.other_ranges),
         parameters=tuple(inputs.parameters),
         groups=axis_groups,
-        times=times,
+        times=handed_back(times, above),
         levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
         has_core_hint=symbol.verify.core is not None,
         computed=symbol.ttf is None,
@@ -126,10 +140,8 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()} | groups.shown,
         state_of_leaf=groups.topic_leaves,
         assumptions=(
-            *_forced(flat, module),
             *assumptions_of(at, inputs, times, chains, kind, jumps),
-            *_open(axis_groups),
-            *modes.assumptions,
+            *_beside(at, axis_groups, modes, above),
         ),
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=side_inputs(at),
@@ -143,8 +155,17 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         schemes=_schemes(at, inputs) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),
+        above=above.name if above else "",
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
+
+
+def _beside(
+    at: VerificationSystem, groups: tuple[Group, ...], modes: Modes, above: Above | None
+) -> list[Assumption]:
+    """What is assumed beside what every problem assumes."""
+    of_above = [] if above is None else above.assumptions
+    return [*_forced(at.flat, at.home), *_open(groups), *modes.assumptions, *of_above]
 
 
 def _forced(flat: System, module: Module) -> list[Assumption]:
@@ -166,13 +187,19 @@ def _shield(
     groups: tuple[Group, ...],
     kind: ProblemKind,
     times: Times | None,
+    ways: Sequence[DownstreamPath],
     diagnostics: Diagnostics,
 ) -> None:
-    """R007 for a shield where its meaning is not settled."""
+    """R007 for a shield where its meaning is not settled.
+
+    A node that runs in SC's instant passes a command of AC on by SC's next release at the latest,
+    which W covers; one that reads sensors, too, or runs elsewhere may be as late as it likes.
+    """
     symbol = at.module.symbol
     if symbol.shield is None:
         return
     behind = times is not None and any(o.nodes for o in times.schedule.outputs)
+    behind = behind or any(w.inner or not all(map(in_thread, w.in_step)) for w in ways)
     more = times is not None and times.schedule.reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,
@@ -180,7 +207,7 @@ def _shield(
         "an SC that reads what the DM does not": more,
         "views": bool(at.module.view),
         "groups that are no grids": any(g.representation != "grid" for g in groups),
-        "a plant that moves in steps (`next`)": kind != "flow",
+        "an AC that runs between the steps of its plant": kind == "map" and _between(at),
         "an axis without ends": any(a.unbounded for g in groups for a in g.axes),
     }
     for what in (what for what, there in wrong.items() if there):
@@ -191,6 +218,12 @@ def _shield(
             "is not proved",
             helps=("leave `shield` out: `ttf` looks at the state alone",),
         )
+
+
+def _between(at: VerificationSystem) -> bool:
+    """Whether AC publishes at times that are no instants of a plant that moves in steps."""
+    ac, step = at.system.components[at.module.ac], at.plants[0].period_ns
+    return ac.period_ns % step != 0 or ac.phase_ns % step != 0
 
 
 def _unbounded(
@@ -216,25 +249,60 @@ def _unbounded(
                 )
 
 
-def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> None:
-    """R020 for a module above another one, and for one below."""
-    above = modules_above(flat, module.index)
-    if module.over is None and not above:
+def _below(flat: System, module: Module) -> tuple[str, ...]:
+    """The module in the place of AC, the one in the place of its AC, and so on."""
+    names = [m.name for m in tower_of(flat, module.index)]
+    return tuple(names[names.index(module.name) + 1 :])
+
+
+def _in_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+    """R020 for what no proof follows of modules above each other."""
+    tower = tower_of(flat, module.index)
+    if len(tower) == 1:
         return
-    other = above[0] if above else flat.modules[module.over or 0]
-    side = "below" if above else "above"
+    at = tower.index(flat.modules[module.index])
+    other = tower[at - 1 if at else 1]
+    why = _why_not(flat, module, tower[:at])
+    if not why:
+        return
     diagnostics.error(
         "R020",
-        f"module `{module.name}` stands {side} module `{other.name}`, and is not proved there",
+        f"module `{module.name}` stands {'below' if at else 'above'} module `{other.name}`, and is "
+        "not proved there",
         module.symbol.span,
         also=((other.symbol.span, f"`{other.symbol.name}`"),),
-        notes=(
-            f"its SC has control only while `{other.name}` is in AC"
-            if above
-            else "what may act after its DM said SC is a whole module, which no proof follows yet",
-        ),
+        notes=(why,),
         helps=("verify it in a system of its own, with nodes as its controllers", "or test it"),
     )
+
+
+def _why_not(flat: System, module: Module, above: Sequence[Module]) -> str:
+    """What of a module of a tower no proof follows; "": nothing."""
+    symbol, verify = module.symbol, module.symbol.verify
+    if verify.induction is not None:
+        return "an induction follows an AC that is one node, and an SC whose DM alone gives control"
+    if not above:
+        return ""
+    over = above[-1].name
+    if claims_nothing(flat, module):
+        return f"it has no `verify` block: nothing is claimed, and `{over}` is proved anyhow"
+    sc = flat.components[module.sc].node
+    assert sc is not None
+    there = {
+        "two modules are above it, and both give control back": len(above) > 1,
+        f"`{over}` is forced to a mode, and never gives control back": above[-1].forced is not None,
+        "it has views: where control is given back is asked of one set of plants": bool(
+            verify.views or module.view
+        ),
+        "it has a `shield`, which counts commands that its own controllers gave": symbol.shield
+        is not None,
+        f"`{sc.name}` has `on takeover`, which runs whenever `{over}` gives control back": (
+            sc.takeover is not None
+        ),
+        "its SC is still to be found": symbol.synthesized,
+        "`enters` is what the module above says here": verify.enters is not None,
+    }
+    return next((why for why, is_so in there.items() if is_so), "")
 
 
 def extract_sets(flat: System, module: Module) -> Problem:

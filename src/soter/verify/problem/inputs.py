@@ -171,7 +171,7 @@ def _disturbances(c: Component, inputs: Inputs, diagnostics: Diagnostics) -> Non
             if not isinstance(t, FloatType):
                 _not_float("disturbance", name, t, d.variable.span, diagnostics)
                 continue
-            inputs.disturbances.append(Leaf(c.index, d.variable.name, path, name))
+            inputs.disturbances.append(Leaf(c.index, d.variable.name, path, name, t.unit))
             inputs.disturbance_ranges.append(Interval(d.low, d.high))
 
 
@@ -198,7 +198,7 @@ def _topic_leaves(
             _not_float(what, name, topic.type, topic.symbol.span, diagnostics)
             return
         interval = Interval(bound.low, bound.high) if bound is not None else None
-        yield Leaf(index, "", path, name), interval
+        yield Leaf(index, "", path, name, t.unit), interval
 
 
 def _crowded(path: tuple[str, ...]) -> bool:
@@ -219,9 +219,11 @@ def _errors(place: VerificationSystem, inputs: Inputs) -> None:
     for c in place.plants:
         for m in c.measured:
             topic = place.system.topics[m.topic]
-            path = list(leaves(topic.type))[m.leaf][0]
+            path, of = list(leaves(topic.type))[m.leaf]
             if m.topic in read and m.bound > 0.0:
-                inputs.errors.append(Leaf(m.topic, "", path, ".".join((topic.name, *path))))
+                unit = of.unit if isinstance(of, FloatType) else ""
+                name = ".".join((topic.name, *path))
+                inputs.errors.append(Leaf(m.topic, "", path, name, unit))
                 inputs.error_ranges.append(Interval(-m.bound, m.bound))
 
 

@@ -242,6 +242,11 @@ class Problem:
     """Whose modes the module reads; None: nobody else's."""
     influences: tuple[Influence, ...] = ()
     """What others publish and what moves the plants: the last disturbances of each plant."""
+    above: str = ""
+    """The module in whose place of AC this one stands: what is claimed is claimed while it is in
+    AC; "" where there is none."""
+    below: tuple[str, ...] = ()
+    """The module that stands in the place of AC, the one in the place of its AC, and so on."""
     commands: tuple[tuple[float, ...], ...] = ()
     """For synthesis: the finite set of each control, in their order."""
     parameter_start: tuple[int, ...] = ()

@@ -22,7 +22,7 @@ class Leaf:
     name: str
     """Full name for people: `tube.q3.x`, `control.y`."""
     unit: str = ""
-    """Of a state, as it is declared."""
+    """As it is declared."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.plant_influences import moved_by_others
 from soter.language.model import typed
+from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import DURATION
 
@@ -83,7 +84,7 @@ class VerificationSystem:
     @property
     def around(self) -> str:
         """The name of the sub-system that holds the module, with a dot, or nothing."""
-        outer = self.home.name.rpartition(".")[0]
+        outer = holder_of(self.flat, self.home)
         return outer + "." if outer else ""
 
 
@@ -93,7 +94,7 @@ def place(flat: System, module: Module) -> VerificationSystem:
     apart = _abstract(flat, module) if abstract else _reduced(flat, module)
     system, influences = moved_by_others(apart, apart.modules[0])
     plants = tuple(c for c in system.components if c.role == "plant")
-    prefix = "" if abstract else module.name.rpartition(".")[0]
+    prefix = "" if abstract else holder_of(flat, module)
     prefix = prefix + "." if prefix else ""
     return VerificationSystem(
         system=system,
@@ -146,7 +147,7 @@ def _reduced(flat: System, module: Module) -> System:
     sc = flat.components[module.sc].node
     assert sc is not None
     wanted = {scope[t] for t in read_by_module(module.symbol, sc) if t in scope}
-    home = module.name.rpartition(".")[0]
+    home = holder_of(flat, module)
     named = {a.instance for g in module.symbol.verify.groups for a in g.axes if a.instance}
     named = {f"{home}.{n}" if home else n for n in named}
     plants = [

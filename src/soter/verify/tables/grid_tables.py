@@ -24,7 +24,7 @@ from soter.language.model.types import FLOAT, INT, IntType, leaves
 from soter.verify.claims.cell_boxes import drawn_edges, share
 from soter.verify.problem.estimates import seen
 from soter.verify.tables.level_table import EstimateSamples, LevelTable
-from soter.verify.tables.tree_writer import Writer
+from soter.verify.tables.typed_tree_builder import Writer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

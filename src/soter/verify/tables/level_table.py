@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.typed import FunSymbol
     from soter.verify.problem.problem import Group
-    from soter.verify.tables.tree_writer import Writer
+    from soter.verify.tables.typed_tree_builder import Writer
 
 
 @dataclass(frozen=True, eq=False)

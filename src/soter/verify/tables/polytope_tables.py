@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.verify.problem.problem import Group
-    from soter.verify.tables.tree_writer import Writer
+    from soter.verify.tables.typed_tree_builder import Writer
 
     Floats = NDArray[np.float64]
 

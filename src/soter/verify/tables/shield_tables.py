@@ -8,8 +8,8 @@ Non-goals: which commands are permitted (`verify/grid/shields.py`), when they ar
 
 Cells are closed and their ends are compared exactly, so a command lies in the cell that was looked
 up. Of each cell the topic holds the time until which a command of it was held: what was held at
-t - W or later may act on the state behind an estimate (`verify/time/schedule.py`). Times are floats
-of whole nanoseconds; a microsecond is added to W.
+t - W or later may act on the state behind an estimate (`verify/time/schedule.py`); of a plant that
+moves in steps no other does. Times are floats of whole nanoseconds; a microsecond is added to W.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, IntType
 from soter.verify.problem.estimates import seen
 from soter.verify.tables.grid_tables import GroupTable, cell_of, estimate, place_function
-from soter.verify.tables.tree_writer import Writer
+from soter.verify.tables.typed_tree_builder import Writer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -135,7 +135,10 @@ class ShieldWriter(Writer):
         back = t.Literal(FLOAT, self.span, window / 1e9)
         since = t.TypedBinary(FLOAT, self.span, "-", self.now, back)
         first = self.number(control * self.cells)
-        both = self.call(ends, self.times(), first, self.cell(control), since)
+        if self.problem.kind == "map":  # of one instant: no other command moves the state read
+            both = self.op("*", self.cell(control), self.number(1 + self.cells))
+        else:
+            both = self.call(ends, self.times(), first, self.cell(control), since)
         reach = self.reach(table, f"{self.name}_reach{number}")
         inside = self.op(">=", self.cell(control), self.number(0))
         return self.op(

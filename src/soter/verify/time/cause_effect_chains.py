@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from soter.language.model.system import tower_of
 from soter.verify.problem.verification_system import sc_reads
 from soter.verify.time.always_publishes import UnfollowedError, must_publish
 from soter.verify.time.downstream_paths import find_downstream_paths
@@ -192,6 +193,7 @@ def _upstream(
     """Every way to a topic of the flying system that does not run in a circle."""
     flat, links = place.flat, place.module.symbol.verify.abstracts
     shown = {place.around + link.instance for link in links}
+    own = {m.index for m in tower_of(flat, place.home.index)}
     for drive in flat.inputs:
         if drive.topic == index:
             yield _ChainPrefix(None, (), Releases(drive.every_ns))
@@ -199,7 +201,7 @@ def _upstream(
         if c.plant is not None and any(c.scope.topics[t] == index for t, _ in c.plant.drives):
             beside = None if c.name in shown else c
             yield _ChainPrefix(c, (), Releases(c.period_ns, c.phase_ns), beside=beside)
-        if c.node is None or c in seen or c.module == place.home.index:
+        if c.node is None or c in seen or c.module in own:
             continue
         if not _publishes(c, index):
             continue

@@ -18,6 +18,7 @@ from math import gcd
 from typing import TYPE_CHECKING
 
 from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.system import holder_of
 from soter.timing.trusted_thread import MISSES, in_thread, report_miss, timing_of
 
 if TYPE_CHECKING:
@@ -210,7 +211,7 @@ def _beyond(pairs: dict[str, tuple[Pair, Pair]], deployment: DeployedTimes) -> I
 
 def _lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]]) -> list[str]:
     """`late` and `response` of a `verify` block with which the proof counts with enough."""
-    home = module.name.rpartition(".")[0]
+    home = holder_of(flat, module)
     lines = []
     for k, word in enumerate(("late", "response")):
         said = [

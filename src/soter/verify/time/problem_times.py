@@ -203,6 +203,8 @@ def in_words(times: Times) -> str:
     """H and H* with the largest term, for people."""
     h, star = times.horizon_ns, times.h_star
     name, largest = max(terms(times).items(), key=lambda item: item[1])
+    if times.schedule.handed_back == star:
+        name, largest = "a hand-back of the module above", star
     if times.horizon is None:
         return (
             f"H = H* = {show_ns(h)}: what is needed (no `horizon` declared; "

@@ -212,6 +212,9 @@ class Schedule:
     outputs: tuple[ActuationPath, ...] = (ActuationPath(),)
     dropout: int = 0
     """How much longer than its period a sensor that SC reads may be silent."""
+    back: int | None = None
+    """Below another module: from the state behind a verdict by which that one gives control back
+    until the verdict is in force, at most; None: there is none above."""
 
     # ------------------------------------------------------------ ages
 
@@ -283,9 +286,10 @@ class Schedule:
 
         The state is A old at most, and a command acts up to L after the next one was published.
         When that was is known by its release alone: it may have been published later, but before
-        the next step of SC began, as one thread runs instants in order.
+        the next step of SC began, as one thread runs instants in order. A node behind the module
+        that runs in SC's instant may pass it on only when that step of SC has published.
         """
-        untold = self.sc.period + self.start_of_sc
+        untold = self.sc.period + self.start_of_sc + self.sc.response
         return self.age_dm + max(o.most for o in self.outputs) + untold
 
     # ------------------------------------------------------------ from verdict to actuator
@@ -389,7 +393,22 @@ class Schedule:
 
         An "AC" verdict shows that what the DM reads is there. SC's other topics are by h_0.
         """
-        return max(self.h_star, self.start) if self.reads_more else self.h_star
+        own = max(self.h_star, self.start) if self.reads_more else self.h_star
+        return max(own, self.handed_back)
+
+    @cached_property
+    def handed_back(self) -> int:
+        """Below another module: from the state behind its verdict to an SC-run on states since.
+
+        The verdict is in force `back` after that state. SC's first release from then on is delta
+        later at most, and its output passes. Reads of an SC-run reach d back, where nothing is
+        known of the time before that state: the run begins at the first output that is complete d
+        after it or later, and outputs are complete at most delta + j one after the other.
+        """
+        if self.back is None:
+            return 0
+        passes = self.sc.period + max(o.acts(self.sc, self.published) for o in self.outputs)
+        return max(self.back + passes, self.delay + self.sc.period + self.jitter, self.start)
 
     @property
     def reads_more(self) -> bool:

@@ -23,7 +23,7 @@ from soter.verify.deploy import computed_predicates as complete_
 from soter.verify.deploy.computed_predicates import complete
 from soter.verify.grid import levels as levels_
 from soter.verify.tables.grid_tables import GroupTable, level_function
-from soter.verify.tables.tree_writer import Writer
+from soter.verify.tables.typed_tree_builder import Writer
 
 SPAN = Span(Source("table.soter", "x"), 0, 1)
 

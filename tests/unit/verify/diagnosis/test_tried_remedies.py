@@ -124,6 +124,22 @@ def test_an_sc_that_rests_where_it_is_told_is_proved(parked: ModuleResult) -> No
     assert explained(changed(("9.6 -", f"{target[1]} -"), text=CART)).verdict == "proved"
 
 
+STRAYS = (
+    ("clamp(9.6 - m.x - 2.5 * m.v, -3.0, 3.0)", "clamp(0.3 * (8.2 - m.x) - 1.2 * m.v, -3.0, 3.0)"),
+    ("w: float in [-0.1, 0.1]", "w: float in [-0.3, 0.3]"),
+)
+
+
+def test_an_sc_that_strays_where_there_is_no_room_is_sent_to_where_there_is() -> None:
+    result = explained(changed(*STRAYS, text=CART))
+    assert [n for n, f in result.findings.items() if not f.holds] == ["P2b"]
+    assert first_help(result).endswith("(not tried)")
+    target = re.match(r"let SC bring c\.x to (-?[\d.]+) instead of 8\.2, as", first_help(result))
+    assert target is not None
+    there = ("8.2 -", f"{target[1]} -")
+    assert explained(changed(*STRAYS, there, text=CART)).verdict == "proved"
+
+
 def test_several_changes_are_tried_together_and_told_together() -> None:
     """Reads of four seconds leave no K; with young ones a bold `ttf` still has to go."""
     bold = ("ttf level < 0.25 || level > 1.75", "ttf level < 0.21 || level > 1.79")

@@ -18,7 +18,7 @@ import pytest
 
 from generators.engine_comparison import call_compiler
 from generators.python_enclosures import seeded
-from soter.language.prelude.bounds import BOUNDS
+from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.native.build import CHECK_FAILED
 from soter.verify.enclose.prelude import ENCLOSED
 

@@ -257,3 +257,7 @@ def test_the_page_names_the_module_once_and_draws_what_matters(
     figure = report_page.modules[0].figures[0]
     assert max(figure.x_edges) < 4.1, "not up to the open end"
     assert "seen.r goes on to 60" in figure.note
+    assumed = [r for r in report_page.modules[0].properties if r.verdict == "assumed"]
+    assert [(r.name, r.method) for r in assumed] == [("failsafe", "none")]
+    assert f"under {len(report_page.assumptions)} assumptions" in report_page.headline
+    assert not any("not covered" in text for text in report_page.assumptions)

@@ -16,7 +16,7 @@ import soter
 from long_tests import examples
 from soter.api import recheck
 from soter.api.timing import timing_reports
-from soter.certificate.reading.facts import DiffersError
+from soter.certificate.reading.module_facts import DiffersError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.timing.trusted_thread import in_thread

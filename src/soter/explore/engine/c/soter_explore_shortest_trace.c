@@ -208,16 +208,20 @@ static soter_explore_status bounded(ways* l) {
   return l->full || bytes_of(l) > s->o->memory ? SOTER_MEMORY : SOTER_EXHAUSTED;
 }
 
-static bool remember(ways* l, uint32_t begin, uint32_t end) {
+static soter_explore_status remember(ways* l, uint32_t begin, uint32_t end) {
   SOTER_CHECK(begin <= end && end <= l->count);
   for (uint32_t i = begin; i < end; i++) {
     uint64_t sleep = 0U;
     uint64_t again = 0U;
     if (soter_store_put(&l->seen, l->packed + (size_t)i * l->words, &sleep, &again) < 0) {
-      return false;
+      return SOTER_MEMORY;
+    }
+    const soter_explore_status status = (i & 255U) == 0U ? bounded(l) : SOTER_EXHAUSTED;
+    if (status != SOTER_EXHAUSTED) { /* layers may be large */
+      return status;
     }
   }
-  return true;
+  return SOTER_EXHAUSTED;
 }
 
 static soter_explore_status search(ways* l) {
@@ -225,8 +229,9 @@ static soter_explore_status search(ways* l) {
   uint32_t begin = 0U;
   while (!l->broke && begin < l->count) {
     const uint32_t end = l->count;
-    if (!remember(l, begin, end)) {
-      return SOTER_MEMORY;
+    const soter_explore_status remembered = remember(l, begin, end);
+    if (remembered != SOTER_EXHAUSTED) {
+      return remembered;
     }
     l->begin = end;
     l->used = 0U;
@@ -332,6 +337,7 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
   result->status = m->words > SOTER_WORDS ? SOTER_WIDE : SOTER_NO_MEMORY;
   if (m->words <= SOTER_WORDS && soter_place_open(&l.x, m, o, progress, NULL)) {
     if (soter_store_open(&l.seen, m, SOTER_EXACT, false, 0U, o->memory) && more_slots(&l)) {
+      l.seen.stop = &progress->stop;
       (void)memcpy(l.x.here, l.x.started, l.x.size);
       l.x.wanted = &l.wanted; /* what is violated with it does not hide it */
       result->status = search(&l);

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
-from soter.diagnostics.near import likely
+from soter.diagnostics.similar_names import likely
 from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import (
     a_type,
@@ -174,8 +174,13 @@ class CallChecker(FieldChecker):
         if isinstance(callee, tree.FieldExpr) and last in ("size", "length", "len", "count"):
             length = f"{callee.target.span.text}.len"
             helps = (replace(expr.span, length, f"its length is `{length}`"),)
-        elif isinstance(callee, tree.FieldExpr) and (
-            self._takes(last, context) == len(expr.arguments) + 1
+        elif isinstance(callee, tree.FieldExpr) and last in call_hints.ITSELF:
+            whole = callee.target.span.text
+            helps = (replace(expr.span, whole, f"a value has no methods: `{whole}` is enough"),)
+        elif (
+            isinstance(callee, tree.FieldExpr)
+            and context.where != f"function `{last}`"
+            and (self._takes(last, context) == len(expr.arguments) + 1)
         ):
             helps = call_hints.as_function(last, expr, callee.target.span)
         else:
@@ -255,7 +260,7 @@ class CallChecker(FieldChecker):
             )
             return self._failed(expr, context)
         arity = ARITY.get(name, 1)
-        if not self._counted(name, expr, arity):
+        if not self._counted(name, expr, arity, context):
             return self._failed(expr, context)
         hint: Type | None = None
         if name in {"sqrt", "floor"}:
@@ -278,12 +283,18 @@ class CallChecker(FieldChecker):
             return first
         return typed.Builtin(result, span, name, tuple(arguments))
 
-    def _counted(self, name: str, expr: tree.CallExpr, wanted: int) -> bool:
+    def _counted(self, name: str, expr: tree.CallExpr, wanted: int, context: Context) -> bool:
         if len(expr.arguments) == wanted:
             return True
         takes = TAKES.get(name, "a topic" if name == "age" else "a module")
         a_range = name == "saturate" and len(expr.arguments) == 3
         helps: tuple[Help, ...] = (replace(expr.callee.span, "clamp"),) if a_range else ()
+        if a_range:
+            with self.diagnostics.trial() as sound:
+                value = self.dispatch(expr.arguments[0], context, None)
+            if sound() and is_vector(value.type):
+                first, _, high = (a.span.text for a in expr.arguments)
+                helps = (replace(expr.span, f"saturate({first}, {high})"),)
         if name in {"min", "max"} and len(expr.arguments) > wanted:
             helps = (call_hints.nested(name, expr),)
         self.diagnostics.error(
@@ -322,7 +333,7 @@ class CallChecker(FieldChecker):
 
     def _mode_or_age(self, name: str, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
         span = expr.span
-        if not self._counted(name, expr, 1):
+        if not self._counted(name, expr, 1, context):
             return error_expr(span)
         argument = expr.arguments[0]
         if name == "age":

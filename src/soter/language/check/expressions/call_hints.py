@@ -144,6 +144,11 @@ def as_function(name: str, expr: tree.CallExpr, target: Span) -> tuple[Help, ...
 
 def of_another_language(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
     """For `round(x)`, `ceil(x)`, `sum(xs)`."""
+    if name in ("mod", "fmod", "rem") and len(expr.arguments) == 2:
+        a, b = (x.span.text for x in expr.arguments)
+        return (replace(expr.span, f"({a}) % {b}"),)
+    if name == "round" and len(expr.arguments) == 2:
+        return ("a number keeps all its digits: leave `round` out, or `floor(x + 0.5)`",)
     if len(expr.arguments) != 1:
         return ()
     text = expr.arguments[0].span.text
@@ -154,6 +159,13 @@ def of_another_language(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
     if name in ("sum", "mean", "average", "avg", "any", "all"):
         return (f"a loop looks at each of them: `for x in {text} {{ ... }}`",)
     return ()
+
+
+ITSELF = frozenset(
+    ["iter", "iter_mut", "into_iter", "cloned", "clone", "copy", "to_vec", "items", "values",
+     "tolist", "as_slice", "data", "begin"]
+)  # fmt: skip
+"""Methods that give what they are called on."""
 
 
 def nested(name: str, expr: tree.CallExpr) -> Help:

@@ -180,6 +180,9 @@ class FieldChecker(ExprBase):
             fields = [n for n, _ in t.fields]
             notes = (f"its fields are {listed(fields)}",)
             helps = self.diagnostics.did_you_mean(name.text, fields, name.span)
+            stamped = name.text in {"header", "stamp", "timestamp"}
+            if stamped and isinstance(target, typed.TopicRead):
+                helps = (f"how old it is, in s: `age({target.span.text})`",)
         elif isinstance(t, (ListType, ArrayType)):
             if name.text == "len":
                 if isinstance(t, ArrayType):

@@ -265,6 +265,11 @@ def _operator_help(
     expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
 ) -> tuple[Help, ...]:
     op, left, right = expr.op, expr.left.span, expr.right.span
+    if op == "+" and isinstance(lt, ListType) and isinstance(rt, (ListType, ArrayType)):
+        one = expr.right.elements if isinstance(expr.right, tree.ListExpr) else ()
+        what = one[0].span.text if len(one) == 1 else "x"
+        loop = "" if len(one) == 1 else f" in a loop, `for x in {right.text} {{ ... }}`"
+        return (f"a statement adds to a list: `push {left.text}, {what};`{loop}",)
     kinds = {type(lt), type(rt)}
     if kinds == {IntType, FloatType}:
         of = left if isinstance(lt, IntType) else right

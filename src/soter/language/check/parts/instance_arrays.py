@@ -209,7 +209,7 @@ class Unroller:
         numbers = [self._int(i, values, what) for i in name.indices]
         text = name.text + "".join(f"[{n}]" for n in numbers)
         if any(n < 0 for n in numbers):
-            self._no_element(text, name.span, (), (), values)
+            self._no_element(text, name.span, (), name.indices, values)
         return tree.Name(text, name.span)
 
     def _path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
@@ -289,12 +289,12 @@ class Unroller:
         variables = dict.fromkeys(v for i in indices for v in _VARIABLE.findall(i.span.text))
         at = " and ".join(f"`{v}` is {values[v]}" for v in variables if v in values)
         helps: tuple[Help, ...] = ()
-        if known and len(indices) == 1 and isinstance(indices[0], tree.BinaryExpr) and at:
+        if len(indices) == 1 and isinstance(indices[0], tree.BinaryExpr) and at:
             index = indices[0].span.text
             below = "[-" in text
-            around = f"({index}{f' + {len(known)}' if below else ''}) % {len(known)}"
+            around = f"({index}{f' + {len(known)}' if below else ''}) % {len(known) or 1}"
             sooner = f"let the loop {'begin later' if below else 'end sooner'}"
-            helps = (sooner, f"or go around: `{around}`")
+            helps = (sooner, f"or go around: `{around}`") if known else (sooner,)
         array = text.partition("[")[0]
         self.shared.diagnostics.error(
             "M020",

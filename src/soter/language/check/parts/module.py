@@ -76,18 +76,14 @@ class ModuleChecker:
         if not isinstance(decl.ac, tree.ModuleAsAc):
             return (self.node_ref(decl.ac, scope) if decl.ac else None), None
         over, name = self._module_ref(decl.ac.module, scope), decl.name.text
-        for what, part in (("clean", decl.clean), ("verify", decl.verify)):
-            if part is not None:
-                self.diagnostics.error(
-                    "M019",
-                    f"module `{name}` has `{what}`, but a module stands in the place of its AC",
-                    decl.ac.span,
-                    notes=(
-                        f"`{decl.ac.module.text}` answers itself for what its AC publishes",
-                        "a module above another one is not proved: `soter test` explores both",
-                    ),
-                    helps=(f"leave out `{what}`",),
-                )
+        if decl.clean is not None:
+            self.diagnostics.error(
+                "M019",
+                f"module `{name}` has `clean`, but a module stands in the place of its AC",
+                decl.ac.span,
+                notes=(f"`{decl.ac.module.text}` answers itself for what its AC publishes",),
+                helps=("leave out `clean`",),
+            )
         return (None if over is None else over.ac), over
 
     def signature(

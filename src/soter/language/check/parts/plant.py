@@ -296,7 +296,7 @@ class PlantChecker:
                 f"extern plant `{decl.name.text}` has dynamics of its own",
                 next(iter(given.values())),
                 notes=("the states of an extern plant are moved by the code it is bound to",),
-                helps=("leave out `extern`, or every `der` and `next`",),
+                helps=("leave out `extern` and `from`, or every `der` and `next`",),
             )
         if not plant.extern and not plant.states and decl.name.text not in context.scope.broken:
             self.diagnostics.error(

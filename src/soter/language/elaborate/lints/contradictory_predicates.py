@@ -12,15 +12,16 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from itertools import pairwise
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from soter.diagnostics.fix import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.conjuncts import conjuncts, disjuncts
 from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.same_expression import same_expression
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
-from soter.language.model.tree_walk import children, nodes, topic_reads
+from soter.language.model.tree_walk import calls_in, children, nodes, rewritten, topic_reads
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
-    from soter.language.model.system import Module, System
+    from soter.language.model.system import Module, System, Topic
     from soter.language.model.types import Type, Value
 
 TRIED = 300
@@ -45,6 +46,8 @@ LEAVES_MAX = 24
 NUMBERS_MAX = 12
 LOST_MIN = 20
 """So many of the values that were tried lose `safe`, before something is said of all of them."""
+FAR_APART = 50.0
+"""A time in ms is 1000 times one in s; `safer` looks a few times as far ahead as `ttf`."""
 TURNED = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 ROLES = "`ttf` says when AC must not go on, `safer` when it may have control again"
 BUDGET = 400_000
@@ -65,7 +68,19 @@ def tried(system: System, module: Module) -> list[Trial]:
     indices = tried_topics(module)
     if sum(leaf_count(system.topics[i].type) for i in indices) > LEAVES_MAX:
         return []
-    return trials_of(system, module, predicates, indices)
+    known = system.program.trials
+    key = _tried_key(system, module, indices)
+    if key not in known:
+        known[key] = trials_of(system, module, predicates, indices)
+    return cast("list[Trial]", known[key])
+
+
+def _tried_key(system: System, module: Module, indices: Sequence[int]) -> tuple[object, ...]:
+    """All that the trials of a module rest on beside its declaration: several systems share it."""
+    place = {index: k for k, index in enumerate(indices)}
+    wires = ((t, place.get(i)) for t, i in module.scope.topics.items() if i in place)
+    of_topics = ((t.type, t.bounds, t.default) for t in (system.topics[i] for i in indices))
+    return (module.symbol, *module.scope.params.items(), *wires, *of_topics)
 
 
 def doubt_predicates(
@@ -92,7 +107,9 @@ def doubt_predicates(
     both = [t for t in trials if t[0] and t[1]]
     if both and _turned_round(symbol, trials, diagnostics):
         return True
-    if both and _alike(ttf, safer):
+    if both and _in_milliseconds(system, module, both, diagnostics):
+        return True
+    if both and (_alike(ttf, safer) or same_expression(safer, symbol.safe)):
         where = shown(system, tried_topics(module), both[0][3])
         diagnostics.warning(
             "W013",
@@ -105,6 +122,47 @@ def doubt_predicates(
         )
         return True
     return False
+
+
+def _in_milliseconds(
+    system: System, module: Module, both: Sequence[Trial], diagnostics: Diagnostics
+) -> bool:
+    """W013 for `ahead(x, 80.0)` of `ttf` beside `ahead(x, 0.2)` of `safer`: no such trial in s."""
+    symbol = module.symbol
+    ttf, safer = symbol.ttf, symbol.safer
+    assert ttf is not None
+    assert safer is not None
+    others = calls_in(safer)
+    for call, i in ((c, i) for c in calls_in(ttf) for i in range(len(c.arguments))):
+        number = _float_of(call.arguments[i])
+        near = [_float_of(o.arguments[i]) for o in others if o.fun is call.fun]
+        if number is None or not any(n is not None and 0 < FAR_APART * n <= number for n in near):
+            continue
+        at = call.arguments[i]
+        mended = _with_number(ttf, at, number / 1000)
+        holds = predicates_at(system, module, tried_topics(module))
+        if any(all(holds((mended, safer), t[3])) for t in both):
+            continue
+        diagnostics.warning(
+            "W013",
+            f"`ttf` of module `{symbol.name}` looks much further ahead than `safer`",
+            at.span,
+            "where `safer` has less than a fiftieth of it",
+            also=((safer.span, "`safer`, which can hold together with `ttf`"),),
+            notes=("a number that is a time is in s",),
+            helps=(replace(at.span, f"{number / 1000!r}"),),
+        )
+        return True
+    return False
+
+
+def _with_number(predicate: typed.TypedExpr, at: typed.TypedExpr, number: float) -> Any:  # noqa: ANN401
+    """The predicate with a number in the place of a part of it."""
+    return rewritten(predicate, lambda n: typed.Literal(at.type, at.span, number) if n is at else n)
+
+
+def _float_of(e: typed.TypedExpr) -> float | None:
+    return e.value if isinstance(e, typed.Literal) and isinstance(e.value, float) else None
 
 
 def _turned_round(
@@ -225,9 +283,10 @@ def trials_of(
     values = [t.default for t in system.topics]
     trials: list[Trial] = []
     left = BUDGET
+    drawn = {i: _drawn(system.topics[i], numbers, draw) for i in indices}
     for _ in range(TRIED):
-        for i in indices:
-            values[i] = _value(system, i, numbers, draw)
+        for i, value in drawn.items():
+            values[i] = value()
         env = Environment(topics=values, stamps=[0] * len(values))
         try:
             held = []
@@ -252,34 +311,41 @@ def _numbers(predicates: Sequence[typed.TypedExpr]) -> list[float]:
     return [*own, *((a + b) / 2 for a, b in pairwise(own))] or [0.0]
 
 
-def _value(system: System, index: int, numbers: list[float], draw: random.Random) -> Value:
-    topic = system.topics[index]
+def _drawn(topic: Topic, numbers: list[float], draw: random.Random) -> Callable[[], Value]:
+    """Draws a value of a topic: numbers of the predicates, and what else is in its set."""
+    if not _plain(topic.type):
+        return lambda: topic.default
+    far = 2.0 * max(10.0, *(abs(n) for n in numbers))
     bounds = iter(topic.bounds)
 
-    def scalar(t: Type) -> Value:
+    def scalar(t: Type) -> Callable[[], Value]:
         bound = next(bounds)
-        if isinstance(t, BoolType):
-            return draw.random() < 0.5
-        if isinstance(t, EnumType):
-            return draw.randrange(len(t.members))
-        far = 2.0 * max(10.0, *(abs(n) for n in numbers))
         low, high = (-far, far) if bound is None else (bound.low, bound.high)
         near = [n for n in numbers if low <= n <= high]
-        value = draw.choice(near) if near and draw.random() < 0.5 else draw.uniform(low, high)
+
+        def number() -> float:
+            return draw.choice(near) if near and draw.random() < 0.5 else draw.uniform(low, high)
+
+        if isinstance(t, BoolType):
+            return lambda: draw.random() < 0.5
+        if isinstance(t, EnumType):
+            return lambda: draw.randrange(len(t.members))
         if isinstance(t, IntType):
-            return min(max(round(value), t.low), t.high)
-        return value
+            return lambda: min(max(round(number()), t.low), t.high)
+        return number
 
-    def whole(t: Type) -> Value:
+    def whole(t: Type) -> Callable[[], Value]:
         if isinstance(t, RecordType):
-            return tuple(whole(f) for _, f in t.fields)
-        if isinstance(t, ArrayType):
-            return tuple(whole(t.element) for _ in range(t.size))
-        if isinstance(t, (BoolType, EnumType, FloatType, IntType)):
+            parts = [whole(f) for _, f in t.fields]
+        elif isinstance(t, ArrayType):
+            parts = [whole(t.element) for _ in range(t.size)]
+        elif isinstance(t, (BoolType, EnumType, FloatType, IntType)):
             return scalar(t)
-        return topic.default
+        else:
+            return lambda: topic.default
+        return lambda: tuple(part() for part in parts)
 
-    return topic.default if not _plain(topic.type) else whole(topic.type)
+    return whole(topic.type)
 
 
 def _plain(t: Type) -> bool:

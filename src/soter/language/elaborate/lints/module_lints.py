@@ -13,8 +13,12 @@ from soter.diagnostics.fix import exchange
 from soter.language.check.parts.plant import unmoved
 from soter.language.elaborate.lints.contradictory_predicates import doubt_predicates, tried
 from soter.language.elaborate.lints.diverging_schemes import doubt_scheme
-from soter.language.elaborate.lints.refuted_at_once import (
+from soter.language.elaborate.lints.doubtful_times import (
     doubt_ages,
+    doubt_holds,
+    doubt_property_times,
+)
+from soter.language.elaborate.lints.refuted_at_once import (
     doubt_constants,
     doubt_first_publications,
     doubt_properties,
@@ -26,6 +30,7 @@ from soter.language.elaborate.lints.silent_sc import doubt_publications
 from soter.language.elaborate.lints.step_ranges import doubt_steps
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
+from soter.language.model.typed import PeriodRead, TypedBinary, Vector
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
@@ -44,10 +49,13 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
     for component in system.components:
         if component.plant is not None:
             _unmoved(component.plant, diagnostics)
+            _times_dt(component.plant, diagnostics)
             doubt_scheme(system, component, diagnostics)
             doubt_first_publications(system, component, diagnostics)
+            doubt_holds(component, diagnostics)
     doubt_steps(system, diagnostics)
     doubt_properties(system, diagnostics)
+    doubt_property_times(system, diagnostics)
     for number, module in enumerate(system.modules):
         symbol = module.symbol
         sc, ac = system.components[module.sc], system.components[module.ac]
@@ -105,6 +113,27 @@ def _unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
             notes=("what is constant is a `const`; a constant that is unknown has a set: `in`",),
             helps=(f"say how it moves: `der {state.name} = ...;` or `next {state.name} = ...;`",),
         )
+
+
+def _times_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
+    """W032: `der x = v * dt` integrates twice over: the plant multiplies by its step itself."""
+    for state, slope in plant.der.items():
+        factors = [slope]
+        for e in factors:
+            if isinstance(e, (TypedBinary, Vector)) and e.op == "*":
+                factors += [e.left, e.right]
+        for e in factors:
+            if isinstance(e, PeriodRead):
+                diagnostics.warning(
+                    "W032",
+                    f"the derivative of `{state.name}` is multiplied by `dt`",
+                    e.span,
+                    "a time",
+                    also=((state.span, "this state"),),
+                    notes=("`der` says how fast a state moves: the plant integrates by itself",),
+                    helps=("leave `dt` out, or say what the state is after a step: `next`",),
+                )
+                return
 
 
 def _speaks_of_outputs(module: Module, diagnostics: Diagnostics) -> None:

@@ -2,8 +2,8 @@
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
 seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
-DM looks rarely beside its plant), W027 (a property that the start violates), W028 (a topic that is
-too old between two publications), W015 (a plant that begins outside of the set of a topic).
+DM looks rarely beside its plant), W027 (a property that the start violates), W015 (a plant that
+begins outside of the set of a topic).
 Non-goals: a proof; initial states between the ends of their sets; `ttf` and `safer` that exclude
 `safe` only in part.
 """
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
 from soter.language.elaborate.lints.contradictory_predicates import (
     Trial,
     flat,
@@ -29,6 +28,7 @@ from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import chooses, nodes, topic_reads
 from soter.language.model.types import FloatType, IntType, has_list, leaves
 
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
     from soter.language.elaborate.lints.contradictory_predicates import Holds
     from soter.language.model.system import Component, Module, Property, System
     from soter.language.model.types import Value
@@ -57,8 +56,8 @@ PAIRS, HALVINGS = 24, 40
 def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """W021: from the start on, nothing that SC does keeps `safe`."""
     safe = module.symbol.safe
-    if not of_topics_alone([safe]):
-        return
+    if not of_topics_alone([safe]) or modules_above(system, module.index):
+        return  # below another module it is kept from a hand-back on
     indices = [module.scope.topics.get(t, -1) for t in topic_reads(safe)]
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
     for topics in _starts(system, indices):
@@ -132,46 +131,6 @@ def _first_state(component: Component, end: int) -> Value | None:
     return tuple(first if span is None else span[end] for first, span in pairs)
 
 
-def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W028: a topic that is too old before its driver publishes it again."""
-    drivers = {
-        c.scope.topics[topic]: c
-        for c in system.components
-        for topic in _publishes(c)
-        if topic in c.scope.topics
-    }
-    for index in module.inputs:
-        topic, driver = system.topics[index], drivers.get(index)
-        if topic.max_age_ns is None or driver is None or driver.period_ns <= topic.max_age_ns:
-            continue
-        own = driver.plant or driver.node
-        assert own is not None
-        age = write_ns(driver.period_ns)
-        often = write_ns(topic.max_age_ns)
-        older = f"or let it be {age} old, and let `ttf` look that much further ahead"
-        helps: tuple[Help, ...] = (
-            replace(own.period.span, often, f"publish it every {often} at least"),
-            older,
-        )
-        if topic.symbol.max_age is not None:
-            helps = (helps[0], replace(topic.symbol.max_age.span, age, older))
-        diagnostics.warning(
-            "W028",
-            f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",
-            own.period.span,
-            f"published every {show_ns(driver.period_ns)}",
-            also=((topic.symbol.span, f"no older than {show_ns(topic.max_age_ns)}"),),
-            notes=("a module that reads what is too old takes AC off",),
-            helps=helps,
-        )
-
-
-def _publishes(c: Component) -> list[typed.TopicSymbol]:
-    if c.plant is not None:
-        return [t for t, _ in c.plant.drives]
-    return list(c.node.publishes) if c.node is not None else []
-
-
 def doubt_first_publications(system: System, plant: Component, diagnostics: Diagnostics) -> None:
     """W015 for what a plant publishes first, from constant states: outside of the set."""
     assert plant.plant is not None
@@ -232,9 +191,10 @@ def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> V
     """What a plant publishes at its first release, `end` 0 or 1 of the sets of its states."""
     symbol = plant.plant
     assert symbol is not None
-    lets = tuple(e for _, e in symbol.lets)
+    lets = _read_lets(symbol, value)
     late = (typed.TopicRead, typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead)
-    if chooses(value, *lets) or any(isinstance(n, late) for n in nodes((value, *lets))):
+    read = (value, *(e for _, e in lets))
+    if chooses(*read) or any(isinstance(n, late) for n in nodes(read)):
         return None
     evaluator = Evaluator(plant.scope.params, budget=BUDGET)
     env = Environment(period_ns=plant.period_ns)
@@ -244,11 +204,24 @@ def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> V
             return None
         env.variables[state] = plant.initial[i] if span is None else span[end]
     try:
-        for variable, let in symbol.lets:
+        for variable, let in lets:
             env.variables[variable] = evaluator.value(let, env)
         return evaluator.value(value, env)
     except (StepFault, BudgetExceeded, KeyError):
         return None  # a `let` of a disturbance, say: it is drawn
+
+
+def _read_lets(
+    plant: typed.PlantSymbol, value: typed.TypedExpr
+) -> list[tuple[typed.Variable, typed.TypedExpr]]:
+    """The `let`s that a value is made of, by way of others, too, in their order."""
+    read = {n.variable for n in nodes([value]) if isinstance(n, typed.VarRead)}
+    lets: list[tuple[typed.Variable, typed.TypedExpr]] = []
+    for variable, let in reversed(plant.lets):
+        if variable in read:
+            lets.insert(0, (variable, let))
+            read |= {n.variable for n in nodes([let]) if isinstance(n, typed.VarRead)}
+    return lets
 
 
 def doubt_constants(

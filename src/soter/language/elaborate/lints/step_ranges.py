@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.fix import Edit, Fix, exchange, replace
 from soter.diagnostics.span import Span
+from soter.language.elaborate.lints.declared_ranges import counts_from_one, one_fits
 from soter.language.elaborate.lints.forgotten_variables import doubt_variables
 from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
@@ -316,6 +317,9 @@ class _StepRanges(RangeEvaluator):
             return
         size = of.size if isinstance(of, ArrayType) else of.capacity
         at = self.number(index)
+        read = index.operand if isinstance(index, t.Narrow) else index
+        if at == Range(1, size) and isinstance(read, t.VarRead):
+            counts_from_one(read, of, size, list(self.decided), self.diagnostics)
         if at.high >= 0 and at.low < size:
             return
         value = f"{at.low}" if at.single else f"from {at.low} to {at.high}"
@@ -335,6 +339,8 @@ class _StepRanges(RangeEvaluator):
         assert isinstance(e.type, IntType)
         if not self.silent:
             a = self.number(e.operand)
+            if a.low < a.high and (a.low == e.type.high or a.high == e.type.low):
+                one_fits(e, a, self.diagnostics)
             if a.high < e.type.low or a.low > e.type.high:
                 value = f"{a.low}" if a.single else f"from {a.low} to {a.high}"
                 inside = f"min(max({e.span.text}, {e.type.low}), {e.type.high})"

@@ -14,7 +14,7 @@ from soter.language.check.expressions.field import listed
 from soter.language.elaborate.tests_and_faults.component_names import named, nobody
 from soter.language.elaborate.tests_and_faults.sc_waits_for_dm import waiting
 from soter.language.model.durations import show_ns
-from soter.language.model.system import Fault
+from soter.language.model.system import Fault, claims_nothing
 from soter.language.model.types import (
     FloatType,
     IntType,
@@ -277,6 +277,8 @@ class _Places:
         """The assumption of the proofs that still holds; None: one may not hold."""
         if c.role == "ac" and not self._must_speak(c, fault):
             return "AC may do anything"
+        if c.module is not None and claims_nothing(self.system, self.system.modules[c.module]):
+            return "nothing is claimed of its module"
         if fault.disturbance is not None:
             d = c.disturbances[fault.disturbance]
             low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))

@@ -11,12 +11,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from soter.diagnostics.fix import Fix, append, remove, replace
+from soter.diagnostics.fix import Edit, Fix, append, remove, replace
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
 from soter.language.syntax.clause_words import INSTEAD, NODE, STATEMENTS, body_of
 from soter.language.syntax.foreign_items import item_advice, item_meant
-from soter.language.syntax.parsing.misplaced import (
+from soter.language.syntax.parsing.misplaced_words import (
     assigned,
     at_word_of_elsewhere,
     item_end,
@@ -52,6 +52,10 @@ class OnceParts:
     first: dict[str, Span] = field(default_factory=dict)
 
 
+#: By which item a system or a test names what is declared by a word.
+_ITEM_OF = {"node": "node", "rta": "module", "system": "system"}
+
+
 class BodyParser(StatementParser):
     """The part of the parser that reads bodies of any kind."""
 
@@ -69,9 +73,9 @@ class BodyParser(StatementParser):
 
     # ------------------------------------------------------------ what is tried
 
-    def _leads_on(self, fix: Fix) -> bool:
+    def _leads_on(self, fix: Fix, end: int) -> bool:
         (edit,) = fix.edits
-        return leads_on(self, fix, edit.span.start, edit.span.end)
+        return leads_on(self, fix, edit.span.start, max(end, edit.span.end))
 
     def _elsewhere(
         self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
@@ -199,10 +203,8 @@ class BodyParser(StatementParser):
             return
         if word in ("invariant", "invariants") and "always" in items:
             raise self.failure("S010", message, helps=(self._asked_with_always(items),))
-        if kind == NAME and "module" in items and self.kinds[self.i + 1] == ";":
-            name = visible(word)
-            said = f"write `node {name};`, `module {name};`, or `c: {name};` for a plant"
-            raise self.failure("S010", message, helps=(said,))
+        if kind == NAME and "system" in {*items, body} and self.kinds[self.i + 1] == ";":
+            raise self.failure("S010", message, helps=(self._named_alone(word, items),))
         if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS and not elsewhere:
             self._loose_statements(message, items)
             return
@@ -238,6 +240,18 @@ class BodyParser(StatementParser):
         self.quiet = -1
         self.texts[self.i] = word
         items[word](self, parts)
+
+    def _named_alone(self, word: str, items: Mapping[str, object]) -> Help:
+        """`House;` for `system House;`: by what is declared under that name."""
+        kinds, texts = self.kinds, self.texts
+        declared = {k for i, k in enumerate(kinds[:-1]) if texts[i + 1] == word and k in _ITEM_OF}
+        item = _ITEM_OF[declared.pop()] if len(declared) == 1 else None
+        if item in items:
+            return replace(self.token_span(self.i), f"{item} {word}", f"write `{item} {word};`")
+        name = visible(word)
+        if "module" not in items:
+            return f"write `system {name};`"
+        return f"write `node {name};`, `module {name};`, or `c: {name};` for a plant"
 
     def _asked_with_always(self, items: Mapping[str, object]) -> str:
         """What to write for `invariant(M);`: a property like others."""
@@ -302,8 +316,19 @@ class BodyParser(StatementParser):
         if self.kinds[i] != NAME or self.new_line() or self.kinds[i + 1] not in (",", ";", "."):
             return False
         message = f"expected `,` or `;` after the name, found {self.found()}"
+        if self.kinds[i + 1] != "." and not self._is_a_topic(self.texts[i]):
+            gone = Span(self.source, self.ends[i - 1], self.ends[i])
+            out = replace(gone, "", f"leave `{visible(self.texts[i])}` out")
+            self.report("S005", message, label="no topic is called so", helps=(out,))
+            self.i += 1
+            return self.accept(",")
         self.report("S005", message, self.after_previous(), "`,` is missing here")
         return True
+
+    def _is_a_topic(self, word: str) -> bool:
+        """Whether the file declares a topic of this name, as far as it looks."""
+        pairs = zip(self.kinds, self.texts[1:], strict=False)
+        return any(kind == "topic" and text == word for kind, text in pairs)
 
     def period(self, what: str, name: tree.Name) -> tree.SyntaxExpr:
         """The period in the head of a declaration, an ErrorExpr where there is none."""
@@ -394,6 +419,18 @@ class BodyParser(StatementParser):
             return None, None
         self.i += 1
         return string_value(self.texts[i]), self.token_span(i)
+
+    def not_extern(self, start: int, origin: Span | None) -> Fix:
+        """`extern`, at `start`, left out, and with it `from "..."`, of which `origin` is a part."""
+        text = self.source.text
+        end = start + len("extern")
+        end += len(text[end:]) - len(text[end:].lstrip())
+        edits = [Edit(Span(self.source, start, end), "")]
+        if origin is not None:
+            before = len(text[: text.rindex("from", 0, origin.start)].rstrip())
+            edits.append(Edit(Span(self.source, before, origin.end), ""))
+        what = "`extern` and `from`" if origin is not None else "`extern`"
+        return Fix(f"leave {what} out", tuple(edits))
 
     def stray_origin(self, what: str) -> tuple[str | None, Span | None]:
         """`from` behind something that is not extern."""

@@ -15,6 +15,7 @@ from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.tokens import EOF, NAME, visible
 
 if TYPE_CHECKING:
+    from soter.diagnostics.fix import Fix
     from soter.language.syntax.parsing.bodies import BodyParser
 
 
@@ -30,7 +31,7 @@ def fun(parser: BodyParser) -> tree.Decl:
     body: tree.Block | None = None
     if parser.kinds[parser.i] == "{":
         if extern:
-            _extern_body(parser, name)
+            _extern_body(parser, name, parser.not_extern(start, source_span))
         else:
             body = parser.block("after the result type")
     elif extern:
@@ -66,11 +67,11 @@ def _function_body(parser: BodyParser) -> tree.Block | None:
     return None
 
 
-def _extern_body(parser: BodyParser, name: tree.Name) -> None:
+def _extern_body(parser: BodyParser, name: tree.Name, not_extern: Fix) -> None:
     parser.report(
         "S025",
         f"the extern function `{visible(name.text)}` has a body",
-        helps=("leave out `extern`, or write `;` instead of the body",),
+        helps=(not_extern, "or write `;` instead of the body"),
     )
     parser.block("after the result type")
 

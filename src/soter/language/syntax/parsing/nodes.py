@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import remove
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.bodies import OnceParts, predicate
 from soter.language.syntax.parsing.verification import VerifyParser
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.diagnostics.codes import Code
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
 
 
@@ -63,7 +65,8 @@ class NodeParser(VerifyParser):
                 "S025",
                 f"the extern {what} has a `step`",
                 parts.first["step"],
-                "leave out `extern`, or the step",
+                self.not_extern(start, source_span),
+                remove(parts.first["step"].to(step.span), "or leave the step out"),
             )
             step = None
         if not extern and step is None and not self.damaged:
@@ -95,9 +98,9 @@ class NodeParser(VerifyParser):
             jitter=parts.once.get("jitter"),
         )
 
-    def _misplaced(self, code: Code, message: str, span: Span, help_: str) -> None:
+    def _misplaced(self, code: Code, message: str, span: Span, *helps: Help) -> None:
         quiet, self.quiet = self.quiet, -1
-        self.report(code, message, span, helps=(help_,))
+        self.report(code, message, span, helps=helps)
         self.quiet = quiet
 
     def _subscribes(self, parts: _NodeParts) -> None:

@@ -13,7 +13,7 @@ from soter.diagnostics.fix import replace
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_items import NO_STATEMENT
 from soter.language.syntax.parsing.expressions import ExpressionParser
-from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
+from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.operators import c_style_loop
 from soter.language.syntax.parsing.token_cursor import (
@@ -282,12 +282,12 @@ class StatementParser(ExpressionParser):
                 self.quiet = -1
                 return _STATEMENTS[near](self)
         if following == NAME and self.kinds[i + 2] in ("=", ";"):
-            declared = self.texts[i + 1]
-            self.report(
-                "S011",
-                f"expected a statement, found `{visible(word)}`",
-                helps=(f"a variable is declared by `var {visible(declared)}: ...;`",),
-            )
+            declared = visible(self.texts[i + 1])
+            title = f"a variable is declared by `var`: `var {declared}: {visible(word)}`"
+            both = self.token_span(i).to(self.token_span(i + 1))
+            written = replace(both, f"var {declared}: {word}", title)
+            message = f"expected a statement, found `{visible(word)}`"
+            self.report("S011", message, helps=(written,))
             return self._c_style_declaration()
         return None
 

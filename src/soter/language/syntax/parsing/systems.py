@@ -9,14 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
+from soter.diagnostics.fix import exchange, replace
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_items import item_meant
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS, OnceParts
 from soter.language.syntax.parsing.faults import FAULT_ITEMS, FaultParts
-from soter.language.syntax.parsing.misplaced import at_word_of_elsewhere
+from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
+from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.tokens import EOF, NAME, visible
 
 if TYPE_CHECKING:
@@ -143,17 +144,55 @@ def _inside_of(
     parser.i += 1
     pairs: list[tuple[tree.Ref, tree.DottedPath]] = []
     sets: list[tree.SetParam] = []
-    while True:
-        if parser.is_word("set") and parser.kinds[parser.i + 1] == NAME:
-            sets.append(instance_arrays.setting(parser, inside=True))
-            after = "the value of the parameter"
-        else:
-            inner = parser.ref(f"a topic of `{visible(what.text)}`")
-            parser.assign("between the two names of a topic")
-            pairs.append((inner, instance_arrays.path(parser, "the name of a topic")))
-            after = "the renamed topic"
-        if not parser.comma("}", after, opener):
-            return tuple(pairs), tuple(sets)
+    try:
+        while True:
+            after = _wire_or_setting(parser, what, pairs, sets)
+            if not parser.comma("}", after, opener):
+                break
+    except Panic:
+        while parser.kinds[parser.i] not in ("}", ";", EOF):
+            parser.i += 1
+        parser.accept("}")
+        parser.damaged = True
+    return tuple(pairs), tuple(sets)
+
+
+def _wire_or_setting(
+    parser: BodyParser,
+    what: tree.Ref,
+    pairs: list[tuple[tree.Ref, tree.DottedPath]],
+    sets: list[tree.SetParam],
+) -> str:
+    """One of them is read; what it is called where a comma is missing behind it."""
+    if parser.is_word("set") and parser.kinds[parser.i + 1] == NAME:
+        sets.append(instance_arrays.setting(parser, inside=True))
+        return "the value of the parameter"
+    pair = _reversed_wire(parser)
+    if pair is None:
+        inner = parser.ref(f"a topic of `{visible(what.text)}`")
+        parser.assign("between the two names of a topic")
+        pair = inner, instance_arrays.path(parser, "the name of a topic")
+    pairs.append(pair)
+    return "the renamed topic"
+
+
+def _reversed_wire(parser: BodyParser) -> tuple[tree.Ref, tree.DottedPath] | None:
+    """`r[0].pose = ahead`, S005: the topic inside comes first; None where that does not stand."""
+    i = parser.i
+    behind = instance_arrays.behind_indices(parser, i + 1)
+    while parser.kinds[behind] == "." and parser.kinds[behind + 1] == NAME:
+        behind = instance_arrays.behind_indices(parser, behind + 2)
+    alone = parser.kinds[behind + 1] == NAME and parser.kinds[behind + 2] in (",", "}")
+    if "[" not in parser.kinds[i:behind] or parser.kinds[behind] != "=" or not alone:
+        return None
+    outer = parser.token_span(i).to(parser.token_span(behind - 1))
+    inner = parser.token_span(behind + 1)
+    helps = (exchange(outer, inner, f"write `{inner.text} = {outer.text}`"),)
+    message = "the topic inside of the instance stands before the `=`, that of the system behind it"
+    parser.report("S005", message, outer, helps=helps)
+    path = instance_arrays.path(parser, "the name of a topic")
+    parser.i += 1
+    return parser.ref("a topic inside"), path
 
 
 def _faults(parser: BodyParser, parts: _SystemParts) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Label, made
 from soter.diagnostics.fix import append, replace
-from soter.diagnostics.near import closest
+from soter.diagnostics.similar_names import closest
 from soter.diagnostics.span import Span
 from soter.language.syntax.foreign_idioms import find, place_of
 from soter.language.syntax.tokens import (
@@ -55,6 +55,11 @@ _DECLARATION_WORDS = frozenset(
     ["type", "const", "param", "fun", "extern", "topic", "node", "rta", "plant", "system", "test",
      "import"]
 )  # fmt: skip
+
+#: What a thing is; where one is named its name stands alone.
+_KIND_WORDS = frozenset(
+    ["type", "const", "param", "fun", "topic", "node", "rta", "plant", "system"]
+)
 
 #: Errors of one token, which may be one too many, or lack one before it.
 _REPAIRED = frozenset(["S004", "S005", "S006", "S007", "S008"])
@@ -211,8 +216,8 @@ class Cursor:
         self.quiet = self.i
         raise Panic
 
-    def _leads_on(self, fix: Fix) -> bool:
-        """Whether an edit leaves no syntax error in what it writes."""
+    def _leads_on(self, fix: Fix, end: int) -> bool:
+        """Whether an edit leaves no syntax error between what it writes and an offset."""
         raise NotImplementedError
 
     def _elsewhere(
@@ -406,9 +411,37 @@ class Cursor:
         if kind == ERROR:  # such as `3x`, already reported
             self.i = i + 1
             return Name(self.texts[i], self.token_span(i))
+        if kind in _KIND_WORDS and self._name_beside(i):
+            return self._named_with_its_kind(what)
         if kind in RESERVED and not self._stops(i):
             return self.misused_word(what)
         raise self.failure("S006", f"expected {what}, found {self.found()}")
+
+    def _named_with_its_kind(self, what: str) -> Name:
+        """`ac node Fast`, or `ac node Fast period 10ms { ... }`, which is stepped over."""
+        i = self.i
+        name = self.texts[i + 1]
+        in_place = self.kinds[i + 2] in ("period", "phase", "{")
+        help_: Help = replace(self.token_span(i).to(self.token_span(i + 1)), name)
+        if in_place:
+            help_ = f"declare it at the top of the file, and name it here: `{name}`"
+        label = "nothing is declared here" if in_place else "the name stands alone here"
+        message = f"expected {what}, found the keyword `{self.texts[i]}`"
+        self.report("S006", message, label=label, helps=(help_,))
+        self.i = i + 2
+        if in_place:
+            while self.kinds[self.i] not in ("{", "}", ";", EOF):
+                self.i += 1
+            if self.kinds[self.i] == "{":
+                self.skip_braces()
+            self.quiet = self.i
+            self.damaged = True
+        return Name(name, self.token_span(i + 1))
+
+    def _name_beside(self, i: int) -> bool:
+        """Whether a name stands behind the token at `i`, on its line."""
+        between = self.source.text[self.ends[i] : self.starts[i + 1]]
+        return self.kinds[i + 1] == NAME and "\n" not in between
 
     def misused_word(self, what: str) -> Name:
         """The reserved word at the cursor, taken for a name; reported the first time."""

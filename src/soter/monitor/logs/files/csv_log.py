@@ -12,8 +12,8 @@ import zlib
 from fractions import Fraction
 from typing import IO, TYPE_CHECKING, BinaryIO
 
-from soter.diagnostics.near import nearest_or_all
 from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.bounded_read import opened
 from soter.monitor.logs.files.bounded_gzip import BoundedGzip
 from soter.monitor.logs.files.log_columns import add_row, moment, unusable

@@ -10,7 +10,7 @@ from __future__ import annotations
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.near import nearest_or_all
+from soter.diagnostics.similar_names import nearest_or_all
 from soter.monitor.logs.files.log_columns import add_row, moment, unusable
 from soter.monitor.logs.files.mcap_messages import mcap_messages
 from soter.monitor.logs.files.message_parts import NoPartError, NoTimeError, part_of, time_ns_of

@@ -1,0 +1,209 @@
+"""From hazards over requirements to properties, and what is not covered.
+
+Purpose: `Tracing`: the rows of a file against the properties of a system, before anything that
+takes long, and against the finished case: its goals, and its assumptions with who answers for them.
+Non-goals: the file (`hazard_file.py`), the goals themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING
+
+from soter.api.assurance.hazard_file import CODE, HazardFile, HazardRow, read_hazards
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.diagnostics.similar_names import did_you_mean
+from soter.report.assurance.safety_case import SUPPORTED, UNDEVELOPED
+from soter.report.assurance.traceability import OpenItem, Traceability, TracedItem, TracedProperty
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from soter.language.model.system import System
+    from soter.report.assurance.safety_case import CaseNode, SafetyCase
+
+SAFE, RETURNS, LAW = "safe", "P2b", "failsafe"
+"""What may be traced to of each module, after its name and a dot."""
+FLIGHTS = "G3"
+ANSWERS = (
+    ("owner", "no owner"),
+    ("validation", "no way to validate it"),
+    ("evidence", "no evidence"),
+)
+
+
+@dataclass(frozen=True)
+class Tracing:
+    """A file, if one was given, that fits a system; `how`: of each property."""
+
+    file: HazardFile | None
+    how: dict[str, str]
+
+    @staticmethod
+    def read(path: Path | None, flat: System) -> Tracing:
+        """Read a file; SoterError D006, and D021 where a row names what is not there."""
+        tracing = Tracing(None if path is None else read_hazards(path), _properties(flat))
+        if tracing.file is not None:
+            _follow(tracing.file.rows, tracing.how)
+        return tracing
+
+    def enter(self, case: SafetyCase) -> None:
+        """Enter into a finished case who answers for assumptions, what is traced, and what is open.
+
+        SoterError D021 for a row about an assumption that the case does not have.
+        """
+        rows = () if self.file is None else self.file.rows
+        assumptions = [n for n in case.nodes if n.kind == "assumption"]
+        stale = list(_answered(assumptions, [r for r in rows if r.kind == "assumption"]))
+        properties = [self._property(case, name) for name in self.how]
+        status = {p.name: p.status for p in properties}
+        traced = [r for r in rows if r.kind != "assumption"]
+        reached = _reached(traced)
+        items = tuple(_items(traced, reached, status))
+        for k, p in enumerate(properties):
+            hazards = (i.id for i in items if i.kind == "hazard" and p.name in i.properties)
+            properties[k] = replace(p, hazards=tuple(hazards))
+        open_ = [*_open_items(items, status), *_unasked(properties), *_unanswered(assumptions)]
+        case.traceability = Traceability(
+            "" if self.file is None else self.file.path,
+            "" if self.file is None else self.file.sha256,
+            items,
+            tuple(properties),
+            (*open_, *stale),
+        )
+
+    def _property(self, case: SafetyCase, name: str) -> TracedProperty:
+        how = self.how[name]
+        goal = next((g for g in case.goals if g.property == name), None)
+        if how == "flights":
+            goal = next((g for g in case.goals if g.id == FLIGHTS), None)
+        status = UNDEVELOPED if goal is None else case.status(goal)
+        if how == "flights" and (goal is None or status == SUPPORTED):
+            status = "not flown" if goal is None else "sampled"
+        beside = name.endswith((f".{RETURNS}", f".{LAW}")) or (
+            how == "exploration" and goal is None
+        )
+        return TracedProperty(name, how, status, goal.id if goal else "", wanted=not beside)
+
+
+def _properties(flat: System) -> dict[str, str]:
+    """What a row may name, each with how it is shown."""
+    names = [f"{m.name}.{what}" for what in (SAFE, RETURNS, LAW) for m in flat.modules]
+    how = dict.fromkeys(names, "proof")
+    how |= {n: "exploration" for n in flat.program.tests if "." not in n}
+    said = (p for p in flat.properties if p.component is None)
+    return how | {" ".join(f"{p.kind} {p.text}".split()): "flights" for p in said}
+
+
+def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
+    """SoterError D021 where a row leads to nothing, to a hazard, or round in a circle."""
+    diagnostics = Diagnostics()
+    by_id = {r.id: r for r in rows if r.kind != "assumption"}
+    requirements = {r.id: r for r in by_id.values() if r.kind == "requirement"}
+    for r in by_id.values():
+        if r.id in how:
+            diagnostics.error(CODE, f"`{r.id}` is a property of the program", r.span)
+        for target in r.traces_to:
+            if target in how or target in requirements:
+                continue
+            diagnostics.error(
+                CODE,
+                f"`{r.id}` traces to `{target}`, which is no requirement and no property",
+                r.span,
+                notes=(f"`{target}` is a hazard",) if target in by_id else (),
+                helps=did_you_mean(target, [*requirements, *how])
+                or (f"properties are {', '.join(f'`{name}`' for name in list(how)[:12])}",),
+            )
+    graph = {r.id: [t for t in r.traces_to if t in by_id] for r in by_id.values()}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        circle = list(reversed(error.args[1]))
+        said = " -> ".join(f"`{name}`" for name in circle)
+        diagnostics.error(CODE, f"these rows trace to themselves: {said}", by_id[circle[0]].span)
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
+def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
+    """Of each row the properties that it leads to, each once, after what it traces to."""
+    by_id = {r.id: r for r in rows}
+    reached: dict[str, list[str]] = {}
+    graph = {r.id: [t for t in r.traces_to if t in by_id] for r in rows}
+    for id_ in TopologicalSorter(graph).static_order():
+        each = (reached.get(t, [t]) for t in by_id[id_].traces_to)
+        reached[id_] = list(dict.fromkeys(name for names in each for name in names))
+    return reached
+
+
+def _items(
+    rows: Sequence[HazardRow], reached: dict[str, list[str]], status: dict[str, str]
+) -> Iterator[TracedItem]:
+    """Each row, supported where all its properties and all its requirements are."""
+    by_id = {r.id: r for r in rows}
+    words: dict[str, str] = {}
+    for id_, names in reached.items():
+        shown = {status[name] for name in names} - {"sampled", "not flown"}
+        shown |= {words[t] for t in by_id[id_].traces_to if t in by_id}
+        words[id_] = SUPPORTED if shown == {SUPPORTED} else "open"
+    for r in rows:
+        of, word = tuple(reached[r.id]), words[r.id]
+        yield TracedItem(r.kind, r.id, r.text, r.traces_to, of, word)
+
+
+# ---------------------------------------------------------------- what is open
+
+
+def _open_items(items: Sequence[TracedItem], status: dict[str, str]) -> Iterator[OpenItem]:
+    open_ = {i.id for i in items if i.status != SUPPORTED}
+    for i in items:
+        lacking = [name for name in i.properties if status[name] == UNDEVELOPED]
+        if not i.properties:
+            yield OpenItem(i.kind, i.id, "it leads to no property")
+        elif lacking:
+            yield OpenItem(i.kind, i.id, f"undeveloped: {', '.join(f'`{n}`' for n in lacking)}")
+        elif below := [t for t in i.traces_to if t in open_]:
+            yield OpenItem(i.kind, i.id, f"open: {', '.join(f'`{t}`' for t in below)}")
+        elif i.status != SUPPORTED:
+            yield OpenItem(i.kind, i.id, "only flights are behind it, which are a sample")
+
+
+def _unasked(properties: Sequence[TracedProperty]) -> Iterator[OpenItem]:
+    for p in properties:
+        if p.wanted and not p.hazards:
+            yield OpenItem("property", p.name, "no hazard traces to it")
+
+
+def _answered(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> Iterator[OpenItem]:
+    """Enter the answers; rows about what is not in the case: SoterError D021, or open."""
+    known = {n.key for n in assumptions}
+    groups = {_is_of_test(key) for key in known}
+    diagnostics = Diagnostics()
+    for r in rows:
+        for n in assumptions:
+            if n.key == r.id:
+                n.owner, n.validation, n.evidence = r.owner, r.validation, r.evidence
+        if r.id in known:
+            continue
+        if _is_of_test(r.id) in groups:
+            message = f"the case has no assumption `{r.id}`"
+            helps = did_you_mean(r.id, known) or ("`case.json` has the key of each assumption",)
+            diagnostics.error(CODE, message, r.span, helps=helps)
+        else:
+            why = "no test was explored" if _is_of_test(r.id) else "no certificate was accepted"
+            yield OpenItem("assumption", r.id, f"not known whether it is one: {why}")
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
+def _is_of_test(key: str) -> bool:
+    return key.startswith("test ")
+
+
+def _unanswered(assumptions: Sequence[CaseNode]) -> Iterator[OpenItem]:
+    for n in assumptions:
+        lacking = [words for name, words in ANSWERS if not getattr(n, name)]
+        if lacking:
+            yield OpenItem("assumption", n.id, ", ".join(lacking))

@@ -1,0 +1,71 @@
+"""A module below another one: what its claims take from that one (docs/proof.md, Towers).
+
+Purpose: `read_above`: the parts of that one's `safer` which speak of the plants of this proof, and
+what a hand-back asks of H; assumptions that follow.
+Non-goals: that the state lies in R(H) there (`inclusions/handover_claim.py`); sharing code with
+`verify/problem/module_above.py`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.certificate.reading.module_facts import ModuleAbove
+from soter.certificate.reading.module_views import said_of
+from soter.certificate.reading.problem import read_facts
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.time.hand_back import handed_back
+from soter.certificate.time.module_times import read_by
+from soter.certificate.tower import above_of
+
+if TYPE_CHECKING:
+    from soter.certificate.reading.module_facts import Facts
+    from soter.language.model.system import Module
+
+OWN = ("late_dm", "response_dm")
+
+
+def read_above(facts: Facts) -> None:
+    """Enter the module above into the facts, and what it asks of H into the times.
+
+    Nothing where there is none; `NotRecheckedError` where its hand-backs are not followed.
+    """
+    module = above_of(facts.flying, facts.flying_module)
+    if module is None:
+        return
+    if facts.kind != "flow":
+        raise NotRecheckedError("modules above each other over a plant that moves in steps")
+    here, there = facts.module.scope, module.scope
+    if repr(sorted((p.name, repr(v)) for p, v in here.params.items())) != repr(
+        sorted((p.name, repr(v)) for p, v in there.params.items())
+    ):
+        raise NotRecheckedError(f"`{module.name}` has other parameters than the module below it")
+    known = {i for of in read_by(facts) for i in of}
+    shown = {
+        topic
+        for topic, index in here.topics.items()
+        if index in known and there.topics.get(topic) == facts.running.get(index, -1)
+    }
+    assert module.symbol.safer is not None, "M019"
+    safer = said_of(module.symbol.safer, shown)
+    if safer is None:
+        raise NotRecheckedError(f"`safer` of `{module.name}` says nothing of the plants here")
+    uppers = _problems(facts, module)
+    setting, own = facts.setting, facts.own
+    needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in uppers)
+    facts.above = ModuleAbove(
+        module.name,
+        safer,
+        max(u.own.age + u.setting.dm.slow for u in uppers),
+        declared=not any(u.ways.undeclared for u in uppers)
+        and all(getattr(u.symbol.verify, word) is not None for u in uppers for word in OWN),
+    )
+    facts.times["H_star_ns"] = max(facts.times["H_star_ns"], needs)
+    if facts.symbol.verify.horizon is None:
+        facts.times["H_ns"] = max(facts.times["H_ns"], needs)
+
+
+def _problems(facts: Facts, module: Module) -> list[Facts]:
+    """Of the module above, in each of its views: its times are the longest of them."""
+    views = [v.name for v in module.symbol.verify.views] or [""]
+    return [read_facts(facts.flying, module.name, view) for view in views]

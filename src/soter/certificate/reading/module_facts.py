@@ -1,0 +1,208 @@
+"""What the program says about one module, as `problem.py` reads it.
+
+Purpose: `Facts`: inputs with their ranges, axes, times; and small questions about them.
+Non-goals: reading them off the program (`problem.py`, `verification_system.py`, `module_times.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal
+
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.tree_walk import topic_reads
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.certificate.time.derived_times import DerivedTimes, TimingSetting
+    from soter.certificate.time.sensor_paths import ModulePaths
+    from soter.language.model import typed
+    from soter.language.model.system import Component, Module, System
+
+
+InputKind = Literal["state", "control", "disturbance", "error", "other"]
+
+
+class DiffersError(Exception):
+    """The certificate says something else than the program."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Input:
+    """One scalar input: `owner` is a component for states and disturbances, else a topic."""
+
+    kind: InputKind
+    name: str
+    owner: int
+    variable: str
+    leaf: int
+    low: float
+    high: float
+    moves: bool = True
+    of_others: bool = False
+    """A disturbance: what somebody else publishes, and a plant of the proof reads."""
+    unit: str = ""
+    """As it is declared."""
+
+
+@dataclass(frozen=True)
+class StateParameter:
+    """A discrete plant state without dynamics."""
+
+    name: str
+    owner: int
+    variable: str
+    leaf: int
+    values: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ModuleAbove:
+    """The module in whose place of AC another one stands, as that one's claims need it.
+
+    `safer`: the parts of it that speak of the plants of the claims; `back_ns`: from the state that
+    it gives control back on until that verdict is in force, at most; `declared`: whether no time
+    in that is taken for zero.
+    """
+
+    name: str
+    safer: typed.TypedExpr
+    back_ns: int
+    declared: bool
+
+
+@dataclass(eq=False)
+class Facts:
+    """What the program says about one module. States have the range of their initial values."""
+
+    system: System
+    module: Module
+    sc: Component
+    plants: tuple[Component, ...]
+    kind: Literal["flow", "map"]
+    flying: System
+    """The system that runs, and the module in it; `system` is another one for an abstraction."""
+    flying_module: Module
+    ways: ModulePaths = field(init=False)
+    setting: TimingSetting = field(init=False)
+    own: DerivedTimes = field(init=False)
+    """The times that this room derives."""
+    states: list[Input] = field(default_factory=list)
+    controls: list[Input] = field(default_factory=list)
+    disturbances: list[Input] = field(default_factory=list)
+    errors: list[Input] = field(default_factory=list)
+    others: list[Input] = field(default_factory=list)
+    parameters: list[StateParameter] = field(default_factory=list)
+    axes: dict[int, tuple[float, float]] = field(default_factory=dict)
+    """State -> its declared extent."""
+    open_ends: set[int] = field(default_factory=set)
+    """States of which nothing is claimed above that extent, and no run is taken to get there."""
+    unbounded: set[int] = field(default_factory=set)
+    """States whose axis has no ends: what lies beyond belongs to its outer cells."""
+    view: str = ""
+    """The view that this is, of a module that has some; and all of that module."""
+    whole: typed.ModuleSymbol | None = None
+    leaves: dict[int, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
+    """State -> the topic leaf that is declared as its axis."""
+    times: dict[str, int] = field(default_factory=dict)
+    """What every claim is held to, by names of the manifest: never less than `own`."""
+    thread: str = ""
+    """What is assumed of the thread that keeps them; "" where no execution times are declared."""
+    levels: int = 3
+    in_sets: dict[int, bool] = field(default_factory=dict)
+    """Topic -> whether all that is published of a state that SC keeps was shown to lie in its set;
+    none before P2a is shown."""
+    running: dict[int, int] = field(default_factory=dict)
+    """Topic of the module -> the same in the system that runs."""
+    above: ModuleAbove | None = None
+    """Claims are about times at which this one is in AC; None: about all times."""
+
+    @property
+    def delay_ns(self) -> int:
+        """How old (d) the state behind a command may be when it acts."""
+        return self.times["d_ns"]
+
+    @property
+    def jitter_ns(self) -> int:
+        """By how much (j) the instants vary at which outputs act."""
+        return self.times["j_ns"]
+
+    @property
+    def start_ns(self) -> int:
+        """Until then anything may act: the first output of SC on a state may take so long."""
+        return max(self.times["h0_ns"], self.own.start)
+
+    @property
+    def decide_ns(self) -> int:
+        """From a state to the first verdict in force that has seen it or a later one.
+
+        A read is at most A old: from A after the state on every DM sees it, the next one is due
+        within Delta, starts and answers late.
+        """
+        t = self.times
+        return t["A_ns"] + t["Delta_ns"] + t["J_dm_ns"] + t["R_dm_ns"]
+
+    @property
+    def between_ns(self) -> int:
+        """From the state behind a verdict to that behind the next one, which may be quite new."""
+        return self.times["A_ns"] + self.times["Delta_ns"] + self.times["J_dm_ns"]
+
+    @property
+    def symbol(self) -> typed.ModuleSymbol:
+        """The declaration of the module."""
+        return self.module.symbol
+
+    @property
+    def computed(self) -> bool:
+        """Whether `ttf` and `safer` are left to the prover."""
+        return self.symbol.ttf is None and self.symbol.safer is None
+
+    def cases(self) -> Iterator[tuple[int, ...]]:
+        """Every combination of parameter values."""
+        return product(*(p.values for p in self.parameters))
+
+
+def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.TypedExpr]]:
+    """Topic -> the plant that drives it, and how."""
+    return {
+        c.scope.topics[topic]: (c, expr)
+        for c in facts.plants
+        if c.plant is not None
+        for topic, expr in c.plant.drives
+    }
+
+
+def bounded_topics(facts: Facts) -> list[int]:
+    """Topics with a declared set that plants drive: what they publish outside of it stops them.
+
+    Of an abstraction, too, all: it says nothing of the vehicle once it has stopped.
+    """
+    return [
+        index
+        for index in driven_topics(facts)
+        if any(b is not None for b in facts.system.topics[index].bounds)
+    ]
+
+
+def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
+    """What moves a plant and is published by others, in the order in which it is read."""
+    assert c.plant is not None
+    moves = [*(e for _, e in c.plant.lets), *c.plant.der.values(), *c.plant.next.values()]
+    mentioned = topic_reads(*moves)
+    own = set(module.outputs)
+    return [t for t in c.plant.reads if t in mentioned and c.scope.topics[t] not in own]
+
+
+def read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
+    """The topics that the step of SC reads; NotRecheckedError where SC is extern."""
+    if sc.node is None or sc.node.extern:
+        raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
+    return list(topic_reads(*sc.node.step))
+
+
+def number_of(facts: Facts, expr: typed.TypedExpr | None) -> Any:  # noqa: ANN401  a Soter value
+    """The value of a constant expression of the module; 0 where there is none."""
+    return 0 if expr is None else Evaluator(facts.module.scope.params).value(expr)

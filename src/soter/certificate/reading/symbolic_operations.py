@@ -1,0 +1,280 @@
+"""Operations on values of the second reading.
+
+Purpose: operators, built-in functions, choices and look-ups in tables: computed where all numbers
+are known, a term otherwise.
+Non-goals: expressions and statements (`symbolic_reading.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.reading.symbolic_values import (
+    NOT_HERE,
+    Rows,
+    SymbolicInt,
+    Value,
+    identical,
+    plain,
+    truth_of,
+)
+from soter.certificate.terms.arb_balls import ONE, TINIEST, UNIT_ROUNDOFF, exact, magnitude
+from soter.certificate.terms.terms import (
+    LARGEST,
+    Linear,
+    NotRecheckedError,
+    Proposition,
+    Terms,
+    choice_of_truths,
+    negation,
+)
+from soter.language.evaluate import arithmetic as arith
+from soter.language.prelude.function_error_bounds import BOUNDS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+
+class Operations:
+    """What operators give. `rounded`: as the machine computes it; else as real numbers."""
+
+    def __init__(self, terms: Terms, *, rounded: bool) -> None:
+        self.terms = terms
+        self.is_rounded = rounded
+
+    def join(self, c: Proposition, a: Value, b: Value) -> Value:
+        """C ? a : b, leaf by leaf; NotRecheckedError for lists of two lengths."""
+        if isinstance(a, tuple):
+            if len(a) != len(b):
+                raise NotRecheckedError(f"a list whose length depends on a branch {NOT_HERE}")
+            return tuple(self.join(c, x, y) for x, y in zip(a, b, strict=True))
+        if isinstance(a, (bool, Proposition)):
+            return plain(choice_of_truths(c, truth_of(a), truth_of(b)))
+        if not isinstance(a, Linear) and not isinstance(b, Linear) and identical(a, b):
+            return a
+        choice = self.terms.choose(c, self._linear(a), self._linear(b))
+        whole = any(isinstance(v, (int, SymbolicInt)) for v in (a, b))
+        return self.whole(choice) if whole else choice
+
+    def negated(self, x: Value) -> Value:
+        """Minus x."""
+        if isinstance(x, Linear):
+            negative = self.terms.combine(((-ONE, x),))
+            return self.whole(negative) if isinstance(x, SymbolicInt) else negative
+        return arith.neg_int(x) if isinstance(x, int) else -x
+
+    def compared(self, op: str, a: Value, b: Value) -> Value:
+        """Two scalars compared."""
+        if isinstance(a, Proposition) or isinstance(b, Proposition):
+            equal = choice_of_truths(truth_of(a), truth_of(b), negation(truth_of(b)))
+            return plain(equal if op == "==" else negation(equal))
+        if isinstance(a, Linear) or isinstance(b, Linear):
+            return plain(self.terms.compare(op, self._linear(a), self._linear(b)))
+        return _COMPARED[op](a, b)
+
+    def arithmetic(self, op: str, a: Value, b: Value) -> Value:
+        """+ - * / % on scalars; on real numbers where this reader does not round.
+
+        NotRecheckedError for `/` and `%` of ints that depend on inputs.
+        """
+        if isinstance(a, int) and isinstance(b, int):
+            return _INTS[op](a, b)
+        if not isinstance(a, Linear) and not isinstance(b, Linear) and self.is_rounded:
+            if op == "/":
+                return arith.div_float(a, b)
+            return _FLOATS[op](a, b)
+        whole = isinstance(a, int) or isinstance(b, int) or self._is_whole(a, b)
+        x, y = self._linear(a), self._linear(b)
+        if op == "+":
+            result = self.terms.add(x, y)
+        elif op == "-":
+            result = self.terms.subtract(x, y)
+        elif op == "*":
+            result = self.terms.multiply(x, y)
+        elif op == "/" and not whole:
+            result = self.terms.divide(x, y)
+        else:
+            raise NotRecheckedError(f"`{op}` of ints that depend on inputs {NOT_HERE}")
+        if whole:
+            return self.whole(result)
+        return self._as_computed(result)
+
+    def dot(self, a: Sequence[Value], b: Sequence[Value]) -> Value:
+        """The sum of the products of scalars, from the left."""
+        total = self.arithmetic("*", a[0], b[0])
+        for x, y in zip(a[1:], b[1:], strict=True):
+            total = self.arithmetic("+", total, self.arithmetic("*", x, y))
+        return total
+
+    def extreme(self, name: str, a: Value, b: Value) -> Value:
+        """`min` or `max` of two scalars."""
+        if not isinstance(a, Linear) and not isinstance(b, Linear):
+            return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
+        x, y = self._linear(a), self._linear(b)
+        choose = self.terms.minimum if name == "min" else self.terms.maximum
+        # plants: limits keep ends of grids; two numbers that vary: either is a limit
+        tight = not self.is_rounded or not (x.is_constant or y.is_constant)
+        result = choose(x, y, tight=tight)
+        whole = any(isinstance(v, (int, SymbolicInt)) for v in (a, b))
+        return self.whole(result) if whole else result
+
+    def prelude(self, name: str, x: Linear) -> Linear:
+        """A function of the prelude: the exact one within its tested bound (an assumption).
+
+        NotRecheckedError where it may leave the range of doubles, as `exp` does.
+        """
+        bound = BOUNDS[name]
+        assert not bound.relative, name
+        low, high = (exact(v) for v in bound.domain[0])
+        self.terms.oblige(negation(self.terms.below(self.terms.combine(((ONE, x),), -low))))
+        self.terms.oblige(negation(self.terms.below(self.terms.combine(((-ONE, x),), high))))
+        value = self.terms.function(name, x)
+        largest = magnitude(value.low).max(magnitude(value.high))
+        if not largest.is_finite():  # bounded where it is used, or not at all
+            for sign in (ONE, -ONE):
+                beyond = self.terms.combine(((sign, value),), -LARGEST)
+                self.terms.oblige(self.terms.below(beyond))
+            relative = self.terms.spread([exact(bound.ulps) * 2 * UNIT_ROUNDOFF], [value])
+            enclosure = self.terms.combine(((ONE, value), (ONE, relative)))
+            error = exact(bound.ulps) * TINIEST + exact(bound.absolute)
+            return replace(enclosure, radius=enclosure.radius + error)
+        if not largest < LARGEST:
+            raise NotRecheckedError("a number that may leave the range of doubles")
+        ulp = 2 * UNIT_ROUNDOFF * largest + TINIEST
+        error = exact(bound.ulps) * ulp + exact(bound.absolute)
+        if not self.is_rounded:
+            error = 0 * error
+        return self.terms.widened(value, error, *(exact(v) for v in bound.values))
+
+    def root(self, x: Value) -> Value:
+        """The square root; of what is not proved nonnegative, an obligation."""
+        if not isinstance(x, Linear):
+            return arith.sqrt(x)
+        if not x.nonnegative:
+            self.terms.oblige(negation(self.terms.below(x)))
+        return self._as_computed(self.terms.function("sqrt", x, nonnegative=True))
+
+    def _absolute(self, x: Value) -> Value:
+        if not isinstance(x, Linear):
+            return arith.abs_int(x) if isinstance(x, int) else abs(x)
+        absolute_value = self.terms.function("abs", x, nonnegative=True)
+        return self.whole(absolute_value) if isinstance(x, SymbolicInt) else absolute_value
+
+    def _floor(self, x: Value) -> Value:
+        if not isinstance(x, Linear):
+            return arith.floor(x)
+        return self.terms.function("floor", x)
+
+    def _float(self, x: Value) -> Value:
+        if isinstance(x, Linear):
+            return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
+        return float(x)
+
+    def _int(self, x: Value) -> Value:
+        """Truncates towards zero."""
+        if not isinstance(x, Linear):
+            return arith.int_of_float(x)
+        if self._is_floor(x):
+            return self.whole(x)
+        down = self.terms.function("floor", x)
+        if x.nonnegative or x.low >= 0:
+            return self.whole(down)
+        up = self.negated(self.terms.function("floor", self.negated(x)))
+        return self.whole(self.terms.choose(self.terms.below(x), up, down))
+
+    def _is_floor(self, x: Linear) -> bool:
+        """Whether it is the result of `floor`, a whole number already."""
+        if len(x.terms) != 1 or not (x.const.is_zero() and x.radius.is_zero()):
+            return False
+        ((atom, factor),) = x.terms.items()
+        return bool(factor == 1) and self.terms.atoms[atom].kind == "floor"
+
+    def _seconds(self, x: Value) -> Value:
+        return arith.seconds(x)
+
+    def row(self, rows: Rows) -> Value:
+        """All numbers of a row at an index that depends on inputs.
+
+        NotRecheckedError where rows differ in length.
+        """
+        if len({len(row) for row in rows.elements}) != 1:
+            raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
+        width = range(len(rows.elements[0]))
+        return tuple(self.selected([row[k] for row in rows.elements], rows.index) for k in width)
+
+    def selected(self, elements: Sequence[Value], index: Linear) -> Value:
+        """An element at an index that depends on inputs; NotRecheckedError for no numbers."""
+        first = elements[0]
+        if isinstance(first, tuple) and all(type(x) in (float, int) for x in first):
+            return Rows(elements, index)
+        if isinstance(first, tuple):
+            parts = range(len(first))
+            return tuple(self.selected([e[k] for e in elements], index) for k in parts)
+        if not all(type(e) in (float, int) for e in elements):
+            raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
+        element = self.terms.lookup([float(e) for e in elements], (index,), (len(elements),))
+        return self.whole(element) if type(first) is int else element
+
+    def selected_twice(self, rows: Rows, index: Value) -> Value:
+        """An element of a table with two indices; NotRecheckedError where rows differ in kind."""
+        first = rows.elements[0]
+        if len({len(row) for row in rows.elements}) != 1 or len({type(v) for v in first}) != 1:
+            raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
+        values = [float(v) for row in rows.elements for v in row]
+        shape = (len(rows.elements), len(first))
+        element = self.terms.lookup(values, (rows.index, self._linear(index)), shape)
+        return self.whole(element) if type(first[0]) is int else element
+
+    def _is_whole(self, a: Value, b: Value) -> bool:
+        return any(isinstance(x, SymbolicInt) for x in (a, b))
+
+    def whole(self, x: Linear) -> Value:
+        """An int: exact, and never near the ends of 64 bits; NotRecheckedError beyond 2^53."""
+        if not (magnitude(x.low) < 2**53 and magnitude(x.high) < 2**53):
+            raise NotRecheckedError(f"an int beyond 2^53 that depends on inputs {NOT_HERE}")
+        return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
+
+    def _as_computed(self, x: Linear) -> Linear:
+        return self.terms.rounded(x) if self.is_rounded else x
+
+    def _linear(self, x: Value) -> Linear:
+        if isinstance(x, Linear):
+            return x
+        if isinstance(x, float) and x - x != 0.0:
+            raise NotRecheckedError(f"an infinite or undefined number {NOT_HERE}")
+        return self.terms.constant(x)
+
+    def builtin(self, name: str, x: Value) -> Value:
+        """A built-in function of one scalar."""
+        return _UNARY_BUILTINS[name](self, x)
+
+
+_UNARY_BUILTINS: dict[str, Callable[[Operations, Value], Value]] = {
+    "sqrt": Operations.root,
+    "abs": Operations._absolute,  # noqa: SLF001
+    "floor": Operations._floor,  # noqa: SLF001
+    "float": Operations._float,  # noqa: SLF001
+    "int": Operations._int,  # noqa: SLF001
+    "seconds": Operations._seconds,  # noqa: SLF001
+}
+_COMPARED: dict[str, Callable[[Any, Any], bool]] = {
+    "<": lambda a, b: a < b,
+    "<=": lambda a, b: a <= b,
+    ">": lambda a, b: a > b,
+    ">=": lambda a, b: a >= b,
+    "==": lambda a, b: a == b,
+    "!=": lambda a, b: a != b,
+}
+_INTS: dict[str, Callable[[int, int], int]] = {
+    "+": arith.add_int,
+    "-": arith.sub_int,
+    "*": arith.mul_int,
+    "/": arith.div_int,
+    "%": arith.mod_int,
+}
+_FLOATS: dict[str, Callable[[float, float], float]] = {
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+}

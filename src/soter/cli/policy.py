@@ -1,0 +1,159 @@
+"""`soter policy FILE`: what the file of a learned policy says, and the policy as Soter.
+
+Purpose: observation, answer, layers, what is assumed; with `-o` a Soter file with a function of
+the same network in float64, and how far it can be from float32.
+Non-goals: reading files and bounds (`soter.policy`), running policies (`soter run`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import math
+from decimal import ROUND_CEILING, Context, Decimal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.cli.terminal.command_outcome import FINE, CommandOutcome, UsageError
+from soter.cli.terminal.parser import CommandParser
+
+if TYPE_CHECKING:
+    from soter.cli.terminal.console import Console
+    from soter.policy.network import Doubles, Policy
+
+EXAMPLES = """\
+  soter policy rush.onnx
+  soter policy ppo.zip --statistics vecnormalize.pkl
+  soter policy rush.onnx --within 10,6,50 -o rush.soter     a function: import it, call `rush.act`
+
+A node is answered by the file itself with `extern node X ... from "onnx:rush.onnx"`, or from
+"sb3:ppo.zip" or "sb3:ppo.zip:vecnormalize.pkl". What `-o` writes needs no file and no Python: a
+small network of linear layers, ReLU and tanh, in C, with a cost that `soter check` tells.
+
+exit codes: 0 told or written, 1 diagnostics, 2 usage
+"""
+WIDTH = len("observation")
+
+
+def parser() -> CommandParser:
+    """The command line."""
+    made = CommandParser("policy", "What the file of a learned policy says.", EXAMPLES)
+    made.add_argument("file", metavar="FILE", help="an ONNX file, or a zip of Stable-Baselines3")
+    made.add_argument(
+        "--statistics", metavar="FILE", help="what VecNormalize saved, where observations are"
+    )
+    made.add_argument(
+        "--within",
+        metavar="LIST",
+        type=_sizes,
+        help="how large observations are at most, one number or one each: for the bound",
+    )
+    made.add_argument("-o", "--output", metavar="FILE", help="write the network as Soter")
+    return made
+
+
+def _sizes(text: str) -> list[float]:
+    """Sizes of observations; ArgumentTypeError for other text."""
+    try:
+        sizes = [float(part) for part in text.split(",")]
+    except ValueError:
+        sizes = []
+    if not sizes or not all(math.isfinite(x) and x >= 0.0 for x in sizes):
+        raise argparse.ArgumentTypeError(f"takes sizes with commas between, not `{text}`")
+    return sizes
+
+
+def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
+    """Read it, tell it, write it."""
+    from soter.policy.error_bound import error_bound  # noqa: PLC0415 - needs NumPy
+
+    policy = _read(Path(args.file), args.statistics)
+    box = _box(policy, args.within)
+    bound = None if box is None else float(error_bound(policy.network, *box).max())
+    told = {**policy.facts, "layers": _layers(policy), "float64": _bound_told(policy, box, bound)}
+    for name, text in [*told.items(), *(("assumed", text) for text in policy.assumed)]:
+        console.say(f"{console.paint('muted', name.ljust(WIDTH))}  {text}")
+    fields: dict[str, object] = {
+        "file": args.file,
+        "facts": told,
+        "assumed": list(policy.assumed),
+        "inputs": policy.network.inputs,
+        "outputs": 1 if policy.network.choice else policy.network.outputs,
+        "bound": bound,
+        "output": args.output,
+    }
+    if args.output is not None:
+        _write(Path(args.output), policy, args.file, told)
+        console.say(f"\nwritten  {args.output}")
+    return CommandOutcome(FINE, fields=fields)
+
+
+def _read(path: Path, statistics: str | None) -> Policy:
+    if path.suffix != ".onnx":
+        from soter.policy.sb3_file import read_sb3  # noqa: PLC0415 - needs NumPy
+
+        return read_sb3(path, None if statistics is None else Path(statistics))
+    if statistics is not None:
+        usage = parser().format_usage()
+        raise UsageError("--statistics goes with a file of Stable-Baselines3", usage)
+    from soter.policy.onnx_graph import read_onnx  # noqa: PLC0415 - an extra
+
+    return read_onnx(path)
+
+
+def _box(policy: Policy, within: list[float] | None) -> tuple[Doubles, Doubles] | None:
+    """Where observations are: as given, else as the file says; None where nobody does."""
+    import numpy as np  # noqa: PLC0415 - as above
+
+    if within is None:
+        return policy.box
+    inputs = policy.network.inputs
+    if len(within) not in (1, inputs):
+        message = f"--within has {len(within)} numbers, the policy takes {inputs}"
+        raise UsageError(message, parser().format_usage())
+    sizes = np.broadcast_to(np.array(within), (inputs,))
+    return -sizes, sizes
+
+
+def _layers(policy: Policy) -> str:
+    from soter.policy.network import Affine  # noqa: PLC0415 - as above
+
+    names = []
+    for layer in policy.network.layers:
+        size = f" {layer.weight.shape[0]}" if isinstance(layer, Affine) else ""
+        names.append(f"{type(layer).__name__.lower()}{size}")
+    return f"{policy.network.inputs} numbers, {', '.join(names)}"
+
+
+def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: float | None) -> str:
+    from soter.policy.network import Tanh  # noqa: PLC0415 - as above
+
+    if box is None or bound is None:
+        return "no bound: the file does not say how large observations are (--within)"
+    if not math.isfinite(bound):
+        return "no bound: numbers may be too large for float32 (--within)"
+    ends = [f"[{a:g}, {b:g}]" for a, b in zip(*box, strict=True)]
+    inside = ends[0] if len(set(ends)) == 1 else ", ".join(ends[:8] + ["..."] * (len(ends) > 8))
+    above = Decimal(bound).normalize(Context(prec=3, rounding=ROUND_CEILING))
+    has_tanh = any(isinstance(layer, Tanh) for layer in policy.network.layers)
+    given = " whose tanh is within 2^-21" if has_tanh else ""
+    return f"within {float(above):.3g} of float32{given}, for observations in {inside}"
+
+
+def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
+    from soter.api import format_text  # noqa: PLC0415 - as above
+    from soter.policy.soter_source import soter_source  # noqa: PLC0415 - as above
+    from soter.report.atomic_write import atomic_write  # noqa: PLC0415 - as above
+
+    digest = hashlib.sha256(Path(policy.path).read_bytes()).hexdigest()
+    notes = [
+        f"{Path(file).name} as a function, written by `soter policy`: do not edit.",
+        f"sha256 {digest}",
+        "",
+        *(f"{name}: {text}" for name, text in told.items()),
+        *(f"assumed: {text}" for text in policy.assumed),
+        "",
+    ]
+    text = format_text(str(path), soter_source(policy, notes))
+    with atomic_write(path) as stream:
+        stream.write(text.encode())

@@ -1,0 +1,176 @@
+"""The plant of the proof beside the environment, asked whether it could have done that.
+
+Purpose: `PlantModel`: a plant of a program, compiled alone with its disturbances as states, which
+says of a step which disturbances explain it; `SessionPlant`: that, in front of one session.
+Non-goals: who asks and what is told of it (`guard.py`, `plant_conformance.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.codegen.unit import generate
+from soter.gym.compiled_system import ENGINE, driver
+from soter.gym.memory_offsets import LeafBuffer, places
+from soter.gym.outside_roles import wrong_choice
+from soter.language.elaborate.derived_systems import faultless, undriven, with_components
+from soter.language.model.tree_walk import chosen_lets
+from soter.language.model.types import ArrayType, FloatType, leaf_count, leaves
+from soter.native.build import library
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from soter.gym.compiled_system import CompiledEnvironment
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type, Value
+
+    Array = npt.NDArray[np.float64]
+
+ABSOLUTE = 1e-9
+SINGLE = 2.0 * float(np.finfo(np.float32).eps)
+DOUBLE = 1e-12
+"""What a number may differ by: at least, and relative to it, in observations of float32 or not."""
+
+
+class PlantModel:
+    """A plant of a system, by itself; only where `why_not` has nothing against it."""
+
+    def __init__(self, system: System, plant: Component) -> None:
+        assert plant.plant is not None
+        self.names = [
+            ".".join((v.name, *path)) for v in plant.plant.states for path, _ in leaves(v.type)
+        ]
+        self.sizes = [leaf_count(v.type) for v in plant.plant.states]
+        self.drawn = [s for d in plant.disturbances for s in d.streams]
+        self.low = np.array([d.low for d in plant.disturbances for _ in d.streams])
+        self.high = np.array([d.high for d in plant.disturbances for _ in d.streams])
+        alone = _alone(system, plant)
+        unit = generate(alone)
+        path = library(unit, engine=ENGINE)
+        self.layout, (component,) = unit.layout, alone.components
+        self.ffi, self.lib, self.program = driver(path, unit.prefix)
+        members = [self.layout.member(0, i) for i in range(len(component.plant.states))]  # type: ignore[union-attr]
+        both = [leaf for offset, t in members for leaf in places(t, offset)]
+        self.states = LeafBuffer(self.ffi, both[: len(self.names)])
+        self.disturbances = LeafBuffer(self.ffi, both[len(self.names) :])
+
+
+def why_not(plant: Component) -> str | None:
+    """Why the plant of a program cannot be asked; None where it can."""
+    assert plant.plant is not None
+    if plant.plant.extern:
+        return f"plant `{plant.name}` is extern in the program"
+    if chosen_lets(plant.plant):
+        return f"plant `{plant.name}` chooses"
+    return None
+
+
+class SessionPlant:
+    """A model with memory of its own, in front of the states of one session."""
+
+    def __init__(
+        self, model: PlantModel, made: CompiledEnvironment, tolerance: Array, relative: float
+    ) -> None:
+        """`tolerance`: absolute, (states,); infinite where a state is not compared."""
+        self.model = model
+        states, drawn = len(model.names), len(model.drawn)
+        self.state = np.zeros(-(-model.layout.size // 8), dtype=np.int64)
+        self.tolerance = np.ascontiguousarray(tolerance, dtype=np.float64)
+        self._own = self.tolerance.copy()
+        self.observed = np.ones(states, dtype=bool)
+        """Which numbers of the states the environment gave in the last step, (states,)."""
+        self.origin, self.residual, self.undisturbed = (np.zeros(states) for _ in range(3))
+        self.chosen = np.zeros(drawn)
+        self._work = np.zeros(states * (drawn + 1))
+        ffi = model.ffi
+        m = self.pointer = ffi.new("soter_model *")
+        here, there = model.layout.groups[0], made.layout.groups[0]
+        assert here.struct.size == there.struct.size
+        m.program, m.world, m.relative = model.program, made.program, relative
+        m.topics_size, m.topics_from, m.topics_at = here.struct.size, there.offset, here.offset
+        m.states, m.drawn = model.states.fields, model.disturbances.fields
+        m.state = ffi.cast("uint8_t *", self.state.ctypes.data)
+        model.lib.soter_start(model.program, m.state, 0)
+        m.low, m.high = self._at(model.low), self._at(model.high)
+        m.tolerance, m.chosen = self._at(self.tolerance), self._at(self.chosen)
+        m.origin = self._at(self.origin)
+        m.residual, m.undisturbed = self._at(self.residual), self._at(self.undisturbed)
+        m.work = self._at(self._work)
+
+    @property
+    def explained(self) -> bool:
+        """What was said of the last step that was judged."""
+        return bool(self.pointer.explained)
+
+    def compare(self, wanted: Sequence[bool]) -> None:
+        """Compare only these states of the plant."""
+        self.observed = np.repeat(wanted, self.model.sizes)
+        self.tolerance[:] = np.where(self.observed, self._own, np.inf)
+
+    def _at(self, array: Array) -> Any:  # noqa: ANN401 - cdata
+        """Where an array (n,) lies."""
+        return self.model.ffi.cast("double *", array.ctypes.data)
+
+
+def tolerances(
+    model: PlantModel,
+    observed: np.dtype[Any] | None,
+    given: float | Mapping[str, float] | None = None,
+) -> tuple[Array, float]:
+    """Absolute tolerances (states,), given ones by name, and the relative one of a dtype.
+
+    What is `given` stands alone: there is no relative one then. SoterError U001.
+    """
+    absolute_tolerances = np.full(len(model.names), ABSOLUTE)
+    named = given if isinstance(given, Mapping) else dict.fromkeys(model.names, given)
+    for name, value in named.items():
+        if name not in model.names:
+            there = ", ".join(f"`{n}`" for n in model.names)
+            raise wrong_choice(f"the plant has no state `{name}`", f"there are {there}")
+        if value is not None:
+            if not value >= 0.0:
+                raise wrong_choice(f"a tolerance cannot be {value!r}", "0 or more")
+            absolute_tolerances[model.names.index(name)] = value
+    if given is not None:
+        return absolute_tolerances, 0.0
+    single = observed is not None and np.issubdtype(observed, np.floating) and observed.itemsize < 8
+    return absolute_tolerances, SINGLE if single else DOUBLE
+
+
+def _alone(system: System, plant: Component) -> System:
+    """The plant without errors and faults, its disturbances as states that nothing changes."""
+    symbol = plant.plant
+    assert symbol is not None
+    drawn = tuple(d.variable for d in plant.disturbances)
+    nothing = (None,) * len(drawn)
+    states = replace(
+        symbol,
+        states=(*symbol.states, *drawn),
+        initial=(*symbol.initial, *nothing),
+        initial_range=(*symbol.initial_range, *nothing),
+        disturbances=(),
+        measured=(),
+    )
+    changed = replace(
+        plant,
+        plant=states,
+        initial=(*plant.initial, *(_zero(v.type) for v in drawn)),
+        initial_range=(*plant.initial_range, *nothing),
+        disturbances=(),
+        measured=(),
+    )
+    return faultless(undriven(with_components(system, (changed,)), [plant.index]))
+
+
+def _zero(t: Type) -> Value:
+    if isinstance(t, ArrayType):
+        return (_zero(t.element),) * t.size
+    assert isinstance(t, FloatType), t
+    return 0.0

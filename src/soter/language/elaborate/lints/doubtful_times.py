@@ -1,0 +1,205 @@
+"""Times of a program that contradict each other.
+
+Purpose: W028 (a topic is older than its `max_age` before it is published again, or is never
+published), W031 (a disturbance is held for less than a step of its plant), W026 (a property speaks
+of a time at which the system has ended).
+Non-goals: what late steps do (`timing/`), P1a (`wellformed.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import remove, replace
+from soter.diagnostics.span import Span
+from soter.language.elaborate.undriven_topics import added
+from soter.language.evaluate.range_evaluation import (
+    COMPARISONS,
+    RangeEvaluator,
+    TooHardError,
+    anything,
+)
+from soter.language.evaluate.ranges import FALSE, Range
+from soter.language.model import typed
+from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.tree_walk import nodes
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
+    from soter.language.evaluate.range_evaluation import ReadPlace
+    from soter.language.model.system import Component, Module, Property, System, Topic
+
+PROPERTIES_MAX = 32
+"""So many properties of a system are looked at."""
+BUDGET = 600
+"""Expressions of one comparison."""
+AGES = ("a module that reads what is too old takes AC off",)
+
+
+def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W028: a topic that is too old before it is published again, or that nobody publishes."""
+    drivers = {
+        c.scope.topics[topic]: c
+        for c in system.components
+        for topic in _publishes(c)
+        if topic in c.scope.topics
+    }
+    drawn_every = {d.topic: d.every_ns for d in system.inputs}
+    outside = {e.topic for e in system.externals}
+    for index in module.inputs:
+        topic = system.topics[index]
+        if topic.max_age_ns is None or index in outside:
+            continue
+        if index in drivers:
+            _published_rarely(topic, module, drivers[index], topic.max_age_ns, diagnostics)
+        elif topic.symbol.input and _runs_alone(system):
+            every_ns = drawn_every.get(index)
+            _drawn_rarely(system, topic, module, every_ns, diagnostics)
+
+
+def _published_rarely(
+    topic: Topic, module: Module, driver: Component, max_age_ns: int, diagnostics: Diagnostics
+) -> None:
+    if driver.period_ns <= max_age_ns:
+        return
+    own = driver.plant or driver.node
+    assert own is not None
+    age = write_ns(driver.period_ns)
+    often = write_ns(max_age_ns)
+    older = f"or let it be {age} old, and let `ttf` look that much further ahead"
+    helps: tuple[Help, ...] = (
+        replace(own.period.span, often, f"publish it every {often} at least"),
+        older,
+    )
+    if topic.symbol.max_age is not None:
+        helps = (helps[0], replace(topic.symbol.max_age.span, age, older))
+    diagnostics.warning(
+        "W028",
+        f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",
+        own.period.span,
+        f"published every {show_ns(driver.period_ns)}",
+        also=((topic.symbol.span, f"no older than {show_ns(max_age_ns)}"),),
+        notes=AGES,
+        helps=helps,
+    )
+
+
+def _runs_alone(system: System) -> bool:
+    """Whether runs of a system are meant: it is no part of another, and no mere subject of tests.
+
+    Who has it as a part drives its inputs, and a test says how they are drawn.
+    """
+    systems = system.program.systems
+    symbol = systems.get(system.name)
+    if symbol is None or any(i.what is symbol for s in systems.values() for i in s.instances):
+        return False
+    tested = any(t.system is symbol for t in system.program.tests.values())
+    return symbol.default or symbol.until is not None or not tested
+
+
+def _drawn_rarely(
+    system: System, topic: Topic, module: Module, every_ns: int | None, diagnostics: Diagnostics
+) -> None:
+    """Of an input topic: in runs of this system it is drawn too rarely, or never."""
+    max_age_ns = topic.max_age_ns
+    assert max_age_ns is not None
+    if every_ns is not None and every_ns <= max_age_ns:
+        return
+    where = f"in system `{system.name}`"
+    when = f"is drawn every {show_ns(every_ns)}" if every_ns else "nothing drives"
+    message = f"input topic `{topic.name}`, which module `{module.symbol.name}` reads, "
+    message += f"is too old between two draws {where}" if every_ns else f"is never drawn {where}"
+    symbol, often = system.program.systems[system.name], write_ns(max_age_ns)
+    item = next((i for i in symbol.inputs if i.topic is topic.symbol), None)
+    drawn = added(symbol, f"input {topic.symbol.name} every {often};")
+    if item is not None:
+        drawn = replace(item.every.span, often, f"draw it every {often} at least")
+    diagnostics.warning(
+        "W028",
+        message,
+        topic.symbol.span,
+        f"no older than {show_ns(max_age_ns)}, and {when}" + ("" if every_ns else " it"),
+        notes=AGES if every_ns else (f"from {show_ns(max_age_ns)} on AC has no control",),
+        helps=(drawn, "or leave its `max_age` out"),
+    )
+
+
+def _publishes(c: Component) -> list[typed.TopicSymbol]:
+    if c.plant is not None:
+        return [t for t, _ in c.plant.drives]
+    return list(c.node.publishes) if c.node is not None else []
+
+
+def doubt_holds(plant: Component, diagnostics: Diagnostics) -> None:
+    """W031: a disturbance that is held for less than a step is drawn once a step all the same."""
+    symbol = plant.plant
+    assert symbol is not None
+    for d, of in zip(plant.disturbances, symbol.disturbances, strict=True):
+        if of.hold is None or not 0 < d.hold_ns < plant.period_ns:
+            continue
+        text = of.hold.span.source.text
+        before = text.rindex("hold", 0, of.hold.span.start)
+        clause = Span(of.hold.span.source, len(text[:before].rstrip()), of.hold.span.end)
+        diagnostics.warning(
+            "W031",
+            f"`{d.variable.name}` is held for less than a step of plant `{symbol.name}`",
+            of.hold.span,
+            f"held for {show_ns(d.hold_ns)}",
+            also=((symbol.period.span, f"a step lasts {show_ns(plant.period_ns)}"),),
+            notes=("a disturbance is drawn once a step at most: this changes nothing",),
+            helps=(
+                remove(clause, "leave `hold` out: then it is drawn each step"),
+                "or hold it for several steps",
+            ),
+        )
+
+
+def doubt_property_times(system: System, diagnostics: Diagnostics) -> None:
+    """W026 for a comparison with `time` that does not hold before the system ends."""
+    if system.until_ns is None:
+        return
+    for p in system.properties[:PROPERTIES_MAX]:
+        for n in nodes([p.condition]) if p.component is None else ():
+            if isinstance(n, typed.TypedBinary) and n.op in COMPARISONS and _speaks_of_time(n):
+                _doubt_time(system, p, n, diagnostics)
+
+
+def _speaks_of_time(e: typed.TypedExpr) -> bool:
+    return any(isinstance(n, typed.TimeRead) for n in nodes([e]))
+
+
+def _doubt_time(
+    system: System, p: Property, comparison: typed.TypedBinary, diagnostics: Diagnostics
+) -> None:
+    assert system.until_ns is not None
+    before, ever = Range(0.0, system.until_ns / 1e9), Range(0.0, math.inf)
+    if _truth(p, comparison, before) != FALSE or _truth(p, comparison, ever) == FALSE:
+        return
+    diagnostics.warning(
+        "W026",
+        "this condition never holds",
+        comparison.span,
+        f"system `{system.name}` ends at {show_ns(system.until_ns)}",
+        also=((p.span, f"so `{p.kind}` says nothing of it"),) if p.kind == "never" else (),
+        notes=("`time` is in seconds",),
+        helps=("compare it with a time before the end, or let the system go on: `until ...;`",),
+    )
+
+
+def _truth(p: Property, comparison: typed.TypedBinary, time: Range) -> Range:
+    """What a comparison is while `time` is in a range, whatever else it reads."""
+
+    def read(place: ReadPlace) -> Range:
+        known = time if place.kind == "time" else anything(place.type)
+        if not isinstance(known, Range):
+            raise TooHardError
+        return known
+
+    evaluator = RangeEvaluator(p.scope, 0, read)
+    evaluator.left = BUDGET
+    try:
+        return evaluator.number(comparison)
+    except TooHardError:
+        return anything(comparison.type)  # type: ignore[no-any-return]

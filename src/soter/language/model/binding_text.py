@@ -1,0 +1,75 @@
+"""The text that says what an extern is bound to.
+
+Purpose: `"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`, `"sb3:file.zip"` and
+`"sb3:file.zip:vecnormalize.pkl"`, in their parts.
+Non-goals: whether there are such files (`simulate/externs/`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NAMED = ("python", "c")
+"""Kinds with a name inside of the file."""
+POLICIES = ("onnx", "sb3")
+"""Kinds of files that hold a learned policy."""
+FORMS = {
+    "python": "python:file.py:name",
+    "c": "c:file.c:name",
+    "onnx": "onnx:file.onnx",
+    "sb3": "sb3:file.zip",
+}
+
+
+class BindingText(NamedTuple):
+    """The parts; `name`: of what is in the file, of a policy the file of its statistics or ""."""
+
+    kind: str
+    file: str
+    name: str
+
+    @property
+    def is_policy(self) -> bool:
+        """Whether a file of a learned policy answers."""
+        return self.kind in POLICIES
+
+    @property
+    def in_python(self) -> bool:
+        """Whether Python answers: what is in no C that is linked."""
+        return self.kind != "c"
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All files that are named."""
+        return (self.file, self.name) if self.is_policy and self.name else (self.file,)
+
+    def beside(self, folder: Path) -> BindingText:
+        """The same with its files looked for in a folder."""
+        name = str(folder / self.name) if self.is_policy and self.name else self.name
+        return BindingText(self.kind, str(folder / self.file), name)
+
+    def __str__(self) -> str:
+        return ":".join(self if self.name else self[:2])
+
+
+def binding_of(text: str | None) -> BindingText | None:
+    """The parts of a text; None where it can be no binding."""
+    parts = (text or "").split(":")
+    if not all(parts) or parts[0] not in FORMS:
+        return None
+    most = 2 if parts[0] == "onnx" else 3
+    least = 3 if parts[0] in NAMED else 2
+    return (
+        BindingText(parts[0], parts[1], parts[2] if len(parts) > 2 else "")
+        if (least <= len(parts) <= most)
+        else None
+    )
+
+
+def is_in_python(text: str | None) -> bool:
+    """Whether a text binds to what Python answers."""
+    binding = binding_of(text)
+    return binding is not None and binding.in_python

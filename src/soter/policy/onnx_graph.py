@@ -1,0 +1,257 @@
+"""The small network that an ONNX file holds, as layers.
+
+Purpose: a chain of linear layers, ReLU, tanh, clips and operations with constants, from the one
+input to the answer; anything else is X014 with the name of the operator.
+Non-goals: running files (`onnx_session.py`), which onnxruntime does with far more operators.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.policy.network import (
+    Affine,
+    Clipped,
+    Elementwise,
+    Network,
+    Policy,
+    Relu,
+    Tanh,
+    problem_of,
+)
+from soter.policy.onnx_session import NAMES
+from soter.policy.problems import bad_policy, content_of, missing_package
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from soter.policy.network import Floats, Layer, Operation
+
+    Constants = Mapping[str, npt.NDArray[Any]]
+
+READ = (
+    "Gemm, MatMul, Add, Sub, Mul, Div, Relu, Tanh, Clip, Identity, Cast, Flatten, Reshape, ArgMax"
+)
+FLOAT = 1
+"""Float32 in ONNX's TensorProto.DataType."""
+ARITHMETIC: dict[str, Operation] = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "/"}
+
+
+class _UnreadError(Exception):
+    """The graph has what is not read here."""
+
+
+def read_onnx(path: Path) -> Policy:
+    """The policy of a file; SoterError X003, X014, D007 without the package `onnx`."""
+    model = _parsed(path, content_of(path))
+    graph = model.graph
+    try:
+        given, answered, network = _network(graph)
+        why = problem_of(network)
+    except (_UnreadError, ValueError, TypeError, LookupError) as error:
+        raise bad_policy(path, str(error)[:300], f"operators that are read: {READ}") from error
+    if why:
+        raise bad_policy(path, why)
+    versions = ", ".join(str(x.version) for x in model.opset_import if not x.domain)
+    facts = {
+        "file": f"ONNX, operators of version {versions}",
+        "observation": f"`{given}`, {network.inputs} numbers",
+        "answer": f"`{answered}`, "
+        + ("the index of the largest" if network.choice else f"{network.outputs} numbers"),
+    }
+    others = [x.name for x in graph.output if x.name != answered]
+    assumed = (f"of its outputs `{answered}` is the answer",) if others else ()
+    return Policy(str(path), network, facts, assumed)
+
+
+def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
+    """The names of observation and answer, and the layers between."""
+    constants = _constants(graph)
+    given = [x for x in graph.input if x.name not in constants]
+    if len(given) != 1 or not graph.output:
+        raise _UnreadError(f"it has {len(given)} inputs and {len(graph.output)} outputs")
+    answered = ([x.name for x in graph.output if x.name in NAMES] or [graph.output[0].name])[0]
+    size = _size(given[0])
+    chain = _chain(graph, constants, given[0].name, answered)
+    choice = chain[-1].op_type == "ArgMax"
+    if choice:
+        _require_choice(chain.pop())
+    layers: list[Layer] = []
+    for node in chain:
+        network = Network(size, tuple(layers))
+        layers += _maker_of(node)(node, constants, network.outputs)
+    return given[0].name, answered, Network(size, tuple(layers), choice)
+
+
+def _parsed(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
+    try:
+        import onnx  # noqa: PLC0415 - an extra
+        from google.protobuf.message import DecodeError  # noqa: PLC0415 - a part of it
+    except ImportError as error:
+        raise missing_package("onnx", "what an ONNX file says") from error
+    try:
+        return onnx.load_model_from_string(data)
+    except DecodeError as error:
+        raise bad_policy(path, "it is no ONNX file") from error
+
+
+def _array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401
+    """A constant; nothing is read from other files."""
+    from onnx import TensorProto, numpy_helper  # noqa: PLC0415 - as above
+
+    if tensor.data_location == TensorProto.EXTERNAL or tensor.external_data:
+        raise _UnreadError(f"its constant `{tensor.name}` lies in another file")
+    if tensor.data_type not in {TensorProto.FLOAT, TensorProto.INT64}:
+        kind = TensorProto.DataType.Name(tensor.data_type)
+        raise _UnreadError(f"its constant `{tensor.name}` is a {kind}: float32 is read")
+    array: npt.NDArray[Any] = numpy_helper.to_array(tensor)
+    return array
+
+
+def _constants(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
+    if graph.sparse_initializer:
+        raise _UnreadError("it has sparse constants")
+    constants = {x.name: _array(x) for x in graph.initializer}
+    for node in graph.node:
+        if node.op_type == "Constant" and not node.domain:
+            values = [a.t for a in node.attribute if a.name == "value"]
+            if len(values) != 1 or len(node.output) != 1:
+                raise _UnreadError("it has a Constant that is no tensor")
+            constants[node.output[0]] = _array(values[0])
+        elif node.op_type == "Identity" and node.input[0] in constants:
+            constants[node.output[0]] = constants[node.input[0]]  # a weight that is used twice
+    return constants
+
+
+def _size(given: Any) -> int:  # noqa: ANN401
+    """How many numbers an observation has."""
+    from onnx import TensorProto  # noqa: PLC0415 - as above
+
+    tensor = given.type.tensor_type
+    sizes = [axis.dim_value for axis in tensor.shape.dim]
+    if tensor.elem_type != TensorProto.FLOAT or not sizes or sizes[-1] <= 0:
+        raise _UnreadError(f"its input `{given.name}` is no float32 of a fixed last axis")
+    if any(x not in (0, 1) for x in sizes[:-1]):
+        raise _UnreadError(f"its input `{given.name}` has the shape {sizes}: one axis is read")
+    return int(sizes[-1])
+
+
+def _chain(graph: Any, constants: Constants, start: str, end: str) -> list[Any]:  # noqa: ANN401
+    """The nodes from the input to the answer, in order."""
+    producers = {name: node for node in graph.node for name in node.output}
+    chain: list[Any] = []
+    at = end
+    while at != start:
+        node = producers.get(at)
+        if node is None or len(chain) > len(graph.node):
+            raise _UnreadError(f"nothing leads from its input to `{at}`")
+        if node.domain or any(a.g.node or a.graphs for a in node.attribute):
+            raise _UnreadError(f"it has the operator {node.domain or 'main'}.{node.op_type}")
+        moving = [name for name in node.input if name and name not in constants]
+        if len(moving) != 1:
+            raise _UnreadError(f"its {node.op_type} is of {len(moving)} values that change")
+        if node.op_type == "ArgMax" and chain:
+            raise _UnreadError("its ArgMax is not the last operator")
+        chain.insert(0, node)
+        at = moving[0]
+    if not chain:
+        raise _UnreadError("its answer is its input")
+    return chain
+
+
+# ---------------------------------------------------------------- operators
+
+
+def _attributes(node: Any) -> dict[str, Any]:  # noqa: ANN401
+    from onnx import helper  # noqa: PLC0415 - as above
+
+    return {a.name: helper.get_attribute_value(a) for a in node.attribute}
+
+
+def _vector(array: npt.NDArray[Any], size: int) -> Floats:
+    """A constant as one number for each of `size`."""
+    if array.dtype != np.float32 or (array.size != 1 and array.shape[-1:] != (array.size,)):
+        raise _UnreadError(f"a constant has the shape {array.shape}: one number each is read")
+    return np.ascontiguousarray(np.broadcast_to(array.reshape(-1), (size,)))
+
+
+def _gemm(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    said = {"alpha": 1.0, "beta": 1.0, "transA": 0, "transB": 0} | _attributes(node)
+    if said["alpha"] != 1.0 or said["beta"] != 1.0 or said["transA"] or node.input[0] in constants:
+        raise _UnreadError("its Gemm has factors, or an observation on another side")
+    weight = _matrix(constants.get(node.input[1]), size, transposed=bool(said["transB"]))
+    bias = np.zeros(1, np.float32) if len(node.input) < 3 else constants[node.input[2]]
+    return [Affine(weight, _vector(bias, weight.shape[0]))]
+
+
+def _matmul(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    weight = _matrix(constants.get(node.input[1]), size, transposed=False)
+    return [Affine(weight, np.zeros(weight.shape[0], np.float32))]
+
+
+def _matrix(array: npt.NDArray[Any] | None, size: int, *, transposed: bool) -> Floats:
+    """A constant as (out, in)."""
+    if array is None or array.ndim != 2 or array.dtype != np.float32:
+        raise _UnreadError("it multiplies with what is no constant matrix on the right")
+    weight = array if transposed else array.T
+    if weight.shape[1] != size or not weight.size:
+        raise _UnreadError(f"a matrix takes {weight.shape[1]} numbers, and is given {size}")
+    return np.ascontiguousarray(weight)
+
+
+def _arithmetic(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    first = node.input[0] in constants
+    operand = constants[node.input[0 if first else 1]]
+    if first and node.op_type in {"Sub", "Div"}:
+        raise _UnreadError(f"its {node.op_type} has the constant on the left")
+    return [Elementwise(ARITHMETIC[node.op_type], _vector(operand, size))]
+
+
+def _clip(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    said = _attributes(node)
+    bounds = [np.float32(said.get("min", -np.inf)), np.float32(said.get("max", np.inf))]
+    for place, name in enumerate(node.input[1:3]):
+        if name:
+            bounds[place] = constants[name]
+    low, high = (_vector(np.asarray(b), size) for b in bounds)
+    return [Clipped(low, high)]
+
+
+def _shaped(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    """No layer: the numbers of one observation stay in one row."""
+    if node.op_type == "Flatten" and _attributes(node).get("axis", 1) not in (0, 1):
+        raise _UnreadError("its Flatten makes several rows of one observation")
+    if node.op_type == "Cast" and _attributes(node).get("to") != FLOAT:
+        raise _UnreadError("its Cast is not to float32")
+    if node.op_type == "Reshape":
+        *axes, last = constants[node.input[1]].reshape(-1).tolist()
+        axes[:1] = [1 if x == 0 else x for x in axes[:1]]  # 0 is that of the input
+        if last not in (-1, size) or any(x not in (-1, 1) for x in axes):
+            raise _UnreadError("its Reshape makes several rows of one observation")
+    return []
+
+
+def _require_choice(node: Any) -> None:  # noqa: ANN401
+    said = {"axis": 0, "select_last_index": 0} | _attributes(node)
+    if said["axis"] not in (-1, 1) or said["select_last_index"]:
+        raise _UnreadError("its ArgMax is not of the last axis, or takes the last of equal numbers")
+
+
+def _maker_of(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noqa: ANN401
+    """What makes layers of a node."""
+    name = node.op_type
+    if name in ARITHMETIC:
+        return _arithmetic
+    simple: dict[str, Layer] = {"Relu": Relu(), "Tanh": Tanh()}
+    if name in simple:
+        return lambda *_: [simple[name]]
+    known = {"Gemm": _gemm, "MatMul": _matmul, "Clip": _clip}
+    known |= dict.fromkeys(("Identity", "Cast", "Flatten", "Reshape"), _shaped)
+    if name not in known:
+        raise _UnreadError(f"it has the operator {name[:40]}")
+    return known[name]

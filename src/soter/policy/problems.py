@@ -1,0 +1,42 @@
+"""What is wrong with the file of a policy, as a diagnostic.
+
+Purpose: X014 and D007 with the file's name in them.
+Non-goals: where in a program the file is named; `simulate/externs/` adds that.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.os_error_text import reason
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FILE_MAX = 256 * 2**20
+"""Bytes of a policy's file; larger ones are refused."""
+
+
+def bad_policy(path: Path | str, why: str, *helps: str) -> SoterError:
+    """X014: the file of a policy is no such file, or says what cannot be run."""
+    return SoterError((Diagnostic("X014", f"the policy `{path}`: {why}", helps=helps),))
+
+
+def missing_package(package: str, purpose: str) -> SoterError:
+    """D007: a package that is not installed."""
+    help_ = "install it: pip install 'soter[policy]'"
+    return SoterError(
+        (Diagnostic("D007", f"{purpose} needs the package `{package}`", helps=(help_,)),)
+    )
+
+
+def content_of(path: Path) -> bytes:
+    """The bytes of a policy's file; SoterError X003 where it cannot be read, X014 if too large."""
+    try:
+        if path.stat().st_size > FILE_MAX:
+            raise bad_policy(path, f"it is larger than {FILE_MAX >> 20} MiB")
+        return path.read_bytes()
+    except OSError as error:
+        message = f"cannot read the policy `{path}`: {reason(error)}"
+        raise SoterError((Diagnostic("X003", message),)) from error

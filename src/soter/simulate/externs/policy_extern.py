@@ -1,0 +1,219 @@
+"""A learned policy in a file as the step of an extern node: `onnx:file.onnx`, `sb3:file.zip`.
+
+Purpose: numbers of what the node reads in, in declared order, numbers of what it publishes out;
+counts are compared before anything runs, and what the file does not say is put into words.
+Non-goals: files (`soter.policy`), processes and budgets, which are those of all externs in Python.
+"""
+
+from __future__ import annotations
+
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+)
+from soter.policy.network import answering, standardised
+from soter.policy.problems import bad_policy
+from soter.semantics.externs import Converted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    import numpy.typing as npt
+
+    from soter.diagnostics.span import Span
+    from soter.language.model.binding_text import BindingText
+    from soter.language.model.types import Type, Value
+    from soter.policy.network import Policy
+
+    Shapes = Sequence[tuple[str, Type]]
+
+
+class PolicyExtern:
+    """A policy between what a node reads and what it publishes.
+
+    `assumed`: what its files do not say. SoterError X003, X014, D007.
+    """
+
+    def __init__(self, binding: BindingText, reads: Shapes, answers: Shapes) -> None:
+        path = Path(binding.file)
+        places = [p for name, t in reads for p in _places(path, name, t)]
+        count = sum(n for _, n in places)
+        self._get = attrgetter(*(p for p, _ in places)) if places else None
+        self._blocks = any(n != 1 for _, n in places)
+        self._build = [_builder(path, name, t) for name, t in answers]
+        asked, self._run, assumed = _asked(binding, path)
+        self._observation = asked
+        self._per_frame = None
+        frames = asked.size // count if count and asked.size % count == 0 else 0
+        if not frames:
+            names = ", ".join(f"`{name}`" for name, _ in reads)
+            why = f"it takes {asked.size} numbers, the node reads {count} ({names})"
+            raise bad_policy(
+                path, why, "what a node `subscribes` is its observation, in this order"
+            )
+        self._older = asked.size - count
+        self._frame = asked[self._older :]
+        order = ", ".join(p if n == 1 else f"{p} ({n} numbers)" for p, n in places)
+        told = [f"its observation is {order}", *assumed.texts]
+        if frames > 1:
+            told.append(f"{frames} frames are stacked, the oldest first, zeros before the first")
+        self._per_frame = assumed.policy.per_frame if assumed.policy is not None else None
+        if self._per_frame is not None and self._per_frame.mean.size != count:
+            size = self._per_frame.mean.size
+            raise bad_policy(path, f"a frame of it has {size} numbers, the node reads {count}")
+        self.assumed = tuple(told)
+        _require_answers(path, assumed, answers)
+
+    def reset(self, _seed: int) -> None:
+        """Forget the frames; the policy itself draws nothing."""
+        self._observation[:] = 0.0
+
+    def step(self, inputs: Any) -> Converted:  # noqa: ANN401 - a namespace of what is read
+        """The answer to what the node reads."""
+        if self._older:
+            x = self._observation
+            x[: self._older] = x[x.size - self._older :]
+        assert self._get is not None
+        given = self._get(inputs)
+        self._frame[:] = _joined(given) if self._blocks else given
+        if self._per_frame is not None:
+            self._frame[:] = standardised(self._per_frame, self._frame.astype(np.float64))
+        numbers = iter(self._run())
+        return Converted([build(numbers) for build in self._build])
+
+
+def _joined(given: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
+    """The numbers of several values, or of one."""
+    parts = given if isinstance(given, tuple) else (given,)
+    return np.concatenate([np.ravel(part) for part in parts])
+
+
+class _Assumed:
+    """What a file answers with, and what it does not say."""
+
+    def __init__(self, texts: tuple[str, ...], outputs: int, policy: Policy | None) -> None:
+        self.texts, self.outputs, self.policy = texts, outputs, policy
+        self.whole = policy is not None and policy.network.choice
+
+
+def _asked(
+    binding: BindingText, path: Path
+) -> tuple[npt.NDArray[Any], Callable[[], list[float]], _Assumed]:
+    """Where the observation is written, what answers it, and what is assumed."""
+    if binding.kind == "onnx":
+        from soter.policy.onnx_session import OnnxSession  # noqa: PLC0415 - an extra
+
+        session = OnnxSession(path)
+        assumed = _Assumed(session.assumed, len(session.run()), None)
+        assumed.whole = session.is_whole
+        return session.observation, session.run, assumed
+    from soter.policy.sb3_file import read_sb3  # noqa: PLC0415 - only then
+
+    policy = read_sb3(path, Path(binding.name) if binding.name else None)
+    network = policy.network
+    outputs = 1 if network.choice else network.outputs
+    given, ask = answering(network)
+
+    def run() -> list[float]:
+        numbers: list[float] = [int(ask().argmax())] if network.choice else ask().tolist()
+        return numbers
+
+    return given, run, _Assumed(policy.assumed, outputs, policy)
+
+
+# ---------------------------------------------------------------- numbers in, numbers out
+
+
+def _places(path: Path, name: str, t: Type) -> Iterator[tuple[str, int]]:
+    """Where the numbers of a value lie: an attribute's path, and how many numbers it has."""
+    if isinstance(t, RecordType):
+        for field, of in t.fields:
+            yield from _places(path, f"{name}.{field}", of)
+    elif isinstance(t, (FloatType, IntType, BoolType)):
+        yield name, 1
+    elif (count := _block(t)) > 0:
+        yield name, count
+    else:
+        why = f"`{name}` is a `{t}`, of which no numbers in a fixed order can be given to it"
+        raise bad_policy(path, why, "bind a class in Python that maps it, with --bind")
+
+
+def _block(t: Type) -> int:
+    """Numbers of an array of floats, or of such arrays; 0 of all else."""
+    if isinstance(t, ArrayType):
+        return t.size * (1 if isinstance(t.element, FloatType) else _block(t.element))
+    return 0
+
+
+def _builder(path: Path, name: str, t: Type) -> Callable[[Iterator[float]], Value]:
+    """What takes the numbers of a value of the type from those that are answered."""
+    if isinstance(t, FloatType):
+        return lambda numbers: float(next(numbers))
+    if isinstance(t, RecordType):
+        parts = [_builder(path, f"{name}.{f}", of) for f, of in t.fields]
+        return lambda numbers: tuple([part(numbers) for part in parts])
+    if isinstance(t, ArrayType):
+        part = _builder(path, name, t.element)
+        return lambda numbers: tuple([part(numbers) for _ in range(t.size)])
+    if isinstance(t, (IntType, EnumType)):
+        low, high = (0, len(t.members) - 1) if isinstance(t, EnumType) else (t.low, t.high)
+        return lambda numbers: _whole(next(numbers), low, high)
+    raise bad_policy(path, f"it cannot answer `{name}`, a `{t}`")
+
+
+def _whole(number: float, low: int, high: int) -> int:
+    if int(number) != number or not low <= number <= high:
+        msg = f"it answers {number}, and its topic takes whole numbers from {low} to {high}"
+        raise ValueError(msg)
+    return int(number)
+
+
+def _kinds(t: Type) -> Iterator[Type]:
+    if isinstance(t, RecordType):
+        for _, of in t.fields:
+            yield from _kinds(of)
+    elif isinstance(t, ArrayType):
+        yield from list(_kinds(t.element)) * t.size
+    else:
+        yield t
+
+
+def _require_answers(path: Path, assumed: _Assumed, answers: Shapes) -> None:
+    """X014 where what is answered is not what the node publishes."""
+    kinds = [k for _, t in answers for k in _kinds(t)]
+    names = ", ".join(f"`{name}`" for name, _ in answers)
+    if len(kinds) != assumed.outputs:
+        why = f"it answers {assumed.outputs} numbers, the node publishes {len(kinds)} ({names})"
+        raise bad_policy(path, why)
+    if not assumed.whole and any(not isinstance(k, FloatType) for k in kinds):
+        why = f"it answers numbers with fractions, and {names} takes whole ones"
+        raise bad_policy(path, why, "a file whose answer is an index (ArgMax) can choose")
+
+
+def load_policy(
+    binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
+) -> PolicyExtern:
+    """The policy; SoterError X003, X014, D007 at the place that declares the node."""
+    try:
+        return PolicyExtern(binding, reads, answers)
+    except SoterError as error:
+        if span is None:
+            raise
+        label = Label(span, "declared here")
+        raise SoterError(
+            tuple(
+                Diagnostic(d.code, d.message, label, notes=d.notes, helps=d.helps)
+                for d in error.diagnostics
+            )
+        ) from error

@@ -1,0 +1,48 @@
+"""What a re-check says of how far it is: by what the rest is likely to cost, not by parts."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soter.certificate.case_check import BLOCKS, CELL, SMALL, CaseCheck
+from soter.certificate.inclusions.cell_sets import Grid
+
+SIDE = 70
+
+
+def told(*holds: np.ndarray | None) -> list[float]:
+    """The shares that are told while so many claims about one grid are shown, on one processor."""
+    shares: list[float] = []
+    case = CaseCheck(None, [], set(), {}, shares.append, 1)  # type: ignore[arg-type]
+    edges = tuple(float(x) for x in range(SIDE + 1))
+    for each in holds:
+        case._add("nothing", Grid((edges, edges)), lambda _: iter(()), each)
+    case._run()
+    return shares
+
+
+@given(st.integers(1, 200), st.integers(1, 200))
+def test_a_claim_counts_by_the_holds_its_cells_are_followed_for(one: int, other: int) -> None:
+    assert SIDE * SIDE > SMALL
+    first, last = (np.full((SIDE, SIDE), n, dtype=np.uint8) for n in (one, other))
+    shares = told(first, last)
+    assert len(shares) >= 2 * BLOCKS
+    assert all(a < b for a, b in pairwise(shares))
+    assert shares[-1] == pytest.approx(1.0)
+    # the claims are shown in the other order: the last one first
+    weight = (other + CELL) / (one + other + 2 * CELL)
+    assert shares[len(shares) // 2 - 1] == pytest.approx(weight)
+
+
+def test_cells_that_are_not_followed_cost_little() -> None:
+    holds = np.zeros((SIDE, SIDE), dtype=np.uint8)
+    holds[: SIDE // 2] = 100
+    steps = np.diff([0.0, *told(holds)])
+    assert steps.max() > 100 * steps.min()
+    looks = told(None, np.full((SIDE, SIDE), 100, dtype=np.uint8))
+    assert looks[len(looks) // 2 - 1] > 0.99
