@@ -249,7 +249,7 @@ class _Values:
         self, t: Type, bounds: Sequence[Bound | None], first: Value, name: str, path: Path | None
     ) -> tuple[typed.TypedExpr, int]:
         """Of a part within bounds, of which `first` is one value; no path: it is in an array."""
-        if path in self.stated:
+        if path is not None and path in self.stated:
             return _one_of(t, self.stated[path], name)
         if isinstance(t, RecordType) or (isinstance(t, ArrayType) and self._told(path)):
             return self._parts(t, bounds, first, name, path)

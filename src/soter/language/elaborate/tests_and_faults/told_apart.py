@@ -206,6 +206,8 @@ def representatives(
     `bound` is the set that it is of; `first` one of it.
     """
     constants = {c for _, c in compared}
+    low: float
+    high: float
     if isinstance(t, IntType):
         low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
     elif bound is None:
