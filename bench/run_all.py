@@ -169,6 +169,13 @@ BENCHMARKS = (
         "functions need, externs, plants.",
     ),
     Benchmark(
+        "Images for a Cortex-M",
+        ("bench/bare_metal/cortex_m.py",),
+        "Flash, RAM and stack of images at `-Os`, and instructions under `qemu -icount`, the same "
+        "in ten runs. With their plants examples repeat the host's first 1,000 instants in "
+        "virtual time; the trusted part is the image of its loop, without plants. No hardware.",
+    ),
+    Benchmark(
         "Bad files and options",
         ("bench/hostile/bad_input.py", "--count", "1000", "--jobs", "2"),
         "1,000 mutants of every format that a command reads (bytes, numbers, types; pipes, devices,"

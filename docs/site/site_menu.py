@@ -35,6 +35,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("ros.md", "On ROS 1"),
             ("dds.md", "On the wire of ROS 2"),
             ("mavlink.md", "MAVLink"),
+            ("bare-metal.md", "Bare metal"),
             ("real-logs.md", "Somebody else's logs"),
             ("monitor.md", "The model monitor"),
             ("editor.md", "In your editor"),

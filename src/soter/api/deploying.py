@@ -20,8 +20,10 @@ from soter.language.load.loader import load
 from soter.language.model.binding_text import binding_of
 from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.simulate.outputs.result_assumptions import unproved
+from soter.targets.cortex_m.board import read_board
+from soter.targets.cortex_m.cortex_m_package import Replay, replayed_until
 from soter.targets.package import PackageFile
-from soter.targets.target_table import build_package, require_mapping
+from soter.targets.target_table import build_package, require_options
 from soter.verify.proof_cache import stored_verdicts
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.native.stack_bound import StackBound
     from soter.simulate.externs.bindings import Bindings
+    from soter.targets.cortex_m.image import Image
     from soter.targets.package import Package
     from soter.verify.deploy.proof_transfer import TransferredProof
 
@@ -104,15 +107,18 @@ def build(
     *,
     cert: str | Path | None,
     mapping: str | Path | Mapping[str, Any] | None = None,
+    board: str | None = None,
     progress: Progress | None,
 ) -> Package:
     """The package of a target; `completed`: the same system with computed predicates, and notes.
 
-    `mapping`: of targets that speak with a middleware, a file or what it says.
+    `mapping`: of targets that speak with a middleware, a file or what it says. `board`: of targets
+    that are an image, the name of a board or its file.
 
     `SoterError` as of `deployed`, and of `build_package`.
     """
-    require_mapping(target, given=mapping is not None)
+    require_options(target, mapping=mapping is not None, board=board is not None)
+    place = None if board is None else read_board(board)
     read, beside = _read(mapping)
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
     if read is not None:  # before anything takes long
@@ -122,11 +128,28 @@ def build(
     flat.certificate = inherits.certificate
     bindings = bound(flat)
     fits = None if read is None else mapping_of(read, bindings.system, None, beside, file)
-    package = build_package(target, bindings.system, bindings.core, output, fits, inherits.files)
+    onto = None if place is None else (place, _replay(bindings))
+    package = build_package(
+        target, bindings.system, bindings.core, output, fits, inherits.files, onto
+    )
     told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
     package.notes += [*told, *computed, *(_not_carried(bindings) if target == "c" else ())]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
+
+
+def _replay(bindings: Bindings) -> Replay:
+    """The run that an image repeats, here; without its trace where somebody has to answer."""
+    system = bindings.system
+    until, seed = replayed_until(system), 1
+    if system.externals or any(
+        x.extern and not (x.binding or "").startswith("c:") for x in system.components
+    ):
+        return Replay(until, seed)
+    from soter.simulate.run import NativeProgram  # noqa: PLC0415 - needs a compiler
+
+    run = NativeProgram(system, core=bindings.core).run(until, seed, hash_trace=True)
+    return Replay(until, seed, run.trace_sha256 or "")
 
 
 def _read(
@@ -151,12 +174,29 @@ def _not_carried(bindings: Bindings) -> list[str]:
     return notes
 
 
-def stack_bound(package: Package) -> StackBound:
+def image_of(package: Package, board: str | None, stack: StackBound) -> Image | None:
+    """The image of a package that was built for a board; None of others. As of `build_image`.
+
+    `stack`: the bound of the package; SoterError X015 where the board gives less.
+    """
+    from soter.targets.cortex_m.image import build_image, require_stack  # noqa: PLC0415 - compiles
+
+    if board is None:
+        return None
+    place = read_board(board)
+    require_stack(stack, place)
+    return build_image(package, place)
+
+
+def stack_bound(package: Package, board: str | None = None) -> StackBound:
     """How much stack the trusted part of a package needs at most, compiled on this machine.
+
+    `board`: of an image, whose own compiler says it.
 
     Neither externs nor the virtual-time command are part of it, nor plants.
     """
     from soter.native.stack_bound import stack_of  # noqa: PLC0415 - runs a compiler
+    from soter.targets.cortex_m.image import cross_compiler  # noqa: PLC0415 - the same
 
     own = {
         PurePath(f.path).name: f.text
@@ -168,7 +208,8 @@ def stack_bound(package: Package) -> StackBound:
         for name, text in own.items()
         if name.endswith((".c", ".h")) and name not in NO_PART and "int main(" not in text
     }
-    return stack_of(files, package.entries, package.world)
+    cross = None if board is None else cross_compiler(read_board(board))
+    return stack_of(files, package.entries, package.world, cross)
 
 
 # ---------------------------------------------------------------- what is told

@@ -233,20 +233,23 @@ class Program:
         *,
         cert: str | Path | None = None,
         mapping: str | Path | Mapping[str, Any] | None = None,
+        board: str | None = None,
         progress: Progress | None = None,
     ) -> Package:
         """Write the package of a target (`"c"`) into the folder `output`.
 
         `cert`: a certificate of the system that this one deploys; it is checked again. `mapping`:
-        of targets that speak with a middleware (docs/mapping.md), a file or what it says.
+        of targets that speak with a middleware (docs/mapping.md), a file or what it says. `board`:
+        of `"cortex-m"`, the name of a board or its file (docs/bare-metal.md).
         `progress` is called with the share that is done. `SoterError` D015 where the mapping, D019,
-        D020 where the certificate does not fit.
+        D020 where the certificate does not fit, X017 where the board is none.
         """
         from soter.api.deploying import build  # noqa: PLC0415 - see the docstring
 
         fresh = self.declared(system, params)
         completed = partial(self._completed, system, params, progress)
         how: dict[str, Any] = {"cert": cert, "mapping": mapping, "progress": progress}
+        how["board"] = board
         return build(target, Path(output), fresh, completed, self._bindings, **how)
 
     def monitor(

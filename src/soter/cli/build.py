@@ -6,9 +6,10 @@ Non-goals: compiling it.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from soter.api.deploying import stack_bound
+from soter.api.deploying import image_of, stack_bound
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_file, add_settings
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.console import Console
     from soter.native.stack_bound import StackBound
+    from soter.targets.cortex_m.image import Image
     from soter.targets.package import Package
 
 EXAMPLES = f"""\
@@ -51,6 +53,9 @@ def parser() -> CommandParser:
         help="of a system that `deploys` another: the certificate of that one; checked again",
     )
     made.add_argument(
+        "--board", metavar="B", help="of cortex-m: a board, or its file (docs/bare-metal.md)"
+    )
+    made.add_argument(
         "--map",
         metavar="FILE",
         help="of ros1, ros2, dds, mavlink: which topic is which of its messages (docs/mapping.md)",
@@ -70,10 +75,12 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             dict(args.params),
             cert=args.cert,
             mapping=args.map,
+            board=args.board,
             progress=progress,
         )
-    stack = stack_bound(package)
-    _say(package, stack, console)
+    stack = stack_bound(package, args.board)
+    image = image_of(package, args.board, stack)
+    _say(package, stack, image, console)
     fields: dict[str, object] = {
         "file": args.file,
         "target": package.target,
@@ -90,12 +97,13 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             "not_counted": list(stack.not_counted),
             "why": stack.why,
         },
+        "image": None if image is None else asdict(image),
         "commands": package.commands,
     }
     return CommandOutcome(diagnostics=program.diagnostics, fields=fields)
 
 
-def _say(package: Package, stack: StackBound, console: Console) -> None:
+def _say(package: Package, stack: StackBound, image: Image | None, console: Console) -> None:
     what = f"{len(package.written)} files, target {package.target}"
     console.say(f"{console.paint('green', 'built')}  {package.folder}  {what}")
     for name in package.kept:
@@ -105,9 +113,12 @@ def _say(package: Package, stack: StackBound, console: Console) -> None:
     if stack.bytes is None:
         console.say(f"stack  no bound: {stack.why}")
     else:
+        optimised = "" if image is not None else f", {OPTIMISE}"
         rest = f", and of {', '.join(stack.not_counted)}" if stack.not_counted else ""
-        console.say(f"stack  at most {stack.bytes:,} bytes{rest} ({stack.compiler}, {OPTIMISE})")
+        console.say(f"stack  at most {stack.bytes:,} bytes{rest} ({stack.compiler}{optimised})")
         console.say(f"       {' > '.join(stack.way)}")
+    for line in [] if image is None else image.lines():
+        console.say(f"image  {line}")
     for note in package.notes:
         console.say(f"{console.paint('yellow', 'note')}   {note}")
     console.say("\nnext\n" + "\n".join(f"  {command}" for command in package.commands))

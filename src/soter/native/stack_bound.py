@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, TIMEOUT_S, find
+from soter.native.compiler import STRICT, TIMEOUT_S, Compiler, find
 from soter.native.compiler_process import run_compiler
 
 if TYPE_CHECKING:
@@ -72,23 +72,30 @@ class StackBound:
     why: str = ""
 
 
-def stack_of(files: Mapping[str, str], entries: str, left_out: Iterable[str] = ()) -> StackBound:
+def stack_of(
+    files: Mapping[str, str],
+    entries: str,
+    left_out: Iterable[str] = (),
+    cross: Compiler | None = None,
+) -> StackBound:
     """The bound of C files (name -> text) for every function whose name begins with `entries`.
 
     `left_out`: functions of the tables that are not the trusted part's, as the steps of plants.
+    `cross`: the compiler of another processor, with the flags of its own.
     """
     try:
-        compiler = find()
+        compiler = cross or find()
     except SoterError as error:
         return StackBound(None, why=error.diagnostics[0].message)
-    flags = (*STRICT, OPTIMISE)
+    flags = (*STRICT, *(cross.flags if cross is not None else (OPTIMISE,)))
+    below = 0 if cross is not None else RED_ZONE
     left = sorted(left_out)
     rules = Path(__file__).read_text(encoding="utf-8")  # the figure depends on them, too
     texts = [x for pair in files.items() for x in pair]
-    content = digest([compiler.identity, rules, entries, *left, *flags, *texts])
+    content = digest([compiler.identity, rules, entries, str(below), *left, *flags, *texts])
 
     def make(work: Path) -> None:
-        stack = _measured(work, list(compiler.command), flags, files, entries, left)
+        stack = _measured(work, list(compiler.command), flags, files, entries, left, below)
         (work / FOUND).write_text(json.dumps(vars(stack)), encoding="utf-8")
 
     told = json.loads(
@@ -105,6 +112,7 @@ def _measured(
     files: Mapping[str, str],
     entries: str,
     left_out: Sequence[str],
+    below: int,
 ) -> StackBound:
     for name, text in files.items():
         (work / name).write_text(text, encoding="utf-8")
@@ -127,7 +135,7 @@ def _measured(
     if graph is None or not graph.frames:
         return StackBound(None, said, why=SILENT)
     pointed = {name for text in files.values() for _, name in TABLE.findall(text)}
-    return _bound(graph, said, entries, pointed - {"NULL", *left_out})
+    return _bound(graph, said, entries, pointed - {"NULL", *left_out}, below)
 
 
 # ---------------------------------------------------------------- what compilers say
@@ -202,7 +210,9 @@ class _EndlessError(Exception):
     """A circle of calls, or a frame without a bound."""
 
 
-def _bound(graph: StackGraph, compiler: str, entries: str, pointed: set[str]) -> StackBound:
+def _bound(
+    graph: StackGraph, compiler: str, entries: str, pointed: set[str], below: int
+) -> StackBound:
     by_name: dict[str, list[str]] = {}
     for title in graph.frames:
         by_name.setdefault(_plain(title), []).append(title)
@@ -234,7 +244,7 @@ def _bound(graph: StackGraph, compiler: str, entries: str, pointed: set[str]) ->
         size, way = max((deepest(t, ()) for t in sorted(starts)), key=lambda x: x[0])
     except _EndlessError as error:
         return StackBound(None, compiler, why=str(error))
-    return StackBound(size + RED_ZONE, compiler, way, tuple(sorted(outside)))
+    return StackBound(size + below, compiler, way, tuple(sorted(outside)))
 
 
 def _plain(title: str) -> str:

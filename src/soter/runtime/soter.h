@@ -312,6 +312,33 @@ int64_t* soter_stamps_of(const soter_program* p, void* state);
  * of the program, which may be others. A driver's `main` calls it first of all. */
 const char* soter_self_test(const soter_program* p);
 
+/* An operation on doubles, as bits: what it gave here, and what IEEE 754 says. */
+typedef enum {
+  SOTER_SUM = 0,
+  SOTER_DIFFERENCE = 1,
+  SOTER_PRODUCT = 2,
+  SOTER_QUOTIENT = 3,
+  SOTER_ROOT = 4,
+  SOTER_FROM_INTEGER = 5,
+  SOTER_TO_INTEGER = 6,
+  SOTER_FLOOR = 7,
+  SOTER_LESS = 8,
+  SOTER_EQUAL = 9
+} soter_operation_kind;
+
+typedef struct {
+  soter_operation_kind kind;
+  uint64_t a, b;
+  uint64_t here, right;
+} soter_operation;
+
+/* Whether operations on doubles give here what they should, for operands of all distances and sizes
+ * (part of soter_self_test); *wrong is the first one that does not. */
+bool soter_arithmetic_is_right(soter_operation* wrong);
+
+/* `a + b`, ...: constant. */
+const char* soter_operation_name(soter_operation_kind kind);
+
 /* ------------------------------------------------------------------ the virtual-time driver */
 
 /* One instant, or goes on with it: as soter_instant, but inputs are drawn as it begins, at every

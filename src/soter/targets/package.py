@@ -54,6 +54,8 @@ class Package:
     target: str = ""
     entries: str = ""
     """What the functions begin with that a loop of one's own calls; "" where there are none."""
+    image: str = ""
+    """Of targets without an operating system: the file that `make` makes."""
     trusted: str = ""
     """The folder of the trusted part, where it has one of its own."""
     world: tuple[str, ...] = ()

@@ -72,7 +72,7 @@ class Worker:
 
 def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     """The package; SoterError X008 for an extern node that cannot be a process of its own."""
-    _refuse(system)
+    refuse_apart(system)
     outside = frozenset(x.index for x in nodes_of(system) if is_in_python(x.binding))
     package = Package(folder)
     stubs = {
@@ -137,7 +137,8 @@ def nodes_of(system: System) -> list[Component]:
     return [x for x in system.components if x.extern and x.node is not None]
 
 
-def _refuse(system: System) -> None:
+def refuse_apart(system: System) -> None:
+    """SoterError X008 for extern nodes that cannot compute apart from the state."""
     problems = []
     for x in nodes_of(system):
         assert x.node is not None

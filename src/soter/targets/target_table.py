@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.targets.c99 import c99_package
+from soter.targets.cortex_m.cortex_m_package import cortex_m_package
 from soter.targets.dds.dds_package import dds_package
 from soter.targets.mavlink.mavlink_package import mavlink_package
 from soter.targets.posix import posix_package
@@ -22,10 +23,13 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap
+    from soter.targets.cortex_m.board import Board
+    from soter.targets.cortex_m.cortex_m_package import Replay
     from soter.targets.package import Package, PackageFile
 
     Maker = Callable[..., Package]
-    """(system, core, folder), and the mapping where the target is in MAPPED."""
+    """(system, core, folder), and the mapping where the target is in MAPPED, board and run where it
+    is in BOARDED."""
 
 TARGETS: dict[str, Maker] = {
     "c": c99_package,
@@ -34,11 +38,14 @@ TARGETS: dict[str, Maker] = {
     "ros2": ros2_package,
     "dds": dds_package,
     "mavlink": mavlink_package,
+    "cortex-m": cortex_m_package,
 }
 """The default first."""
 MAPPED = frozenset(("ros1", "ros2", "dds", "mavlink"))
 """What speaks with a middleware: a mapping says which topic is which of its messages."""
-COMING = ("cortex-m",)
+BOARDED = frozenset(("cortex-m",))
+"""What is an image: a board says where everything lies."""
+COMING: tuple[str, ...] = ()
 
 
 def build_package(
@@ -48,32 +55,38 @@ def build_package(
     folder: Path,
     mapping: LogMap | None = None,
     more: Sequence[PackageFile] = (),
+    onto: tuple[Board, Replay] | None = None,
 ) -> Package:
     """Write the package of a target; SoterError U001 where there is no such target, or no mapping.
 
-    `more`: files that it has besides, whatever the target.
+    `more`: files that it has besides, whatever the target. `onto`: a board, and the run that an
+    image of it repeats.
 
     `system`, `core`: with every binding to C entered (`simulate/externs/bindings.py`); whatever
     else an extern is bound to does not leave this machine.
     """
-    require_mapping(target, given=mapping is not None)
-    given = () if mapping is None else (mapping,)
+    require_options(target, mapping=mapping is not None, board=onto is not None)
+    given = onto or (() if mapping is None else (mapping,))
     package = TARGETS[target](system, core, folder, *given)
     package.target = target
     package.files += more
     return package.write()
 
 
-def require_mapping(target: str, *, given: bool) -> None:
-    """SoterError U001 for a target that does not exist, or that wants a mapping, or wants none."""
+def require_options(target: str, *, mapping: bool, board: bool) -> None:
+    """SoterError U001 for a target that does not exist, or a mapping or board amiss or too many."""
     if target not in TARGETS:
         what = "is still to come" if target in COMING else "does not exist"
         known = f"there is {', '.join(f'`{t}`' for t in TARGETS)}"
-        raise _unusable(f"the target `{target}` {what}", known, f"to come: {', '.join(COMING)}")
-    if target in MAPPED and not given:
+        raise _unusable(f"the target `{target}` {what}", known, *(f"to come: {t}" for t in COMING))
+    if board != (target in BOARDED):
+        verb = "is for no board" if board else "needs a board: where everything lies"
+        help_ = "leave --board out" if board else "--board NAME or FILE (docs/bare-metal.md)"
+        raise _unusable(f"the target `{target}` {verb}", help_)
+    if target in MAPPED and not mapping:
         what = f"the target `{target}` needs a mapping: which topic is which of its messages"
         raise _unusable(what, "--map FILE (docs/mapping.md)")
-    if target not in MAPPED and given:
+    if target not in MAPPED and mapping:
         what = f"the target `{target}` speaks with no middleware: it has no use for a mapping"
         raise _unusable(what, "leave --map out")
 

@@ -1,0 +1,30 @@
+/* soter_semihosting.h: words to, and settings from, the emulator or debugger of a Cortex-M.
+ *
+ * Purpose: what the boards that QEMU emulates say and how they end. Non-goals: boards without a
+ * debugger, on which a semihosting call is a fault.
+ */
+#ifndef SOTER_SEMIHOSTING_H
+#define SOTER_SEMIHOSTING_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+void soter_semihosting_say(const char* text);
+
+/* What follows the name of the image on its command line; "" where there is none. */
+const char* soter_semihosting_words(char* room, size_t size);
+
+#if defined(__GNUC__)
+__attribute__((noreturn))
+#endif
+void soter_semihosting_exit(int code);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,206 @@
+"""The image of a package, where the tools are: made, run in QEMU, measured.
+
+Purpose: flash, RAM, stack and instructions of an image, or in words why there is none.
+Non-goals: what the image is made of (`cortex_m_package.py`); times: instructions are none.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import sys
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.native.compiler import Compiler
+from soter.native.compiler_process import CompilerOutput, run_compiler
+from soter.report.printable_text import visible
+from soter.targets.cortex_m.board import SOFT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.native.stack_bound import StackBound
+    from soter.targets.cortex_m.board import Board
+    from soter.targets.package import Package
+
+CC = "arm-none-eabi-gcc"
+QEMU = "qemu-system-arm"
+OLDEST = 10
+"""The first version of gcc whose `-fcallgraph-info` and linker are those of the Makefile."""
+TIMEOUT_S = 300
+RUN_S = 120
+LARGEST = 5
+OVERFLOW = re.compile(r"region `(FLASH|RAM)' overflowed by (\d+) bytes")
+SYMBOL = re.compile(r"^\S+ (\d+) (\w) (\S+)$", re.MULTILINE)
+COUNTS = re.compile(
+    r"^instructions (\d+) an instant at most, (\d+) on average; (\d+) the self-test$", re.MULTILINE
+)
+STACK = re.compile(r"^stack (\d+) bytes used$", re.MULTILINE)
+TRACE = re.compile(r"^trace_sha256 (\w{64})$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Image:
+    """Bytes and instructions; None where nothing could be made or run, and then `why`."""
+
+    flash: int | None = None
+    ram: int | None = None
+    stack_used: int | None = None
+    instant_most: int | None = None
+    instant_mean: int | None = None
+    self_test: int | None = None
+    trace_sha256: str = ""
+    same_as_host: bool | None = None
+    compiler: str = ""
+    why: str = ""
+
+    def lines(self) -> list[str]:
+        """What it takes, for people."""
+        if self.flash is None:
+            return [f"none: {self.why}"]
+        lines = [
+            f"{self.flash:,} bytes of flash, {self.ram:,} of RAM beside the stack ({self.compiler})"
+        ]
+        if self.instant_most is None:
+            return [*lines, self.why]
+        same = ", the host's trace" if self.same_as_host else ""
+        most, mean = self.instant_most, self.instant_mean
+        return [
+            *lines,
+            f"{self.stack_used:,} bytes of stack used{same}",
+            f"{most:,} instructions an instant at most, {mean:,} on average",
+            f"{self.self_test:,} instructions the test of the arithmetic, once at the start",
+        ]
+
+
+def missing_tools(board: Board) -> str:
+    """What is not there to make an image, in words; "" where all is."""
+    if shutil.which("make") is None:
+        return "there is no `make`"
+    if shutil.which(CC) is None:
+        return f"there is no `{CC}` (Debian: gcc-arm-none-eabi, libnewlib-arm-none-eabi)"
+    version = compiler_version()
+    number = re.search(r"\) (\d+)\.", version)
+    if number is None or int(number[1]) < OLDEST:
+        return f"`{CC}` is too old: {version}; version {OLDEST} at least"
+    if board.core in SOFT and find_spec("ziglang") is None:
+        return (
+            f"{board.core} computes doubles without hardware, and those of gcc's library are not "
+            "rounded right: pip install 'soter[zig]' brings others"
+        )
+    return ""
+
+
+def compiler_version() -> str:
+    """The first line of what the compiler says of its version."""
+    from pathlib import Path  # noqa: PLC0415 - of this function alone
+
+    said = run_compiler([CC, "--version"], Path.cwd(), TIMEOUT_S)
+    return visible((said.text.splitlines() or [""])[0])
+
+
+def cross_compiler(board: Board) -> Compiler | None:
+    """The compiler of a board with its flags, as the Makefile has them; None if missing."""
+    path = shutil.which(CC)
+    if path is None or missing_tools(board):
+        return None
+    return Compiler((path,), compiler_version(), ("-Os", "-mthumb", *board.flags))
+
+
+def require_stack(bound: StackBound, board: Board) -> None:
+    """SoterError X015 where the trusted part needs more stack than the board gives it."""
+    if bound.bytes is None or bound.bytes <= board.stack_bytes:
+        return
+    over = bound.bytes - board.stack_bytes
+    what = f"the program does not fit onto `{board.name}`: {over:,} bytes too many for its stack"
+    note = f"{bound.bytes:,} bytes: {' > '.join(bound.way)}"
+    raise SoterError((Diagnostic("X015", what, notes=(note,)),))
+
+
+def build_image(package: Package, board: Board) -> Image:
+    """Make the image of a written package and run it; SoterError X015, X016, X004."""
+    why = missing_tools(board)
+    if why:
+        return Image(why=why)
+    done = _make(package, package.image)
+    if done.code != 0:
+        raise _not_linked(package, board, done.text)
+    flash, ram = _sizes(package.folder / package.image, board)
+    sized = {"flash": flash, "ram": ram, "compiler": compiler_version()}
+    if not board.qemu or shutil.which(QEMU) is None:
+        absent = "QEMU does not emulate this board" if not board.qemu else f"there is no `{QEMU}`"
+        return Image(**sized, why=f"it was not run: {absent}")  # type: ignore[arg-type]
+    ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
+    if ran.code is None:
+        raise _refused(f"the run in QEMU does not end within {RUN_S} s")
+    said = (package.folder / "run.txt").read_text(encoding="utf-8", errors="replace")
+    refused = re.search(r"^not run: (.*)$", said, re.MULTILINE)
+    if refused is not None:
+        raise _refused(f"the image refuses to run: {visible(refused[1])}")
+    if re.search("another trace than on the host", ran.text):
+        raise _refused("the image computes another trace than this machine")
+    counts, stack, trace = (x.search(said) for x in (COUNTS, STACK, TRACE))
+    if counts is None or trace is None:
+        raise _refused(
+            f"the image does not run in QEMU: {visible((said or ran.text).strip()[-300:])}"
+        )
+    most, mean, test = (int(x) for x in counts.groups())
+    return Image(
+        **sized,  # type: ignore[arg-type]
+        stack_used=None if stack is None else int(stack[1]),
+        instant_most=most,
+        instant_mean=mean,
+        self_test=test,
+        trace_sha256=trace[1],
+        same_as_host=True if "the same trace as on the host" in ran.text else None,
+    )
+
+
+def _sizes(image: Path, board: Board) -> tuple[int, int]:
+    """Bytes of flash, and of RAM beside the stack."""
+    said = run_compiler(["arm-none-eabi-size", image.name], image.parent, TIMEOUT_S).text
+    text, data, bss = (int(x) for x in said.splitlines()[1].split()[:3])
+    return text + data, data + bss - board.stack_bytes
+
+
+def _not_linked(package: Package, board: Board, text: str) -> SoterError:
+    over = dict(OVERFLOW.findall(text))
+    if not over:
+        lines = [visible(x[:300]) for x in text.splitlines() if "error" in x or "undefined" in x]
+        what = f"`{CC}` does not make an image of the package `{package.folder}`"
+        return SoterError((Diagnostic("X004", what, notes=tuple(lines[:8])),))
+    sizes = {"FLASH": ("flash", board.flash_bytes), "RAM": ("RAM", board.ram_bytes)}
+    parts = [
+        f"{int(by):,} bytes too many for {sizes[region][0]} of {sizes[region][1]:,}"
+        for region, by in over.items()
+    ]
+    what = f"the program does not fit onto `{board.name}`: {', '.join(parts)}"
+    kinds = "trdw" if "FLASH" in over else "bd"
+    largest = f"largest: {', '.join(_largest(package, kinds))}"
+    return SoterError((Diagnostic("X015", what, notes=(largest,)),))
+
+
+def _largest(package: Package, kinds: str) -> list[str]:
+    """The largest symbols of some kinds of nm, of an image that the linker makes all the same."""
+    _make(package, package.image, "CFLAGS=-Os -Wl,--noinhibit-exec")
+    words = ["arm-none-eabi-nm", "--print-size", "--radix=d", package.image]
+    said = run_compiler(words, package.folder, TIMEOUT_S).text
+    (package.folder / package.image).unlink(missing_ok=True)
+    found = [
+        (int(size), name) for size, kind, name in SYMBOL.findall(said) if kind.lower() in kinds
+    ]
+    return [f"`{name}` {size:,} bytes" for size, name in sorted(found, reverse=True)[:LARGEST]]
+
+
+def _make(package: Package, *words: str) -> CompilerOutput:
+    zig = f"ZIG={shlex.quote(sys.executable)} -m ziglang"
+    return run_compiler(["make", *words, zig], package.folder, TIMEOUT_S)
+
+
+def _refused(what: str) -> SoterError:
+    help_ = 'docs/bare-metal.md, "When the image refuses to run"'
+    return SoterError((Diagnostic("X016", what, helps=(help_,)),))

@@ -1,0 +1,151 @@
+"""Board files: what they say, and what is refused, in words and by how much."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+import soter
+from soter.diagnostics.diagnostic import SoterError
+from soter.native.stack_bound import StackBound
+from soter.targets.cortex_m.board import BOARDS, board_names, board_of, read_board
+from soter.targets.cortex_m.cortex_m_package import linker_script
+from soter.targets.cortex_m.image import build_image, missing_tools, require_stack
+
+ROOT = Path(__file__).resolve().parents[3]
+CART = ROOT / "examples" / "wall" / "cart.soter"
+TEXT = (BOARDS / "mps2_an500.c").read_text(encoding="utf-8")
+
+
+def changed(old: str, new: str) -> str:
+    assert TEXT.count(old) == 1, old
+    return TEXT.replace(old, new)
+
+
+def refused(text: str) -> str:
+    with pytest.raises(SoterError) as caught:
+        board_of("mine", text)
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code == "X017"
+    return " ".join((diagnostic.message, *diagnostic.notes))
+
+
+def test_every_board_that_ships_can_be_read() -> None:
+    assert set(board_names()) >= {"mps2-an386", "mps2-an500", "netduinoplus2"}
+    for name in board_names():
+        board = read_board(name)
+        placed = f"ORIGIN = {board.flash_at:#x}, LENGTH = {board.flash_bytes}"
+        assert placed in linker_script(board, 512)
+
+
+def test_nothing_else_knows_a_board() -> None:
+    source = ROOT / "src" / "soter"
+    texts = [p for p in (*source.rglob("*.py"), *source.rglob("*.[ch]")) if BOARDS not in p.parents]
+    for name in board_names():
+        knowing = [p for p in texts if name in p.read_text(encoding="utf-8")]
+        assert knowing == [], name
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "#define BOARD_RAM_AT 0x20000000",
+            "#define BOARD_RAM_AT 0x3ff000",
+            "overlap: 4,096 bytes",
+        ),
+        ("#define BOARD_RAM_AT 0x20000000", "", "BOARD_RAM_AT ...` is not there"),
+        ("BOARD_FLASH_BYTES 4194304", "BOARD_FLASH_BYTES 0", "flash of 0 bytes"),
+        ("BOARD_RAM_AT 0x20000000", "BOARD_RAM_AT 0xfffff000", "beyond 4 GiB"),
+        ("BOARD_RAM_BYTES 4194304", "BOARD_RAM_BYTES 4194301", "multiple of 8 bytes"),
+        ("BOARD_STACK_BYTES 8192", "BOARD_STACK_BYTES 8388608", "a stack of 8,388,608 bytes"),
+        ("BOARD_CLOCK_HZ 25000000", "BOARD_CLOCK_HZ 0", "`BOARD_CLOCK_HZ` is 0"),
+        ('"cortex-m7"', '"cortex-m9"', "`BOARD_CORE` has to be one of"),
+        ("void soter_board_watchdog(void) {}", "", "`soter_board_watchdog` is not defined"),
+    ],
+)
+def test_a_board_that_cannot_be_is_refused(old: str, new: str, words: str) -> None:
+    assert words in refused(changed(old, new))
+
+
+def test_all_that_is_wrong_is_told_at_once() -> None:
+    told = refused("")
+    assert "BOARD_FLASH_AT" in told
+    assert "soter_board_sense" in told
+
+
+@pytest.mark.parametrize("given", ["mps2-an501", "nowhere.c"])
+def test_a_board_that_is_not_there_is_refused(given: str) -> None:
+    with pytest.raises(SoterError) as caught:
+        read_board(given)
+    assert caught.value.diagnostics[0].code == "X017"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "BOARD_FLASH_BYTES 4194304",
+            "BOARD_FLASH_BYTES 8192",
+            "bytes too many for flash of 8,192",
+        ),
+        ("BOARD_RAM_BYTES 4194304", "BOARD_RAM_BYTES 8200", "bytes too many for RAM of 8,200"),
+    ],
+)
+def test_a_program_that_does_not_fit_says_by_how_much(
+    old: str, new: str, words: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "small.c"
+    file.write_text(changed(old, new), encoding="utf-8")
+    board = read_board(str(file))
+    if missing_tools(board):
+        pytest.skip(missing_tools(board))
+    package = soter.load(CART).build("cortex-m", tmp_path / "out", board=str(file))
+    with pytest.raises(SoterError) as caught:
+        build_image(package, board)
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code == "X015"
+    assert words in diagnostic.message
+    assert "largest: `" in diagnostic.notes[0]
+
+
+def test_a_stack_that_is_too_small_says_by_how_much() -> None:
+    board = read_board("mps2-an500")
+    require_stack(StackBound(board.stack_bytes, way=("soter_instant",)), board)
+    with pytest.raises(SoterError) as caught:
+        require_stack(StackBound(board.stack_bytes + 24, way=("soter_instant", "step")), board)
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code == "X015"
+    assert "24 bytes too many for its stack" in diagnostic.message
+    assert diagnostic.notes == ("8,216 bytes: soter_instant > step",)
+
+
+def fake_compiler(folder: Path, version: str) -> None:
+    path = folder / "arm-none-eabi-gcc"
+    path.write_text(f"#!/bin/sh\necho 'arm-none-eabi-gcc (GNU) {version}'\n", encoding="utf-8")
+    path.chmod(0o755)
+
+
+def test_without_tools_there_is_a_package_and_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    for name in ("make", "sh", "cc"):
+        found = shutil.which(name)
+        if found is None:
+            pytest.skip(f"there is no `{name}`")
+        (tools / name).symlink_to(found)
+    package = soter.load(CART).build("cortex-m", tmp_path / "out", board="mps2-an500")
+    assert (package.folder / "soter_image.ld").is_file()
+    monkeypatch.setenv("PATH", str(tools))
+    board = read_board("mps2-an500")
+    assert "there is no `arm-none-eabi-gcc`" in build_image(package, board).why
+    fake_compiler(tools, "4.9.3 20150529")
+    assert "is too old: arm-none-eabi-gcc (GNU) 4.9.3" in build_image(package, board).why
+    fake_compiler(tools, "13.2.0")
+    assert missing_tools(board) == ""
+    assert os.environ["PATH"] == str(tools)
