@@ -17,6 +17,8 @@ MOST_OF = {"n": 12, "m": 2, "b": 12}
 SHORT, LONG = "9ms", "10ms"
 """Horizons: one step of the stand-in, or two, of a record with fewer values."""
 OPERATORS = ("==", "!=", "<", "<=", ">", ">=")
+WAYS = ("fields", "sums", "signs", "prelude", "functions", "indices", "copies", "records")
+"""How numbers are read other than by comparison with a constant, one way a program."""
 FLOATS = (0.0, 0.5, 1.0, 2.5, 4.0)
 """What the float is compared with; it is of [0, 4]."""
 
@@ -44,6 +46,8 @@ class _Maker:
     constants: dict[str, float] = field(default_factory=dict)
     copies: float = 0.3
     """How often a number is read as it is; in others it is compared with constants alone."""
+    way: str = ""
+    """How it is read then."""
     horizon: str = SHORT
     guarded: bool = True
     """Whether there is a module, besides the reader."""
@@ -59,6 +63,9 @@ class _Maker:
     def compared(self, number: str) -> str:
         """A number against a constant, on either side."""
         op, c = self.pick(*OPERATORS), self.constant(number)
+        if self.random.random() < 0.25:
+            least = self.random.randint(0, 9)
+            return f"{number} > {least} && {number} < {least + self.random.randint(2, 4)}"
         return self.pick(f"{number} {op} {c}", f"{number} {op} {c}", f"{c} {op} {number}")
 
     def atom(self, reads: list[str]) -> str:
@@ -68,22 +75,21 @@ class _Maker:
         if x in self.bools:
             return self.pick(x, f"!{x}", f"{x} == true")
         if x in self.floats:
-            return f"{x} {self.pick(*OPERATORS)} {r.choice(FLOATS)}"
+            i = r.randint(0, len(FLOATS) - 2)
+            between = f"{FLOATS[i]} < {x} && {x} < {FLOATS[i + 1]}"
+            return self.pick(f"{x} {self.pick(*OPERATORS)} {r.choice(FLOATS)}", between)
         if r.random() > self.copies:
             return self.compared(x)
         y = r.choice([y for y in reads if y in self.fields])
         op = self.pick(*OPERATORS)
-        return self.pick(
-            f"{x} {op} {y}",
-            f"{x} + {r.randint(0, 3)} {op} {y}",
-            f"{x} % {r.randint(2, 4)} == {r.randint(0, 1)}",
-            f"min({x}, {r.randint(0, 9)}) {op} {self.constant(x)}",
-            f"abs({x} - {r.randint(1, 6)}) {op} {r.randint(0, 4)}",
-            f"-{x} {op} -{r.randint(0, 9)}",
-            f"near({x}, {r.randint(0, 9)})",
-            f"float({x}) {op} {r.randint(0, 9)}.5",
-            f"({x} > {r.randint(0, 5)} ? {x} : {y}) {op} {r.randint(0, 9)}",
-        )
+        expressions = {
+            "fields": (f"{x} {op} {y}", f"({x} > {r.randint(0, 5)} ? {x} : {y}) {op} 4"),
+            "sums": (f"{x} + {r.randint(0, 3)} {op} 5", f"{x} % 3 == {r.randint(0, 2)}"),
+            "signs": (f"-{x} {op} -{r.randint(0, 9)}", f"float({x}) {op} {r.randint(0, 9)}.5"),
+            "prelude": (f"min({x}, 5) {op} 4", f"abs({x} - {r.randint(1, 6)}) {op} 2"),
+            "functions": (f"near({x}, {r.randint(0, 9)})", f"digit({x}) == {r.randint(3, 6)}"),
+        }
+        return self.pick(*expressions.get(self.way, (self.compared(x),)))
 
     def condition(self, reads: list[str]) -> str:
         one = self.atom(reads)
@@ -95,39 +101,46 @@ class _Maker:
         return f"({one}) {self.pick('&&', '||', '||')} ({self.atom(reads)})"
 
     def value(self, reads: list[str]) -> str:
-        """An int of [0, 3], nearly always."""
+        """An int of [0, 6]."""
         r = self.random
         numbers = [x for x in reads if x in self.fields]
         if numbers and r.random() < self.copies:
             x = r.choice(numbers)
-            return self.pick(
-                f"{x} % 4", f"min({x}, 3)", f"TABLE[{x} % 5]", f"TABLE[min({x}, 4)]", f"digit({x})"
-            )
-        return f"{self.condition(reads)} ? {r.randint(0, 3)} : {r.randint(0, 3)}"
+            values = {
+                "sums": (f"{x} % 7",),
+                "prelude": (f"min({x}, 6)",),
+                "indices": (f"TABLE[{x} % 5]", f"TABLE[{x}]"),
+                "functions": (f"digit({x})",),
+            }
+            if self.way in values:
+                return self.pick(*values[self.way])
+        return f"{self.condition(reads)} ? {r.randint(0, 6)} : {r.randint(0, 6)}"
 
     def whole(self) -> str:
         """Statements that read records as wholes."""
         r = self.random
         return self.pick(
-            f"let w = a; if w.on {{ s = {r.randint(0, 3)}; }}",
-            f"if graded(a) > {r.randint(0, 9)} {{ s = {r.randint(0, 3)}; }}",
-            f"if a.m == last.m && last.on {{ s = {r.randint(0, 3)}; }} last = a;",
-            f"if last.m > a.m {{ s = {r.randint(0, 3)}; }} last.m = a.m;",
+            f"let w = a; if w.on {{ s = {r.randint(0, 6)}; }}",
+            f"if graded(a) > {r.randint(0, 9)} {{ s = {r.randint(0, 6)}; }}",
+            f"if a.m == last.m && last.on {{ s = {r.randint(0, 6)}; }} last = a;",
+            f"if last.m > a.m {{ s = {r.randint(0, 6)}; }} last.m = a.m;",
         )
 
     def statements(self, reads: list[str], *, record: bool) -> str:
         r = self.random
+        if self.guarded and r.random() < 0.3:
+            return "s = 0;"
         out = [f"if {self.condition(reads)} {{ s = {self.value(reads)}; }}"]
-        if r.random() < 0.4:
+        if self.way == "copies" or r.random() < 0.4:
             numbers = [x for x in reads if x in self.fields]
             out.append(f"s = {self.value(reads)};")
-            if numbers and r.random() < self.copies:
-                out.append(f"kept = {r.choice(numbers)};")
-                out.append(f"if kept {self.pick('>', '==')} {r.randint(0, 12)} {{ s = 1; }}")
-        if record and r.random() < self.copies:
+            if numbers and self.way == "copies":
+                out.append(f"kept = {numbers[-1]};")
+                out.append(f"if kept {self.pick('>', '==')} {r.randint(1, 9)} {{ s = 1; }}")
+        if record and self.way == "records":
             out.append(self.whole())
         if r.random() < 0.2:
-            out.append(f"if age({reads[0].partition('.')[0]}) > 0.005 {{ s = {r.randint(0, 3)}; }}")
+            out.append(f"if age({reads[0].partition('.')[0]}) > 0.005 {{ s = {r.randint(0, 6)}; }}")
         if r.random() < 0.15:
             out.append(f"assert {self.condition(reads)};")
         r.shuffle(out)
@@ -137,7 +150,7 @@ class _Maker:
 def readers(seed: int) -> Read:
     """Program number `seed`."""
     r = Random(seed)  # noqa: S311
-    maker = _Maker(r, copies=r.choice([0.0, 0.15, 0.5]))
+    maker = _Maker(r, copies=r.choice([0.0, 0.2, 0.5]), way=r.choice(WAYS))
     kind = r.random()
     maker.horizon = LONG if kind < 0.25 else SHORT
     maker.floats = ["a.f"] if 0.25 <= kind < 0.5 else []
@@ -155,13 +168,13 @@ def _program(maker: _Maker, *, own: bool) -> Read:
     outputs = "a, b" if own else "a"
     head = "soter 1;\n" + f"type R = {{ {', '.join(fields)} }};\n"
     head += f"const C: int = {r.randint(0, 6)};\nparam P: int = {r.randint(0, 9)};\n"
-    head += "const TABLE: int[5] = [0, 3, 1, 2, 0];\n"
+    head += "const TABLE: int[5] = [0, 5, 1, 2, 4];\n"
     head += "fun near(x: int, y: int): bool { return x == y || x == y + 1; }\n"
-    head += "fun digit(x: int): int { return x > 7 ? 3 : x > 2 ? 1 : 0; }\n"
+    head += "fun digit(x: int): int { return x > 7 ? 6 : x > 2 ? 3 : 0; }\n"
     head += "fun graded(w: R): int { return w.m * 2 + (w.on ? 1 : 0); }\n"
     within = " in { f in [0.0, 4.0] }" if maker.floats else ""
     head += f"topic a: R{within};\n" + ("topic b: int in [0, 12];\n" if own else "")
-    head += "topic o: int in [0, 3];\ntopic u: int in [0, 3];\n"
+    head += "topic o: int in [0, 6];\ntopic u: int in [0, 6];\n"
     reads = [*maker.fields, *maker.bools, *maker.floats]
     promise = f"guarantees {maker.condition(reads)}; " if r.random() < 0.4 else ""
     head += f"node Maker period 10ms {{ publishes {outputs}; {promise}step {{ }} }}\n"
@@ -175,12 +188,13 @@ def _program(maker: _Maker, *, own: bool) -> Read:
 
 def _reader(maker: _Maker, reads: list[str], outputs: str) -> str:
     r = maker.random
-    state = "var s: int in [0, 3]; var kept: int; var last: R;"
+    state = "var s: int in [0, 6]; var kept: int; var last: R;"
     text = f"subscribes {outputs}; publishes o; {state} "
     body = maker.statements(reads, record=not maker.floats)
     if r.random() < 0.15 and not maker.floats:
         text = f"subscribes a queue 1; publishes o; {state} "
-        body = f"for x in a {{ if x.m {maker.pick('>', '==')} {r.randint(0, 3)} {{ s = 2; }} }}"
+        asked = f"x.m {maker.pick('>', '==')} {r.randint(0, 3)}"
+        body = f"for x in a {{ if {asked} {{ s = {r.randint(1, 6)}; }} }}"
     elif r.random() < 0.2:
         text += f"assumes {maker.condition(reads)}; "
     period = maker.pick("10ms", "3ms", "3ms")
@@ -189,19 +203,19 @@ def _reader(maker: _Maker, reads: list[str], outputs: str) -> str:
 
 def _module(maker: _Maker, reads: list[str], outputs: str) -> str:
     r = maker.random
-    state = "var s: int in [0, 3]; var kept: int;"
+    state = "var s: int in [0, 6]; var kept: int;"
     text = ""
     for name in ("Advanced", "Safe"):
         body = maker.statements(reads, record=False) if name == "Advanced" else ""
-        body += f" publish u = {'s' if name == 'Advanced' else r.randint(0, 3)};"
+        body += f" publish u = {'s' if name == 'Advanced' else r.randint(0, 6)};"
         heads = f"subscribes {outputs}; publishes u; {state} " if "s = " in body else "publishes u;"
-        text += f"node {name} period 10ms {{ {heads} step {{ {body} }} }}\n"
+        text += f"node {name} period 3ms {{ {heads} step {{ {body} }} }}\n"
     ttf = maker.condition(reads)
-    word = f"u {maker.pick('!=', '<=')} {r.randint(0, 3)} || {maker.condition(reads)}"
+    word = f"u {maker.pick('!=', '<=')} {r.randint(0, 6)} || {maker.condition(reads)}"
     clause = f"guarantees word: {word}; " if r.random() < 0.25 else ""
     assumes = f"assumes theirs: {maker.condition(reads)}; " if r.random() < 0.2 else ""
     return (
-        f"{text}rta Guard {{ ac Advanced; sc Safe; period 10ms; safe true; ttf {ttf}; "
+        f"{text}rta Guard {{ ac Advanced; sc Safe; period 3ms; safe true; ttf {ttf}; "
         f"safer {maker.condition(reads)}; {clause}{assumes}}}\n"
     )
 
@@ -215,13 +229,16 @@ def _items(maker: _Maker, reads: list[str]) -> str:
         items += " order deployed;"
     elif r.random() < 0.3:
         items += " late Reader by 5ms;"
-    for asked in r.sample([f"{t} != {v}" for t in ("ou" if maker.guarded else "o") for v in (1, 2, 3)], r.randint(2, 3)):
+    for asked in r.sample(
+        [f"{t} != {v}" for t in ("ou" if maker.guarded else "o") for v in range(1, 7)],
+        r.randint(2, 3),
+    ):
         more = f" || {maker.condition(reads)}" if r.random() < 0.15 else ""
         items += f" always {asked}{more};"
     if maker.guarded and r.random() < 0.3 and "Guard by" not in items:
         items += f" never mode(Guard) == Mode.SC && {maker.atom(reads)};"
     if r.random() < 0.25:
-        items += f" {maker.condition(reads)} leadsto o == {r.randint(0, 3)} within 5ms;"
+        items += f" {maker.condition(reads)} leadsto o == {r.randint(0, 6)} within 5ms;"
     return items
 
 
