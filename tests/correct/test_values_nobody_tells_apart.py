@@ -79,7 +79,7 @@ def test_one_of_each_violates_what_all_of_them_violate(
         violated += bool(every.least)
     assert compared > PROGRAMS // CHUNKS * 0.8
     assert compared * 0.4 < fewer
-    assert compared * 0.2 < violated < compared * 0.8
+    assert compared * 0.2 < violated < compared * 0.9
 
 
 Patch = Callable[[pytest.MonkeyPatch], None]
@@ -163,11 +163,11 @@ MISTAKES: dict[str, Patch] = {
     "contracts count for nothing": _no_contracts,
     "a record counts as its first field": _first_field,
 }
-TELLING = (37, 0, 135, 236, 155, 26, 2, 109, 2, 206, 76, 56, 2, 45, 104, 76, 0)
+TELLING = (37, 177, 135, 236, 155, 26, 2, 109, 2, 206, 76, 56, 2, 45, 104, 76, 301)
 """A program that each of them gets wrong."""
 
 
-@pytest.mark.parametrize(("mistake", "seed"), zip(MISTAKES, TELLING, strict=True))
+@pytest.mark.parametrize(("mistake", "seed"), [*zip(MISTAKES, TELLING, strict=True)])
 def test_a_mistake_in_what_is_told_apart_is_seen(
     mistake: str, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
