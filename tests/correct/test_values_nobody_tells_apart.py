@@ -18,6 +18,7 @@ from generators.reader_programs import readers
 from long_tests import examples
 from soter.language.elaborate.tests_and_faults import contract_stand_ins, told_apart
 from soter.language.model import typed
+from soter.language.model.tree_walk import children
 from soter.language.model.types import RecordType
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ Patch = Callable[[pytest.MonkeyPatch], None]
 
 def _overlooks(is_one: Callable[[object], bool]) -> Patch:
     """What stands below some nodes of the code is not looked at."""
-    whole = told_apart.children
+    whole = children
 
     def fewer(node: object) -> list[object]:
         return [] if is_one(node) else whole(node)
