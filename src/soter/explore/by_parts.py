@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.explore import contract_use
 from soter.explore.results import EXHAUSTED
 from soter.explore.trace.schedule import plan_of
 from soter.language.check.expressions.field import listed
@@ -30,7 +31,8 @@ class WholeByParts:
 
     `horizon_ns`: up to then. `held`: what is replaced by its contract, and the tests in which it
     runs as it is. `assumed`: (test, what, by whom) that stands for something and is heard.
-    `missing`: why nothing is said of the whole; empty where it is.
+    `tried`: (test, values of a stand-in beside which nothing was tried). `missing`: why nothing is
+    said of the whole; empty where it is.
     """
 
     system: str
@@ -38,6 +40,7 @@ class WholeByParts:
     horizon_ns: int
     held: tuple[tuple[str, tuple[str, ...]], ...]
     assumed: tuple[tuple[str, str, str], ...]
+    tried: tuple[tuple[str, str], ...]
     missing: tuple[str, ...]
 
     @property
@@ -51,8 +54,17 @@ class WholeByParts:
             f"contract or a property of {listed(self.tests)}, as whatever a contract stands for "
             "there runs as it is in another of them"
         )
-        means = "; ".join(f"{what} is what {by} may do ({test})" for test, what, by in self.assumed)
-        return f"{said}. Assumed: {means}" if means else f"{said}. Nothing is assumed of its parts"
+        by_test: dict[tuple[str, str], list[str]] = {}
+        for test, what, by in self.assumed:
+            by_test.setdefault((what, by), []).append(test)
+        means = [
+            f"{what} is what {by} may do ({', '.join(tests)})"
+            for (what, by), tests in by_test.items()
+        ]
+        means += [f"values beside {text} do no harm in {test}" for test, text in self.tried]
+        if not means:
+            return f"{said}. Nothing is assumed of its parts"
+        return f"{said}. Assumed: {'; '.join(means)}"
 
 
 def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
@@ -99,6 +111,7 @@ def _whole(group: list[TestResult]) -> WholeByParts:
         horizon_ns=min(plan_of(r.system).horizon_ns for r in group),
         held=tuple(sorted(as_it_is.items())),
         assumed=tuple((r.name, what, by) for r in group for what, by in r.stands_for),
+        tried=tuple((r.name, text) for r in group for text in contract_use.tried(r.system)),
         missing=tuple(_missing(group, as_it_is)),
     )
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from soter.language.model.system import StandIn, System
 
 
+NO_HARM = "that others of what its contract permits do no harm is assumed"
+
+
 def replaced_in(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
     """What stands for what in a test: path of the instance, name of the replacement.
 
@@ -50,6 +53,14 @@ def told(system: System) -> Iterator[str]:
         said = "; ".join(clauses) or "no clause, any value of the sets of its topics"
         more = f"; not asked for, so that more is permitted: {'; '.join(left)}" if left else ""
         yield f"{of} is replaced by its contract ({said}{more}): {_held_to_it(system, of)}"
+        for text in dict.fromkeys(t for s in group for t in s.tried):
+            yield f"what stands for {of} was tried with {text} alone: {NO_HARM}"
+
+
+def tried(system: System) -> tuple[str, ...]:
+    """Of what is replaced by its contract, the values that were picked among those it permits."""
+    stand_ins = [c.stands_for for c in system.components if c.stands_for is not None]
+    return tuple(dict.fromkeys(t for s in stand_ins for t in s.tried))
 
 
 def _held_to_it(system: System, of: str) -> str:
@@ -119,12 +130,12 @@ def at(test: typed.TestSymbol, of: str) -> typed.ModuleSymbol | typed.NodeSymbol
 def _replaced(
     test: typed.TestSymbol, what: typed.ModuleSymbol | typed.NodeSymbol, of: str
 ) -> set[str]:
-    """What of it is replaced in a test, itself as `of`."""
+    """What of it a test replaces, itself as `of`; what the system replaces is the same in all."""
     inside = what.own if isinstance(what, typed.ModuleSymbol) else ()
     for m in what.below if isinstance(what, typed.ModuleSymbol) else ():
         inside = (*inside, *m.own)
     paths: set[str] = set()
-    for path, _, _ in (*test.system.replaces, *test.replaces):
+    for path, _, _ in test.replaces:
         if path in {of, what.name} or of.startswith(f"{path}."):
             paths.add(of)
         elif any(path in {n.name, n.name.rpartition(".")[2]} for n in inside) or path.startswith(

@@ -341,7 +341,7 @@ class _Resolver(Expressions):
             if system is not None and isinstance(system.node, tree.SystemDecl):
                 inside = place.inside(self.instances_of(system.node, system.file))
         self.walk((decl.skew, decl.horizon, decl.quantum), place)
-        groups = (decl.replaces, decl.properties, decl.faults, decl.inputs, decl.sets)
+        groups = (decl.replaces, decl.properties, decl.faults, decl.inputs, decl.sets, decl.stated)
         for group in groups:
             self._items(group, inside, decl)
 

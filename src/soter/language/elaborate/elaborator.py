@@ -342,9 +342,8 @@ class Elaborator(Topics):
     ) -> Component:
         by, stands_for = placed.by_contract.get(node.name), None
         if by is not None:
-            scope = self._scope(placed, list(node.publishes))
-            published = {t: self.topics[scope.topics[t]] for t in node.publishes}
-            node, stands_for = stand_in(node, by, published, self.diagnostics)
+            self._scope(placed, list(node.publishes))
+            node, stands_for = stand_in(node, by, self.diagnostics)
         scope = self._scope(placed, [*(s.topic for s in node.subscribes), *node.publishes])
         for subscribed in node.subscribes:
             if subscribed.queue is not None:
@@ -417,7 +416,7 @@ class Elaborator(Topics):
             if topic.queue_of is not None:  # M001 was said: it reads what it publishes
                 topic = self.topics[topic.queue_of]
             value_by_topic[topic.index] = value
-            self._in_set(
+            self.in_set(
                 topic,
                 value,
                 expr,
@@ -426,7 +425,7 @@ class Elaborator(Topics):
             )
         return value_by_topic
 
-    def _in_set(
+    def in_set(
         self,
         topic: Topic,
         value: Value,
@@ -837,7 +836,7 @@ class Elaborator(Topics):
             if value is None:
                 continue
             values.append(value)
-            self._in_set(topic, value, expr, f"this value of `{topic.symbol.name}`")
+            self.in_set(topic, value, expr, f"this value of `{topic.symbol.name}`")
         return tuple(values)
 
 

@@ -106,7 +106,8 @@ class StandIn:
 
     `of`: full name of the module or node; `role`: of the node in it that is stood for, which has
     its place in the deployed order; `clauses`: what its publications satisfy; `left`: the clauses
-    that nobody could ask for there.
+    that nobody could ask for there; `asked`: the conditions of the others; `tried`: of which topics
+    values were picked that are tried, those of its contract being more.
     """
 
     of: str
@@ -114,6 +115,9 @@ class StandIn:
     role: str
     clauses: tuple[str, ...]
     left: tuple[str, ...]
+    asked: tuple[TypedExpr, ...]
+    span: Span
+    tried: tuple[str, ...] = ()
 
 
 @dataclass(eq=False)

@@ -809,6 +809,20 @@ class InputSymbol:
 
 
 @dataclass(eq=False)
+class StatedSymbol:
+    """`guarantees t.x in { values };` or `assumes ...` of a test: of what stands for a publisher.
+
+    `read` is `t.x`: a read of a topic, or of a field of one; `text` is all of it, as it is written.
+    """
+
+    kind: str
+    read: TypedExpr
+    values: tuple[TypedExpr, ...]
+    text: str
+    span: Span
+
+
+@dataclass(eq=False)
 class ExternalSymbol:
     """`external topic t ...;`: `every` and `delayed` are durations; None where not said."""
 
@@ -873,6 +887,7 @@ class TestSymbol(Symbol):
     faults: tuple[FaultSymbol, ...] = ()
     inputs: tuple[InputSymbol, ...] = ()
     sets: tuple[SetSymbol, ...] = ()
+    stated: tuple[StatedSymbol, ...] = ()
     order: Span | None = None
 
 

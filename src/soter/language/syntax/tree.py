@@ -785,6 +785,16 @@ class DriveInput:
 
 
 @dataclass(frozen=True, slots=True)
+class StatedValues:
+    """`guarantees t.x in { a, b };`, `assumes ...` of a test: what a stand-in publishes there."""
+
+    kind: str
+    topic: DottedPath
+    values: tuple[SyntaxExpr, ...]
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
 class ExternalTopic:
     """`external topic motion [every d] [delayed d] [measured motion.x within e, ...];`."""
 
@@ -866,6 +876,7 @@ class TestDecl(Decl):
     faults: tuple[TimingFaultItem | Repeated, ...] = ()
     inputs: tuple[DriveInput | Repeated, ...] = ()
     sets: tuple[SetParam | Repeated, ...] = ()
+    stated: tuple[StatedValues | Repeated, ...] = ()
     order: Span | None = None
     """Where it says `order deployed;`."""
 

@@ -321,6 +321,7 @@ _FILLED = (
     tree.Replace,
     tree.SetParam,
     tree.DriveInput,
+    tree.StatedValues,
     tree.TimingFaultItem,
     tree.SystemFault,
 )

@@ -388,7 +388,7 @@ class SystemChecker:
             if item.values == ():
                 self._no_values(item)
                 continue
-            values = self._values(item, read, context)
+            values = self.values(item, read, context, "an input")
             if not isinstance(read, typed.TopicRead) or not read.topic.input:
                 self._no_input(item, read, context.scope)
             elif read.topic in input_by_topic:
@@ -408,20 +408,24 @@ class SystemChecker:
                 )
         return list(input_by_topic.values())
 
-    def _values(
-        self, item: tree.DriveInput, read: typed.TypedExpr, context: Context
+    def values(
+        self,
+        item: tree.DriveInput | tree.StatedValues,
+        read: typed.TypedExpr,
+        context: Context,
+        of: str,
     ) -> tuple[typed.TypedExpr, ...]:
-        """The declared values of an input, numbers of the program."""
-        place = Context(context.scope, "the value of an input")
+        """The declared values `of` an input or a stand-in, numbers of the program."""
+        place = Context(context.scope, f"the value of {of}")
         because = (item.topic.span, f"this is {a_type(read.type)}")
         number = self.shared.number
         values = [
-            number(v, place, read.type, "the value of an input", because) for v in item.values or ()
+            number(v, place, read.type, f"the value of {of}", because) for v in item.values or ()
         ]
         if len(values) > MAX_CHOICES:
             self.diagnostics.error(
                 "E004",
-                f"an input of {len(values)} values is too wide",
+                f"{of} of {len(values)} values is too wide",
                 item.topic.span,
                 f"at most {MAX_CHOICES} are possible",
                 notes=("every value is a branch of every execution",),

@@ -8,12 +8,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.check.expression_base import sound
+from soter.language.check.expression_base import is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.expressions.field import find_instance
 from soter.language.check.parts.campaign_items import mentioned
 from soter.language.check.parts.instance_arrays import Unroller
-from soter.language.check.parts.system import SystemChecker, invariant_call, source_line
+from soter.language.check.parts.system import (
+    SystemChecker,
+    invariant_call,
+    path_expr,
+    source_line,
+)
 from soter.language.model import typed
 from soter.language.model.types import INT
 from soter.language.syntax import tree
@@ -74,6 +79,8 @@ class TestChecker(SystemChecker):
         test.inputs = tuple(self.inputs(unroller.items(decl.inputs), inside))
         own = [("", s) for s in unroller.items(decl.sets)]
         test.order = decl.order
+        stated = [self._stated(s, inside) for s in unroller.items(decl.stated)]
+        test.stated = tuple(s for s in stated if s is not None)
         test.sets = tuple(self.sets.all(own, test.system, scope))
         if self.shared.mark() != mark or name in scope.broken:
             self.shared.damaged.add(test)
@@ -86,6 +93,36 @@ class TestChecker(SystemChecker):
             count = sound(self.shared.number(at_most, context, INT, "`at most`"))
         mentioned(item.component, context.scope)
         return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
+
+    def _stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
+        """Values of a topic, or of a field of one; what publishes it is for the elaborator."""
+        mentioned(item.topic, context.scope)
+        read = self.shared.check_expr(path_expr(item.topic), context)
+        if is_error(read):
+            return None
+        target = read
+        while isinstance(target, typed.TypedField):
+            target = target.target
+        if not isinstance(target, typed.TopicRead):
+            self.diagnostics.error(
+                "E020",
+                f"`{item.topic.text}` is no topic, and no field of one",
+                item.topic.span,
+                notes=("values are stated of what is published",),
+            )
+            return None
+        if not item.values:
+            self.diagnostics.error(
+                "E002",
+                f"there is nothing that `{item.topic.text}` could be",
+                item.span,
+                "an empty choice",
+                helps=("list values, or leave this line out",),
+            )
+            return None
+        values = self.values(item, read, context, "a stand-in")
+        text = f"{item.topic.text} in {{ {', '.join(print_expr(v) for v in item.values)} }}"
+        return typed.StatedSymbol(item.kind, read, values, text, item.topic.span)
 
     # ------------------------------------------------------------ properties
 

@@ -2,7 +2,9 @@
 
 Purpose: `replace M by contract;` of a test (docs/testing.md, "Contracts"): a node that at the
 releases of another one publishes nothing, or any values of the sets of its topics of which the
-guarantees are true. Clauses that cannot be asked there are left out: more is permitted then.
+guarantees are true. Clauses that cannot be asked there are left out: more is permitted then. Where
+the values cannot be tried one by one, those that the test states, and of the others one of each
+between which somebody can tell (`told_apart.py`).
 Non-goals: where it stands (`instantiate.py`), whether what it stands for keeps its contract
 (tests).
 """
@@ -15,6 +17,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span
 from soter.language.check.expressions.choose import MAX_CHOICES
+from soter.language.elaborate.tests_and_faults.told_apart import representatives
 from soter.language.model import typed
 from soter.language.model.system import StandIn
 from soter.language.model.tree_walk import mode_reads, nodes, rewritten, topic_reads
@@ -23,19 +26,29 @@ from soter.language.model.types import (
     ArrayType,
     BoolType,
     EnumType,
+    FloatType,
     IntType,
     RecordType,
-    leaf_count,
+    leaves,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.model.system import Bound, Topic
-    from soter.language.model.types import Type
+    from soter.language.elaborate.tests_and_faults.told_apart import Path, Readers, ReadTopic
+    from soter.language.model.system import Bound, Component, Topic
+    from soter.language.model.types import Type, Value
 
     Put = Mapping[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]]
+
+
+_BY_A_NODE = "replace it by a node that chooses the values that matter"
+_STATE = (
+    "state the values that it is held to where it runs as it is: `guarantees t.x in { ... };`",
+    "or those that are tried, others being an assumption: `assumes t.x in { ... };`",
+    f"or {_BY_A_NODE}",
+)
 
 
 @dataclass(frozen=True)
@@ -53,37 +66,65 @@ class ContractStandIn:
 
 
 class EndlessError(Exception):
-    """A topic has values that cannot be tried one by one; the message says which."""
+    """A topic has values that cannot be tried one by one; the message says which.
+
+    `where` is read what tells them apart.
+    """
+
+    def __init__(self, why: str, where: Span | None = None) -> None:
+        super().__init__(why)
+        self.where = where
 
 
 def stand_in(
-    node: typed.NodeSymbol,
-    by: ContractStandIn,
-    topics: Mapping[typed.TopicSymbol, Topic],
-    diagnostics: Diagnostics,
+    node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics
 ) -> tuple[typed.NodeSymbol, StandIn]:
-    """The node in the place of `node`; `topics`: what it publishes, with sets. E015 if endless."""
+    """The node in place of `node`, which does nothing until `give_step`; E015 if it never can."""
     own = [("", e) for e in node.guarantees]
     given = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
     used = [(n, e) for n, e in [*given, *own] if _can_be_asked(e, node)]
-    wholes = [e for _, e in used]
+    wholes = tuple(e for _, e in used)
     reads = [t for t in topic_reads(*wholes) if t not in node.publishes]
-    step: tuple[typed.TypedStmt, ...] = ()
     if node.bursts:
         _refuse_messages(node, by, diagnostics)
-    else:
-        try:
-            step = tuple(_step(node, by, topics, wholes))
-        except EndlessError as problem:
-            note = "every value that a contract permits is a branch of every execution"
-            _refuse(str(problem), note, node, by, diagnostics)
     subscribes = tuple(typed.Subscribed(t, None, "drop_oldest", by.span) for t in reads)
-    made = node.doing(step, subscribes)
+    made = node.doing((), subscribes)
     texts = [(n, " ".join(e.span.text.split())) for n, e in [*given, *own]]
     told = [f"{n}: {text}" if n else text for n, text in texts]
     left = [t for t, pair in zip(told, [*given, *own], strict=True) if pair not in used]
     kept = tuple(t for t in told if t not in left)
-    return made, StandIn(by.of, by.kind, by.role, kept, tuple(left))
+    return made, StandIn(by.of, by.kind, by.role, kept, tuple(left), wholes, by.span)
+
+
+def give_step(
+    c: Component,
+    topics: Sequence[Topic],
+    stated: Mapping[int, Mapping[Path, Sequence[Value]]],
+    readers: Readers,
+    diagnostics: Diagnostics,
+) -> None:
+    """What a stand-in does; E015 if its values are endless.
+
+    `stated`: by topic and part of it, the values that a test states.
+    """
+    assert c.node is not None
+    assert c.stands_for is not None
+    hears = readers.hears(c)
+    outputs = {s: topics[c.scope.topics[s]] for s in c.node.publishes if hears}
+    every = {s: _Values(t, stated.get(t.index, {}), None) for s, t in outputs.items()}
+    heard = {s: t for s, t in outputs.items() if c.module is not None or t.index in readers.heard}
+    few = {s: _Values(t, stated.get(t.index, {}), readers.of(t.index)) for s, t in heard.items()}
+    try:
+        try:
+            step = tuple(_step(every, c.stands_for))
+        except EndlessError:
+            step = tuple(_step(few, c.stands_for))
+    except EndlessError as problem:
+        note = "every value that a contract permits is a branch of every execution"
+        also = () if problem.where is None else ((problem.where, "tells them apart"),)
+        _refuse(str(problem), note, c.node, c.stands_for, diagnostics, also)
+        return
+    c.node = replace(c.node, step=step)
 
 
 def _refuse_messages(node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics) -> None:
@@ -94,15 +135,20 @@ def _refuse_messages(node: typed.NodeSymbol, by: ContractStandIn, diagnostics: D
 
 
 def _refuse(
-    why: str, note: str, node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics
+    why: str,
+    note: str,
+    node: typed.NodeSymbol,
+    by: ContractStandIn | StandIn,
+    diagnostics: Diagnostics,
+    also: tuple[tuple[Span, str], ...] = (),
 ) -> None:
     diagnostics.error(
         "E015",
         f"`{by.of}` cannot be replaced by its contract: {why}",
         by.span,
-        also=((node.span, "publishes it"),),
+        also=((node.span, "publishes it"), *also),
         notes=(note,),
-        helps=("replace it by a node that chooses the values that matter",),
+        helps=_STATE if also else (_BY_A_NODE,),
     )
 
 
@@ -116,20 +162,14 @@ def _can_be_asked(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
 # ---------------------------------------------------------------- its step
 
 
-def _step(
-    node: typed.NodeSymbol,
-    by: ContractStandIn,
-    topics: Mapping[typed.TopicSymbol, Topic],
-    guarantees: Sequence[typed.TypedExpr],
-) -> Iterator[typed.TypedStmt]:
+def _step(published: Mapping[typed.TopicSymbol, _Values], by: StandIn) -> Iterator[typed.TypedStmt]:
     """For each topic: is it published, with which value; then all of them, if that is permitted."""
     put: dict[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]] = {}
-    single = len(node.publishes) == 1
+    single = len(published) == 1
     inner: list[typed.TypedStmt] = []
     alternatives = 1
-    for symbol in node.publishes:
-        topic = topics[symbol]
-        value, count = _any_value(topic.type, topic.bounds, topic.name)
+    for symbol, values in published.items():
+        value, count = values.any()
         alternatives *= count
         if alternatives > MAX_CHOICES:
             raise EndlessError(f"there are more than {MAX_CHOICES} values of what it publishes")
@@ -144,11 +184,11 @@ def _step(
             read = typed.VarRead(BOOL, by.span, is_put)
             value = typed.Conditional(symbol.type, by.span, read, value, _first(value))
         inner.append(typed.TypedDeclare(by.span, chosen, value))
-    inner += _published_if(put, by.span, [_with(e, put) for e in guarantees])
+    inner += _published_if(put, by.span, [_with(e, put) for e in by.asked])
     if single:
-        arm = (_published(node.publishes[0]), tuple(inner))
+        arm = (_published(next(iter(published))), tuple(inner))
         yield typed.TypedIf(by.span, (arm,), ())
-    else:
+    elif published:
         yield from inner
 
 
@@ -190,21 +230,72 @@ def _with(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
 # ---------------------------------------------------------------- any value
 
 
-def _any_value(t: Type, bounds: Sequence[Bound | None], name: str) -> tuple[typed.TypedExpr, int]:
-    """An expression that may be every value of a type within bounds, and how many there are."""
-    if isinstance(t, (RecordType, ArrayType)):
-        parts = [(f".{n}", f) for n, f in t.fields] if isinstance(t, RecordType) else []
-        if isinstance(t, ArrayType):
+class _Values:
+    """The values of a topic that are tried. `read`: what is read of it; None: all are tried."""
+
+    def __init__(
+        self, topic: Topic, stated: Mapping[Path, Sequence[Value]], read: ReadTopic | None
+    ) -> None:
+        self.topic = topic
+        self.stated = stated
+        self.read = read
+
+    def any(self) -> tuple[typed.TypedExpr, int]:
+        """An expression that may be each of them, and how many there are."""
+        topic = self.topic
+        return self._any(topic.type, topic.bounds, topic.default, topic.name, ())
+
+    def _any(
+        self, t: Type, bounds: Sequence[Bound | None], first: Value, name: str, path: Path | None
+    ) -> tuple[typed.TypedExpr, int]:
+        """Of a part within bounds, of which `first` is one value; no path: it is in an array."""
+        if path is not None and path in self.stated:
+            return _one_of(t, self.stated[path], name)
+        if isinstance(t, RecordType) or (isinstance(t, ArrayType) and self._told(path)):
+            return self._parts(t, bounds, first, name, path)
+        where = None
+        if self.read is not None and path is not None:
+            where = self.read.told_apart(path)
+            if where is None:
+                compared = self.read.compared.get(path)
+                if compared is None:
+                    return typed.Literal(t, _span(name), first), 1
+                assert isinstance(t, (IntType, FloatType))
+                return _one_of(t, representatives(compared, bounds[0], t, first), name)
+        return _each(t, bounds, name, where)
+
+    def _told(self, path: Path | None) -> bool:
+        """Whether the elements of an array have to be looked at."""
+        return self.read is None or path is None or self.read.told_apart(path) is not None
+
+    def _parts(
+        self,
+        t: RecordType | ArrayType,
+        bounds: Sequence[Bound | None],
+        first: Value,
+        name: str,
+        path: Path | None,
+    ) -> tuple[typed.TypedExpr, int]:
+        if isinstance(t, RecordType):
+            parts = [(f".{n}", f) for n, f in t.fields]
+        else:
             parts = [(f"[{i}]", t.element) for i in range(t.size)]
         elements: list[typed.TypedExpr] = []
         total, at = 1, 0
-        for ending, part in parts:
-            width = leaf_count(part)
-            value, count = _any_value(part, bounds[at : at + width], name + ending)
-            elements.append(value)
+        for index, ((ending, part), value) in enumerate(zip(parts, first, strict=True)):
+            width = sum(1 for _ in leaves(part))
+            below = (*path, index) if path is not None and isinstance(t, RecordType) else None
+            inner, count = self._any(part, bounds[at : at + width], value, name + ending, below)
+            elements.append(inner)
             total *= count
             at += width
         return typed.Aggregate(t, _span(name), tuple(elements)), total
+
+
+def _each(
+    t: Type, bounds: Sequence[Bound | None], name: str, where: Span | None
+) -> tuple[typed.TypedExpr, int]:
+    """Every value of a scalar."""
     low, count = 0, 0
     if isinstance(t, BoolType):
         count = 2
@@ -215,10 +306,18 @@ def _any_value(t: Type, bounds: Sequence[Bound | None], name: str) -> tuple[type
         low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
         count = high - low + 1
     if not count:
-        raise EndlessError(f"the values of `{name}`, `{t}`, cannot be tried one by one")
+        raise EndlessError(f"the values of `{name}`, `{t}`, cannot be tried one by one", where)
     if count > MAX_CHOICES:
-        raise EndlessError(f"`{name}` has {count} values, more than {MAX_CHOICES}")
+        raise EndlessError(f"`{name}` has {count} values, more than {MAX_CHOICES}", where)
     return typed.TypedChoose(t, _span(f"any {name}"), count, low, (), None), count
+
+
+def _one_of(t: Type, values: Sequence[Value], name: str) -> tuple[typed.TypedExpr, int]:
+    span = _span(f"any {name}")
+    options = tuple(typed.Literal(t, span, v) for v in values)
+    if len(options) == 1:
+        return options[0], 1
+    return typed.TypedChoose(t, span, len(options), 0, options, None), len(options)
 
 
 def _published(symbol: typed.TopicSymbol) -> typed.TypedExpr:
@@ -229,7 +328,11 @@ def _first(value: typed.TypedExpr) -> typed.TypedExpr:
     """One of the values, where it does not matter which."""
     if isinstance(value, typed.Aggregate):
         return replace(value, elements=tuple(_first(e) for e in value.elements))
+    if isinstance(value, typed.Literal):
+        return value
     assert isinstance(value, typed.TypedChoose)
+    if value.options:
+        return value.options[0]
     number = bool(value.low) if isinstance(value.type, BoolType) else value.low
     return typed.Literal(value.type, value.span, number)
 

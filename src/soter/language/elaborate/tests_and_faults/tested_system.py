@@ -10,25 +10,37 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.language.check.constants import Calculator
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.deployment.deployed_systems import from_outside
 from soter.language.elaborate.elaborator import Elaborator
 from soter.language.elaborate.instantiate import expressions_of
 from soter.language.elaborate.shield_topics import refuse_overrun
 from soter.language.elaborate.tests_and_faults.component_names import named, nobody
+from soter.language.elaborate.tests_and_faults.contract_stand_ins import give_step
+from soter.language.elaborate.tests_and_faults.stated_values import (
+    StatedValues,
+    field_path,
+    is_one_of,
+    part_of,
+    with_part,
+)
+from soter.language.elaborate.tests_and_faults.told_apart import Readers
 from soter.language.elaborate.wellformed import check_periods
+from soter.language.model import typed
 from soter.language.model.durations import show_ns
-from soter.language.model.system import TestPlan, TimedProperty, TimingFault
+from soter.language.model.system import Property, TestPlan, TimedProperty, TimingFault
 from soter.language.model.tree_walk import calls_in
+from soter.language.model.types import RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
     from soter.language.elaborate.instantiate import SubSystem
-    from soter.language.model import typed
-    from soter.language.model.system import Component, Metric, Module, Property, System
+    from soter.language.elaborate.tests_and_faults.told_apart import Path
+    from soter.language.model.system import Component, Metric, Module, Scope, System
     from soter.language.model.types import Value
 
 MAX_ACTORS = 64
@@ -77,6 +89,7 @@ class _TestElaborator(Elaborator):
         self.whole_modules = True
         self.test = test
         self.timed: list[TimedProperty] = []
+        self.stated: dict[typed.TestSymbol, list[StatedValues]] = {}
         self.sound = True
         """Whether the parts are those that were meant: then what is missing or left is an error."""
 
@@ -91,6 +104,7 @@ class _TestElaborator(Elaborator):
         flat = self.run()
         if flat is None:
             return None
+        self._give_steps(flat)
         damaged = self.test in self.program.damaged
         self.sound = not damaged and self.diagnostics.error_count == before
         flat = self._without_idle_draws(flat)
@@ -143,8 +157,122 @@ class _TestElaborator(Elaborator):
             system, lambda t: t in own or bool(system.topics[t].driver)
         )
 
+    # ------------------------------------------------------------ stand-ins
+
+    def _give_steps(self, system: System) -> None:
+        """What stand-ins do, now that it is known who reads what they publish."""
+        if self.partial or self.diagnostics.error_count:
+            return
+        asked = [(e, p.scope) for p in self.timed for e in (p.premise, p.condition) if e]
+        readers = Readers(system, asked, self._constant)
+        stated: dict[int, dict[Path, tuple[Value, ...]]] = {}
+        own = self.stated[self.test]
+        for s in own:
+            stated.setdefault(s.topic, {})[s.path] = s.tried
+        for c in system.components:
+            if c.stands_for is None or c.node is None:
+                continue
+            outputs = {c.scope.topics[t] for t in c.node.publishes}
+            mine = [s for s in own if s.topic in outputs]
+            promised = tuple(s.text for s in mine if s.promised)
+            tried = tuple(s.text for s in mine if not s.promised)
+            clauses = (*c.stands_for.clauses, *promised)
+            c.stands_for = replace(c.stands_for, clauses=clauses, tried=tried)
+            give_step(c, system.topics, stated, readers, self.diagnostics)
+
+    def _constant(self, e: typed.TypedExpr, scope: Scope) -> Value | None:
+        """The value of a closed expression; None where it has none."""
+        return Calculator(Diagnostics(), scope.params).value(e, "a constant")
+
+    def _stated_in(self, test: typed.TestSymbol) -> list[StatedValues]:
+        """What a test of this system states."""
+        known: list[StatedValues] = []
+        for item in test.stated:
+            symbol, path = field_path(item.read)
+            topic = self.topics[self.topic(self.key(symbol, "", []))]
+            values = []
+            for e in item.values:
+                value = self.number(e, "the value of a stand-in")
+                if value is not None:
+                    values.append(value)
+                    whole = with_part(topic.default, path, value)
+                    self.in_set(topic, whole, e, f"this value of `{topic.symbol.name}`")
+            first, promised = part_of(topic.default, path), item.kind == "guarantees"
+            known.append(
+                StatedValues(
+                    topic.index, path, tuple(values), first, promised, item.text, item.span
+                )
+            )
+        return known
+
+    def _hold_to_values(self, components: list[Component], result: list[Property]) -> None:
+        """Who runs as it is publishes what other tests let its stand-in publish, and no more."""
+        sets = _sets_of(self.test)
+        for test in self.program.tests.values():
+            alike = test.system is self.test.system and _sets_of(test) == sets
+            self.stated[test] = self._stated_in(test) if alike or test is self.test else []
+        self._stand_there(components)
+        for test, known in self.stated.items():
+            for s in known:
+                for c in components:
+                    if test is not self.test and s.promised and self._as_it_is(c, s.topic):
+                        result.append(self._held_to(c, s, test, len(result)))
+
+    def _as_it_is(self, c: Component, topic: int) -> bool:
+        """Whether a component of the program, no other one in its place, publishes there."""
+        if c.node is None or c.stands_for is not None or c.name in self.put_in:
+            return False
+        return topic in {c.scope.topics[t] for t in c.node.publishes}
+
+    def _held_to(
+        self, c: Component, s: StatedValues, test: typed.TestSymbol, index: int
+    ) -> Property:
+        assert c.node is not None
+        symbol = next(t for t in c.node.publishes if c.scope.topics[t] == s.topic)
+        read: typed.TypedExpr = typed.TopicRead(symbol.type, s.span, symbol)
+        for i in s.path:
+            assert isinstance(read.type, RecordType)
+            read = typed.TypedField(read.type.fields[i][1], s.span, read, i)
+        condition = is_one_of(read, s.tried)
+        text = f"{s.text}, as {test.name} has it, in {c.name}"
+        return Property(index, "guarantees", condition, c.scope, text, s.span, c.index)
+
+    def _stand_there(self, components: list[Component]) -> None:
+        """E020 where values are stated of what no stand-in publishes, N002 where they are twice."""
+        published = {
+            c.scope.topics[t]
+            for c in components
+            if c.stands_for is not None and c.node is not None
+            for t in c.node.publishes
+        }
+        before: list[StatedValues] = []
+        for s in self.stated[self.test]:
+            for other in before:
+                short = min(len(s.path), len(other.path))
+                if s.topic == other.topic and s.path[:short] == other.path[:short]:
+                    self.diagnostics.error(
+                        "N002",
+                        f"the values of `{self.topics[s.topic].name}` are stated twice",
+                        s.span,
+                        "again",
+                        also=((other.span, "the first time"),),
+                    )
+            before.append(s)
+            if s.topic not in published and not self.partial:
+                self.diagnostics.error(
+                    "E020",
+                    f"nobody who publishes `{self.topics[s.topic].name}` is replaced by a contract",
+                    s.span,
+                    also=((self.test.span, "in this test"),),
+                    notes=("values are stated of what stands in: who runs as it is has its own",),
+                    helps=("write `replace ... by contract;`, or leave this line out",),
+                )
+
+    # ------------------------------------------------------------ its properties
+
     def _properties(self, modules: list[Module], components: list[Component]) -> list[Property]:
         result = super()._properties(modules, components)
+        self._hold_to_values(components, result)
         for item in self.test.properties:
             if item.kind == "invariant":
                 self._invariant(item, modules)
@@ -455,6 +583,11 @@ class _TestElaborator(Elaborator):
 
 
 _VERBS = {"late": "be late", "skip": "skip a step", "overrun": "overrun"}
+
+
+def _sets_of(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
+    """The parameters that it sets, and to what."""
+    return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
 
 def _text(item: typed.PropertySymbol) -> str:

@@ -32,6 +32,7 @@ class _SystemParts(OnceParts):
     properties: list[tree.PropertyItem | tree.Repeated] = field(default_factory=list)
     forces: list[tree.Force | tree.Repeated] = field(default_factory=list)
     replaces: list[tree.Replace | tree.Repeated] = field(default_factory=list)
+    stated: list[tree.StatedValues | tree.Repeated] = field(default_factory=list)
     sets: list[tree.SetParam | tree.Repeated] = field(default_factory=list)
     inputs: list[tree.DriveInput | tree.Repeated] = field(default_factory=list)
     faults: list[tree.TimingFaultItem | tree.Repeated] = field(default_factory=list)
@@ -299,6 +300,18 @@ def _input(parser: BodyParser, parts: _SystemParts) -> None:
     parts.inputs.append(item)
 
 
+def _stated(parser: BodyParser, parts: _SystemParts) -> None:
+    """`guarantees t.x in { a, b };`, `assumes ...`: values of what stands for its publisher."""
+    start = parser.starts[parser.i]
+    kind = "assumes" if parser.texts[parser.i] == "assumes" else "guarantees"
+    parser.i += 1
+    topic = instance_arrays.path(parser, f"the name of a topic after `{kind}`")
+    parser.expect("in", "after the topic")
+    values = tuple(_values(parser))
+    parser.semicolon("the values")
+    parts.stated.append(tree.StatedValues(kind, topic, values, parser.span_from(start)))
+
+
 def _external(parser: BodyParser, parts: _SystemParts) -> None:
     """`external topic t [every d] [delayed d] [measured t.x within e, ...];`."""
     start = parser.starts[parser.i]
@@ -321,8 +334,8 @@ def _external(parser: BodyParser, parts: _SystemParts) -> None:
 
 
 def _values(parser: BodyParser) -> list[tree.SyntaxExpr]:
-    """`{ a, b }`: the values of an input."""
-    parser.expect("{", "before the values of the input")
+    """`{ a, b }`: the values of an input, or of a stand-in."""
+    parser.expect("{", "before the values")
     if parser.accept("}"):
         return []  # the checker says what it says of every empty choice
     values = [parser.expr("a value")]
@@ -359,6 +372,7 @@ def test(parser: BodyParser) -> tree.Decl:
         faults=tuple(parts.faults),
         inputs=tuple(parts.inputs),
         sets=tuple(parts.sets),
+        stated=tuple(parts.stated),
         order=once("order"),
     )
 
@@ -486,6 +500,8 @@ _TEST_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
     "skip": _skip,
     "input": _input,
     "set": _set,
+    "assumes": _stated,
+    "guarantees": _stated,
 }
 _IN_LOOPS = dict(_SYSTEM_ITEMS)
 _IN_LOOPS["for"] = _SYSTEM_ITEMS["for"] = instance_arrays.loop(_IN_LOOPS, _instance)
