@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, Scope, StandIn
 
 CHUNKS = 4
-PROGRAMS = examples("SOTER_READER_PROGRAMS", quick=80, long=2_000)
+PROGRAMS = examples("SOTER_READER_PROGRAMS", quick=200, long=2_000)
 MOST = 5_000
 
 

@@ -49,6 +49,7 @@ PROGRAMS = (
             "D004_nan",
             "E009_faults_unknown",
             "E015_several_messages",
+            "E020_nobody_stands_in",
             "M005_without_a_system",
             "M013_invariant_of_a_node",
             "S005_unit_behind_the_set",
