@@ -16,7 +16,7 @@ from generators.brute_force import TooLargeError
 from generators.explorer_agreement import enumerated
 from generators.reader_programs import readers
 from long_tests import examples
-from soter.language.elaborate.tests_and_faults import contract_stand_ins, told_apart
+from soter.language.elaborate.tests_and_faults import contract_stand_ins, distinguishable_values
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.types import RecordType
@@ -93,7 +93,7 @@ def _overlooks(is_one: Callable[[object], bool]) -> Patch:
     def fewer(node: object) -> list[object]:
         return [] if is_one(node) else whole(node)
 
-    return lambda m: m.setattr(told_apart, "children", fewer)
+    return lambda m: m.setattr(distinguishable_values, "children", fewer)
 
 
 def _arithmetic(node: object) -> bool:
@@ -110,7 +110,7 @@ def _between_topics(node: object) -> bool:
 
 def _forgets(op: str) -> Patch:
     """Comparisons by one operator count as none, unless nothing else is left."""
-    whole = told_apart.representatives
+    whole = distinguishable_values.representatives
 
     def fewer(asked: set[tuple[str, float]], *about: Any) -> list[float]:
         return whole({(o, c) for o, c in asked if o != op} or asked, *about)
@@ -119,33 +119,33 @@ def _forgets(op: str) -> Patch:
 
 
 def _not_between(m: pytest.MonkeyPatch) -> None:
-    m.setattr(told_apart, "_between", lambda *ends: ends[0])
+    m.setattr(distinguishable_values, "_between", lambda *ends: ends[0])
 
 
 def _not_turned(m: pytest.MonkeyPatch) -> None:
-    m.setattr(told_apart, "_TURNED", {o: o for o in told_apart._TURNED})
+    m.setattr(distinguishable_values, "_TURNED", {o: o for o in distinguishable_values._TURNED})
 
 
 def _no_modules(m: pytest.MonkeyPatch) -> None:
-    def heard(readers: told_apart.Readers, module: Module) -> None:
+    def heard(readers: distinguishable_values.Readers, module: Module) -> None:
         readers.heard |= set(module.reads)
 
-    m.setattr(told_apart.Readers, "_module", heard)
+    m.setattr(distinguishable_values.Readers, "_module", heard)
 
 
 def _no_contracts(m: pytest.MonkeyPatch) -> None:
-    m.setattr(told_apart.Readers, "_contracts", lambda *_: None)
+    m.setattr(distinguishable_values.Readers, "_contracts", lambda *_: None)
 
 
 def _first_field(m: pytest.MonkeyPatch) -> None:
-    place = told_apart.Readers._place
+    place = distinguishable_values.Readers._place
 
-    def first(readers: told_apart.Readers, e: object, scope: Scope) -> object:
+    def first(readers: distinguishable_values.Readers, e: object, scope: Scope) -> object:
         found = place(readers, e, scope)
         record = isinstance(e, typed.TopicRead) and isinstance(e.type, RecordType)
         return (found[0], (0,)) if found is not None and record else found
 
-    m.setattr(told_apart.Readers, "_place", first)
+    m.setattr(distinguishable_values.Readers, "_place", first)
 
 
 MISTAKES: dict[str, Patch] = {

@@ -22,7 +22,7 @@ from soter.policy.network import (
     problem_of,
 )
 from soter.policy.onnx_session import NAMES
-from soter.policy.problems import bad_policy, content_of, missing_package
+from soter.policy.policy_errors import bad_policy, content_of, missing_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.policy.problems import bad_policy, content_of, missing_package
+from soter.policy.policy_errors import bad_policy, content_of, missing_package
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -32,7 +32,7 @@ from soter.policy.network import (
     problem_of,
 )
 from soter.policy.pickle_data import Made, Name, Persistent, PickleError, array_of, read_pickle
-from soter.policy.problems import bad_policy, content_of
+from soter.policy.policy_errors import bad_policy, content_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.policy.network import Affine, Clipped, Elementwise, Relu, Standardised
-from soter.policy.problems import bad_policy
+from soter.policy.policy_errors import bad_policy
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

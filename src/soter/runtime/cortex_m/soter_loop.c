@@ -2,8 +2,9 @@
  *
  * Purpose: SysTick is the clock. In its interrupt actuators obey leases or hold the law; below it,
  * in PendSV, plants, DMs and SCs step at their instants; below that, in a thread without
- * privileges, extern nodes compute (soter_apart.h), until their budget ends. A fault of the trusted
- * part, a check that fails: the law, and then the watchdog. Non-goals: devices (soter_board.h).
+ * privileges, extern nodes compute (soter_unprivileged.h), until their budget ends. A fault of the
+ * trusted part, a check that fails: the law, and then the watchdog. Non-goals: devices
+ * (soter_board.h).
  *
  * After a start, whatever its cause, actuators hold the law until the last look of every DM found
  * `safer` on fresh reads and a lease is in force (docs/proof.md, "Arming"): once, then never again.
@@ -96,7 +97,7 @@ __attribute__((used)) static uint32_t faulted(uint32_t from) {
     hold_the_law();
     soter_board_end(SOTER_EXIT_FAULT);
   }
-  return soter_apart_stopped(from);
+  return soter_unprivileged_stopped(from);
 }
 
 __attribute__((naked)) void HardFault_Handler(void) {
@@ -219,13 +220,13 @@ static void note_takeover(void) {
 static void collect(int64_t limit_ns) {
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     request* const r = &requests[k];
-    const soter_apart_state now = soter_apart_now();
-    if (!r->outstanding || (now == SOTER_APART_RUNS && limit_ns < r->until_ns)) {
+    const soter_unprivileged_state now = soter_unprivileged_now();
+    if (!r->outstanding || (now == SOTER_UNPRIVILEGED_RUNS && limit_ns < r->until_ns)) {
       continue;
     }
-    const bool fine = now == SOTER_APART_DONE && soter_apart_result() == 0;
+    const bool fine = now == SOTER_UNPRIVILEGED_DONE && soter_unprivileged_result() == 0;
     r->outstanding = false;
-    soter_apart_end();
+    soter_unprivileged_end();
     if (!fine) {
       note_fault(r->asked_ns);
     }
@@ -248,11 +249,11 @@ static void ask(int64_t ct) {
     requests[k].until_ns = ct + x->budget_ns;
     (void)memset(exchanged[k], 0, sizeof exchanged[k]);
     x->gather(&state, exchanged[k][0]);
-    soter_apart_begin(x->step, exchanged[k][0], exchanged[k][1]);
+    soter_unprivileged_begin(x->step, exchanged[k][0], exchanged[k][1]);
   }
 }
 
-static bool is_apart(uint32_t component) {
+static bool is_unprivileged(uint32_t component) {
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     if (soter_app_externs[k].component == component) {
       return true;
@@ -281,7 +282,7 @@ static void sense(int64_t ct) {
 static void trusted_steps(void) {
   const soter_component* const c = soter_components_of(&state);
   for (uint32_t i = 0; i < APP_PROGRAM->components; i++) {
-    if (c[i].pending != 0U && !is_apart(i)) {
+    if (c[i].pending != 0U && !is_unprivileged(i)) {
       if (APP_PROGRAM->component[i].is_extern && c[i].latched == 0U &&
           soter_header_of(&state)->ct != APP_PROGRAM->component[i].phase_ns) {
         soter_app_answer(&state, i); /* an extern plant, in C */
@@ -358,7 +359,7 @@ __attribute__((used)) static uint32_t instant(uint32_t from) {
   ask(ct);
   next_ns = soter_next_instant(APP_PROGRAM, &state);
   unfinished = 0U;
-  return soter_apart_return(from);
+  return soter_unprivileged_return(from);
 }
 
 __attribute__((naked)) void PendSV_Handler(void) {
@@ -376,9 +377,9 @@ int main(void) {
   soter_start(APP_PROGRAM, &state, 1U);
   next_ns = soter_next_instant(APP_PROGRAM, &state);
   start_leases();
-  soter_apart_protect();
+  soter_unprivileged_protect();
   SYST_RVR = TICK_COUNTS - 1U;
   SYST_CVR = 0U;
   SYST_CSR = 7U; /* the first tick, at 0, is a tick away */
-  soter_apart_become();
+  soter_unprivileged_become();
 }

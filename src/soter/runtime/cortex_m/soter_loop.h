@@ -6,10 +6,10 @@
 #ifndef SOTER_LOOP_H
 #define SOTER_LOOP_H
 
-#include "soter_apart.h"
 #include "soter_firmware.h"
 #include "soter_grant.h"
 #include "soter_lease.h"
+#include "soter_unprivileged.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -19,7 +19,7 @@ typedef struct {
   uint32_t component;
   int64_t budget_ns;
   void (*gather)(const void* state, void* in);
-  soter_apart_step* step;
+  soter_unprivileged_step* step;
 } soter_loop_extern;
 
 /* A module with a fail-safe law. */

@@ -23,7 +23,7 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.policy.network import answering, standardised
-from soter.policy.problems import bad_policy
+from soter.policy.policy_errors import bad_policy
 from soter.semantics.externs import Converted
 
 if TYPE_CHECKING:

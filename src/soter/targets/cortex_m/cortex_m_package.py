@@ -34,9 +34,9 @@ FOLDER = RUNTIME / "cortex_m"
 OWN = (
     *("soter_board.h", "soter_cortex_m.h", "soter_cortex_m.c", "soter_replay.c"),
     *("soter_semihosting.h", "soter_semihosting.c"),
-    *("soter_loop.h", "soter_loop.c", "soter_apart.h", "soter_apart.c"),
+    *("soter_loop.h", "soter_loop.c", "soter_unprivileged.h", "soter_unprivileged.c"),
 )
-MAINS = frozenset(("soter_replay.c", "soter_loop.c", "soter_apart.c"))
+MAINS = frozenset(("soter_replay.c", "soter_loop.c", "soter_unprivileged.c"))
 """What is of one of the two images alone."""
 SCRIPT = "soter_image.ld"
 PRODUCTS = "_arm_muldivdf3.o"
@@ -245,9 +245,9 @@ def _loop(name: str, tick: LoopTick) -> str:
 """
     return f"""\
 LOOP ?=
-{name}_loop.elf: $(SOURCES) soter_loop.c soter_apart.c $(OBJECTS) $(HEADERS) $(ARITHMETIC)
-\t$(CC) $(COMPILED) $(PLACED) $(LOOP) $(LINKED) -o $@ $(SOURCES) soter_loop.c soter_apart.c \\
-\t  $(OBJECTS) $(ARITHMETIC) -lm
+{name}_loop.elf: $(SOURCES) soter_loop.c soter_unprivileged.c $(OBJECTS) $(HEADERS) $(ARITHMETIC)
+\t$(CC) $(COMPILED) $(PLACED) $(LOOP) $(LINKED) -o $@ $(SOURCES) soter_loop.c \\
+\t  soter_unprivileged.c $(OBJECTS) $(ARITHMETIC) -lm
 """
 
 

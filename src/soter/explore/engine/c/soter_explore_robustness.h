@@ -12,7 +12,7 @@
 #include "soter_explore.h"
 
 /* How far `left` and `right` are apart, in parts of the scale; never 0. */
-SOTER_INLINE double soter_apart(double left, double right, double* scale) {
+SOTER_INLINE double soter_unprivileged(double left, double right, double* scale) {
   const double distance = fabs(left - right);
   if (!(distance <= DBL_MAX)) {
     return 1.0;
@@ -26,13 +26,13 @@ SOTER_INLINE double soter_apart(double left, double right, double* scale) {
 
 /* Of a comparison by size. */
 SOTER_INLINE double soter_margin(bool holds, double left, double right, double* scale) {
-  const double apart = soter_apart(left, right, scale);
+  const double apart = soter_unprivileged(left, right, scale);
   return holds ? apart : -apart;
 }
 
 /* Of an equality: where it holds there is no distance. */
 SOTER_INLINE double soter_equal_margin(bool holds, double left, double right, double* scale) {
-  return holds ? 1.0 : -soter_apart(left, right, scale);
+  return holds ? 1.0 : -soter_unprivileged(left, right, scale);
 }
 
 #endif

@@ -4,7 +4,7 @@ Purpose: `replace M by contract;` of a test (docs/testing.md, "Contracts"): a no
 releases of another one publishes nothing, or any values of the sets of its topics of which the
 guarantees are true. Clauses that cannot be asked there are left out: more is permitted then. Where
 the values cannot be tried one by one, those that the test states, and of the others one of each
-between which somebody can tell (`told_apart.py`).
+between which somebody can tell (`distinguishable_values.py`).
 Non-goals: where it stands (`instantiate.py`), whether what it stands for keeps its contract
 (tests).
 """
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span
 from soter.language.check.expressions.choose import MAX_CHOICES
-from soter.language.elaborate.tests_and_faults.told_apart import representatives
+from soter.language.elaborate.tests_and_faults.distinguishable_values import representatives
 from soter.language.model import typed
 from soter.language.model.system import StandIn
 from soter.language.model.tree_walk import mode_reads, nodes, rewritten, topic_reads
@@ -36,7 +36,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.elaborate.tests_and_faults.told_apart import Path, Readers, ReadTopic
+    from soter.language.elaborate.tests_and_faults.distinguishable_values import (
+        Path,
+        Readers,
+        ReadTopic,
+    )
     from soter.language.model.system import Bound, Component, Topic
     from soter.language.model.types import Type, Value
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.diagnostics.span import Span
-    from soter.language.elaborate.tests_and_faults.told_apart import Path
+    from soter.language.elaborate.tests_and_faults.distinguishable_values import Path
     from soter.language.model.types import Type, Value
 
 

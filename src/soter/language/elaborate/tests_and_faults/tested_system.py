@@ -19,6 +19,7 @@ from soter.language.elaborate.instantiate import expressions_of
 from soter.language.elaborate.shield_topics import refuse_overrun
 from soter.language.elaborate.tests_and_faults.component_names import named, nobody
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import give_step
+from soter.language.elaborate.tests_and_faults.distinguishable_values import Readers
 from soter.language.elaborate.tests_and_faults.stated_values import (
     StatedValues,
     field_path,
@@ -26,7 +27,6 @@ from soter.language.elaborate.tests_and_faults.stated_values import (
     part_of,
     with_part,
 )
-from soter.language.elaborate.tests_and_faults.told_apart import Readers
 from soter.language.elaborate.wellformed import check_periods
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.span import Span
     from soter.language.elaborate.instantiate import SubSystem
-    from soter.language.elaborate.tests_and_faults.told_apart import Path
+    from soter.language.elaborate.tests_and_faults.distinguishable_values import Path
     from soter.language.model.system import Component, Metric, Module, Scope, System
     from soter.language.model.types import Value
 

@@ -1,9 +1,10 @@
-/* soter_apart.c: see soter_apart.h. Registers: Armv7-M Architecture Reference Manual, B1.5, B3.5.
+/* soter_unprivileged.c: see soter_unprivileged.h. Registers: Armv7-M Architecture Reference Manual,
+ * B1.5, B3.5.
  *
  * The thread has the process stack. An interrupt that wants another step makes a new frame at its
  * top and returns into that; the frame that was there is forgotten.
  */
-#include "soter_apart.h"
+#include "soter_unprivileged.h"
 
 #include <stddef.h>
 
@@ -33,15 +34,15 @@
 
 extern uint32_t soter_ac[], soter_ac_end[], soter_flash[], soter_flash_end[];
 
-static volatile soter_apart_state now;
+static volatile soter_unprivileged_state now;
 static volatile bool replaced; /* there is a new frame to return into */
 static int result;
 
-soter_apart_state soter_apart_now(void) {
+soter_unprivileged_state soter_unprivileged_now(void) {
   return now;
 }
 
-int soter_apart_result(void) {
+int soter_unprivileged_result(void) {
   return result;
 }
 
@@ -54,7 +55,7 @@ static uint32_t region_size(uint32_t bytes) {
   return (log - 1U) << 1;
 }
 
-void soter_apart_protect(void) {
+void soter_unprivileged_protect(void) {
   SCB_SHPR1 = 0U;
   SCB_SHPR2 = LOWEST << 24;
   SCB_SHPR3 = TICK_PRIORITY << 24 | LOWEST << 16;
@@ -84,7 +85,7 @@ static void wait(void) {
   }
 }
 
-static void compute(soter_apart_step* step, const void* in, void* out) {
+static void compute(soter_unprivileged_step* step, const void* in, void* out) {
   register int code __asm("r0") = step(in, out);
   __asm volatile("svc 0" : : "r"(code) : "memory");
   wait();
@@ -109,23 +110,23 @@ static void replace(uintptr_t code, uintptr_t r0, uintptr_t r1, uintptr_t r2) {
   replaced = true;
 }
 
-void soter_apart_begin(soter_apart_step* step, const void* in, void* out) {
-  now = SOTER_APART_RUNS;
+void soter_unprivileged_begin(soter_unprivileged_step* step, const void* in, void* out) {
+  now = SOTER_UNPRIVILEGED_RUNS;
   replace((uintptr_t)compute, (uintptr_t)step, (uintptr_t)in, (uintptr_t)out);
 }
 
-void soter_apart_end(void) {
-  now = SOTER_APART_IDLE;
+void soter_unprivileged_end(void) {
+  now = SOTER_UNPRIVILEGED_IDLE;
   replace((uintptr_t)wait, 0U, 0U, 0U);
 }
 
-uint32_t soter_apart_return(uint32_t from) {
+uint32_t soter_unprivileged_return(uint32_t from) {
   const bool other = replaced;
   replaced = false;
   return other ? THREAD_BASIC : from;
 }
 
-void soter_apart_become(void) {
+void soter_unprivileged_become(void) {
   set_process_stack(soter_ac_end);
   __asm volatile("msr control, %0\n isb" : : "r"(3U) : "memory"); /* no way back */
   for (;;) {
@@ -137,21 +138,21 @@ void soter_apart_become(void) {
 
 /* The thread says that its step is done; r0 of its frame is the result. */
 __attribute__((used)) static uint32_t called(const uint32_t* frame, uint32_t from) {
-  if (now == SOTER_APART_RUNS) {
+  if (now == SOTER_UNPRIVILEGED_RUNS) {
     result = (int)frame[0];
-    now = SOTER_APART_DONE;
+    now = SOTER_UNPRIVILEGED_DONE;
   }
   replace((uintptr_t)wait, 0U, 0U, 0U);
-  return soter_apart_return(from);
+  return soter_unprivileged_return(from);
 }
 
 __attribute__((naked)) void SVC_Handler(void) {
   __asm volatile("mrs r0, psp\n mov r1, lr\n push {r4, lr}\n bl called\n pop {r4, lr}\n bx r0");
 }
 
-uint32_t soter_apart_stopped(uint32_t from) {
+uint32_t soter_unprivileged_stopped(uint32_t from) {
   SCB_CFSR = SCB_CFSR;
-  now = SOTER_APART_FAULT;
+  now = SOTER_UNPRIVILEGED_FAULT;
   replace((uintptr_t)wait, 0U, 0U, 0U);
-  return soter_apart_return(from);
+  return soter_unprivileged_return(from);
 }
