@@ -147,7 +147,7 @@ __attribute__((used)) static uint32_t called(const uint32_t* frame, uint32_t fro
 }
 
 __attribute__((naked)) void SVC_Handler(void) {
-  __asm volatile("mrs r0, psp\n mov r1, lr\n push {r4, lr}\n bl called\n pop {r4, lr}\n bx r0");
+  __asm volatile("mrs r0, psp\n mov r1, lr\n push {r0, lr}\n bl called\n pop {r1, r2}\n bx r0");
 }
 
 uint32_t soter_unprivileged_stopped(uint32_t from) {

@@ -105,6 +105,7 @@ class _Tables:
 {lease}
 #define APP_TICK_NS INT64_C({tick.ns})
 #define APP_TRACED_NS INT64_C({until_ns}) /* a run that is compared with another one ends here */
+#define APP_COMPONENTS {max(1, len(self.system.components))}
 #define APP_EXTERNS {len(self.nodes)}
 #define APP_LEASES {len(self.modules)}
 #define APP_NODES {max([1, *budgets])} /* of the trusted part of a module */
