@@ -346,6 +346,7 @@ static void finish(void) {
   soter_say_number("interrupt to actuators ", counted.tick / SOTER_COUNTED, " at most\n");
   soter_say_number("", counted.instants, " instants, ");
   soter_say_number("", counted.late, " late\n");
+  soter_say_number("stack ", soter_stack_used(), " bytes used\n");
 #endif
 #if defined(SOTER_TRACED)
   char digest[65];

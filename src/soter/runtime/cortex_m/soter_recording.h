@@ -14,10 +14,10 @@ extern "C" {
 #endif
 
 typedef struct {
-  int32_t file;           /* -1: there is none, or it was read to its end */
-  uint32_t at, filled;    /* of `room` */
-  bool waits;             /* a line was read whose time has not come */
-  int64_t measured;       /* of that line */
+  int32_t file;        /* -1: there is none, or it was read to its end */
+  uint32_t at, filled; /* of `room` */
+  bool waits;          /* a line was read whose time has not come */
+  int64_t measured;    /* of that line */
   uint32_t topic;
   char room[64];
 } soter_recording;
@@ -25,8 +25,7 @@ typedef struct {
 void soter_recording_open(soter_recording* r, const char* file);
 
 /* Publishes, before the instant at `next`, what was measured until then. */
-void soter_recording_publish(soter_recording* r, const soter_program* p, void* state,
-                             int64_t next);
+void soter_recording_publish(soter_recording* r, const soter_program* p, void* state, int64_t next);
 
 #ifdef __cplusplus
 }

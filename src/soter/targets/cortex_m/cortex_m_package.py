@@ -15,7 +15,7 @@ from soter.codegen.unit import generate
 from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets import c99
-from soter.targets.cortex_m.board import SOFT
+from soter.targets.cortex_m.board import SOFT, UNGUARDED
 from soter.targets.cortex_m.loop_tables import apart_nodes, loop_tables, tick_of
 from soter.targets.leases import FILES as LEASES
 from soter.targets.leases import lease_files
@@ -135,6 +135,12 @@ def cortex_m_package(
         f"{name} has no fail-safe law: nobody gives leases, and the board is told nothing of it"
         for name in lawless
     ]
+    if apart and board.core in UNGUARDED:
+        names = ", ".join(f"`{x.name}`" for x in apart)
+        package.notes.append(
+            f"{board.core} guards no memory: C of {names} may write anywhere, and is part of what "
+            "is trusted"
+        )
     if tick.why:
         package.notes.append(f"no image for real time: {tick.why}")
     package.entries = "soter_instant"

@@ -63,7 +63,8 @@ def tick_of(system: System, board: Board) -> LoopTick:
 def _not_looped(system: System) -> str:
     nodes = apart_nodes(system)
     if len(nodes) > 1:
-        return f"{len(nodes)} extern nodes, and one thread for them"
+        names = ", ".join(f"`{x.name}`" for x in nodes)
+        return f"{names} are extern nodes, and there is one thread for one of them"
     held = [x.name for x in system.components if x.held is not None]
     return f"`{held[0]}` has steps that take time" if held else ""
 

@@ -9,7 +9,7 @@
 #define BOARD_RAM_AT 0x20000000
 #define BOARD_RAM_BYTES 16384
 #define BOARD_STACK_BYTES 4096
-#define BOARD_AC_BYTES 2048 /* of what is not trusted: without an MPU nothing guards the rest from it */
+#define BOARD_AC_BYTES 2048 /* of what is not trusted; no MPU guards the rest from it */
 #define BOARD_QEMU "microbit"
 
 #include "soter_board.h"
